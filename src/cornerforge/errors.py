@@ -1,0 +1,81 @@
+"""The exceptions of cornerforge, one tree.
+
+```
+CornerForgeError                     everything the user can mend; the command line prints it in one line, exit status 2
+├── InputError (ValueError)          an argument or option is outside what is allowed
+├── UnknownNameError (InputError)    no such AV, ODD, format, command; carries the nearest known name
+├── DataError (ValueError)           a trajectory file holds something that cannot be used
+├── FileFormatError (ValueError)     a model, policy or library file is damaged, foreign, or of another schema
+├── OutputError (OSError)            the output place cannot be written or holds something else
+├── MissingExtraError (ImportError)  an optional dependency is not installed
+└── ReplayError (RuntimeError)       a stored case did not happen again
+```
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = [
+    "CornerForgeError",
+    "DataError",
+    "FileFormatError",
+    "InputError",
+    "MissingExtraError",
+    "OutputError",
+    "ReplayError",
+    "UnknownNameError",
+]
+
+
+class CornerForgeError(Exception):
+    """Base of everything that a user can cause and mend."""
+
+
+class InputError(CornerForgeError, ValueError):
+    """An argument or option lies outside what is allowed."""
+
+
+class UnknownNameError(InputError):
+    """A name is not known; the message suggests the nearest ones.
+
+    Args:
+        kind: What was asked for, such as "AV".
+        name: The name that is not known.
+        known: All names that are.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        names = sorted(known)
+        near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+        hint = f'Did you mean "{near[0]}"?' if near else f"Known: {', '.join(names)}."
+        super().__init__(f'No {kind} "{name}". {hint}')
+
+
+class DataError(CornerForgeError, ValueError):
+    """A trajectory file cannot be used as it is."""
+
+
+class FileFormatError(CornerForgeError, ValueError):
+    """A model, policy or library file is damaged, foreign, or of another schema."""
+
+
+class OutputError(CornerForgeError, OSError):
+    """The output place cannot be written, or holds something that is not ours."""
+
+
+class MissingExtraError(CornerForgeError, ImportError):
+    """An optional dependency is missing.
+
+    Args:
+        package: The package that could not be imported.
+        extra: The extra of cornerforge that brings it.
+    """
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f'This needs {package}; install it with: pip install "cornerforge[{extra}]"')
+
+
+class ReplayError(CornerForgeError, RuntimeError):
+    """A stored case, driven again from its seed, did not happen as stored."""

@@ -1,0 +1,194 @@
+"""The naturalistic driving model: probability tables P(action | state), and the file that holds them.
+
+Tables stand on the grids of the published IVBSS arrays (Feng et al. 2021), so that arrays of that form can be imported:
+subject speed 20..40 by 1 m/s, gap 0..115 by 1 m, range rate -10..8 by 1 m/s (lead minus subject; negative is closing),
+31 accelerations -4.0..2.0 by 0.2 m/s2. Look-ups take the nearest grid point.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.errors import FileFormatError
+
+__all__ = [
+    "GAPS",
+    "RANGE_RATES",
+    "SCHEMA_VERSION",
+    "SPEEDS",
+    "InitialState",
+    "NddModel",
+    "default_model_path",
+    "load_model",
+    "model_hash",
+    "save_model",
+]
+
+SCHEMA_VERSION = 1
+SPEEDS: NDArray[np.float64] = np.arange(20.0, 41.0)
+"""Subject speed grid [m/s], shape (21,)."""
+GAPS: NDArray[np.float64] = np.arange(0.0, 116.0)
+"""Bumper-to-bumper distance grid [m], shape (116,)."""
+RANGE_RATES: NDArray[np.float64] = np.arange(-10.0, 9.0)
+"""Range rate grid [m/s], lead minus subject, shape (19,)."""
+_N_ACCELERATIONS = 31
+
+
+@dataclass(frozen=True)
+class InitialState:
+    """Traffic at the start of a test: a chain of vehicles per lane (DESIGN section 4).
+
+    Speeds are normal, cut to [speed_low, speed_high]. The next vehicle ahead follows at a log-normal time gap with
+    probability `follow_share`, else at a uniform free gap. Its range rate is
+    -(s^2 / (2 speed_sd^2)) (v - speed_mean) + s z with s = rr_scale (gap / 20)^rr_exponent and z standard normal, which keeps
+    the speed's distribution along the chain. States with a time to collision below `min_ttc` are drawn again.
+    """
+
+    speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
+    speed_sd: float = field(default=3.48, metadata={"unit": "m/s"})
+    speed_low: float = field(default=20.0, metadata={"unit": "m/s"})
+    speed_high: float = field(default=40.0, metadata={"unit": "m/s"})
+    follow_share: float = 0.682
+    time_gap_median: float = field(default=1.14, metadata={"unit": "s"})
+    time_gap_sigma: float = 0.56
+    rr_scale: float = field(default=0.83, metadata={"unit": "m/s"})
+    rr_exponent: float = 0.575
+    min_ttc: float = field(default=5.0, metadata={"unit": "s"})
+    free_gap_low: float = field(default=120.0, metadata={"unit": "m"})
+    free_gap_high: float = field(default=300.0, metadata={"unit": "m"})
+
+
+@dataclass(frozen=True)
+class NddModel:
+    """P(action | state) of human drivers: lateral decision first, then acceleration (paper; Feng et al. 2021).
+
+    P(left) = lc_base[v] * lc_desire[gap, rr] * accept(adjacent lead) * accept(adjacent rear), likewise P(right); with no leader
+    within the grid the desire is `lc_desire_free`; a neighbour beyond the grid, or none, is accepted with 1. With probability
+    `overlook` a driver does not see an adjacent neighbour (accept = 1 for it); with probability `overlook_conflict` it does not
+    see that another vehicle enters the same lane from the other side. Attentive acceptance may be exactly 0.
+
+    Attributes:
+        following: Probability of each acceleration, float32, shape (21, 116, 19, 31); rows sum to 1; exact 0 is "impossible".
+        free: The same with no leader within 115 m, float32, shape (21, 31).
+        lc_base: Chance of starting a lane change to one given side in one 1 s decision, float32, shape (21,) over speed.
+        lc_desire: Multiplier by state to the leader, float32, shape (116, 19) over (gap, range rate).
+        lc_desire_free: Multiplier with no leader within the grid.
+        lc_accept_lead: Chance that the gap to the adjacent vehicle ahead is accepted, float32, shape (116, 19).
+        lc_accept_rear: The same for the adjacent vehicle behind; range rate is subject minus rear, negative when the rear closes.
+        overlook: Chance to overlook an adjacent neighbour when deciding on a lane change.
+        overlook_conflict: Chance to overlook that another vehicle enters the same lane at the same moment.
+        initial: Traffic at the start.
+        provenance: Where it comes from: data files, fit settings, licence note; JSON-compatible.
+    """
+
+    following: NDArray[np.float32]
+    free: NDArray[np.float32]
+    lc_base: NDArray[np.float32]
+    lc_desire: NDArray[np.float32]
+    lc_desire_free: float
+    lc_accept_lead: NDArray[np.float32]
+    lc_accept_rear: NDArray[np.float32]
+    overlook: float
+    overlook_conflict: float
+    initial: InitialState
+    provenance: Mapping[str, object]
+
+    def __post_init__(self) -> None:
+        for name, shape in _SHAPES.items():
+            table = getattr(self, name)
+            if table.shape != shape:
+                raise FileFormatError(f"Model table {name} has shape {table.shape}; expected {shape}.")
+            if not np.isfinite(table).all() or (table < 0).any():
+                raise FileFormatError(f"Model table {name} holds NaN, infinite or negative numbers.")
+        for name in ("following", "free"):
+            off = float(np.abs(getattr(self, name).sum(axis=-1, dtype=np.float64) - 1.0).max())
+            if off > 1e-4:
+                raise FileFormatError(f"Model table {name}: a row of probabilities sums to 1 only within {off:.2g}.")
+        for name in ("lc_base", "lc_accept_lead", "lc_accept_rear"):
+            if (getattr(self, name) > 1).any():
+                raise FileFormatError(f"Model table {name} holds probabilities above 1.")
+        for name in ("overlook", "overlook_conflict"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise FileFormatError(f"Model number {name} = {getattr(self, name)} is no probability.")
+
+
+_SHAPES = {
+    "following": (21, 116, 19, _N_ACCELERATIONS),
+    "free": (21, _N_ACCELERATIONS),
+    "lc_base": (21,),
+    "lc_desire": (116, 19),
+    "lc_accept_lead": (116, 19),
+    "lc_accept_rear": (116, 19),
+}
+_NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict")
+
+
+def default_model_path() -> Path:
+    """The fitted model that ships with the package."""
+    return Path(__file__).parent / "default_model.npz"
+
+
+def save_model(model: NddModel, path: Path) -> None:
+    """Write a model as a compressed `.npz`; the same model gives the same bytes.
+
+    The file is written beside its place and renamed, so a reader never sees half of it.
+    """
+    header = {
+        "schema_version": SCHEMA_VERSION,
+        **{name: getattr(model, name) for name in _NUMBERS},
+        "initial": {f.name: getattr(model.initial, f.name) for f in fields(InitialState)},
+        "provenance": dict(model.provenance),
+    }
+    text = json.dumps(header, sort_keys=True, indent=1)
+    part = path.with_name(path.name + ".part.npz")
+    tables = {name: getattr(model, name).astype(np.float32) for name in _SHAPES}
+    np.savez_compressed(part, allow_pickle=False, header=np.array(text), **tables)
+    part.replace(path)
+
+
+def load_model(path: Path) -> NddModel:
+    """Read a model file; never loads a pickle.
+
+    Raises:
+        FileFormatError: Missing, damaged, not a model, or written by another schema.
+    """
+    if not path.is_file():
+        raise FileFormatError(f"No model file {path}; make one with: cornerforge ndd fit FILE... --format F --out {path}")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            header = json.loads(str(file["header"]))
+            version = header.get("schema_version")
+            if version != SCHEMA_VERSION:
+                raise FileFormatError(
+                    f"Model file {path} has schema version {version}; this cornerforge reads {SCHEMA_VERSION}. Fit it again."
+                )
+            tables = {name: np.ascontiguousarray(file[name], dtype=np.float32) for name in _SHAPES}
+        return NddModel(
+            **tables,
+            **{name: float(header[name]) for name in _NUMBERS},
+            initial=InitialState(**header["initial"]),
+            provenance=header["provenance"],
+        )
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise FileFormatError(f"Model file {path} is damaged or no cornerforge model ({type(error).__name__}: {error}).") from error
+
+
+def model_hash(model: NddModel) -> str:
+    """SHA-256 (first 16 hex digits) over everything that decides how vehicles drive; provenance left out."""
+    digest = hashlib.sha256()
+    for name in _SHAPES:
+        digest.update(np.ascontiguousarray(getattr(model, name), dtype="<f4").tobytes())
+    numbers = [getattr(model, name) for name in _NUMBERS]
+    numbers += [getattr(model.initial, f.name) for f in fields(InitialState)]
+    digest.update(np.array(numbers, dtype="<f8").tobytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,156 @@
+"""The data that flows through cornerforge: frozen, struct-of-arrays, no behaviour.
+
+Shapes: `T` frames (0.1 s apart), `K` decisions (1 s apart), `N` vehicle slots (slot 0 is the AV), `A` = 33 actions.
+Axes: x along the road, y to the left from the right road edge, headings counter-clockwise from the road's direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer, check_number
+from cornerforge.errors import UnknownNameError
+
+__all__ = [
+    "ACCELERATIONS",
+    "ACTION_LEFT",
+    "ACTION_RIGHT",
+    "FRAME_S",
+    "N_ACTIONS",
+    "ODDS",
+    "Crash",
+    "Odd",
+    "Scenario",
+    "odd_named",
+]
+
+FRAME_S = 0.1
+"""Length of one physics substep and of one recorded frame [s]."""
+
+N_ACTIONS = 33
+ACTION_LEFT = 0
+ACTION_RIGHT = 1
+ACCELERATIONS: NDArray[np.float64] = np.round(np.arange(31) * 0.2 - 4.0, 1)
+"""Acceleration of action index 2 + i [m/s2], shape (31,): -4.0, -3.8, ..., 2.0. Actions 0 and 1 (left, right) hold the speed."""
+
+
+@dataclass(frozen=True)
+class Odd:
+    """Operational design domain: what is constant in a run (paper: theta).
+
+    Attributes are checked on construction; see each field's `metadata["unit"]`.
+
+    Raises:
+        InputError: A field is outside its allowed range.
+    """
+
+    name: str = "default"
+    n_lanes: int = 3
+    lane_width: float = field(default=4.0, metadata={"unit": "m"})
+    vehicle_length: float = field(default=5.0, metadata={"unit": "m"})
+    vehicle_width: float = field(default=2.0, metadata={"unit": "m"})
+    max_speed: float = field(default=40.0, metadata={"unit": "m/s"})
+    lane_change_duration: float = field(default=4.0, metadata={"unit": "s"})
+    max_lateral_acceleration: float = field(default=4.0, metadata={"unit": "m/s2"})
+    test_length: float = field(default=400.0, metadata={"unit": "m"})
+    time_limit: float = field(default=60.0, metadata={"unit": "s"})
+    av_start: float = field(default=400.0, metadata={"unit": "m"})
+    traffic_length: float = field(default=1200.0, metadata={"unit": "m"})
+    av_substeps: int = 1
+    """Physics substeps (0.1 s each) between two decisions of the AV; 10 means once a second, as the BVs."""
+
+    def __post_init__(self) -> None:
+        check_integer("lanes", self.n_lanes, low=2, high=6)
+        check_number("odd.lane_width", self.lane_width, low=2.5, high=6.0, unit="m")
+        check_number("odd.vehicle_length", self.vehicle_length, low=2.0, high=20.0, unit="m")
+        check_number("odd.vehicle_width", self.vehicle_width, low=1.0, high=2.6, unit="m")
+        check_number("odd.max_speed", self.max_speed, low=10.0, high=80.0, unit="m/s")
+        check_number("odd.lane_change_duration", self.lane_change_duration, low=0.5, high=10.0, unit="s")
+        check_number("odd.max_lateral_acceleration", self.max_lateral_acceleration, low=1.0, high=1e3, unit="m/s2")
+        check_number("odd.test_length", self.test_length, low=10.0, high=1e5, unit="m")
+        check_number("odd.time_limit", self.time_limit, low=1.0, high=3600.0, unit="s")
+        check_number("odd.av_start", self.av_start, low=0.0, high=1e5, unit="m")
+        check_number("odd.traffic_length", self.traffic_length, low=50.0, high=5e3, unit="m")
+        check_integer("odd.av_substeps", self.av_substeps, low=1, high=10)
+
+
+ODDS: dict[str, Odd] = {
+    "default": Odd(),
+    "swift": Odd(name="swift", lane_change_duration=2.5),
+    "paper": Odd(name="paper", lane_change_duration=1.0, max_lateral_acceleration=1e3, av_substeps=10),
+}
+"""The built-in ODDs by name. They differ in how long a lane change takes and how often the AV decides."""
+
+
+def odd_named(name: str) -> Odd:
+    """Look up a built-in ODD.
+
+    Raises:
+        UnknownNameError: There is none of that name.
+
+    >>> odd_named("swift").lane_change_duration
+    2.5
+    """
+    if name not in ODDS:
+        raise UnknownNameError("ODD", name, ODDS)
+    return ODDS[name]
+
+
+@dataclass(frozen=True)
+class Crash:
+    """First contact of two vehicles' boxes.
+
+    Attributes:
+        time: Since the start of the test [s]; the crash is seen in the frame at this time.
+        slot_a: The AV's slot (0) when the AV takes part, else the smaller slot.
+        slot_b: The other vehicle's slot.
+    """
+
+    time: float = field(metadata={"unit": "s"})
+    slot_a: int
+    slot_b: int
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One recorded test: s0, u0, s1, ..., sn (paper, equation 2).
+
+    Arrays are (T, N) unless said; where `present` is False the values are meaningless (NaN).
+
+    Attributes:
+        seed: Seed of the run; with `test` it names the random numbers.
+        test: Index of the test within the seed, at least 0.
+        odd: The road and the rules.
+        slot: Slot number of each column, shape (N,); column 0 is slot 0, the AV.
+        x: Box centre along the road [m].
+        y: Box centre, to the left of the right road edge [m].
+        speed: Along the road [m/s], in [0, odd.max_speed].
+        heading: Counter-clockwise from the road's direction [rad].
+        acceleration: Along the road, held from this frame to the next [m/s2]; the last frame repeats the one before.
+        target_lane: Lane index (0 = rightmost) that the vehicle keeps or changes to; -1 where absent.
+        present: The vehicle exists.
+        action: Index of the action decided at frame 10 k, shape (K, N); -1 for the AV and where absent.
+        critical_bv: Column of the BV nearest to the AV at frame 10 k, shape (K,); -1 when there is none.
+        log_prob_nde: Natural log of the naturalistic model's probability of the critical BV's action, shape (K,);
+            -inf where the model calls it impossible, 0 where there is no critical BV.
+        crash: First contact that ended the test, or None.
+    """
+
+    seed: int
+    test: int
+    odd: Odd
+    slot: NDArray[np.int16]
+    x: NDArray[np.float64] = field(metadata={"unit": "m"})
+    y: NDArray[np.float64] = field(metadata={"unit": "m"})
+    speed: NDArray[np.float64] = field(metadata={"unit": "m/s"})
+    heading: NDArray[np.float64] = field(metadata={"unit": "rad"})
+    acceleration: NDArray[np.float64] = field(metadata={"unit": "m/s2"})
+    target_lane: NDArray[np.int8]
+    present: NDArray[np.bool_]
+    action: NDArray[np.int8]
+    critical_bv: NDArray[np.int16]
+    log_prob_nde: NDArray[np.float64]
+    crash: Crash | None
