@@ -1,27 +1,78 @@
-"""The one place that meets Numba: how compiled kernels are made.
+"""The one place that meets Numba: how kernels are compiled, and where their machine code is kept.
 
-`kernel` compiles on first call, caches the machine code beside the package (a second start pays no compile time),
-releases the GIL (so that ranges of tests run in a thread pool), and keeps IEEE semantics: no `fastmath`, hence results
-that do not depend on vector width, thread count or batch size.
+`kernel` compiles on first call, keeps the machine code on disk (a second start pays no compile time), releases the GIL (so that
+ranges of tests run in a thread pool), and keeps IEEE semantics: no `fastmath`, hence results that do not depend on vector
+width, thread count or batch size.
 
-Trap: Numba's cache key is the source file of the function itself, not of those it calls. `make clean-cache` after an
-edit below `drivers/` or `geometry.py`.
+Numba by itself notices only edits of the file that a function stands in, not of those it calls, and would go on with stale
+code. So the cache folder's name holds a fingerprint of all files that kernels are made of.
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
+import os
+import shutil
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar, cast
 
 import numba
 
-__all__ = ["kernel"]
+__all__ = ["cache_folder", "kernel"]
 
 F = TypeVar("F", bound=Callable[..., object])
+
+_SOURCES = ("*.py", "drivers/*.py", "sim/*.py")
+_KEEP_DAYS = 3.0
+
+
+def _fingerprint(package: Path) -> str:
+    """Hash over name, size and time of change of every kernel source (no file is opened)."""
+    digest = hashlib.sha256()
+    for pattern in _SOURCES:
+        for path in sorted(package.glob(pattern)):
+            stat = path.stat()
+            digest.update(f"{path.name} {stat.st_size} {stat.st_mtime_ns}\n".encode())
+    return digest.hexdigest()[:12]
+
+
+def _remove_old(base: Path) -> None:
+    """Drop the machine code of sources that are long gone."""
+    limit = time.time() - _KEEP_DAYS * 86400.0
+    for folder in base.glob("kernels-*"):
+        if folder.stat().st_mtime < limit:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@functools.cache
+def cache_folder() -> str:
+    """Where machine code is kept: beside the package, or in the user's cache when that is not writable.
+
+    The variable NUMBA_CACHE_DIR, when set, names another place.
+    """
+    package = Path(__file__).parent
+    name = f"kernels-{_fingerprint(package)}"
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cornerforge"
+    wished = os.environ.get("NUMBA_CACHE_DIR")
+    for base in (Path(wished),) if wished else (package / "__pycache__", home):
+        try:
+            (base / name).mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(base / name, os.W_OK):
+            _remove_old(base)
+            return str(base / name)
+    return ""
 
 
 def kernel(function: F) -> F:
     """Compile a scalar loop function to machine code."""
-    return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = cache_folder()
+    try:
+        return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+    finally:
+        numba.config.CACHE_DIR = before

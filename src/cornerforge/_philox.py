@@ -1,0 +1,85 @@
+"""Counter-based random numbers: Philox4x32-10 (Salmon et al., SC 2011).
+
+A draw is a pure function of (seed, test, step, vehicle, purpose). Nothing is carried from draw to draw, so test k of a seed is the
+same for any batch, thread count or resume, and any single test can be driven again alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge._jit import kernel
+
+if TYPE_CHECKING:
+    from numpy import uint64
+
+__all__ = ["PURPOSE_DECIDE", "PURPOSE_EXPLORE", "PURPOSE_INITIAL", "block", "normal_pair", "philox4x32", "uniform"]
+
+PURPOSE_DECIDE = 1
+"""A vehicle's decision: 4 words = lateral, acceleration, conflict, spare."""
+PURPOSE_INITIAL = 2
+"""Traffic at the start."""
+PURPOSE_EXPLORE = 3
+"""The learning adversary's exploration and stochastic acting: 2 words used."""
+
+# Trap: in Numba uint64 mixed with a signed integer becomes float64, so every constant here is np.uint64.
+_M0 = np.uint64(0xD2511F53)
+_M1 = np.uint64(0xCD9E8D57)
+_W0 = np.uint64(0x9E3779B9)
+_W1 = np.uint64(0xBB67AE85)
+_LOW = np.uint64(0xFFFFFFFF)
+_32 = np.uint64(32)
+_16 = np.uint64(16)
+
+
+@kernel
+def philox4x32(
+    c0: uint64, c1: uint64, c2: uint64, c3: uint64, k0: uint64, k1: uint64
+) -> tuple[uint64, uint64, uint64, uint64]:
+    """Ten Philox rounds on four 32-bit counter words and two key words, each held in a uint64.
+
+    Returns:
+        Four independent uniform 32-bit words, each in a uint64.
+    """
+    for _ in range(10):
+        p0 = _M0 * c0
+        p1 = _M1 * c2
+        c0, c1, c2, c3 = (p1 >> _32) ^ c1 ^ k0, p1 & _LOW, (p0 >> _32) ^ c3 ^ k1, p0 & _LOW
+        k0 = (k0 + _W0) & _LOW
+        k1 = (k1 + _W1) & _LOW
+    return c0, c1, c2, c3
+
+
+@kernel
+def block(seed: int, test: int, step: int, vehicle: int, purpose: int) -> tuple[uint64, uint64, uint64, uint64]:
+    """Four uniform 32-bit words for one (seed, test, step, vehicle, purpose).
+
+    Args:
+        seed: 0 to 2^63 - 1.
+        test: 0 to 2^63 - 1.
+        step: Decision number, 0 to 2^32 - 1.
+        vehicle: Slot, 0 to 65535.
+        purpose: One of the PURPOSE constants.
+    """
+    s = np.uint64(seed)
+    t = np.uint64(test)
+    return philox4x32(
+        t & _LOW, t >> _32, np.uint64(step), np.uint64(vehicle) | (np.uint64(purpose) << _16), s & _LOW, s >> _32
+    )
+
+
+@kernel
+def uniform(word: uint64) -> float:
+    """A 32-bit word as a number in (0, 1); never 0 or 1."""
+    return (np.float64(word) + 0.5) * 2.3283064365386963e-10
+
+
+@kernel
+def normal_pair(word_a: uint64, word_b: uint64) -> tuple[float, float]:
+    """Two independent standard normal numbers from two words (Box and Muller 1958); |z| < 6.8."""
+    radius = math.sqrt(-2.0 * math.log(uniform(word_a)))
+    angle = 6.283185307179586 * uniform(word_b)
+    return radius * math.cos(angle), radius * math.sin(angle)

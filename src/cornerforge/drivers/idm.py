@@ -1,0 +1,76 @@
+"""Intelligent driver model (Treiber, Hennecke and Helbing 2000; paper reference 19)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from cornerforge._checks import check_number
+from cornerforge._jit import kernel
+
+__all__ = ["IdmNumbers", "IdmParams", "desired_gap", "idm_acceleration"]
+
+
+@dataclass(frozen=True)
+class IdmParams:
+    """Parameters of the IDM. Defaults: the surrogate AV of the paper's group (NADE, Feng et al. 2021).
+
+    The command is cut to [-max_braking, max_acceleration]. The exponent delta is 4, fixed.
+    """
+
+    max_acceleration: float = field(default=2.0, metadata={"unit": "m/s2"})
+    comfortable_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
+    standstill_gap: float = field(default=5.0, metadata={"unit": "m"})
+    time_gap: float = field(default=1.5, metadata={"unit": "s"})
+    desired_speed: float = field(default=35.0, metadata={"unit": "m/s"})
+    max_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
+
+    def __post_init__(self) -> None:
+        check_number("idm.max_acceleration", self.max_acceleration, low=0.1, high=10.0, unit="m/s2")
+        check_number("idm.comfortable_braking", self.comfortable_braking, low=0.1, high=10.0, unit="m/s2")
+        check_number("idm.standstill_gap", self.standstill_gap, low=0.0, high=50.0, unit="m")
+        check_number("idm.time_gap", self.time_gap, low=0.0, high=10.0, unit="s")
+        check_number("idm.desired_speed", self.desired_speed, low=1.0, high=80.0, unit="m/s")
+        check_number("idm.max_braking", self.max_braking, low=0.1, high=12.0, unit="m/s2")
+
+
+class IdmNumbers(NamedTuple):
+    """`IdmParams` as compiled kernels take them: the same fields in the same order and units."""
+
+    max_acceleration: float
+    comfortable_braking: float
+    standstill_gap: float
+    time_gap: float
+    desired_speed: float
+    max_braking: float
+
+
+@kernel
+def desired_gap(speed: float, range_rate: float, p: IdmNumbers) -> float:
+    """The IDM's desired gap s* [m], at least the standstill gap.
+
+    Args:
+        speed: Of the subject [m/s].
+        range_rate: Lead minus subject [m/s]; negative when closing.
+        p: Parameters.
+    """
+    dynamic = speed * p.time_gap - speed * range_rate / (2.0 * math.sqrt(p.max_acceleration * p.comfortable_braking))
+    return p.standstill_gap + max(0.0, dynamic)
+
+
+@kernel
+def idm_acceleration(speed: float, gap: float, range_rate: float, p: IdmNumbers) -> float:
+    """Acceleration [m/s2] in [-max_braking, max_acceleration].
+
+    Args:
+        speed: Of the subject [m/s].
+        gap: Bumper-to-bumper distance to the lead [m]; +inf for none; below 0.1 m counts as 0.1 m.
+        range_rate: Lead minus subject [m/s]; negative when closing; 0 without a lead.
+        p: Parameters.
+    """
+    ratio = speed / p.desired_speed
+    ratio *= ratio
+    wish = desired_gap(speed, range_rate, p) / max(gap, 0.1)
+    command = p.max_acceleration * (1.0 - ratio * ratio - wish * wish)
+    return min(p.max_acceleration, max(-p.max_braking, command))

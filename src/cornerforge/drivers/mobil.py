@@ -1,0 +1,75 @@
+"""MOBIL lane changing (Kesting, Treiber and Helbing 2007; paper reference 20)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from cornerforge._checks import check_number
+from cornerforge._jit import kernel
+from cornerforge.drivers.idm import IdmNumbers, idm_acceleration
+
+__all__ = ["MobilNumbers", "MobilParams", "mobil_gain"]
+
+NO_CHANGE = -1e9
+"""What `mobil_gain` returns where the change is not safe."""
+
+
+@dataclass(frozen=True)
+class MobilParams:
+    """Parameters of MOBIL. Defaults: the surrogate AV of the paper's group (NADE)."""
+
+    politeness: float = 0.0
+    min_gain: float = field(default=0.2, metadata={"unit": "m/s2"})
+    max_imposed_braking: float = field(default=2.0, metadata={"unit": "m/s2"})
+
+    def __post_init__(self) -> None:
+        check_number("mobil.politeness", self.politeness, low=0.0, high=1.0)
+        check_number("mobil.min_gain", self.min_gain, low=0.0, high=10.0, unit="m/s2")
+        check_number("mobil.max_imposed_braking", self.max_imposed_braking, low=0.1, high=10.0, unit="m/s2")
+
+
+class MobilNumbers(NamedTuple):
+    """`MobilParams` as compiled kernels take them: the same fields in the same order and units."""
+
+    politeness: float
+    min_gain: float
+    max_imposed_braking: float
+
+
+@kernel
+def mobil_gain(
+    speed: float,
+    acceleration_now: float,
+    lead_gap: float,
+    lead_speed: float,
+    rear_gap: float,
+    rear_speed: float,
+    rear_acceleration_now: float,
+    idm: IdmNumbers,
+    mobil: MobilNumbers,
+) -> float:
+    """Gain in acceleration [m/s2] of changing to a neighbouring lane, or -1e9 where that is not safe.
+
+    Not safe: a neighbour overlaps lengthwise, or the new follower (or the subject itself behind its new lead) would have to
+    brake harder than `max_imposed_braking`.
+
+    Args:
+        speed: Of the subject [m/s].
+        acceleration_now: Its IDM acceleration in its own lane [m/s2].
+        lead_gap, lead_speed: To the vehicle ahead in the new lane [m], [m/s]; +inf and the subject's speed for none.
+        rear_gap, rear_speed: To the vehicle behind in the new lane [m], [m/s]; +inf and the subject's speed for none.
+        rear_acceleration_now: That vehicle's IDM acceleration before the change [m/s2]; 0 for none.
+        idm: Parameters assumed for all vehicles.
+        mobil: Parameters.
+    """
+    if lead_gap <= 0.0 or rear_gap <= 0.0:
+        return NO_CHANGE
+    rear_after = idm_acceleration(rear_speed, rear_gap, speed - rear_speed, idm)
+    own_after = idm_acceleration(speed, lead_gap, lead_speed - speed, idm)
+    if rear_after < -mobil.max_imposed_braking or own_after < -mobil.max_imposed_braking:
+        return NO_CHANGE
+    gain = own_after - acceleration_now
+    if rear_gap < 1e9:
+        gain += mobil.politeness * (rear_after - rear_acceleration_now)
+    return gain

@@ -1,0 +1,180 @@
+"""The naturalistic driver: look-ups in the tables of `cornerforge.ndd.model`, compiled.
+
+Sampling compares 32-bit random words with 32-bit cumulative tables, so it is exact to 2.3e-10 and free of rounding.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._jit import kernel
+
+if TYPE_CHECKING:
+    from numpy import uint64
+
+    from cornerforge.ndd.model import NddModel
+
+__all__ = ["NddTables", "accept_chance", "following_row", "free_row", "lane_change_base", "sample_row", "tables_of"]
+
+N_ACCELERATIONS = 31
+MAX_TABLE_CLOSING = 10.0
+"""Fastest closing on the grid [m/s]; see `table_row`."""
+MAX_TABLE_GAP = 115.5
+_FIRST_FREE_ROW = 21 * 116 * 19
+_LAST_WORD = np.uint64(0xFFFFFFFE)
+
+
+class NddTables(NamedTuple):
+    """The model as kernels take it.
+
+    Attributes:
+        p: P(acceleration), float32 (21 * 116 * 19 + 21, 31): following states, then free flow.
+        cut: Cumulative, scaled to 2^32, uint32 of the same shape.
+        lc_base: (21,); lc_desire: (116, 19); lc_accept: (2, 116, 19), lead and rear. float32.
+        lc_desire_free, overlook, overlook_conflict: Numbers of the model.
+        initial: Fields of `InitialState` in order, float64 (12,).
+    """
+
+    p: NDArray[np.float32]
+    cut: NDArray[np.uint32]
+    lc_base: NDArray[np.float32]
+    lc_desire: NDArray[np.float32]
+    lc_accept: NDArray[np.float32]
+    lc_desire_free: float
+    overlook: float
+    overlook_conflict: float
+    initial: NDArray[np.float64]
+
+
+def _cuts(p: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """Cumulative table scaled to 2^32, last entry 2^32 - 1; an impossible action gets no width."""
+    cumulative = np.cumsum(p, axis=-1, dtype=np.float64)
+    cumulative /= cumulative[..., -1:]
+    scaled = np.minimum(np.floor(cumulative * 2.0**32), 2.0**32 - 1.0)
+    return scaled.astype(np.uint32)
+
+
+def tables_of(model: NddModel) -> NddTables:
+    """Prepare a model for the kernels (about 20 ms, 12 MB)."""
+    p = np.concatenate([model.following.reshape(-1, N_ACCELERATIONS), model.free])
+    initial = [float(getattr(model.initial, name)) for name in model.initial.__dataclass_fields__]
+    return NddTables(
+        p=p,
+        cut=_cuts(p),
+        lc_base=model.lc_base,
+        lc_desire=model.lc_desire,
+        lc_accept=np.stack([model.lc_accept_lead, model.lc_accept_rear]),
+        lc_desire_free=float(model.lc_desire_free),
+        overlook=float(model.overlook),
+        overlook_conflict=float(model.overlook_conflict),
+        initial=np.array(initial, dtype=np.float64),
+    )
+
+
+@kernel
+def _clamp(value: int, low: int, high: int) -> int:
+    return max(low, min(high, value))
+
+
+@kernel
+def speed_index(speed: float) -> int:
+    """Nearest row of the speed grid; speeds outside 20..40 m/s take the end rows."""
+    return _clamp(math.floor(speed + 0.5) - 20, 0, 20)
+
+
+@kernel
+def gap_index(gap: float) -> int:
+    """Nearest row of the gap grid; gaps outside 0..115 m take the end rows."""
+    return _clamp(math.floor(gap + 0.5), 0, 115)
+
+
+@kernel
+def range_rate_index(range_rate: float) -> int:
+    """Nearest column of the range rate grid; rates outside -10..8 m/s take the end columns."""
+    return _clamp(math.floor(range_rate + 0.5) + 10, 0, 18)
+
+
+@kernel
+def table_row(gap: float, range_rate: float) -> tuple[int, int]:
+    """Grid place (gap, range rate) of a state; (-1, -1) where it is free flow (gap above 115.5 m).
+
+    Closing faster than the grid's 10 m/s is looked up at the gap that needs the same deceleration when 4 m are left,
+    4 + (gap - 4) (10 / closing)^2, so that no state outside the tables is taken for a milder one.
+    """
+    closing = -range_rate
+    if closing > MAX_TABLE_CLOSING and gap > 4.0:
+        scale = MAX_TABLE_CLOSING / closing
+        gap = 4.0 + (gap - 4.0) * scale * scale
+    if gap > MAX_TABLE_GAP:
+        return -1, -1
+    return gap_index(gap), range_rate_index(range_rate)
+
+
+@kernel
+def free_row(speed: float) -> int:
+    """Row of `p` and `cut` for free flow."""
+    return _FIRST_FREE_ROW + speed_index(speed)
+
+
+@kernel
+def following_row(speed: float, gap: float, range_rate: float) -> int:
+    """Row of `p` and `cut` for a state behind a lead; the free-flow row beyond the grid."""
+    gap_row, rate_row = table_row(gap, range_rate)
+    if gap_row < 0:
+        return free_row(speed)
+    return (speed_index(speed) * 116 + gap_row) * 19 + rate_row
+
+
+@kernel
+def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
+    """Acceleration index 0..30 of a row for a random word: the first whose cut exceeds it (binary search).
+
+    Used with one word for several rows: an action at least as hard as in the milder row.
+    """
+    low = 0
+    high = N_ACCELERATIONS - 1
+    word = min(word, _LAST_WORD)  # the last cut stands for 2^32: without this an impossible last action could be drawn
+    while low < high:
+        middle = (low + high) >> 1
+        if word < np.uint64(cut[row, middle]):
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@kernel
+def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rate: float) -> float:
+    """Chance to want a change to one given side in this decision, before gap acceptance.
+
+    Args:
+        tables: The model.
+        speed: Of the subject [m/s].
+        lead_gap: To the vehicle ahead in its lane [m]; +inf for none.
+        range_rate: Lead minus subject [m/s].
+    """
+    gap_row, rate_row = table_row(lead_gap, range_rate)
+    desire = tables.lc_desire_free if gap_row < 0 else float(tables.lc_desire[gap_row, rate_row])
+    return float(tables.lc_base[speed_index(speed)]) * desire
+
+
+@kernel
+def accept_chance(accept: NDArray[np.float32], rear: int, gap: float, range_rate: float) -> float:
+    """Chance that an attentive driver accepts the gap to one neighbour; 1 for a neighbour beyond the grid or none.
+
+    Args:
+        accept: `NddTables.lc_accept`.
+        rear: 1 for the neighbour behind, 0 for the one ahead.
+        gap: Bumper to bumper [m]; negative where the two overlap lengthwise: never accepted.
+        range_rate: Front vehicle minus rear vehicle of the two [m/s]; negative when closing.
+    """
+    if gap <= 0.0:
+        return 0.0
+    gap_row, rate_row = table_row(gap, range_rate)
+    if gap_row < 0:
+        return 1.0
+    return float(accept[rear, gap_row, rate_row])

@@ -1,0 +1,136 @@
+"""A learned policy as a driver: the dueling Q-network evaluated inside compiled kernels (Wang et al. 2016; paper, Fig. 1).
+
+The sums run in a fixed order, one input after the other, so an action does not depend on batch size, threads or vector width:
+what PyTorch learns, this acts, bit for bit the same in every run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge._jit import kernel
+from cornerforge.types import N_ACTIONS
+
+__all__ = ["NO_POLICY", "NetworkShape", "PolicyNumbers", "allocate_scratch", "best_action", "n_weights", "q_values"]
+
+
+@dataclass(frozen=True)
+class NetworkShape:
+    """Dueling network: `n_shared` layers, then a value and an advantage stream of `n_stream` layers, all `width` wide.
+
+    Every layer but the two outputs (1 value, 33 advantages) is followed by a ReLU.
+    """
+
+    n_inputs: int
+    n_shared: int
+    n_stream: int
+    width: int
+
+    def __post_init__(self) -> None:
+        check_integer("network.n_inputs", self.n_inputs, low=1, high=4096)
+        check_integer("network.n_shared", self.n_shared, low=1, high=16)
+        check_integer("network.n_stream", self.n_stream, low=0, high=16)
+        check_integer("network.width", self.width, low=1, high=1024)
+
+
+class PolicyNumbers(NamedTuple):
+    """A network as kernels take it.
+
+    Attributes:
+        weights: All layers one after the other: shared, value stream, advantage stream; each as its matrix, input by input
+            (n_in, n_out), then its bias (n_out). float32.
+        n_inputs, n_shared, n_stream, width: As in `NetworkShape`; n_inputs 0 means no policy.
+    """
+
+    weights: NDArray[np.float32]
+    n_inputs: int
+    n_shared: int
+    n_stream: int
+    width: int
+
+
+NO_POLICY = PolicyNumbers(np.zeros(1, dtype=np.float32), 0, 0, 0, 1)
+
+
+def n_weights(shape: NetworkShape) -> int:
+    """Length of the flat weight vector."""
+    w = shape.width
+    shared = (shape.n_inputs + 1) * w + (shape.n_shared - 1) * (w + 1) * w
+    return shared + 2 * shape.n_stream * (w + 1) * w + (w + 1) * (1 + N_ACTIONS)
+
+
+def allocate_scratch(policy: PolicyNumbers) -> NDArray[np.float32]:
+    """Scratch rows for one evaluation at a time: float32 (4, width of the widest layer)."""
+    return np.zeros((4, max(policy.width, N_ACTIONS, policy.n_inputs)), dtype=np.float32)
+
+
+@kernel
+def _layer(
+    weights: NDArray[np.float32], start: int, x: NDArray[np.float32], n_in: int, y: NDArray[np.float32], n_out: int
+) -> int:
+    """y = W x + b without activation; returns where the next layer starts. Vectorises over outputs, sums in input order."""
+    bias = start + n_in * n_out
+    for o in range(n_out):
+        y[o] = weights[bias + o]
+    for i in range(n_in):
+        xi = x[i]
+        if xi != 0.0:  # after a ReLU about half are
+            row = weights[start + i * n_out : start + (i + 1) * n_out]
+            for o in range(n_out):
+                y[o] += xi * row[o]
+    return bias + n_out
+
+
+@kernel
+def _relu(x: NDArray[np.float32], n: int) -> None:
+    for i in range(n):
+        x[i] = max(x[i], np.float32(0.0))
+
+
+@kernel
+def q_values(policy: PolicyNumbers, observation: NDArray[np.float32], scratch: NDArray[np.float32], q: NDArray[np.float32]) -> None:
+    """Q = V + A - mean(A) of all 33 actions into `q`, float32 (33,), for one observation, float32 (n_inputs,)."""
+    weights = policy.weights
+    width = policy.width
+    current = 0
+    place = _layer(weights, 0, observation, policy.n_inputs, scratch[0], width)
+    _relu(scratch[0], width)
+    for _ in range(policy.n_shared - 1):
+        place = _layer(weights, place, scratch[current], width, scratch[1 - current], width)
+        current = 1 - current
+        _relu(scratch[current], width)
+    value = np.float32(0.0)
+    for stream in range(2):
+        source = current
+        target = 2
+        for _ in range(policy.n_stream):
+            place = _layer(weights, place, scratch[source], width, scratch[target], width)
+            _relu(scratch[target], width)
+            source = target
+            target = 5 - target
+        if stream == 0:
+            place = _layer(weights, place, scratch[source], width, q, 1)
+            value = q[0]
+        else:
+            place = _layer(weights, place, scratch[source], width, q, 33)
+    mean = np.float32(0.0)
+    for a in range(33):
+        mean += q[a]
+    mean /= np.float32(33.0)
+    for a in range(33):
+        q[a] = value + (q[a] - mean)
+
+
+@kernel
+def best_action(q: NDArray[np.float32], allowed: NDArray[np.bool_]) -> int:
+    """First allowed action of the largest value; -1 when none is allowed."""
+    best = -1
+    for a in range(33):
+        if allowed[a] and (best < 0 or q[a] > q[best]):
+            best = a
+    return best

@@ -1,0 +1,155 @@
+"""Oriented boxes, lanes and lateral paths: scalar kernels of plain numbers.
+
+This module is all that the simulator knows of the road: lanes are straight, numbered from 0 at the right road edge (y = 0).
+"""
+
+from __future__ import annotations
+
+import math
+from cornerforge._jit import kernel
+
+__all__ = ["boxes_overlap", "lane_bits", "lane_centre", "lane_of", "path_at", "path_peak_acceleration", "plan_path", "quintic"]
+
+Path = tuple[float, float, float, float, float, float]
+"""A quintic lateral path: coefficients of t^0 .. t^5 [m, m/s, ...]."""
+
+
+@kernel
+def lane_of(y: float, lane_width: float) -> int:
+    """Index of the lane that holds y [m]; negative or too large beyond the road's edges."""
+    return math.floor(y / lane_width)
+
+
+@kernel
+def lane_centre(lane: int, lane_width: float) -> float:
+    """Lateral position [m] of a lane's centre."""
+    return (lane + 0.5) * lane_width
+
+
+@kernel
+def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) -> int:
+    """Lanes that a vehicle occupies, as a bit mask: those its body touches and the one it changes to.
+
+    A heading widens the body by less than 0.3 m in a lane change of 2.5 s and more; that is left out.
+    """
+    low = lane_of(y - half_width, lane_width)
+    high = lane_of(y + half_width, lane_width)
+    bits = 1 << target_lane
+    if low >= 0:
+        bits |= 1 << low
+    if high >= 0:
+        bits |= 1 << high
+    return bits
+
+
+@kernel
+def boxes_overlap(
+    xa: float, ya: float, heading_a: float, xb: float, yb: float, heading_b: float, length: float, width: float
+) -> bool:
+    """Do two equal boxes share a point? Separating axes (Gottschalk et al. 1996); touching edges do not count.
+
+    Args:
+        xa, ya, xb, yb: Centres [m].
+        heading_a, heading_b: Counter-clockwise [rad].
+        length, width: Of both boxes [m].
+    """
+    dx = xb - xa
+    dy = yb - ya
+    reach = math.sqrt(length * length + width * width)
+    if abs(dx) >= reach or abs(dy) >= reach:
+        return False
+    if heading_a == 0.0 and heading_b == 0.0:
+        return abs(dx) < length and abs(dy) < width
+    half_length = 0.5 * length
+    half_width = 0.5 * width
+    ca = math.cos(heading_a)
+    sa = math.sin(heading_a)
+    cb = math.cos(heading_b)
+    sb = math.sin(heading_b)
+    cos_between = abs(ca * cb + sa * sb)
+    sin_between = abs(ca * sb - sa * cb)
+    along = half_length + half_length * cos_between + half_width * sin_between
+    across = half_width + half_length * sin_between + half_width * cos_between
+    return (
+        abs(dx * ca + dy * sa) < along
+        and abs(dy * ca - dx * sa) < across
+        and abs(dx * cb + dy * sb) < along
+        and abs(dy * cb - dx * sb) < across
+    )
+
+
+@kernel
+def path_at(path: Path, t: float) -> tuple[float, float, float]:
+    """Lateral position [m], speed [m/s] and acceleration [m/s2] on a quintic path at time t [s] since its start.
+
+    Args:
+        path: Coefficients of t^0 .. t^5.
+        t: Within the path's duration.
+    """
+    c0, c1, c2, c3, c4, c5 = path
+    position = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
+    speed = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
+    acceleration = 2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))
+    return position, speed, acceleration
+
+
+@kernel
+def path_peak_acceleration(path: Path, duration: float) -> float:
+    """Largest |lateral acceleration| [m/s2] on the path: at its ends or where the jerk, a quadratic, is zero."""
+    peak = max(abs(path_at(path, 0.0)[2]), abs(path_at(path, duration)[2]))
+    a = 60.0 * path[5]
+    b = 24.0 * path[4]
+    c = 6.0 * path[3]
+    discriminant = b * b - 4.0 * a * c
+    if discriminant > 0.0 and a != 0.0:
+        root = math.sqrt(discriminant)
+        for t in ((-b + root) / (2.0 * a), (-b - root) / (2.0 * a)):
+            if 0.0 < t < duration:
+                peak = max(peak, abs(path_at(path, t)[2]))
+    elif a == 0.0 and b != 0.0:
+        t = -c / b
+        if 0.0 < t < duration:
+            peak = max(peak, abs(path_at(path, t)[2]))
+    return peak
+
+
+@kernel
+def quintic(y: float, speed: float, acceleration: float, y_end: float, duration: float) -> Path:
+    """Coefficients of the quintic from a lateral state (position, speed, acceleration) to rest at `y_end` after `duration`."""
+    t = duration
+    a0 = 0.5 * acceleration
+    rest = y_end - y - speed * t - a0 * t * t
+    rest_speed = -speed - 2.0 * a0 * t
+    rest_acceleration = -2.0 * a0
+    return (
+        y,
+        speed,
+        a0,
+        (10.0 * rest - 4.0 * rest_speed * t + 0.5 * rest_acceleration * t * t) / (t * t * t),
+        (-15.0 * rest + 7.0 * rest_speed * t - rest_acceleration * t * t) / (t * t * t * t),
+        (6.0 * rest - 3.0 * rest_speed * t + 0.5 * rest_acceleration * t * t) / (t * t * t * t * t),
+    )
+
+
+@kernel
+def plan_path(
+    y: float, speed: float, acceleration: float, y_end: float, duration: float, max_acceleration: float
+) -> tuple[Path, float]:
+    """The quintic from the present lateral state to rest at `y_end`, and its duration [s].
+
+    The duration grows by a tenth at a time until the peak lateral acceleration is at most `max_acceleration`, or at most the
+    present one, which no plan can undo; it stops growing at 8 times the wish.
+
+    Args:
+        y, speed, acceleration: Present lateral state [m], [m/s], [m/s2].
+        y_end: Where to come to rest [m].
+        duration: Wish [s].
+        max_acceleration: Bound [m/s2].
+    """
+    limit = max(max_acceleration, abs(acceleration)) + 1e-9
+    longest = 8.0 * duration
+    path = quintic(y, speed, acceleration, y_end, duration)
+    while duration < longest and path_peak_acceleration(path, duration) > limit:
+        duration = 1.1 * duration
+        path = quintic(y, speed, acceleration, y_end, duration)
+    return path, duration

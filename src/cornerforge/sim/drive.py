@@ -1,0 +1,237 @@
+"""Whole tests and learning steps, compiled: what the thread pool of `runner.py` calls."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import kernel
+from cornerforge.sim.adversaries import ChoiceScratch, choose_action
+from cornerforge.sim.decide import action_probabilities, nearest_bv
+from cornerforge.sim.observe import allowed_actions, observe
+from cornerforge.sim.statistics import BV_TRAVEL_MM, Counts, count_av, count_traffic
+from cornerforge.sim.step import Pairs, step_world
+from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.world import (
+    AV_CRASH,
+    BV_CRASH,
+    CONTROLLED,
+    FRAME,
+    N_BV_CRASHES,
+    N_DECISIONS,
+    N_VEHICLES,
+    OUTCOME,
+    RUNNING,
+    SLOT_A,
+    SLOT_B,
+    AvNumbers,
+    RoadNumbers,
+    World,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.drivers.policy import PolicyNumbers
+
+__all__ = ["Decisions", "Outcomes", "Setting", "Transitions", "collect", "drive_range", "drive_test", "start_worlds", "world_row"]
+
+
+class Setting(NamedTuple):
+    """All that is constant in a run.
+
+    Attributes:
+        road, av, tables: The world.
+        bv_model: 0 naturalistic, 1 IDM.
+        adversary: Code of `ADVERSARIES` for the BV nearest to the AV; 0 nobody.
+        bounded: 1 for the NDD-bounded mask.
+        policy: The adversary's network.
+    """
+
+    road: RoadNumbers
+    av: AvNumbers
+    tables: NddTables
+    bv_model: int
+    adversary: int
+    bounded: int
+    policy: PolicyNumbers
+
+
+class Outcomes(NamedTuple):
+    """One entry per test: outcome code, crash or end frame, slots in contact, BV-BV crashes, decisions, distance [m]."""
+
+    code: NDArray[np.uint8]
+    frame: NDArray[np.int32]
+    slot_a: NDArray[np.int16]
+    slot_b: NDArray[np.int16]
+    bv_crashes: NDArray[np.int16]
+    decisions: NDArray[np.int32]
+    distance: NDArray[np.float64]
+
+
+class Decisions(NamedTuple):
+    """Record of the decisions of one test: actions (K, N), controlled slot (K,), log-probability under the NDE (K,)."""
+
+    action: NDArray[np.int8]
+    controlled: NDArray[np.int16]
+    log_prob: NDArray[np.float64]
+
+
+class Transitions(NamedTuple):
+    """One learning step of each of B worlds: (B, D) observations, (B,) actions, rewards and ends, (B, 33) masks."""
+
+    observation: NDArray[np.float32]
+    action: NDArray[np.int64]
+    reward: NDArray[np.float32]
+    end: NDArray[np.bool_]
+    next_observation: NDArray[np.float32]
+    next_allowed: NDArray[np.bool_]
+
+
+@kernel
+def drive_test(
+    w: World, seed: int, test: int, setting: Setting, pairs: Pairs, s: ChoiceScratch,
+    recording: NDArray[np.void], decisions: Decisions, counts: Counts, counting: bool,
+) -> None:  # fmt: skip
+    """Drive one test from its start to its end; the outcome is in `w.info`.
+
+    The critical BV is always found, so that recordings of natural crashes name it too; it is controlled only when the setting
+    has an adversary.
+    """
+    road = setting.road
+    reset_world(w, seed, test, road, setting.av, setting.tables.initial)
+    travel = 0.0
+    while w.info[OUTCOME] == RUNNING:
+        step = w.info[N_DECISIONS]
+        recorded = step < decisions.controlled.size
+        action = -1
+        bv = -1
+        w.info[CONTROLLED] = -1
+        if setting.adversary > 0 or recorded:
+            bv = nearest_bv(w)
+        if setting.adversary > 0 and bv >= 0:
+            w.info[CONTROLLED] = bv
+            if setting.adversary == 1:
+                observe(w, bv, road, s.found, s.observation)
+            allowed_actions(w, bv, setting.bounded, road, setting.tables, s.p, s.allowed)
+            action = choose_action(w, bv, setting.adversary, 0.0, seed, test, setting.policy, s)
+        if recorded and bv >= 0:
+            # The tables must see the state before anybody moves; the action of a natural driver is known only after it.
+            action_probabilities(w, bv, setting.tables.overlook, road, setting.tables, s.p)
+        if counting:
+            count_av(w, road, counts)
+            travel += count_traffic(w, road, counts)
+        step_world(w, seed, test, setting.bv_model, action, road, setting.av, setting.tables, pairs, recording)
+        if recorded:
+            decisions.controlled[step] = bv
+            decisions.log_prob[step] = 0.0
+            if bv >= 0:
+                p = s.p[w.vehicles[bv].action]
+                decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
+            for i in range(w.info[N_VEHICLES]):
+                decisions.action[step, i] = w.vehicles[i].action
+    if counting:
+        counts.totals[BV_TRAVEL_MM] += int(travel * 1000.0)
+
+
+@kernel
+def drive_range(
+    seed: int, first: int, count: int, setting: Setting, worlds: World, pairs: Pairs, s: ChoiceScratch,
+    recording: NDArray[np.void], decisions: Decisions, counts: Counts, counting: bool, out: Outcomes,
+) -> None:  # fmt: skip
+    """Drive tests first .. first + count - 1 of a seed one after the other and write entry k of `out` for each.
+
+    Args:
+        seed, first, count: Which tests.
+        setting: The run.
+        worlds: Scratch, a batch of one world.
+        pairs, s: Scratch.
+        recording, decisions: Of size 0, or large enough for one test when `count` is 1.
+        counts, counting: Histograms to add to, and whether to.
+        out: Arrays of at least `count` entries.
+    """
+    w = world_row(worlds, 0)
+    for k in range(count):
+        drive_test(w, seed, first + k, setting, pairs, s, recording, decisions, counts, counting)
+        out.code[k] = w.info[OUTCOME]
+        out.frame[k] = w.info[FRAME]
+        out.slot_a[k] = w.info[SLOT_A]
+        out.slot_b[k] = w.info[SLOT_B]
+        out.bv_crashes[k] = w.info[N_BV_CRASHES]
+        out.decisions[k] = w.info[N_DECISIONS]
+        out.distance[k] = w.vehicles[0].x - setting.road.av_start
+
+
+@kernel
+def world_row(worlds: World, b: int) -> World:
+    """World b of a batch, as views."""
+    return World(worlds.vehicles[b], worlds.order[b], worlds.info[b])
+
+
+@kernel
+def _prepare(w: World, setting: Setting, s: ChoiceScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]) -> bool:
+    """Name the controlled BV and fill its observation and mask; False when there is no BV."""
+    bv = nearest_bv(w)
+    w.info[CONTROLLED] = bv
+    if bv < 0:
+        return False
+    observe(w, bv, setting.road, s.found, observation)
+    allowed_actions(w, bv, setting.bounded, setting.road, setting.tables, s.p, allowed)
+    return True
+
+
+@kernel
+def start_worlds(
+    seed: int, tests: NDArray[np.int64], setting: Setting, worlds: World, s: ChoiceScratch,
+    observation: NDArray[np.float32], allowed: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Put world b at the start of test tests[b] (the next of its series that has a BV)."""
+    n = tests.size
+    for b in range(n):
+        w = world_row(worlds, b)
+        reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+        while not _prepare(w, setting, s, observation[b], allowed[b]):
+            tests[b] += n
+            reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+
+
+@kernel
+def collect(
+    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, setting: Setting, worlds: World,
+    pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void],
+    observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
+) -> None:  # fmt: skip
+    """One decision of each world in [begin, end): choose, drive 1 s, store the transition, start the next test if it ended.
+
+    `finished` counts tests, AV crashes and crashes of the controlled BV. `tests`, `observation` and `allowed` hold each world's
+    test number and present view; a world that ends goes on with its test number plus the number of worlds.
+
+    Reward (paper): +1 the AV crashes, -1 the controlled BV crashes with another BV, else 0.
+    """
+    n = tests.size
+    for b in range(begin, end):
+        w = world_row(worlds, b)
+        s.observation[:] = observation[b]
+        s.allowed[:] = allowed[b]
+        action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
+        step_world(w, seed, tests[b], setting.bv_model, action, setting.road, setting.av, setting.tables, pairs, recording)
+        out.observation[b] = observation[b]
+        out.action[b] = action
+        code = w.info[OUTCOME]
+        out.reward[b] = 1.0 if code == AV_CRASH else (-1.0 if code == BV_CRASH else 0.0)
+        ended = code != RUNNING or not _prepare(w, setting, s, observation[b], allowed[b])
+        out.end[b] = ended
+        if ended:
+            finished[0] += 1
+            finished[1] += code == AV_CRASH
+            finished[2] += code == BV_CRASH
+            tests[b] += n
+            reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+            while not _prepare(w, setting, s, observation[b], allowed[b]):
+                tests[b] += n
+                reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+        out.next_observation[b] = observation[b]
+        out.next_allowed[b] = allowed[b]

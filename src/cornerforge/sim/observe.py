@@ -1,0 +1,142 @@
+"""What the adversary sees, and which actions it may take: pure functions of a world."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge._jit import kernel
+from cornerforge.geometry import lane_centre
+from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.world import N_VEHICLES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = ["N_OBSERVATION", "OBSERVATION_VERSION", "allowed_actions", "observe"]
+
+OBSERVATION_VERSION = 1
+"""Raised whenever the meaning of an entry changes; stored with every policy."""
+_N_OWN = 20
+_N_OTHERS = 4
+_PER_OTHER = 5
+N_OBSERVATION = _N_OWN + _N_OTHERS * _PER_OTHER
+
+
+@kernel
+def _clip(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))
+
+
+@kernel
+def _nearest_others(w: World, bv: int, found: NDArray[np.int64]) -> int:
+    """Slots of the vehicles nearest to `bv` other than it and the AV, nearest first, into `found`; returns their number."""
+    v = w.vehicles
+    info = w.info
+    count = 0
+    for j in range(1, info[N_VEHICLES]):
+        if j == bv or v[j].present == 0:
+            continue
+        distance = abs(v[j].x - v[bv].x) + abs(v[j].y - v[bv].y)
+        place = count
+        while place > 0:
+            before = found[place - 1]
+            if abs(v[before].x - v[bv].x) + abs(v[before].y - v[bv].y) <= distance:
+                break
+            if place < _N_OTHERS:
+                found[place] = before
+            place -= 1
+        if place < _N_OTHERS:
+            found[place] = j
+            count = min(count + 1, _N_OTHERS)
+    return count
+
+
+@kernel
+def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+    """The observation of controlled BV `bv`, into `out`, float32 (N_OBSERVATION,), entries of order 1.
+
+    Own part: remaining test length / 400 m; AV: (speed - 30) / 10, offset from its target lane / 4 m, lateral speed / 2,
+    acceleration / 4, lanes free to its left and right (0 or 1); BV: the same without acceleration; relative BV - AV: dx / 50 and
+    dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap (0 or 1).
+    Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed difference / 10 to the BV, target lane minus
+    BV's, and 1; all 0 where there is none.
+
+    Args:
+        w: The world.
+        bv: Slot of the controlled BV, at least 1.
+        road: Constants.
+        found: Scratch, int64 (4,).
+        out: Where the entries go.
+    """
+    v = w.vehicles
+    for k in range(N_OBSERVATION):
+        out[k] = 0.0
+    dx = v[bv].x - v[0].x
+    out[0] = (road.av_start + road.test_length - v[0].x) / 400.0
+    out[1] = (v[0].speed - 30.0) / 10.0
+    out[2] = (v[0].y - lane_centre(v[0].target_lane, road.lane_width)) / 4.0
+    out[3] = v[0].lateral_speed / 2.0
+    out[4] = v[0].acceleration / 4.0
+    out[5] = 1.0 if v[0].target_lane + 1 < road.n_lanes else 0.0
+    out[6] = 1.0 if v[0].target_lane > 0 else 0.0
+    out[7] = (v[bv].speed - 30.0) / 10.0
+    out[8] = (v[bv].y - lane_centre(v[bv].target_lane, road.lane_width)) / 4.0
+    out[9] = v[bv].lateral_speed / 2.0
+    out[10] = 1.0 if v[bv].target_lane + 1 < road.n_lanes else 0.0
+    out[11] = 1.0 if v[bv].target_lane > 0 else 0.0
+    out[12] = _clip(dx / 50.0, 3.0)
+    out[13] = _clip(dx / 10.0, 3.0)
+    out[14] = (v[bv].y - v[0].y) / 4.0
+    out[15] = (v[bv].speed - v[0].speed) / 10.0
+    out[16] = v[bv].target_lane - v[0].target_lane
+    out[17] = 1.0 if abs(dx) < road.length else 0.0
+    out[18] = 1.0 if v[bv].duration > 0.0 else 0.0
+    out[19] = 1.0 if v[0].duration > 0.0 else 0.0
+    for k in range(_nearest_others(w, bv, found)):
+        j = found[k]
+        place = _N_OWN + _PER_OTHER * k
+        out[place] = _clip((v[j].x - v[bv].x) / 50.0, 3.0)
+        out[place + 1] = (v[j].y - v[bv].y) / 4.0
+        out[place + 2] = (v[j].speed - v[bv].speed) / 10.0
+        out[place + 3] = v[j].target_lane - v[bv].target_lane
+        out[place + 4] = 1.0
+
+
+@kernel
+def allowed_actions(
+    w: World, bv: int, bounded: int, road: RoadNumbers, tables: NddTables, p: NDArray[np.float64], allowed: NDArray[np.bool_]
+) -> None:
+    """The one action mask of the adversary, into `allowed`, bool (33,): for acting, exploring and the target's max.
+
+    Unbounded: all but lane changes that leave the road or repeat the running one. Bounded (paper, equation 12): besides, only
+    actions of positive probability for an attentive naturalistic driver; overlooking a neighbour does not count as possible.
+
+    Args:
+        w: The world.
+        bv: Slot of the controlled BV.
+        bounded: 1 for the NDD-bounded mask.
+        road: Constants.
+        tables: The naturalistic model.
+        p: Scratch, float64 (33,).
+        allowed: Where the mask goes.
+    """
+    v = w.vehicles
+    for a in range(33):
+        allowed[a] = True
+    lane = v[bv].target_lane
+    allowed[0] = lane + 1 < road.n_lanes
+    allowed[1] = lane > 0
+    if v[bv].duration > 0.0:
+        if v[bv].c0 < lane_centre(lane, road.lane_width):
+            allowed[0] = False
+        else:
+            allowed[1] = False
+    if bounded:
+        action_probabilities(w, bv, 0.0, road, tables, p)
+        for a in range(33):
+            allowed[a] = allowed[a] and p[a] > 0.0

@@ -1,0 +1,175 @@
+"""Bulk simulation: ranges of tests in a thread pool, the same outcome for any number of threads and any chunk size."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cornerforge._checks import check_integer
+from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.drive import Decisions, Outcomes, Setting, drive_range
+from cornerforge.sim.statistics import Counts, allocate_counts
+from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.world import AV_CRASH, allocate_worlds
+
+__all__ = ["Tally", "crashed_tests", "default_threads", "simulate", "simulate_chunks"]
+
+METRES_PER_MILE = 1609.344
+_CHUNK = 512
+
+
+@dataclass
+class Tally:
+    """Sums over tests, in test order.
+
+    Attributes:
+        tests, av_crashes, bv_crashes, decisions: Counts; `bv_crashes` counts contacts between two BVs.
+        metres: Distance that the AV drove [m], each test rounded to 1 mm so that sums do not depend on their order.
+        digest: SHA-256 over all outcomes, fed in test order.
+        counts: Histograms, when asked for.
+    """
+
+    tests: int = 0
+    av_crashes: int = 0
+    bv_crashes: int = 0
+    decisions: int = 0
+    millimetres: int = 0
+    digest: hashlib._Hash = field(default_factory=hashlib.sha256)
+    counts: Counts = field(default_factory=allocate_counts)
+
+    @property
+    def miles(self) -> float:
+        """Distance that the AV drove [miles]."""
+        return self.millimetres / 1000.0 / METRES_PER_MILE
+
+    def add(self, out: Outcomes, counts: Counts) -> None:
+        """Add one chunk; chunks must come in test order for the digest."""
+        self.tests += out.code.size
+        self.av_crashes += int((out.code == AV_CRASH).sum())
+        self.bv_crashes += int(out.bv_crashes.sum())
+        self.decisions += int(out.decisions.sum())
+        millimetres = np.rint(out.distance * 1000.0).astype(np.int64)
+        self.millimetres += int(millimetres.sum())
+        for array in (out.code, out.frame, out.slot_a, out.slot_b, out.bv_crashes):
+            self.digest.update(np.ascontiguousarray(array).tobytes())
+        self.digest.update(out.distance.astype("<f8").tobytes())
+        self.counts.histograms[:] += counts.histograms
+        self.counts.totals[:] += counts.totals
+
+
+def default_threads() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _allocate_outcomes(n: int) -> Outcomes:
+    return Outcomes(
+        np.zeros(n, dtype=np.uint8),
+        np.zeros(n, dtype=np.int32),
+        np.zeros(n, dtype=np.int16),
+        np.zeros(n, dtype=np.int16),
+        np.zeros(n, dtype=np.int16),
+        np.zeros(n, dtype=np.int32),
+        np.zeros(n),
+    )
+
+
+def drive_chunk(setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool) -> tuple[Outcomes, Counts]:
+    """Drive `count` tests from `first` on; releases the GIL for all of it."""
+    out = _allocate_outcomes(count)
+    counts = allocate_counts()
+    no_decisions = Decisions(
+        np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0)
+    )
+    drive_range(
+        seed,
+        first,
+        count,
+        setting,
+        allocate_worlds(1, slots),
+        allocate_pairs(slots),
+        allocate_choice_scratch(setting.policy),
+        allocate_recording(0, slots),
+        no_decisions,
+        counts,
+        counting,
+        out,
+    )
+    return out, counts
+
+
+def simulate_chunks(
+    setting: Setting, slots: int, *, seed: int, first: int, tests: int, threads: int, counting: bool = False, chunk: int = _CHUNK
+) -> Iterator[tuple[int, Outcomes, Counts]]:
+    """Drive tests in a thread pool and yield (first test, outcomes, counts) per chunk, in test order.
+
+    Results do not depend on `threads` or `chunk`. Closing the iterator early drops what was not yet yielded.
+    """
+    check_integer("threads", threads, low=1, high=1024)
+    check_integer("chunk", chunk, low=1)
+    starts = iter(range(first, first + tests, chunk))
+    pending: deque[tuple[int, Future[tuple[Outcomes, Counts]]]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            while True:
+                while len(pending) < 2 * threads and (start := next(starts, None)) is not None:
+                    count = min(chunk, first + tests - start)
+                    pending.append((start, pool.submit(drive_chunk, setting, slots, seed, start, count, counting)))
+                if not pending:
+                    return
+                start, future = pending.popleft()
+                out, counts = future.result()
+                yield start, out, counts
+        finally:
+            for _, future in pending:
+                future.cancel()
+
+
+def simulate(
+    setting: Setting,
+    slots: int,
+    *,
+    seed: int,
+    tests: int,
+    first: int = 0,
+    threads: int = 1,
+    counting: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Tally:
+    """Drive tests and sum them up.
+
+    Args:
+        setting: The run.
+        slots: Vehicle slots per world (`world.n_slots`).
+        seed: 0 to 2^63 - 1.
+        tests: How many, at least 1.
+        first: Number of the first test.
+        threads: Pool size; does not change the result.
+        counting: Fill the histograms too (slower).
+        progress: Called with the number of tests done after each chunk.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("tests", tests, low=1, high=10**12)
+    check_integer("first", first, low=0, high=2**62)
+    tally = Tally()
+    for _, out, counts in simulate_chunks(
+        setting, slots, seed=seed, first=first, tests=tests, threads=threads, counting=counting
+    ):
+        tally.add(out, counts)
+        if progress is not None:
+            progress(tally.tests)
+    return tally
+
+
+def crashed_tests(first: int, out: Outcomes) -> list[int]:
+    """Numbers of the tests of a chunk in which the AV crashed, in order."""
+    return [first + int(k) for k in np.flatnonzero(out.code == AV_CRASH)]
