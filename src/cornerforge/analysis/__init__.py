@@ -1,0 +1,22 @@
+"""From crashes to insight: features, projection, clusters, crash types, typical and rare cases.
+
+Works on plain arrays; knows no library and no simulator. Clustering needs scikit-learn (the extra "analysis").
+"""
+
+from __future__ import annotations
+
+from cornerforge.analysis.analyse import Analysis, Cluster, analyse
+from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, CrashTypes, classify_crashes
+from cornerforge.analysis.features import Features, crash_features
+
+__all__ = [
+    "CRASH_TYPES",
+    "STRIKERS",
+    "Analysis",
+    "Cluster",
+    "CrashTypes",
+    "Features",
+    "analyse",
+    "classify_crashes",
+    "crash_features",
+]
