@@ -1,0 +1,219 @@
+"""The manifest: what a library holds and how far its run has come. Its replacement is the commit of a shard.
+
+Replacing a file by renaming is atomic for every process of the machine, so a kill leaves either the old manifest or the
+new one. Nothing is fsynced: a kill of the process does not lose what the kernel has taken, and after a loss of power
+checksums tell which shards did not reach the disk; waiting for the disk at each shard would guard against nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.library.schema import EXTRA_TYPES, SCHEMA_VERSION
+from cornerforge.types import Odd
+
+__all__ = [
+    "MANIFEST",
+    "Identity",
+    "Manifest",
+    "Shard",
+    "StoredFile",
+    "check_identity",
+    "first_difference",
+    "is_leftover",
+    "read_manifest",
+    "replace_file",
+    "shard_names",
+    "write_manifest",
+]
+
+Identity: TypeAlias = Mapping[str, str | int | float | bool | None]
+
+MANIFEST = "manifest.json"
+_FORMAT = "cornerforge case library"
+_TEMPORARY = ".tmp"
+_OURS = re.compile(r"(cases|tracks)-\d{6,}\.parquet(\.tmp)?|manifest\.json\.tmp")
+
+
+@dataclass(frozen=True)
+class StoredFile:
+    """A file of a shard: its name in the library's folder, its size in bytes and its SHA-256 (hex)."""
+
+    name: str
+    size: int
+    sha256: str
+
+    @classmethod
+    def of(cls, name: str, content: memoryview) -> StoredFile:
+        """Describe a file by its content."""
+        return cls(name, content.nbytes, hashlib.sha256(content).hexdigest())
+
+    def fault(self, content: bytes) -> str | None:
+        """What is wrong with the content read back, or None."""
+        if len(content) != self.size:
+            return f"has {len(content)} of {self.size} bytes"
+        return None if hashlib.sha256(content).hexdigest() == self.sha256 else "has been changed (SHA-256 differs)"
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Cases that were committed together: how many, their first and last test, and their two files."""
+
+    cases: int
+    first_test: int
+    last_test: int
+    cases_file: StoredFile
+    tracks_file: StoredFile
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """All that a library knows besides its cases.
+
+    Attributes:
+        created_by: Version of cornerforge that created it.
+        run: What names the run; two libraries with equal `run` and `odd` hold the same cases.
+        odd: Road and rules of all cases.
+        extra: Caller's own columns, name to a key of `EXTRA_TYPES`; None before the first case.
+        shards: Ascending by test.
+        next_test: All tests below it are done.
+        tests: Tests done.
+        crashes: AV crashes among them; may exceed the cases stored.
+        finished: The run reached what it was asked for.
+    """
+
+    created_by: str
+    run: Identity
+    odd: Odd
+    extra: Mapping[str, str] | None = None
+    shards: tuple[Shard, ...] = ()
+    next_test: int = 0
+    tests: int = 0
+    crashes: int = 0
+    finished: bool = False
+
+
+def shard_names(index: int) -> tuple[str, str]:
+    """File names of shard `index`.
+
+    >>> shard_names(7)
+    ('cases-000007.parquet', 'tracks-000007.parquet')
+    """
+    return f"cases-{index:06d}.parquet", f"tracks-{index:06d}.parquet"
+
+
+def is_leftover(name: str, manifest: Manifest | None) -> bool:
+    """Is a file the trace of a killed run: ours by its name, but not listed?"""
+    listed = {file.name for s in manifest.shards for file in (s.cases_file, s.tracks_file)} if manifest else set()
+    return _OURS.fullmatch(name) is not None and name not in listed
+
+
+def replace_file(path: Path, content: bytes | memoryview) -> None:
+    """Write a file as a whole or not at all.
+
+    Raises:
+        OutputError: The place cannot be written.
+    """
+    temporary = path.with_name(path.name + _TEMPORARY)
+    try:
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise OutputError(f"Cannot write {path}: {error.strerror}; make room, or choose another place.") from error
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> bytes:
+    """Commit a manifest; returns the bytes written."""
+    content = {"format": _FORMAT, "schema_version": SCHEMA_VERSION, **asdict(manifest)}
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    replace_file(folder / MANIFEST, text.encode())
+    return text.encode()
+
+
+def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
+    """Read a library's manifest; returns it and its bytes.
+
+    Raises:
+        FileFormatError: There is none, it is damaged, or of another schema.
+    """
+    path = folder / MANIFEST
+    try:
+        content = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise FileFormatError(f"{folder} is no case library: it holds no {MANIFEST}; `generate` makes one.") from error
+    except OSError as error:
+        raise FileFormatError(f"Cannot read {path}: {error.strerror}.") from error
+    try:
+        parsed = json.loads(content)
+    except ValueError as error:
+        raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
+    if not isinstance(parsed, dict) or parsed.get("format") != _FORMAT:
+        raise FileFormatError(f"{path} is not the manifest of a case library; give the folder that `generate` made.")
+    version = parsed.get("schema_version")
+    if version != SCHEMA_VERSION:
+        newer = isinstance(version, int) and version > SCHEMA_VERSION
+        advice = "upgrade cornerforge" if newer else "restore the manifest from a copy"
+        raise FileFormatError(
+            f"{folder} has library schema {version!r}, written by cornerforge {parsed.get('created_by')}; "
+            f"this version reads schema {SCHEMA_VERSION}: {advice}."
+        )
+    try:
+        return _parse(parsed), content
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"{path} is damaged ({type(error).__name__}: {error}); restore it from a copy."
+        ) from error
+
+
+def _parse(content: dict[str, Any]) -> Manifest:
+    values = {name: content[name] for name in (field.name for field in fields(Manifest))}
+    shards = tuple(_parse_shard(i, shard) for i, shard in enumerate(values.pop("shards")))
+    counts = (values["next_test"], values["tests"], values["crashes"])
+    if not isinstance(values["run"], dict) or not all(isinstance(count, int) for count in counts):
+        raise ValueError("run, next_test, tests or crashes is of another type")
+    if not set((values["extra"] or {}).values()) <= set(EXTRA_TYPES):
+        raise ValueError(f"extra columns {values['extra']}")
+    return Manifest(**values | {"odd": Odd(**values["odd"]), "shards": shards})
+
+
+def _parse_shard(index: int, content: dict[str, Any]) -> Shard:
+    files = [StoredFile(**content[key]) for key in ("cases_file", "tracks_file")]
+    # A manifest is input: it must not lead to files outside its folder.
+    if tuple(file.name for file in files) != shard_names(index):
+        raise ValueError(f"shard {index} names the files {[file.name for file in files]}")
+    return Shard(int(content["cases"]), int(content["first_test"]), int(content["last_test"]), *files)
+
+
+def first_difference(theirs: Manifest, run: Identity, odd: Odd) -> str | None:
+    """First difference between a library's run and another, as text, or None."""
+    for key in [*theirs.run, *(key for key in run if key not in theirs.run)]:
+        if key not in theirs.run or key not in run or theirs.run[key] != run[key]:
+            return f"{key} is {theirs.run.get(key)!r} there and {run.get(key)!r} here"
+    for name, value in asdict(odd).items():
+        if getattr(theirs.odd, name) != value:
+            return f"odd.{name} is {getattr(theirs.odd, name)!r} there and {value!r} here"
+    return None
+
+
+def check_identity(run: Identity) -> dict[str, str | int | float | bool | None]:
+    """Return a copy of what names a run, if it is flat JSON with a whole number `seed`.
+
+    Raises:
+        InputError: It is not.
+    """
+    if isinstance(run.get("seed"), bool) or not isinstance(run.get("seed"), int):
+        raise InputError(f'A library\'s identity needs a whole number "seed"; it is {run.get("seed")!r}.')
+    for key, value in run.items():
+        is_nan_or_inf = isinstance(value, float) and not math.isfinite(value)
+        if not isinstance(value, (str, int, float, bool, type(None))) or is_nan_or_inf:
+            raise InputError(f"identity[{key!r}] = {value!r} is not a text, finite number, true, false or null.")
+    return dict(run)

@@ -1,0 +1,347 @@
+"""The case library: an append-only folder of Parquet shards that a kill at any moment leaves usable."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
+from cornerforge.library.manifest import (
+    MANIFEST,
+    Identity,
+    Manifest,
+    Shard,
+    check_identity,
+    first_difference,
+    is_leftover,
+    read_manifest,
+    write_manifest,
+)
+from cornerforge.library.query import run_sql
+from cornerforge.library.record import CaseRecord
+from cornerforge.library.schema import CASES, HISTORY_SHAPE, arrow_schema
+from cornerforge.library.shards import ShardReader, write_shard
+from cornerforge.library.tables import ROW_GROUP, extra_kinds, restore
+from cornerforge.types import Odd, Scenario
+
+__all__ = ["CaseLibrary", "StoredCase"]
+
+
+@dataclass(frozen=True)
+class StoredCase:
+    """One case as stored.
+
+    Attributes:
+        scenario: The vehicles that were stored; values are those of float32.
+        scalars: Column name to value, without the history; see `schema.CASES`.
+        history: Shape (16, 2, 4); see `CaseLibrary.history`.
+    """
+
+    scenario: Scenario
+    scalars: dict[str, Any]
+    history: NDArray[np.float64]
+
+
+class CaseLibrary:
+    """Corner cases of one run, in a folder.
+
+    Make one with `create`, `resume` (both write) or `open` (reads only). A reader sees it as it was when opened.
+    """
+
+    def __init__(self, path: Path, manifest: Manifest, committed: bytes | None) -> None:
+        self._path = path
+        self._manifest = manifest
+        self._committed = committed  # the manifest's bytes, to notice a second writer; None: read only
+        self._reader = ShardReader(path)
+
+    @classmethod
+    def create(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
+        """Start a library in a new or empty folder.
+
+        Args:
+            path: The folder; parents are made.
+            identity: Flat JSON that names the run, with the whole number `seed`: hashes of model, policy, AV and so on.
+            odd: Road and rules of all cases.
+
+        Raises:
+            OutputError: The folder cannot be made, or holds something.
+            InputError: It holds the library of another run, or the identity is not flat JSON.
+        """
+        folder = Path(path)
+        if _holds_library(folder, identity, odd):
+            raise OutputError(
+                f"{folder} holds a library of this run already; continue with --resume, or choose another place."
+            )
+        return cls._start(folder, identity, odd)
+
+    @classmethod
+    def resume(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
+        """Continue a library of the same run after its last commit, or start it if there is none yet.
+
+        What a killed run left behind is removed. The next test to drive is `next_test`.
+
+        Raises:
+            OutputError: The folder cannot be written, or holds something else.
+            InputError: It holds the library of another run; the message names the first difference.
+            FileFormatError: Its manifest is damaged or of another schema.
+        """
+        folder = Path(path)
+        if not _holds_library(folder, identity, odd):
+            return cls._start(folder, identity, odd)
+        manifest, committed = read_manifest(folder)
+        try:
+            for entry in folder.iterdir():
+                if is_leftover(entry.name, manifest):
+                    entry.unlink()
+        except OSError as error:
+            raise OutputError(f"Cannot tidy {folder}: {error.strerror}; make it writable.") from error
+        library = cls(folder, manifest, committed)
+        library._reader.check_sizes(manifest.shards)
+        return library
+
+    @classmethod
+    def open(cls, path: Path | str) -> CaseLibrary:
+        """Open a library for reading.
+
+        Warns with `DamagedShardWarning` of shards that are missing or truncated.
+
+        Raises:
+            FileFormatError: There is no library, or it is damaged or of another schema.
+        """
+        manifest, _ = read_manifest(Path(path))
+        library = cls(Path(path), manifest, None)
+        library._reader.check_sizes(manifest.shards)
+        return library
+
+    @classmethod
+    def _start(cls, folder: Path, identity: Identity, odd: Odd) -> CaseLibrary:
+        manifest = Manifest(importlib.metadata.version("cornerforge"), check_identity(identity), odd)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"Cannot make the folder {folder}: {error.strerror}; choose another place.") from error
+        return cls(folder, manifest, write_manifest(folder, manifest))
+
+    @property
+    def path(self) -> Path:
+        """The folder."""
+        return self._path
+
+    @property
+    def identity(self) -> dict[str, str | int | float | bool | None]:
+        """What names the run."""
+        return dict(self._manifest.run)
+
+    @property
+    def odd(self) -> Odd:
+        """Road and rules of all cases."""
+        return self._manifest.odd
+
+    @property
+    def next_test(self) -> int:
+        """All tests below it are done; where a resumed run goes on."""
+        return self._manifest.next_test
+
+    @property
+    def tests(self) -> int:
+        """Tests done."""
+        return self._manifest.tests
+
+    @property
+    def crashes(self) -> int:
+        """AV crashes in these tests; may exceed the cases stored."""
+        return self._manifest.crashes
+
+    @property
+    def finished(self) -> bool:
+        """The run reached what it was asked for."""
+        return self._manifest.finished
+
+    @property
+    def damaged(self) -> list[str]:
+        """Files found damaged so far, each with what is wrong; `verify` reads all."""
+        return [f"{name} {fault}" for name, fault in self._reader.damaged.items()]
+
+    def __len__(self) -> int:
+        """Cases, without those of shards known to be damaged."""
+        return sum(shard.cases for shard in self._manifest.shards if shard.cases_file.name not in self._reader.damaged)
+
+    def append(self, cases: Sequence[CaseRecord], *, next_test: int, tests: int, crashes: int) -> None:
+        """Write cases as one shard and commit it with the progress of the run. About 1000 cases make a good shard.
+
+        Args:
+            cases: New cases, ascending by test, from `self.next_test` to below `next_test`; may be empty.
+            next_test: All tests below it are done now.
+            tests: Tests done in the whole run.
+            crashes: AV crashes in the whole run.
+
+        Raises:
+            InputError: Cases or progress do not continue the library.
+            OutputError: It cannot be written, is open for reading only, or another process wrote to it.
+        """
+        old = self._manifest
+        check_integer("next_test", next_test, low=old.next_test)
+        check_integer("tests", tests, low=old.tests)
+        check_integer("crashes", crashes, low=old.crashes)
+        self._check_writable()
+        self._check_continues(cases, next_test)
+        shards, extra = old.shards, old.extra
+        if cases:
+            extra = extra_kinds(cases[0]) if extra is None else extra
+            shards = (*shards, write_shard(self._path, len(shards), cases, extra))
+        self._commit(
+            replace(old, shards=shards, extra=extra, next_test=next_test, tests=tests, crashes=crashes, finished=False)
+        )
+
+    def finish(self) -> None:
+        """Note that the run reached what it was asked for. A later `append` takes it back.
+
+        Raises:
+            OutputError: As for `append`.
+        """
+        self._check_writable()
+        self._commit(replace(self._manifest, finished=True))
+
+    def _check_writable(self) -> None:
+        if self._committed is None:
+            raise OutputError(f"{self._path} is open for reading; open it with CaseLibrary.resume to append.")
+        if read_manifest(self._path)[1] != self._committed:
+            raise OutputError(f"Another process writes to {self._path}; stop one of the two, then use --resume.")
+
+    def _check_continues(self, cases: Sequence[CaseRecord], next_test: int) -> None:
+        low = self.next_test
+        for record in cases:
+            seed, test = record.case["seed"], record.case["test"]
+            if seed != self._manifest.run["seed"] or record.odd != self.odd:
+                raise InputError(f"Case {record.case_id} is of another seed or ODD than the library {self._path}.")
+            if not isinstance(test, int) or not low <= test < next_test:
+                raise InputError(
+                    f"Case {record.case_id} is out of order; its test must be in [{low}, {next_test}), ascending."
+                )
+            low = test + 1
+
+    def _commit(self, manifest: Manifest) -> None:
+        self._committed = write_manifest(self._path, manifest)
+        self._manifest = manifest
+
+    def scalars(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """All cases, one row each, ascending by test, without trajectories.
+
+        Args:
+            columns: Names from `schema.CASES` or the caller's own; None: all but the history.
+
+        Raises:
+            UnknownNameError: There is no such column.
+        """
+        schema = arrow_schema(CASES, self._manifest.extra)
+        if columns is None:
+            columns = [name for name in schema.names if name != "history"]
+        for name in columns:
+            if name not in schema.names:
+                raise UnknownNameError("column", name, schema.names)
+        tables = [self._reader.cases(shard, columns) for shard in self._manifest.shards]
+        empty = schema.empty_table().select(list(columns))
+        return pa.concat_tables([empty, *(table for table in tables if table is not None)])
+
+    def history(self) -> tuple[list[str], NDArray[np.float64]]:
+        """The last seconds before each crash.
+
+        Returns:
+            Case ids, and an array of shape (S, 16, 2, 4): [x m, y m, speed m/s, heading rad] of the AV and its crash
+            partner k = 0..15 s before first contact; NaN where the test had not begun or the vehicle was absent.
+        """
+        table = self.scalars(["case_id", "history"])
+        chunks = [chunk.flatten().to_numpy() for chunk in table.column("history").chunks]
+        flat = np.concatenate(chunks) if chunks else np.empty(0)
+        return table.column("case_id").to_pylist(), flat.astype(np.float64).reshape(-1, *HISTORY_SHAPE)
+
+    def query(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """Answer one SELECT over the table `cases`; see `query.run_sql`.
+
+        Raises:
+            InputError: The statement is wrong or forbidden.
+            MissingExtraError: DuckDB is not installed.
+        """
+        return run_sql(self.scalars(), sql)
+
+    def scenario(self, case_id: str) -> StoredCase:
+        """One case with its trajectories.
+
+        Raises:
+            UnknownNameError: There is no such case; the nearest is suggested.
+            FileFormatError: It lies in a damaged shard.
+        """
+        shard = self._shard_of(case_id)
+        table = self._reader.cases(shard, None)
+        tracks = None if table is None else self._reader.tracks(shard)
+        if table is None or tracks is None:
+            raise FileFormatError(
+                f"Case {case_id} lies in a damaged shard: {'; '.join(self.damaged)}; generate it again."
+            )
+        ids = table.column("case_id").to_pylist()
+        if case_id not in ids:
+            raise self._unknown(case_id, int(case_id.partition(":")[2]), table.column("test").to_pylist())
+        row = ids.index(case_id)
+        scalars = table.slice(row, 1).to_pylist()[0]
+        history = np.array(scalars.pop("history"), dtype=np.float64).reshape(HISTORY_SHAPE)
+        group = tracks.read_row_group(row // ROW_GROUP)
+        return StoredCase(restore(scalars, group, row % ROW_GROUP, self.odd), scalars, history)
+
+    def verify(self) -> list[str]:
+        """Read every file and compare checksums; returns `damaged`."""
+        for shard in self._manifest.shards:
+            for file in (shard.cases_file, shard.tracks_file):
+                self._reader.read(file)
+        return self.damaged
+
+    def _shard_of(self, case_id: str) -> Shard:
+        seed, _, number = case_id.partition(":")
+        if not self._manifest.shards:
+            raise InputError(f"{self._path} holds no case yet, so there is no {case_id}; generate some first.")
+        test = int(number) if number.isdecimal() else None
+        for shard in self._manifest.shards if seed == str(self._manifest.run["seed"]) else ():
+            if test is not None and shard.first_test <= test <= shard.last_test:
+                return shard
+        # Only the ends of shards, not all names: to search a million for the most alike takes a minute.
+        ends = [test for shard in self._manifest.shards for test in (shard.first_test, shard.last_test)]
+        raise self._unknown(case_id, test, ends)
+
+    def _unknown(self, case_id: str, test: int | None, tests: Sequence[int]) -> UnknownNameError:
+        """Suggest the case of the nearest test; for what is no case id, show what one looks like."""
+        near = tests[:3] if test is None else [min(tests, key=lambda other: abs(other - test))]
+        return UnknownNameError("case", case_id, [f"{self._manifest.run['seed']}:{other}" for other in near])
+
+
+def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:
+    """Does a folder hold a library of this run (True), or nothing (False)?
+
+    Raises:
+        OutputError: It is no folder, or holds something else.
+        InputError: It holds the library of another run.
+        FileFormatError: It holds a library that cannot be read.
+    """
+    try:
+        names = {entry.name for entry in folder.iterdir()}
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be used as a folder: {error.strerror}; choose another place.") from error
+    if MANIFEST not in names:
+        foreign = sorted(name for name in names if not is_leftover(name, None))
+        if foreign:
+            raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
+        return False
+    difference = first_difference(read_manifest(folder)[0], check_identity(identity), odd)
+    if difference is not None:
+        raise InputError(
+            f"{folder} holds the library of another run: {difference}; use the same options, or another place."
+        )
+    return True

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from cornerforge.errors import InputError, MissingExtraError
+from cornerforge.library import CaseLibrary
+
+
+def test_sql_answers_over_the_cases(filled: Path) -> None:
+    columns, rows = CaseLibrary.open(filled).query(
+        "SELECT case_id, test * 2 AS twice, len(critical_bv_action) AS n FROM cases WHERE test > 10 ORDER BY test DESC"
+    )
+    assert columns == ["case_id", "twice", "n"]
+    assert rows == [("7:20", 40, 6), ("7:13", 26, 6), ("7:12", 24, 6)]
+
+
+def test_null_stays_null(filled: Path) -> None:
+    assert CaseLibrary.open(filled).query("SELECT NULL, min(log_prob_policy) FROM cases")[1] == [(None, -10.0)]
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "COPY cases TO '{out}'",
+        "COPY (SELECT 1) TO '{out}'",
+        "EXPORT DATABASE '{out}'",
+        "ATTACH '{out}' AS other",
+        "CREATE TABLE mine AS SELECT * FROM cases",
+        "DROP VIEW cases",
+        "INSTALL httpfs",
+        "LOAD httpfs",
+        "SET enable_external_access = true",
+        "RESET lock_configuration",
+        "SELECT 1; COPY cases TO '{out}'",
+        "SELECT * FROM read_csv('{secret}')",
+        "SELECT * FROM read_text('{secret}')",
+        "SELECT * FROM read_blob('{secret}')",
+        "SELECT * FROM '{secret}'",
+        "SELECT * FROM glob('{folder}/*')",
+        "SELECT * FROM sniff_csv('{secret}')",
+        "EXPLAIN ANALYZE COPY cases TO '{out}'",
+        "EXPLAIN ANALYZE SELECT * FROM read_text('{secret}')",
+        "SELECT * FROM query('COPY cases TO ''{out}''')",
+        "SELECT * FROM json_execute_serialized_sql(json_serialize_sql('SELECT * FROM read_text(''{secret}'')'))",
+        "SELECT * FROM columns_of_python",
+    ],
+)
+def test_nothing_but_the_table_can_be_reached(filled: Path, tmp_path: Path, sql: str) -> None:
+    columns_of_python = CaseLibrary.open(filled).scalars()
+    secret, out = tmp_path / "secret.csv", tmp_path / "out"
+    secret.write_text("password\nhunter2\n")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError):
+        CaseLibrary.open(filled).query(sql.format(out=out, secret=secret, folder=tmp_path))
+    assert sorted(tmp_path.rglob("*")) == before
+    assert columns_of_python.num_rows == 6
+
+
+@pytest.mark.parametrize(
+    "sql", ["SELEC 1", "SELECT velocity FROM cases", "SELECT * FROM crashes", "SELECT 'a'::INTEGER"]
+)
+def test_a_mistake_is_one_plain_line(filled: Path, sql: str) -> None:
+    with pytest.raises(InputError, match="cannot be answered") as caught:
+        CaseLibrary.open(filled).query(sql)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("sql", ["", "  ", "-- nothing", "SELECT 1; SELECT 2"])
+def test_one_select_it_has_to_be(filled: Path, sql: str) -> None:
+    with pytest.raises(InputError, match="one SELECT statement"):
+        CaseLibrary.open(filled).query(sql)
+
+
+def test_a_missing_extra_names_its_command(filled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "duckdb", None)
+    with pytest.raises(MissingExtraError, match=r'pip install "cornerforge\[query\]"'):
+        CaseLibrary.open(filled).query("SELECT 1")

@@ -1,0 +1,361 @@
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
+from cornerforge.library import CaseLibrary, CaseRecord, DamagedShardWarning, case_record
+from cornerforge.types import ODDS, Scenario
+
+Identity = dict[str, str | int | float | bool | None]
+Fill = Callable[[CaseLibrary, Sequence[Sequence[int]]], None]
+ODD = ODDS["default"]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def flip_a_byte(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def edit_manifest(folder: Path, **changes: Any) -> None:
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def test_what_is_appended_is_read_back(filled: Path, make_scenario: Callable[..., Scenario]) -> None:
+    library = CaseLibrary.open(filled)
+    assert (len(library), library.next_test, library.tests, library.crashes) == (6, 22, 22, 6)
+    table = library.scalars()
+    assert table.column("test").to_pylist() == [1, 4, 10, 12, 13, 20]
+    assert table.column("log_prob_policy").to_pylist() == [-0.5 * test for test in (1, 4, 10, 12, 13, 20)]
+    assert library.damaged == []
+    assert library.verify() == []
+
+    stored, original = library.scenario("7:12"), make_scenario(12)
+    kept = list(stored.scenario.slot)
+    np.testing.assert_array_equal(stored.scenario.x, original.x.astype(np.float32)[:, kept])
+    assert stored.scenario.crash == original.crash
+    assert stored.scalars == table.slice(3, 1).to_pylist()[0]
+    assert stored.scalars["trajectory_digest"] == f"{12:064x}"
+
+
+def test_history_is_that_of_the_cases(filled: Path) -> None:
+    library = CaseLibrary.open(filled)
+    ids, history = library.history()
+    assert ids == ["7:1", "7:4", "7:10", "7:12", "7:13", "7:20"]
+    assert history.shape == (6, 16, 2, 4)
+    for case_id, block in zip(ids, history, strict=True):
+        stored = library.scenario(case_id)
+        partner = list(stored.scenario.slot).index(stored.scalars["bv_slot"])
+        np.testing.assert_array_equal(block, stored.history)
+        np.testing.assert_array_equal(block[2, :, 0], stored.scenario.x[-21, [0, partner]])
+        assert np.isnan(block[7:]).all()
+
+
+def test_an_empty_library_answers(tmp_path: Path, identity: Identity) -> None:
+    CaseLibrary.create(tmp_path / "new" / "library", identity, ODD)
+    library = CaseLibrary.open(tmp_path / "new" / "library")
+    ids, history = library.history()
+    assert (len(library), ids, history.shape) == (0, [], (0, 16, 2, 4))
+    assert library.scalars().num_rows == 0
+    assert library.query("SELECT count(*) FROM cases") == (["count_star()"], [(0,)])
+    with pytest.raises(InputError, match="holds no case yet"):
+        library.scenario("7:1")
+
+
+def test_a_shard_of_no_cases_commits_progress(filled: Path, identity: Identity) -> None:
+    library = CaseLibrary.resume(filled, identity, ODD)
+    library.append([], next_test=500, tests=500, crashes=6)
+    library.finish()
+    again = CaseLibrary.open(filled)
+    assert (len(again), again.next_test, again.finished) == (6, 500, True)
+
+
+def test_a_killed_run_resumes_to_the_same_bytes(tmp_path: Path, identity: Identity, append_shards: Fill) -> None:
+    shards = [[1, 4], [10, 12, 13], [20]]
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    append_shards(CaseLibrary.create(whole, identity, ODD), shards)
+
+    library = CaseLibrary.create(broken, identity, ODD)
+    append_shards(library, shards[:1])
+    committed = (broken / "manifest.json").read_bytes()
+    append_shards(library, [[10, 11]])
+    # Killed before the commit: files of the shard in progress lie there, some half-written; the manifest is the old.
+    (broken / "manifest.json").write_bytes(committed)
+    (broken / "manifest.json.tmp").write_bytes(b'{"format": "corn')
+    (broken / "tracks-000002.parquet.tmp").write_bytes(b"PAR1")
+    assert CaseLibrary.open(broken).scalars(["test"]).column("test").to_pylist() == [1, 4]
+
+    resumed = CaseLibrary.resume(broken, identity, ODD)
+    assert sorted(contents(broken)) == ["cases-000000.parquet", "manifest.json", "tracks-000000.parquet"]
+    assert resumed.next_test == 6
+    append_shards(resumed, shards[1:])
+    assert contents(broken) == contents(whole)
+
+
+@pytest.mark.parametrize("nth", range(1, 4))
+def test_death_in_any_write_loses_only_that_shard(
+    filled: Path, identity: Identity, append_shards: Fill, monkeypatch: pytest.MonkeyPatch, nth: int
+) -> None:
+    class Killed(BaseException):
+        pass
+
+    calls = []
+    replace_really = os.replace
+
+    def dying(source: Path, target: Path) -> None:
+        calls.append(target)
+        if len(calls) == nth:
+            raise Killed
+        replace_really(source, target)
+
+    expected = shutil.copytree(filled, filled.with_name("unbroken"))
+    append_shards(CaseLibrary.resume(expected, identity, ODD), [[30, 31]])
+    library = CaseLibrary.resume(filled, identity, ODD)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", dying)
+        with pytest.raises(Killed):
+            append_shards(library, [[30, 31]])
+    assert len(CaseLibrary.open(filled)) == 6
+    append_shards(CaseLibrary.resume(filled, identity, ODD), [[30, 31]])
+    assert contents(filled) == contents(expected)
+
+
+def test_resume_starts_where_nothing_is(tmp_path: Path, identity: Identity) -> None:
+    assert CaseLibrary.resume(tmp_path / "library", identity, ODD).next_test == 0
+
+
+def test_resume_leaves_the_files_of_others(filled: Path, identity: Identity) -> None:
+    for name in ("notes.txt", "cases-000009.parquet.bak", "provenance.json"):
+        (filled / name).write_text("mine")
+    CaseLibrary.resume(filled, identity, ODD)
+    assert {"notes.txt", "cases-000009.parquet.bak", "provenance.json"} <= set(contents(filled))
+
+
+def test_create_refuses_a_library_of_the_same_run(filled: Path, identity: Identity) -> None:
+    with pytest.raises(OutputError, match="--resume"):
+        CaseLibrary.create(filled, identity, ODD)
+
+
+@pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
+def test_the_library_of_another_run_is_refused(
+    verb: Callable[..., CaseLibrary], filled: Path, identity: Identity
+) -> None:
+    before = contents(filled)
+    with pytest.raises(InputError, match="av_hash is 'a1' there and 'b2' here"):
+        verb(filled, identity | {"av_hash": "b2"}, ODD)
+    with pytest.raises(InputError, match="ramp is None there and 3 here"):
+        verb(filled, identity | {"ramp": 3}, ODD)
+    with pytest.raises(InputError, match=r"odd\.n_lanes is 3 there and 4 here"):
+        verb(filled, identity, replace(ODD, n_lanes=4))
+    assert contents(filled) == before
+
+
+@pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
+def test_a_foreign_folder_is_refused(verb: Callable[..., CaseLibrary], tmp_path: Path, identity: Identity) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(OutputError, match=r"holds something else \(thesis\.tex\)"):
+        verb(tmp_path, identity, ODD)
+    assert contents(tmp_path) == {"thesis.tex": b"mine"}
+
+
+@pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
+@pytest.mark.parametrize("below", [".", "library"])
+def test_a_place_that_cannot_be_written_is_an_output_error(
+    verb: Callable[..., CaseLibrary], tmp_path: Path, identity: Identity, below: str
+) -> None:
+    (tmp_path / "file").write_text("regular")
+    with pytest.raises(OutputError, match="choose another place"):
+        verb(tmp_path / "file" / below, identity, ODD)
+
+
+@pytest.mark.parametrize(
+    "identity", [{}, {"seed": "7"}, {"seed": True}, {"seed": 1, "x": [1]}, {"seed": 1, "x": float("nan")}]
+)
+def test_an_identity_that_is_not_flat_json_with_a_seed_is_refused(tmp_path: Path, identity: Any) -> None:
+    with pytest.raises(InputError):
+        CaseLibrary.create(tmp_path / "library", identity, ODD)
+    assert not (tmp_path / "library").exists()
+
+
+def test_open_refuses_what_is_no_library(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="holds no manifest"):
+        CaseLibrary.open(tmp_path)
+    (tmp_path / "manifest.json").write_text('{"name": "a web app"}')
+    with pytest.raises(FileFormatError, match="not the manifest of a case library"):
+        CaseLibrary.open(tmp_path)
+    (tmp_path / "manifest.json").write_text('{"format": ')
+    with pytest.raises(FileFormatError, match="damaged"):
+        CaseLibrary.open(tmp_path)
+
+
+def test_a_newer_schema_is_refused_with_advice(filled: Path, identity: Identity) -> None:
+    edit_manifest(filled, schema_version=2, created_by="9.9.9")
+    with pytest.raises(FileFormatError, match=r"schema 2, written by cornerforge 9\.9\.9; .* upgrade"):
+        CaseLibrary.open(filled)
+    with pytest.raises(FileFormatError, match="upgrade"):
+        CaseLibrary.resume(filled, identity, ODD)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"shards": 3}, {"odd": {"n_lanes": 99}}, {"tests": "many"}, {"extra": {"a": "pickle"}}, {"run": None}],
+)
+def test_a_manifest_of_wrong_content_is_refused(filled: Path, change: dict[str, Any]) -> None:
+    edit_manifest(filled, **change)
+    with pytest.raises(FileFormatError, match="damaged"):
+        CaseLibrary.open(filled)
+
+
+def test_a_manifest_cannot_lead_out_of_its_folder(filled: Path) -> None:
+    shards = json.loads((filled / "manifest.json").read_text())["shards"]
+    shards[0]["cases_file"]["name"] = "../../secret.parquet"
+    edit_manifest(filled, shards=shards)
+    with pytest.raises(FileFormatError, match="secret"):
+        CaseLibrary.open(filled)
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, truncate, flip_a_byte])
+def test_a_damaged_shard_is_named_once_and_left_out(filled: Path, damage: Callable[[Path], None]) -> None:
+    damage(filled / "cases-000001.parquet")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        library = CaseLibrary.open(filled)
+        assert library.scalars(["test"]).column("test").to_pylist() == [1, 4, 20]
+        assert library.history()[0] == ["7:1", "7:4", "7:20"]
+        assert len(library) == 3
+        assert library.query("SELECT count(*) FROM cases")[1] == [(3,)]
+        assert library.scenario("7:20").scalars["test"] == 20
+        with pytest.raises(FileFormatError, match="7:12 lies in a damaged shard: cases-000001"):
+            library.scenario("7:12")
+    assert [w.category for w in caught] == [DamagedShardWarning]
+    assert "cases-000001.parquet" in str(caught[0].message)
+    assert len(library.damaged) == 1
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, truncate, flip_a_byte])
+def test_damaged_trajectories_leave_the_scalars(filled: Path, damage: Callable[[Path], None]) -> None:
+    damage(filled / "tracks-000001.parquet")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DamagedShardWarning)
+        library = CaseLibrary.open(filled)
+        named = library.verify()
+    assert [text.split()[0] for text in named] == ["tracks-000001.parquet"]
+    assert len(library) == 6
+    assert library.scalars().num_rows == 6
+    with pytest.raises(FileFormatError, match="tracks-000001"):
+        library.scenario("7:12")
+
+
+def test_a_library_with_a_damaged_shard_can_grow(filled: Path, identity: Identity, append_shards: Fill) -> None:
+    flip_a_byte(filled / "cases-000000.parquet")
+    library = CaseLibrary.resume(filled, identity, ODD)
+    append_shards(library, [[30]])
+    with pytest.warns(DamagedShardWarning):
+        assert CaseLibrary.open(filled).scalars(["test"]).column("test").to_pylist() == [10, 12, 13, 20, 30]
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("7:11", "7:10"), ("7:2", "7:1"), ("7:21", "7:20"), ("8:20", "7:20"), ("first", "Known: 7:1, 7:10")],
+)
+def test_an_unknown_case_is_refused_with_the_nearest(filled: Path, name: str, hint: str) -> None:
+    with pytest.raises(UnknownNameError, match=f'No case "{name}".*{hint}'):
+        CaseLibrary.open(filled).scenario(name)
+
+
+def test_an_unknown_column_is_refused(filled: Path) -> None:
+    with pytest.raises(UnknownNameError, match='Did you mean "av_speed_mps"'):
+        CaseLibrary.open(filled).scalars(["av_speed"])
+
+
+def test_append_refuses_what_does_not_continue(
+    filled: Path, identity: Identity, make_record: Callable[[int], CaseRecord], make_scenario: Callable[..., Scenario]
+) -> None:
+    before = contents(filled)
+    library = CaseLibrary.resume(filled, identity, ODD)
+
+    def append(cases: list[CaseRecord], **progress: int) -> None:
+        library.append(cases, **{"next_test": 50, "tests": 50, "crashes": 9} | progress)
+
+    with pytest.raises(InputError, match="out of order"):
+        append([make_record(20)])
+    with pytest.raises(InputError, match="out of order"):
+        append([make_record(31), make_record(30)])
+    with pytest.raises(InputError, match="out of order"):
+        append([make_record(50)])
+    with pytest.raises(InputError, match="next_test = 3"):
+        append([], next_test=3)
+    with pytest.raises(InputError, match="tests = 3"):
+        append([], tests=3)
+    with pytest.raises(InputError, match="another seed or ODD"):
+        append(
+            [case_record(make_scenario(30, odd=ODDS["swift"]), trajectory_digest="", extra={"log_prob_policy": 0.0})]
+        )
+    with pytest.raises(InputError, match="extra columns"):
+        append([case_record(make_scenario(30), trajectory_digest="")])
+    with pytest.raises(InputError, match="extra columns"):
+        append([case_record(make_scenario(30), trajectory_digest="", extra={"log_prob_policy": "low"})])
+    assert contents(filled) == before
+
+
+def test_two_writers_are_noticed(filled: Path, identity: Identity, append_shards: Fill) -> None:
+    one, two = (CaseLibrary.resume(filled, identity, ODD) for _ in range(2))
+    append_shards(one, [[30]])
+    with pytest.raises(OutputError, match="Another process"):
+        append_shards(two, [[31]])
+    append_shards(one, [[40]])
+    assert CaseLibrary.open(filled).scalars(["test"]).column("test").to_pylist()[-2:] == [30, 40]
+
+
+def test_an_opened_library_is_for_reading(filled: Path) -> None:
+    with pytest.raises(OutputError, match="open for reading"):
+        CaseLibrary.open(filled).append([], next_test=50, tests=50, crashes=6)
+
+
+def test_a_reader_sees_the_library_as_it_was_opened(filled: Path, identity: Identity, append_shards: Fill) -> None:
+    reader = CaseLibrary.open(filled)
+    append_shards(CaseLibrary.resume(filled, identity, ODD), [[30]])
+    assert reader.scalars(["test"]).num_rows == 6
+
+
+def test_a_case_is_found_in_every_row_group(
+    tmp_path: Path, identity: Identity, make_scenario: Callable[..., Scenario]
+) -> None:
+    records = [
+        case_record(make_scenario(t, n_frames=11, n_vehicles=4), trajectory_digest=str(t)) for t in range(0, 500, 2)
+    ]
+    library = CaseLibrary.create(tmp_path / "library", identity, ODD)
+    library.append(records, next_test=500, tests=500, crashes=250)
+    assert pq.ParquetFile(tmp_path / "library" / "tracks-000000.parquet").num_row_groups == 3
+    for test in (0, 198, 200, 398, 400, 498):
+        stored = library.scenario(f"7:{test}")
+        assert stored.scalars["trajectory_digest"] == str(test)
+        np.testing.assert_array_equal(
+            stored.scenario.speed[:, 0], np.float32(make_scenario(test, n_frames=11, n_vehicles=4).speed[:, 0])
+        )
+
+
+def test_resume_says_when_it_cannot_tidy(filled: Path, identity: Identity) -> None:
+    (filled / "cases-000777.parquet").mkdir()  # cannot be unlinked, by root neither
+    with pytest.raises(OutputError, match="Cannot tidy"):
+        CaseLibrary.resume(filled, identity, ODD)
