@@ -1,0 +1,79 @@
+# `make` lists what there is. Every target first sets up what it needs in .venv: you need Python >= 3.11 and make, nothing else.
+
+PYTHON ?= python3
+DATA ?= ../shared/data/*.gz
+OUT ?= out/demo
+
+BIN := .venv/bin
+SETUP := .venv/.stamp-setup
+BENCH := .venv-bench/.stamp-setup
+PIP := -m pip -qq --disable-pip-version-check
+SCRIPTS := $(wildcard benchmarks/*.py examples/*.py)
+LINTED := src tests $(SCRIPTS)
+MODEL := src/cornerforge/ndd/default_model.npz
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-slow check format bench model golden clean-cache clean
+
+help: ## list the targets (this)
+	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
+
+setup: $(SETUP) ## install cornerforge and its tools into .venv, in the versions of constraints.txt
+
+demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, within minutes; goes on where it was stopped
+	@$(BIN)/cornerforge run --budget quick --out $(OUT) --resume
+	@echo "The report: $(OUT)/report.html (open it in a browser)"
+
+test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU
+	@$(BIN)/python -m pytest
+
+test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
+	@$(BIN)/python -m pytest -m "not gpu" --seed random --hypothesis-profile slow
+
+check: $(SETUP) ## check format, lint, types, layers and spelling; changes nothing
+	@$(BIN)/ruff format --check --quiet --output-format concise $(LINTED) || { echo "Not formatted as agreed; mend it with: make format"; exit 1; }
+	@$(BIN)/ruff check --quiet $(LINTED)
+	@$(BIN)/mypy --strict src
+	@$(BIN)/mypy tests $(SCRIPTS)
+	@$(BIN)/lint-imports --no-logo
+	@$(BIN)/codespell
+
+format: $(SETUP) ## write the agreed format and mend what lint can mend by itself
+	@$(BIN)/ruff check --quiet --fix-only $(LINTED)
+	@$(BIN)/ruff format $(LINTED)
+
+bench: $(BENCH) ## measure speeds (benchmarks/run.py), in an environment of its own with the tools we compare with
+	@.venv-bench/bin/python benchmarks/run.py
+
+model: $(SETUP) ## fit the default naturalistic model again from DATA="FILES" (see docs/design.md); same data, same bytes
+	@test -n "$(wildcard $(DATA))" || { echo "No data at $(DATA); say where it is: make model DATA='my/data/*.gz'"; exit 1; }
+	@$(BIN)/cornerforge ndd fit $(sort $(wildcard $(DATA))) --format ngsim --out $(MODEL)
+
+golden: $(SETUP) ## write the checked-in expectations (golden files) again; read the diff and say why in the commit
+	@$(BIN)/python -m pytest -q -m golden --write-golden
+	@git --no-pager diff --stat -- tests
+
+clean-cache: ## drop the compiled kernels; the next start compiles them anew (needed only if in doubt)
+	@find src -type d -name 'kernels-*' -prune -exec rm -rf {} +
+	@find src \( -name '*.nbi' -o -name '*.nbc' \) -delete
+
+clean: clean-cache ## drop all that make made, .venv too; keeps out/
+	@rm -rf .venv .venv-bench build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# A stamp is newer than the two files that decide what gets installed, or the installation runs again.
+$(SETUP): pyproject.toml constraints.txt
+	@$(call venv,.venv)
+	@$(BIN)/python $(PIP) install -c constraints.txt -e ".[all,dev]"
+	@touch $@
+
+$(BENCH): pyproject.toml constraints.txt
+	@$(call venv,.venv-bench)
+	@.venv-bench/bin/python $(PIP) install -c constraints.txt -e ".[all,bench]"
+	@touch $@
+
+define venv
+$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+  { echo "cornerforge needs Python 3.11 or newer, and $(PYTHON) is not; say which to use: make setup PYTHON=python3.12"; exit 1; }; \
+test -x $(1)/bin/python || { echo "Setting up $(1) (once)" && $(PYTHON) -m venv $(1); }
+endef

@@ -1,0 +1,63 @@
+"""What all tests share: the seed, the hypothesis profiles, and the checked-in expectations.
+
+`seed` is fixed, so that a failure is a failure for everybody; `make test-slow` draws one and prints it. `golden`
+compares a text with a file below `tests/golden/`; `make golden` writes these files again.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+GOLDEN = Path(__file__).parent / "golden"
+FIXED_SEED = 20_210_206
+
+# No deadline: the first example of a compiled kernel waits for the compiler.
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=50)
+hypothesis.settings.register_profile("slow", deadline=None, max_examples=500, print_blob=True)
+hypothesis.settings.load_profile("quick")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--seed", default=str(FIXED_SEED), help='seed of the statistical tests, or "random"')
+    parser.addoption("--write-golden", action="store_true", help="write the golden files instead of comparing")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--seed") == "random":
+        config.option.seed = str(secrets.randbelow(2**31))
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    return f"cornerforge: --seed {config.getoption('--seed')}"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "golden" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.golden)
+
+
+@pytest.fixture
+def seed(request: pytest.FixtureRequest) -> int:
+    """Seed for tests that sample: fixed by default, drawn anew and printed by `make test-slow`."""
+    return int(request.config.getoption("--seed"))
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
+    """`golden(name, text)`: the text must be that of `tests/golden/name`, byte for byte."""
+
+    def compare(name: str, text: str) -> None:
+        path = GOLDEN / name
+        if request.config.getoption("--write-golden"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8", newline="\n")
+        assert path.is_file(), f"{path.name} is missing; write it with: make golden"
+        assert text == path.read_text(encoding="utf-8"), f"{path.name} differs; if that is meant: make golden"
+
+    return compare
