@@ -1,0 +1,23 @@
+"""cornerforge: how does an automated vehicle's decision-making crash, which crashes matter, and how often would they happen?
+
+The verbs of the command line, as functions with the same names; each returns what `--json` prints.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cornerforge.pipeline import analyse, generate, ndd_fit, query, replay, run, simulate, train
+
+__all__ = ["__version__", "analyse", "generate", "ndd_fit", "query", "replay", "run", "simulate", "train"]
+
+__version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """Load a verb on first use, so that `import cornerforge` stays light."""
+    if name in __all__:
+        return getattr(importlib.import_module("cornerforge.pipeline"), name)
+    raise AttributeError(f"module 'cornerforge' has no attribute {name!r}")

@@ -1,0 +1,7 @@
+"""Crash rates and their uncertainty."""
+
+from __future__ import annotations
+
+from cornerforge.rates.intervals import binomial_interval
+
+__all__ = ["binomial_interval"]

@@ -199,6 +199,17 @@ def start_worlds(
 
 
 @kernel
+def _copy_view(
+    observation: NDArray[np.float32], allowed: NDArray[np.bool_], to: NDArray[np.float32], to_allowed: NDArray[np.bool_]
+) -> None:
+    """Copy an observation and its mask element by element (a slice assignment would allocate)."""
+    for k in range(observation.size):
+        to[k] = observation[k]
+    for a in range(allowed.size):
+        to_allowed[a] = allowed[a]
+
+
+@kernel
 def collect(
     seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, setting: Setting, worlds: World,
     pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void],
@@ -214,11 +225,10 @@ def collect(
     n = tests.size
     for b in range(begin, end):
         w = world_row(worlds, b)
-        s.observation[:] = observation[b]
-        s.allowed[:] = allowed[b]
+        _copy_view(observation[b], allowed[b], s.observation, s.allowed)
+        _copy_view(observation[b], allowed[b], out.observation[b], s.allowed)
         action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
         step_world(w, seed, tests[b], setting.bv_model, action, setting.road, setting.av, setting.tables, pairs, recording)
-        out.observation[b] = observation[b]
         out.action[b] = action
         code = w.info[OUTCOME]
         out.reward[b] = 1.0 if code == AV_CRASH else (-1.0 if code == BV_CRASH else 0.0)
@@ -233,5 +243,4 @@ def collect(
             while not _prepare(w, setting, s, observation[b], allowed[b]):
                 tests[b] += n
                 reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
-        out.next_observation[b] = observation[b]
-        out.next_allowed[b] = allowed[b]
+        _copy_view(observation[b], allowed[b], out.next_observation[b], out.next_allowed[b])

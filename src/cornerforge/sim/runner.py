@@ -18,7 +18,7 @@ from cornerforge.sim.statistics import Counts, allocate_counts
 from cornerforge.sim.step import allocate_pairs, allocate_recording
 from cornerforge.sim.world import AV_CRASH, allocate_worlds
 
-__all__ = ["Tally", "crashed_tests", "default_threads", "simulate", "simulate_chunks"]
+__all__ = ["Tally", "crashed_tests", "default_threads", "simulate", "simulate_chunks", "warm_up"]
 
 METRES_PER_MILE = 1609.344
 _CHUNK = 512
@@ -102,6 +102,11 @@ def drive_chunk(setting: Setting, slots: int, seed: int, first: int, count: int,
         out,
     )
     return out, counts
+
+
+def warm_up(setting: Setting, slots: int) -> None:
+    """Load the compiled kernels, or compile them (once per installation), so that timings do not count it."""
+    drive_chunk(setting, slots, 0, 0, 0, False)
 
 
 def simulate_chunks(

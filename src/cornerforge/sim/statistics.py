@@ -47,12 +47,13 @@ TRAFFIC = (
 )
 """Quantities of BVs at decision times; gap, time gap and range rate only while following (gap of at most 115.5 m)."""
 EXPOSURE = (
-    HistogramGrid("bbd_front", "m", 0.0, 1.0, 120),
-    HistogramGrid("bbd_rear", "m", 0.0, 1.0, 120),
-    HistogramGrid("ttc_front", "s", 0.0, 0.1, 200),
-    HistogramGrid("ttc_rear", "s", 0.0, 0.1, 200),
+    HistogramGrid("bbd_front", "m", 0.0, 2.0, 61),
+    HistogramGrid("bbd_rear", "m", 0.0, 2.0, 61),
+    HistogramGrid("ttc_front", "s", 0.0, 0.5, 41),
+    HistogramGrid("ttc_rear", "s", 0.0, 0.5, 41),
 )
-"""What the AV is exposed to once a second (paper, Figure 3): to the vehicles ahead and behind in its lane; TTC when closing."""
+"""What the AV is exposed to once a second (paper, Figure 3): to the vehicles ahead and behind in its lane; TTC when closing.
+Vehicles that overlap it lengthwise, beside it while one of the two changes lanes, are neither ahead nor behind."""
 TTC_LIMITS = (3.0, 4.0, 5.0, 10.0, 15.0, 20.0)
 _N_BINS = 2400
 _FOLLOWING_GAP = 115.5
@@ -152,9 +153,11 @@ def count_traffic(w: World, road: RoadNumbers, counts: Counts) -> float:
 @kernel
 def _count_pair(counts: Counts, row: int, gap: float, rate: float) -> None:
     """One neighbour of the AV: its distance in row `row`, its TTC two rows on when closing."""
-    _count(counts, 5 + row, max(0.0, gap))
+    if gap <= 0.0:
+        return
+    _count(counts, 5 + row, gap)
     if rate < 0.0:
-        _count(counts, 7 + row, max(0.0, gap) / -rate)
+        _count(counts, 7 + row, gap / -rate)
 
 
 @kernel

@@ -157,44 +157,45 @@ def _find_pairs(w: World, road: RoadNumbers, pairs: Pairs) -> int:
 
 
 @kernel
+def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
+    """Are both vehicles there, and do their boxes overlap?"""
+    v = w.vehicles
+    if v[a].present == 0 or v[b].present == 0:
+        return False
+    return boxes_overlap(v[a].x, v[a].y, v[a].heading, v[b].x, v[b].y, v[b].heading, road.length, road.width)
+
+
+@kernel
 def _check_contacts(w: World, pairs: Pairs, n_pairs: int, frame: int, road: RoadNumbers) -> bool:
     """Look for contacts at this frame; returns True when one ends the test.
 
-    A crash of the AV goes before all others. BVs that crash into each other are removed and counted, unless one of them is
-    the controlled BV, which ends the test.
+    A crash of the AV goes before all others, then one of the controlled BV. Only if neither happens are BVs that crash into
+    each other counted and removed, so that the last frame of a crash still shows everybody.
     """
-    v = w.vehicles
     info = w.info
-    ends = False
     for k in range(n_pairs):
         a = pairs.a[k]
         b = pairs.b[k]
-        if v[a].present == 0 or v[b].present == 0:
+        is_av = a == 0
+        if not is_av and (info[OUTCOME] != RUNNING or (info[CONTROLLED] != a and info[CONTROLLED] != b)):
             continue
-        if not boxes_overlap(
-            v[a].x, v[a].y, v[a].heading, v[b].x, v[b].y, v[b].heading, road.length, road.width
-        ):
-            continue
-        if a == 0:
-            if info[OUTCOME] != AV_CRASH:
-                info[OUTCOME] = AV_CRASH
-                info[SLOT_A] = 0
-                info[SLOT_B] = b
-                info[FRAME] = frame
-            ends = True
-            continue
-        info[N_BV_CRASHES] += 1
-        if info[CONTROLLED] == a or info[CONTROLLED] == b:
-            if info[OUTCOME] == RUNNING:
-                info[OUTCOME] = BV_CRASH
-                info[SLOT_A] = a
-                info[SLOT_B] = b
-                info[FRAME] = frame
-            ends = True
-        else:
-            v[a].present = 0
-            v[b].present = 0
-    return ends
+        if info[OUTCOME] != AV_CRASH and _touch(w, a, b, road):
+            info[OUTCOME] = AV_CRASH if is_av else BV_CRASH
+            info[SLOT_A] = a
+            info[SLOT_B] = b
+            info[FRAME] = frame
+    if info[OUTCOME] != RUNNING:
+        if info[OUTCOME] == BV_CRASH:
+            info[N_BV_CRASHES] += 1
+        return True
+    for k in range(n_pairs):
+        a = pairs.a[k]
+        b = pairs.b[k]
+        if a > 0 and _touch(w, a, b, road):
+            info[N_BV_CRASHES] += 1
+            w.vehicles[a].present = 0
+            w.vehicles[b].present = 0
+    return False
 
 
 @kernel

@@ -1,0 +1,105 @@
+"""Policy files: weights and everything needed to know what they are for, in safetensors (no pickle, no PyTorch needed)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
+
+__all__ = ["POLICY_SCHEMA", "Policy", "load_policy", "policy_hash", "policy_numbers", "save_policy"]
+
+POLICY_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A learned adversary.
+
+    Attributes:
+        weights: Flat, in the layout of `drivers.policy.PolicyNumbers`, float32.
+        shape: The network.
+        bounded: It learned with the NDD-bounded mask and acts with it.
+        about: How it was made: preset, hyperparameters, seed, ODD, AV and model hashes, curve; JSON-compatible.
+    """
+
+    weights: NDArray[np.float32]
+    shape: NetworkShape
+    bounded: bool
+    about: Mapping[str, object]
+
+
+def policy_numbers(policy: Policy) -> PolicyNumbers:
+    """The policy as kernels take it."""
+    s = policy.shape
+    return PolicyNumbers(policy.weights, s.n_inputs, s.n_shared, s.n_stream, s.width)
+
+
+def policy_hash(policy: Policy) -> str:
+    """SHA-256 (first 16 hex digits) over what decides how it acts: shape, mask and weights."""
+    s = policy.shape
+    head = f"{OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {policy.bounded}"
+    return hashlib.sha256(head.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
+
+
+def save_policy(policy: Policy, path: Path) -> None:
+    """Write a policy; beside its place first, then renamed, so that a reader never sees half of it."""
+    header = {
+        "schema_version": POLICY_SCHEMA,
+        "observation_version": OBSERVATION_VERSION,
+        "network": asdict(policy.shape),
+        "bounded": policy.bounded,
+        "about": dict(policy.about),
+    }
+    part = path.with_name(path.name + ".part")
+    save_file({"weights": policy.weights}, part, metadata={"cornerforge": json.dumps(header, sort_keys=True)})
+    part.replace(path)
+
+
+def load_policy(path: Path) -> Policy:
+    """Read a policy file.
+
+    Raises:
+        FileFormatError: Missing, damaged, no policy of cornerforge, of another schema, or made for another observation.
+    """
+    if not path.is_file():
+        raise FileFormatError(f"No policy file {path}; make one with: cornerforge train --out {path}")
+    try:
+        with safe_open(path, framework="numpy") as file:
+            text = (file.metadata() or {}).get("cornerforge")
+            if text is None:
+                raise FileFormatError(f"{path} is a safetensors file but no policy of cornerforge.")
+            header = json.loads(text)
+            weights = file.get_tensor("weights")
+        _check_versions(header, path)
+        shape = NetworkShape(**header["network"])
+        policy = Policy(np.ascontiguousarray(weights, dtype=np.float32), shape, bool(header["bounded"]), header["about"])
+    except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError, InputError) as error:
+        raise FileFormatError(f"Policy file {path} is damaged or no policy ({type(error).__name__}: {error}).") from error
+    if policy.weights.shape != (n_weights(shape),) or not np.isfinite(policy.weights).all():
+        raise FileFormatError(f"Policy file {path}: {policy.weights.size} weights do not fit its network, or are not finite.")
+    return policy
+
+
+def _check_versions(header: Mapping[str, object], path: Path) -> None:
+    schema = header.get("schema_version")
+    if schema != POLICY_SCHEMA:
+        raise FileFormatError(f"Policy file {path} has schema version {schema}; this cornerforge reads {POLICY_SCHEMA}.")
+    version = header.get("observation_version")
+    network = header.get("network")
+    inputs = network.get("n_inputs") if isinstance(network, dict) else None
+    if version != OBSERVATION_VERSION or inputs != N_OBSERVATION:
+        raise FileFormatError(
+            f"Policy file {path} was trained for observation version {version} with {inputs} entries; "
+            f"this cornerforge has version {OBSERVATION_VERSION} with {N_OBSERVATION}. Train it again."
+        )

@@ -1,0 +1,52 @@
+"""Replay memory: a ring of transitions in NumPy arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.sim.drive import Transitions
+from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.types import N_ACTIONS
+
+__all__ = ["ReplayMemory", "allocate_transitions"]
+
+
+def allocate_transitions(n: int) -> Transitions:
+    """Room for n transitions."""
+    return Transitions(
+        np.zeros((n, N_OBSERVATION), dtype=np.float32),
+        np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.float32),
+        np.zeros(n, dtype=np.bool_),
+        np.zeros((n, N_OBSERVATION), dtype=np.float32),
+        np.zeros((n, N_ACTIONS), dtype=np.bool_),
+    )
+
+
+class ReplayMemory:
+    """The last `capacity` transitions; the oldest are overwritten.
+
+    Args:
+        capacity: How many, at least 1.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.arrays = allocate_transitions(capacity)
+        self.size = 0
+        self.place = 0
+
+    def add(self, batch: Transitions) -> None:
+        """Append a batch of at most `capacity` transitions."""
+        n = batch.action.size
+        first = min(n, self.capacity - self.place)
+        for ring, new in zip(self.arrays, batch, strict=True):
+            ring[self.place : self.place + first] = new[:first]
+            ring[: n - first] = new[first:]
+        self.place = (self.place + n) % self.capacity
+        self.size = min(self.size + n, self.capacity)
+
+    def sample(self, indices: NDArray[np.int64]) -> Transitions:
+        """Copies of the transitions at `indices`, each in [0, size)."""
+        return Transitions(*(ring[indices] for ring in self.arrays))

@@ -1,0 +1,388 @@
+"""The command line: parse arguments, call `pipeline`, print. No computation, and no heavy import before a command runs."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cornerforge.errors import CornerForgeError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bars
+    from rich.progress import TaskID
+
+__all__ = ["app", "main"]
+
+UsageError = typer.BadParameter.__base__  # Typer names it nowhere else
+EXIT_GATE, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+
+Seed = Annotated[int, typer.Option(help="Names the random numbers; same seed, same results.")]
+Threads = Annotated[int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No text and no progress bars.")]
+Json = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
+Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
+Av = Annotated[str, typer.Option(help="AV under test; `cornerforge avs` lists them.")]
+Lanes = Annotated[int | None, typer.Option(help="Lanes, 2 to 6; 3 by default.", show_default=False)]
+OddName = Annotated[str, typer.Option("--odd", help="default (4 s lane changes), swift (2.5 s) or paper (1 s).")]
+Model = Annotated[Path | None, typer.Option(help="Naturalistic model; the shipped one by default.", show_default=False)]
+Bounded = Annotated[bool, typer.Option("--bounded", help="Only actions that the naturalistic model calls possible.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with what is there.")]
+Library = Annotated[Path, typer.Argument(metavar="LIB", help="A case library.", show_default=False)]
+
+app = typer.Typer(
+    name="cornerforge",
+    help="Find out how an automated vehicle's decision-making crashes, which crashes matter, and how often they would happen.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+ndd = typer.Typer(no_args_is_help=True, help="The naturalistic driving model.")
+app.add_typer(ndd, name="ndd")
+
+
+class _Bars:
+    """Progress bars on standard error, one per stage, with rate and time left; silent when that is no terminal."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._show = not quiet and sys.stderr.isatty()
+        self._bars: Bars | None = None
+        self._stage = ""
+        self._task: TaskID | None = None
+
+    def __call__(self, stage: str, done: float, total: float) -> None:
+        """Draw; a new stage gets a new bar."""
+        if not self._show:
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+        if self._bars is None:
+            columns = (TextColumn("{task.description:>16}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
+            self._bars = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True))
+            self._bars.start()
+        if stage != self._stage or self._task is None:
+            self._stage = stage
+            self._task = self._bars.add_task(stage, total=total, rate="")
+        speed = self._bars.tasks[self._task].speed
+        self._bars.update(self._task, completed=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
+
+    def stop(self) -> None:
+        """Leave the bars as they are."""
+        if self._bars is not None:
+            self._bars.stop()
+
+
+def _run(work: Callable[[_Bars], dict[str, Any]], text: Callable[[dict[str, Any]], str], *, as_json: bool, quiet: bool) -> dict[str, Any]:
+    """Do the work with progress bars, then print its object or the text made of it."""
+    bars = _Bars(quiet)
+    try:
+        result = work(bars)
+    finally:
+        bars.stop()
+    if as_json:
+        typer.echo(json.dumps(result, allow_nan=False))
+    elif not quiet:
+        typer.echo(text(result))
+    return result
+
+
+def _rate_text(r: dict[str, Any], what: str) -> str:
+    low, high = r["interval95"]
+    line = f"{what}: {r['crashes_per_test']:.4g} crashes per test (95 % interval {low:.3g} to {high:.3g}, {r['tests']:,} tests"
+    if r.get("crashes_per_mile") is not None:
+        line += f"), {r['crashes_per_mile']:.4g} per mile ({r['miles']:,.0f} miles"
+    return line + ")"
+
+
+@app.command()
+def run(
+    budget: Annotated[str, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.")] = "quick",
+    out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
+    av: Av = "idm-mobil",
+    bounded: Bounded = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    resume: Resume = False,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Do the whole job: natural baseline, training, cases, analysis, report."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        return "\n".join(
+            [
+                _rate_text(r["nde"], "Natural traffic"),
+                _rate_text(r["train"], "Adversary"),
+                f"{r['generate']['cases']:,} cases in {r['generate']['library']}; "
+                f"{len(r['analyse']['clusters'])} clusters, {len(r['analyse']['rare'])} rare cases; {r['seconds']:.0f} s",
+                f"Report: {r['report']}",
+            ]
+        )
+
+    _run(
+        lambda bars: pipeline.run(
+            budget=budget, out=out, av=av, bounded=bounded, lanes=lanes, odd=odd, model=model, resume=resume,
+            seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def simulate(
+    tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
+    av: Av = "idm-mobil",
+    bv: Annotated[str, typer.Option(help="Background vehicles: nde, idm, uniform, lane-changer, swerve, or a policy file.")] = "nde",
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    bounded: Bounded = False,
+    stats: Annotated[bool, typer.Option("--stats", help="Add distributions over all background vehicles.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
+    resume: Resume = False,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Drive tests and count crashes; they are stored only with --out."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        lines = [
+            _rate_text(r, f"{av}, {bv}"),
+            f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; {r['tests_per_second']:,.0f} tests/s, "
+            f"{r['world_steps_per_second']:,.0f} world-steps/s; digest {r['digest'][:16]}",
+        ]
+        for name, d in r.get("distributions", {}).items():
+            if isinstance(d, dict) and d.get("n"):
+                q = "  ".join(f"{v:g}" for v in d["quantiles"].values())
+                lines.append(f"{name:>14} [{d['unit']}]: mean {d['mean']:.3f}, sd {d['sd']:.3f}; 1 5 25 50 75 95 99 %: {q}")
+            else:
+                lines.append(f"{name:>14}: {d}")
+        return "\n".join(lines)
+
+    _run(
+        lambda bars: pipeline.simulate(
+            tests=tests, av=av, bv=bv, lanes=lanes, odd=odd, model=model, bounded=bounded, stats=stats, out=out,
+            resume=resume, seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def train(
+    out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
+    av: Av = "idm-mobil",
+    preset: Annotated[str, typer.Option(help="fast or paper.")] = "fast",
+    bounded: Bounded = False,
+    decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
+    minutes: Annotated[float | None, typer.Option(help="Stop after this time.", show_default=False)] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Keep a finished policy of the same command.")] = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Train the adversary on an AV."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        lines = [_rate_text(r, "Adversary")] + [_rate_text(b, f"{b['name']:>12}") for b in r["baselines"]]
+        return "\n".join([*lines, f"{r['decisions']:,} decisions in {r['seconds']:.0f} s; policy: {r['out']}"])
+
+    _run(
+        lambda bars: pipeline.train(
+            out=out, av=av, preset=preset, bounded=bounded, decisions=decisions, minutes=minutes, resume=resume,
+            lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def generate(
+    policy: Annotated[str, typer.Option(help="Policy file, or uniform, lane-changer, swerve.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Library to fill.", show_default=False)],
+    cases: Annotated[int, typer.Option(help="How many cases.")] = 1_000,
+    av: Av = "idm-mobil",
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    bounded: Bounded = False,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Fill a case library with crashes that an adversary makes."""
+    from cornerforge import pipeline
+
+    _run(
+        lambda bars: pipeline.generate(
+            policy=policy, cases=cases, out=out, av=av, resume=resume, lanes=lanes, odd=odd, model=model,
+            bounded=bounded, seed=seed, threads=threads, progress=bars,
+        ),
+        lambda r: _rate_text(r, f"{r['cases']:,} cases in {r['library']}"), as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def analyse(
+    library: Library,
+    steps: Annotated[int, typer.Option(help="Seconds before the crash that the features cover, 1 to 15.")] = 1,
+    out: Annotated[Path | None, typer.Option(help="Folder for analysis.json and points.parquet.", show_default=False)] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Cluster a library's cases; name its crash types, typical and rare cases."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        share = 100.0 * sum(r["explained_variance"])
+        lines = [
+            f"{r['cases']:,} cases, {len(r['features'])} features, {share:.0f} % of variance in two components; "
+            f"majority {r['majority']:,}, minority {r['minority']:,}",
+            "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r["crash_types"].items()),
+        ]
+        lines += [f"Cluster {c['id']} ({c['group']}, {c['size']:,} cases): typical {', '.join(c['typical'])}" for c in r["clusters"]]
+        lines.append("Rare: " + (", ".join(r["rare"]) or "none"))
+        return "\n".join([*lines, *([r["note"]] if "note" in r else [])])
+
+    _run(
+        lambda bars: pipeline.analyse(library, steps=steps, out=out, seed=seed, progress=bars),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def replay(
+    library: Library,
+    case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
+    check: Annotated[bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")] = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Drive a case again from its seed."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        verdict = {None: "driven again", True: "identical", False: "NOT identical"}[r["identical"]]
+        if "cases" in r:
+            differ = f"; different: {', '.join(r['differ'][:10])}" if r["differ"] else ""
+            return f"{r['cases']:,} cases: {verdict}{differ}"
+        return f"Case {r['case']}: {verdict}; crash at {r['crash_time_s']} s"
+
+    result = _run(
+        lambda bars: pipeline.replay(library, case, check=check, progress=bars), text, as_json=as_json, quiet=quiet
+    )
+    if result["identical"] is False:
+        if "note" in result:
+            typer.echo(result["note"], err=True)
+        raise typer.Exit(EXIT_GATE)
+
+
+@app.command()
+def query(
+    library: Library,
+    sql: Annotated[str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)],
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Ask a library in SQL (table `cases`, key `case_id`)."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        return "\n".join("\t".join(map(str, row)) for row in [r["columns"], *r["rows"]])
+
+    _run(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet)  # noqa: ARG005
+
+
+@app.command()
+def avs(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """List the built-in AVs."""
+    from cornerforge.drivers.avs import AVS
+
+    _run(
+        lambda bars: {"avs": [{"name": m.name, "about": m.about} for m in AVS.values()]},  # noqa: ARG005
+        lambda r: "\n".join(f"{a['name']:<18}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@ndd.command("fit")
+def ndd_fit(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Trajectory files.", show_default=False)],
+    data_format: Annotated[str, typer.Option("--format", help="ngsim, pairs, tracks, tgsim or highd.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
+    prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Fit a naturalistic model from trajectories; its report is written beside it."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        return f"{r['rows_used']:,} of {r['rows_read']:,} rows used, {r['states']:,} states; model: {r['out']}, report: {r['report']}"
+
+    _run(
+        lambda bars: pipeline.ndd_fit(
+            files, data_format=data_format, out=out, prior_strength=prior_strength, progress=bars
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+def _usage_message(error: UsageError) -> str:
+    """Typer's message (it suggests the nearest command) in one line, with where help is."""
+    path = error.ctx.command_path if error.ctx is not None else "cornerforge"
+    return f"{' '.join(error.format_message().split())} (see: {path} --help)"
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    typer.echo(f"Warning: {message}", err=True)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return its exit status (see the interface: 0, 1, 2 or 130)."""
+    given = sys.argv[1:] if arguments is None else arguments
+    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    try:
+        status = app(args=given, prog_name="cornerforge", standalone_mode=False)
+    except CornerForgeError as error:
+        if "--debug" in given:
+            raise
+        typer.echo(f"cornerforge: {error}", err=True)
+        return EXIT_BAD_INPUT
+    except UsageError as error:
+        typer.echo(f"cornerforge: {_usage_message(error)}", err=True)
+        return EXIT_BAD_INPUT
+    except (KeyboardInterrupt, typer.Abort):
+        typer.echo("cornerforge: interrupted; what was finished is kept.", err=True)
+        return EXIT_INTERRUPTED
+    return status if isinstance(status, int) else 0

@@ -1,0 +1,187 @@
+"""`generate`: fill a case library with recorded crashes; also where `simulate --out` stores its natural ones."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from cornerforge._checks import check_integer
+from cornerforge.adversary.policy_file import save_policy
+from cornerforge.errors import InputError, OutputError
+from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.output import code_hash, provenance, version, write_json
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.rates import binomial_interval
+from cornerforge.sim.recorder import Recorder, scenario_digest
+from cornerforge.sim.runner import crashed_tests, simulate_chunks
+
+__all__ = ["fill_library", "generate", "store_tests"]
+
+_SHARD_CASES = 1000
+_MAX_TESTS_PER_CASE = 100_000
+POLICY_FILE = "policy.safetensors"
+MODEL_FILE = "model.npz"
+
+
+def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> CaseLibrary:
+    """Start or take up the library of a run and put the policy and model that its replays need beside it."""
+    identity = {**run.identity(seed), "cornerforge": version(), "code": code_hash()}
+    library = (CaseLibrary.resume if resume else CaseLibrary.create)(out, identity, run.odd)
+    try:
+        if run.policy is not None and not (out / POLICY_FILE).exists():
+            save_policy(run.policy, out / POLICY_FILE)
+        if not (out / MODEL_FILE).exists():
+            save_model(run.model, out / MODEL_FILE)
+    except OSError as error:
+        raise OutputError(f"Cannot write into {out}: {error.strerror}; choose another place.") from error
+    return library
+
+
+def _record(recorder: Recorder, seed: int, test: int) -> CaseRecord:
+    scenario = recorder.record(seed, test)
+    return case_record(scenario, trajectory_digest=scenario_digest(scenario))
+
+
+def fill_library(
+    run: Experiment,
+    out: Path,
+    *,
+    seed: int,
+    cases: int | None = None,
+    tests: int | None = None,
+    threads: int | None = None,
+    resume: bool = False,
+    progress: Progress = NO_PROGRESS,
+    stage: str = "generate",
+) -> dict[str, Any]:
+    """Drive tests 0, 1, 2, ... of a seed and store every AV crash, until there are enough cases or tests.
+
+    Args:
+        run: The experiment.
+        out: The library's folder.
+        seed: Of the tests.
+        cases: Stop at this many stored cases; the test of the last one is the last counted.
+        tests: Stop after this many tests.
+        threads, progress, stage: As for `simulate`.
+        resume: Go on where an earlier call, or its kill, stopped.
+
+    Raises:
+        CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
+    """
+    start = time.perf_counter()
+    library = _open_library(run, out, seed, resume=resume)
+    recorder = Recorder(run.setting, run.odd)
+    pending: list[CaseRecord] = []
+    crashes, next_test = library.crashes, library.next_test
+    total = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
+    target = cases if cases is not None else tests or 1
+
+    def commit(done: int) -> None:
+        library.append(pending, next_test=done, tests=done, crashes=crashes)
+        pending.clear()
+
+    enough = cases is not None and crashes >= cases
+    remaining = 0 if enough else max(0, total - next_test)
+    chunks = simulate_chunks(
+        run.setting, run.slots, seed=seed, first=next_test, tests=remaining, threads=check_threads(threads)
+    )
+    for first, outcomes, _ in chunks:
+        next_test = first + outcomes.code.size
+        for test in crashed_tests(first, outcomes):
+            pending.append(_record(recorder, seed, test))
+            crashes += 1
+            if len(pending) >= _SHARD_CASES:
+                commit(test + 1)
+            if crashes == cases:
+                next_test = test + 1
+                break
+        progress(stage, crashes if cases is not None else next_test, target)
+        if crashes == cases:
+            chunks.close()
+            break
+        if cases is not None and crashes == 0 and next_test >= _MAX_TESTS_PER_CASE:
+            commit(next_test)
+            raise OutputError(f"No crash in {next_test} tests; this adversary is too weak to fill {out}. Train it longer.")
+    if pending or next_test > library.next_test:
+        commit(next_test)
+    library.finish()
+    seconds = time.perf_counter() - start
+    write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))
+    return _library_summary(library, seconds)
+
+
+def _library_summary(library: CaseLibrary, seconds: float) -> dict[str, Any]:
+    """The object of `generate`: cases, and crashes per test of all tests that were driven for them."""
+    low, high = binomial_interval(library.crashes, library.tests)
+    return {
+        "cases": len(library),
+        "tests": library.tests,
+        "av_crashes": library.crashes,
+        "crashes_per_test": library.crashes / library.tests,
+        "interval95": [low, high],
+        "seconds": round(seconds, 3),
+        "library": str(library.path),
+    }
+
+
+def store_tests(
+    run: Experiment, out: Path, *, tests: int, seed: int, threads: int | None, resume: bool, progress: Progress
+) -> dict[str, Any]:
+    """`simulate --out`: count as `simulate` does, then store the crashes, if any."""
+    from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
+
+    filled = fill_library(
+        run, out, seed=seed, tests=tests, threads=threads, resume=resume, progress=progress, stage="store"
+    )
+    tally, seconds = simulate_experiment(run, tests=tests, seed=seed, threads=threads, progress=progress)
+    return {**tally_summary(tally, seconds, with_distributions=False), "cases": filled["cases"], "library": str(out)}
+
+
+def generate(
+    *,
+    policy: Path | str,
+    cases: int,
+    out: Path | str,
+    av: str = "idm-mobil",
+    resume: bool = False,
+    lanes: int | None = None,
+    odd: str = "default",
+    model: Path | str | None = None,
+    bounded: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Fill a case library with crashes that an adversary makes.
+
+    Args:
+        policy: Policy file of `train`, or the name of a plain adversary.
+        cases: How many, at least 1.
+        out: The library's folder; must be new unless `resume`.
+        av: AV under test.
+        resume: Go on where an earlier call, or its kill, stopped.
+        lanes, odd, model: The world, as for `simulate`.
+        bounded: Keep a plain adversary to what the naturalistic model calls possible; a policy brings its own answer.
+        seed: Of the tests, 0 or more.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge generate --json` prints.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right.
+    """
+    check_integer("cases", cases, low=1, high=10**8)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    run = experiment(
+        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=str(policy), bounded=bounded
+    )
+    if run.bv in ("nde", "idm"):
+        raise InputError(f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB")
+    return fill_library(
+        run, Path(out), seed=seed, cases=cases, threads=threads, resume=resume, progress=progress
+    )

@@ -1,0 +1,120 @@
+"""From names and files to what the simulator takes: the model, the AV, the ODD, the adversary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cornerforge._checks import check_integer
+from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, policy_numbers
+from cornerforge.drivers.avs import AvModel, av_hash, av_named
+from cornerforge.drivers.naturalistic import tables_of
+from cornerforge.drivers.policy import NO_POLICY
+from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
+from cornerforge.sim.adversaries import ADVERSARIES
+from cornerforge.sim.decide import IDM_BVS
+from cornerforge.sim.drive import Setting
+from cornerforge.sim.runner import default_threads
+from cornerforge.sim.world import av_numbers, n_slots, road_numbers
+from cornerforge.types import Odd, odd_named
+
+__all__ = ["Experiment", "check_threads", "experiment"]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Everything constant in a run, by its user's names and as the kernels take it.
+
+    Attributes:
+        odd, av, model: The world.
+        bv: How BVs drive: "nde", "idm", a plain adversary's name, or "policy".
+        bounded: The NDD-bounded mask is on.
+        policy: The adversary's policy when `bv` is "policy".
+        setting: The kernels' form of all this.
+        slots: Vehicle slots per world.
+    """
+
+    odd: Odd
+    av: AvModel
+    model: NddModel
+    bv: str
+    bounded: bool
+    policy: Policy | None
+    setting: Setting
+    slots: int
+
+    def identity(self, seed: int) -> dict[str, str | int | float | bool | None]:
+        """What names a test together with its number: seed, names, and hashes of model, policy and AV."""
+        return {
+            "seed": seed,
+            "odd": self.odd.name,
+            "lanes": self.odd.n_lanes,
+            "av": self.av.name,
+            "av_hash": av_hash(self.av),
+            "model_hash": model_hash(self.model),
+            "bv": self.bv,
+            "bounded": self.bounded,
+            "policy_hash": None if self.policy is None else policy_hash(self.policy),
+        }
+
+
+def check_threads(threads: int | None) -> int:
+    """The number of threads to use; None means all cores.
+
+    Raises:
+        InputError: It is below 1.
+    """
+    return default_threads() if threads is None else check_integer("threads", threads, low=1, high=1024)
+
+
+def experiment(
+    *,
+    av: str = "idm-mobil",
+    odd: str = "default",
+    lanes: int | None = None,
+    model: Path | None = None,
+    bv: str = "nde",
+    policy: Policy | None = None,
+    bounded: bool = False,
+) -> Experiment:
+    """Put a run together.
+
+    Args:
+        av: Name of a built-in AV.
+        odd: Name of an ODD.
+        lanes: Number of lanes, 2 to 6; None for the ODD's own.
+        model: Model file; None for the one that ships with the package.
+        bv: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or the path of a policy file.
+        policy: A policy in memory instead of a path in `bv`.
+        bounded: Mask actions that the naturalistic model calls impossible; a policy brings its own answer.
+
+    Raises:
+        UnknownNameError, InputError: A name or number is not known or out of range.
+        FileFormatError: A file is missing, damaged or of another version.
+    """
+    road = odd_named(odd)
+    if lanes is not None:
+        road = replace(road, n_lanes=lanes)
+    av_model = av_named(av)
+    ndd = load_model(default_model_path() if model is None else model)
+    known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))
+    if policy is None and bv not in known:
+        if not (bv.endswith(".safetensors") or Path(bv).exists()):
+            raise UnknownNameError("driver of background vehicles", bv, (*known, "FILE.safetensors"))
+        policy = load_policy(Path(bv))
+    if policy is not None:
+        bv, bounded = "policy", policy.bounded
+    if bounded and bv in ("nde", "idm"):
+        raise InputError(f"bounded needs an adversary; {bv} has none. Train one with: cornerforge train --bounded")
+    code = 0 if bv in ("nde", "idm") else ADVERSARIES[bv]
+    setting = Setting(
+        road_numbers(road),
+        av_numbers(av_model.idm, av_model.mobil, sees_intentions=av_model.sees_intentions),
+        tables_of(ndd),
+        IDM_BVS if bv == "idm" else 0,
+        code,
+        int(bounded),
+        NO_POLICY if policy is None else policy_numbers(policy),
+    )
+    return Experiment(road, av_model, ndd, bv, bounded, policy, setting, n_slots(road))

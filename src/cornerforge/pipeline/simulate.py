@@ -1,0 +1,144 @@
+"""`simulate`: drive tests, count crashes."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from cornerforge._checks import check_integer
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.rates import binomial_interval
+from cornerforge.sim import statistics
+from cornerforge.sim.runner import METRES_PER_MILE, Tally, warm_up
+from cornerforge.sim.runner import simulate as drive
+
+__all__ = ["rate_summary", "simulate", "simulate_experiment", "tally_summary"]
+
+
+def rate_summary(crashes: int, tests: int, miles: float) -> dict[str, Any]:
+    """A crash rate with its units, its n and its exact 95 % intervals, per test and per mile."""
+    low, high = binomial_interval(crashes, tests)
+    per_mile = tests / miles if miles > 0.0 else None
+    return {
+        "tests": tests,
+        "crashes_per_test": crashes / tests,
+        "interval95": [low, high],
+        "crashes_per_mile": None if per_mile is None else crashes / tests * per_mile,
+        "interval95_per_mile": None if per_mile is None else [low * per_mile, high * per_mile],
+        "miles": miles,
+    }
+
+
+def _distributions(counts: statistics.Counts) -> dict[str, Any]:
+    summaries: dict[str, Any] = {
+        grid.name: {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
+        for row, grid in enumerate(statistics.TRAFFIC)
+    }
+    totals = counts.totals
+    following = int(totals[statistics.FOLLOWING_STATES])
+    miles = int(totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
+    summaries["ttc_share_below"] = {
+        f"{limit:g}": int(totals[5 + k]) / following if following else None for k, limit in enumerate(statistics.TTC_LIMITS)
+    }
+    summaries["following_share"] = following / int(totals[statistics.BV_STATES]) if totals[statistics.BV_STATES] else None
+    summaries["lane_changes_per_mile"] = int(totals[statistics.LANE_CHANGES]) / miles if miles else None
+    summaries["bv_miles"] = miles
+    return summaries
+
+
+def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> dict[str, Any]:
+    """The JSON object of `simulate`."""
+    summary = rate_summary(tally.av_crashes, tally.tests, tally.miles)
+    summary |= {
+        "av_crashes": tally.av_crashes,
+        "bv_crashes": tally.bv_crashes,
+        "seconds": round(seconds, 3),
+        "world_steps": tally.decisions,
+        "world_steps_per_second": round(tally.decisions / seconds, 1),
+        "tests_per_second": round(tally.tests / seconds, 2),
+        "digest": tally.digest.hexdigest(),
+    }
+    if with_distributions:
+        summary["distributions"] = _distributions(tally.counts)
+    return summary
+
+
+def simulate_experiment(
+    run: Experiment,
+    *,
+    tests: int,
+    seed: int,
+    first: int = 0,
+    threads: int | None = None,
+    counting: bool = False,
+    progress: Progress = NO_PROGRESS,
+    stage: str = "simulate",
+) -> tuple[Tally, float]:
+    """Drive tests of an experiment; returns the sums and the seconds it took."""
+    warm_up(run.setting, run.slots)
+    start = time.perf_counter()
+    tally = drive(
+        run.setting,
+        run.slots,
+        seed=seed,
+        tests=tests,
+        first=first,
+        threads=check_threads(threads),
+        counting=counting,
+        progress=lambda done: progress(stage, done, tests),
+    )
+    return tally, time.perf_counter() - start
+
+
+def simulate(
+    *,
+    tests: int,
+    av: str = "idm-mobil",
+    bv: str = "nde",
+    lanes: int | None = None,
+    odd: str = "default",
+    model: Path | str | None = None,
+    bounded: bool = False,
+    stats: bool = False,
+    out: Path | str | None = None,
+    resume: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Run tests of an AV; crashes are counted, and stored only when `out` names a library.
+
+    Args:
+        tests: How many tests (drives of 400 m), at least 1.
+        av: Name of the AV under test.
+        bv: How background vehicles drive: "nde", "idm", a plain adversary's name, or a policy file.
+        lanes: 2 to 6; None for the ODD's own.
+        odd: "default", "swift" or "paper".
+        model: Naturalistic model file; None for the shipped one.
+        bounded: Keep a plain adversary to what the naturalistic model calls possible.
+        stats: Add distributions over all BVs at decision times.
+        out: Library that the crashes go to.
+        resume: Go on with that library.
+        seed: 0 or more.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge simulate --json` prints.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right.
+    """
+    check_integer("tests", tests, low=1, high=10**12)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    run = experiment(av=av, bv=bv, lanes=lanes, odd=odd, model=None if model is None else Path(model), bounded=bounded)
+    if out is not None:
+        from cornerforge.pipeline.generate import store_tests
+
+        return store_tests(run, Path(out), tests=tests, seed=seed, threads=threads, resume=resume, progress=progress)
+    tally, seconds = simulate_experiment(
+        run, tests=tests, seed=seed, threads=threads, counting=stats, progress=progress
+    )
+    return tally_summary(tally, seconds, with_distributions=stats)
