@@ -1,11 +1,11 @@
 """The one place that meets Numba: how kernels are compiled, and where their machine code is kept.
 
-`kernel` compiles on first call, keeps the machine code on disk (a second start pays no compile time), releases the GIL (so that
-ranges of tests run in a thread pool), and keeps IEEE semantics: no `fastmath`, hence results that do not depend on vector
-width, thread count or batch size.
+`kernel` compiles on first call, keeps the machine code on disk (a second start pays no compile time), releases the GIL
+(so that ranges of tests run in a thread pool), and keeps IEEE semantics: no `fastmath`, hence results that do not
+depend on vector width, thread count or batch size.
 
-Numba by itself notices only edits of the file that a function stands in, not of those it calls, and would go on with stale
-code. So the cache folder's name holds a fingerprint of all files that kernels are made of.
+Numba by itself notices only edits of the file that a function stands in, not of those it calls, and would go on with
+stale code. So the cache folder's name holds a fingerprint of all files that kernels are made of.
 """
 
 from __future__ import annotations
@@ -17,11 +17,15 @@ import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 
 __all__ = ["cache_folder", "kernel"]
+
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+# `_nrt`: no reference counting, which took most of the time where arrays travel in tuples, and no allocation, which
+# kernels must not do anyway. The switch is private to Numba (docs/adr/0006-compiled-kernels.md).
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -70,9 +74,9 @@ def cache_folder() -> str:
 
 def kernel(function: F) -> F:
     """Compile a scalar loop function to machine code."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = cache_folder()
+    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
     try:
-        return cast("F", numba.njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+        return cast("F", numba.njit(**_OPTIONS)(function))
     finally:
-        numba.config.CACHE_DIR = before
+        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]

@@ -1,7 +1,7 @@
 """Counter-based random numbers: Philox4x32-10 (Salmon et al., SC 2011).
 
-A draw is a pure function of (seed, test, step, vehicle, purpose). Nothing is carried from draw to draw, so test k of a seed is the
-same for any batch, thread count or resume, and any single test can be driven again alone.
+A draw is a pure function of (seed, test, step, vehicle, purpose). Nothing is carried from draw to draw, so test k of a
+seed is the same for any batch, thread count or resume, and any single test can be driven again alone.
 """
 
 from __future__ import annotations

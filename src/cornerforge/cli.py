@@ -1,4 +1,4 @@
-"""The command line: parse arguments, call `pipeline`, print. No computation, and no heavy import before a command runs."""
+"""The command line: parse arguments, call `pipeline`, print. Nothing is computed here, nothing heavy imported early."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ if TYPE_CHECKING:
 
 __all__ = ["app", "main"]
 
-UsageError = typer.BadParameter.__base__  # Typer names it nowhere else
 EXIT_GATE, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 Seed = Annotated[int, typer.Option(help="Names the random numbers; same seed, same results.")]
-Threads = Annotated[int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)]
+Threads = Annotated[
+    int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No text and no progress bars.")]
 Json = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
 Av = Annotated[str, typer.Option(help="AV under test; `cornerforge avs` lists them.")]
 Lanes = Annotated[int | None, typer.Option(help="Lanes, 2 to 6; 3 by default.", show_default=False)]
-OddName = Annotated[str, typer.Option("--odd", help="default (4 s lane changes), swift (2.5 s) or paper (1 s).")]
+OddName = Annotated[str, typer.Option("--odd", help="default (4 s lane change), swift (2.5 s) or paper (1 s).")]
 Model = Annotated[Path | None, typer.Option(help="Naturalistic model; the shipped one by default.", show_default=False)]
 Bounded = Annotated[bool, typer.Option("--bounded", help="Only actions that the naturalistic model calls possible.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with what is there.")]
@@ -37,7 +38,7 @@ Library = Annotated[Path, typer.Argument(metavar="LIB", help="A case library.", 
 
 app = typer.Typer(
     name="cornerforge",
-    help="Find out how an automated vehicle's decision-making crashes, which crashes matter, and how often they would happen.",
+    help="How an automated vehicle's decision-making crashes, which crashes matter, and how often they happen.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -61,10 +62,22 @@ class _Bars:
         if not self._show:
             return
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
 
         if self._bars is None:
-            columns = (TextColumn("{task.description:>16}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}"))
+            columns = (
+                TextColumn("{task.description:>16}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[rate]}"),
+            )
             self._bars = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True))
             self._bars.start()
         if stage != self._stage or self._task is None:
@@ -79,7 +92,9 @@ class _Bars:
             self._bars.stop()
 
 
-def _run(work: Callable[[_Bars], dict[str, Any]], text: Callable[[dict[str, Any]], str], *, as_json: bool, quiet: bool) -> dict[str, Any]:
+def _run(
+    work: Callable[[_Bars], dict[str, Any]], text: Callable[[dict[str, Any]], str], *, as_json: bool, quiet: bool
+) -> dict[str, Any]:
     """Do the work with progress bars, then print its object or the text made of it."""
     bars = _Bars(quiet)
     try:
@@ -95,7 +110,8 @@ def _run(work: Callable[[_Bars], dict[str, Any]], text: Callable[[dict[str, Any]
 
 def _rate_text(r: dict[str, Any], what: str) -> str:
     low, high = r["interval95"]
-    line = f"{what}: {r['crashes_per_test']:.4g} crashes per test (95 % interval {low:.3g} to {high:.3g}, {r['tests']:,} tests"
+    interval = f"95 % interval {low:.3g} to {high:.3g}, {r['tests']:,} tests"
+    line = f"{what}: {r['crashes_per_test']:.4g} crashes per test ({interval}"
     if r.get("crashes_per_mile") is not None:
         line += f"), {r['crashes_per_mile']:.4g} per mile ({r['miles']:,.0f} miles"
     return line + ")"
@@ -126,7 +142,8 @@ def run(
                 _rate_text(r["nde"], "Natural traffic"),
                 _rate_text(r["train"], "Adversary"),
                 f"{r['generate']['cases']:,} cases in {r['generate']['library']}; "
-                f"{len(r['analyse']['clusters'])} clusters, {len(r['analyse']['rare'])} rare cases; {r['seconds']:.0f} s",
+                f"{len(r['analyse']['clusters'])} clusters, {len(r['analyse']['rare'])} rare cases; "
+                f"{r['seconds']:.0f} s",
                 f"Report: {r['report']}",
             ]
         )
@@ -144,7 +161,9 @@ def run(
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     av: Av = "idm-mobil",
-    bv: Annotated[str, typer.Option(help="Background vehicles: nde, idm, uniform, lane-changer, swerve, or a policy file.")] = "nde",
+    bv: Annotated[
+        str, typer.Option(help="Background vehicles: nde, idm, uniform, lane-changer, swerve, or a policy file.")
+    ] = "nde",
     lanes: Lanes = None,
     odd: OddName = "default",
     model: Model = None,
@@ -164,13 +183,16 @@ def simulate(
     def text(r: dict[str, Any]) -> str:
         lines = [
             _rate_text(r, f"{av}, {bv}"),
-            f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; {r['tests_per_second']:,.0f} tests/s, "
-            f"{r['world_steps_per_second']:,.0f} world-steps/s; digest {r['digest'][:16]}",
+            f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
+            f"{r['tests_per_second']:,.0f} tests/s, {r['world_steps_per_second']:,.0f} world-steps/s; "
+            f"digest {r['digest'][:16]}",
         ]
         for name, d in r.get("distributions", {}).items():
             if isinstance(d, dict) and d.get("n"):
                 q = "  ".join(f"{v:g}" for v in d["quantiles"].values())
-                lines.append(f"{name:>14} [{d['unit']}]: mean {d['mean']:.3f}, sd {d['sd']:.3f}; 1 5 25 50 75 95 99 %: {q}")
+                lines.append(
+                    f"{name:>14} [{d['unit']}]: mean {d['mean']:.3f}, sd {d['sd']:.3f}; 1 5 25 50 75 95 99 %: {q}"
+                )
             else:
                 lines.append(f"{name:>14}: {d}")
         return "\n".join(lines)
@@ -251,7 +273,9 @@ def generate(
 def analyse(
     library: Library,
     steps: Annotated[int, typer.Option(help="Seconds before the crash that the features cover, 1 to 15.")] = 1,
-    out: Annotated[Path | None, typer.Option(help="Folder for analysis.json and points.parquet.", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for analysis.json and points.parquet.", show_default=False)
+    ] = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -268,7 +292,10 @@ def analyse(
             f"majority {r['majority']:,}, minority {r['minority']:,}",
             "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r["crash_types"].items()),
         ]
-        lines += [f"Cluster {c['id']} ({c['group']}, {c['size']:,} cases): typical {', '.join(c['typical'])}" for c in r["clusters"]]
+        lines += [
+            f"Cluster {c['id']} ({c['group']}, {c['size']:,} cases): typical {', '.join(c['typical'])}"
+            for c in r["clusters"]
+        ]
         lines.append("Rare: " + (", ".join(r["rare"]) or "none"))
         return "\n".join([*lines, *([r["note"]] if "note" in r else [])])
 
@@ -282,7 +309,9 @@ def analyse(
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
-    check: Annotated[bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")
+    ] = False,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -309,7 +338,9 @@ def replay(
 @app.command()
 def query(
     library: Library,
-    sql: Annotated[str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)],
+    sql: Annotated[
+        str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)
+    ],
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -337,7 +368,9 @@ def avs(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> No
 @ndd.command("fit")
 def ndd_fit(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Trajectory files.", show_default=False)],
-    data_format: Annotated[str, typer.Option("--format", help="ngsim, pairs, tracks, tgsim or highd.", show_default=False)],
+    data_format: Annotated[
+        str, typer.Option("--format", help="ngsim, pairs, tracks, tgsim or highd.", show_default=False)
+    ],
     out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
     prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
     quiet: Quiet = False,
@@ -348,7 +381,8 @@ def ndd_fit(
     from cornerforge import pipeline
 
     def text(r: dict[str, Any]) -> str:
-        return f"{r['rows_used']:,} of {r['rows_read']:,} rows used, {r['states']:,} states; model: {r['out']}, report: {r['report']}"
+        used = f"{r['rows_used']:,} of {r['rows_read']:,} rows used, {r['states']:,} states"
+        return f"{used}; model: {r['out']}, report: {r['report']}"
 
     _run(
         lambda bars: pipeline.ndd_fit(
@@ -358,7 +392,7 @@ def ndd_fit(
     )  # fmt: skip
 
 
-def _usage_message(error: UsageError) -> str:
+def _usage_message(error: Any) -> str:
     """Typer's message (it suggests the nearest command) in one line, with where help is."""
     path = error.ctx.command_path if error.ctx is not None else "cornerforge"
     return f"{' '.join(error.format_message().split())} (see: {path} --help)"
@@ -371,7 +405,8 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status (see the interface: 0, 1, 2 or 130)."""
     given = sys.argv[1:] if arguments is None else arguments
-    warnings.showwarning = _show_warning  # type: ignore[assignment]
+    usage_error: type[Exception] = typer.BadParameter.__mro__[1]  # Typer offers its base class under no name
+    warnings.showwarning = _show_warning
     try:
         status = app(args=given, prog_name="cornerforge", standalone_mode=False)
     except CornerForgeError as error:
@@ -379,7 +414,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         typer.echo(f"cornerforge: {error}", err=True)
         return EXIT_BAD_INPUT
-    except UsageError as error:
+    except usage_error as error:
         typer.echo(f"cornerforge: {_usage_message(error)}", err=True)
         return EXIT_BAD_INPUT
     except (KeyboardInterrupt, typer.Abort):

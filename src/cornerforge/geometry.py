@@ -1,14 +1,24 @@
 """Oriented boxes, lanes and lateral paths: scalar kernels of plain numbers.
 
-This module is all that the simulator knows of the road: lanes are straight, numbered from 0 at the right road edge (y = 0).
+This module is all that the simulator knows of the road: lanes are straight, numbered from 0 at the right edge (y = 0).
 """
 
 from __future__ import annotations
 
 import math
+
 from cornerforge._jit import kernel
 
-__all__ = ["boxes_overlap", "lane_bits", "lane_centre", "lane_of", "path_at", "path_peak_acceleration", "plan_path", "quintic"]
+__all__ = [
+    "boxes_overlap",
+    "lane_bits",
+    "lane_centre",
+    "lane_of",
+    "path_at",
+    "path_peak_acceleration",
+    "plan_path",
+    "quintic",
+]
 
 Path = tuple[float, float, float, float, float, float]
 """A quintic lateral path: coefficients of t^0 .. t^5 [m, m/s, ...]."""
@@ -115,7 +125,7 @@ def path_peak_acceleration(path: Path, duration: float) -> float:
 
 @kernel
 def quintic(y: float, speed: float, acceleration: float, y_end: float, duration: float) -> Path:
-    """Coefficients of the quintic from a lateral state (position, speed, acceleration) to rest at `y_end` after `duration`."""
+    """Coefficients of the quintic from a lateral state (position, speed, acceleration) to rest at `y_end`."""
     t = duration
     a0 = 0.5 * acceleration
     rest = y_end - y - speed * t - a0 * t * t
@@ -137,8 +147,8 @@ def plan_path(
 ) -> tuple[Path, float]:
     """The quintic from the present lateral state to rest at `y_end`, and its duration [s].
 
-    The duration grows by a tenth at a time until the peak lateral acceleration is at most `max_acceleration`, or at most the
-    present one, which no plan can undo; it stops growing at 8 times the wish.
+    The duration grows by a tenth at a time until the peak lateral acceleration is at most `max_acceleration`, or at
+    most the present one, which no plan can undo; it stops growing at 8 times the wish.
 
     Args:
         y, speed, acceleration: Present lateral state [m], [m/s], [m/s2].

@@ -34,7 +34,8 @@ N_ACTIONS = 33
 ACTION_LEFT = 0
 ACTION_RIGHT = 1
 ACCELERATIONS: NDArray[np.float64] = np.round(np.arange(31) * 0.2 - 4.0, 1)
-"""Acceleration of action index 2 + i [m/s2], shape (31,): -4.0, -3.8, ..., 2.0. Actions 0 and 1 (left, right) hold the speed."""
+"""Acceleration of action index 2 + i [m/s2], shape (31,): -4.0, -3.8, ..., 2.0. Actions 0 and 1 (left, right) hold the
+speed."""
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ __all__ = ["PRESETS", "TrainConfig", "preset_named"]
 class TrainConfig:
     """Hyperparameters of the dueling double DQN.
 
-    `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over seconds, so
-    that the same seed learns the same weights on any machine speed.
+    `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over
+    seconds, so that the same seed learns the same weights on any machine speed.
 
     Raises:
         InputError: A value is out of range.
@@ -100,8 +100,8 @@ PRESETS = {
         width=128,
     ),
 }
-"""`paper` is Table 1 and Figure 1 of the paper; it does not say how fast epsilon falls (here over 1e6 decisions), nor how
-many environment steps go with one update (here one). `fast` learns best per minute on two cores."""
+"""`paper` is Table 1 and Figure 1 of the paper; it does not say how fast epsilon falls (here over 1e6 decisions), nor
+how many environment steps go with one update (here one). `fast` learns best per minute on two cores."""
 
 
 def preset_named(name: str) -> TrainConfig:

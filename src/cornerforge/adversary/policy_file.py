@@ -1,4 +1,4 @@
-"""Policy files: weights and everything needed to know what they are for, in safetensors (no pickle, no PyTorch needed)."""
+"""Policy files: weights and what they are for, in safetensors (no pickle, no PyTorch needed)."""
 
 from __future__ import annotations
 
@@ -83,18 +83,26 @@ def load_policy(path: Path) -> Policy:
             weights = file.get_tensor("weights")
         _check_versions(header, path)
         shape = NetworkShape(**header["network"])
-        policy = Policy(np.ascontiguousarray(weights, dtype=np.float32), shape, bool(header["bounded"]), header["about"])
+        policy = Policy(
+            np.ascontiguousarray(weights, dtype=np.float32), shape, bool(header["bounded"]), header["about"]
+        )
     except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError, InputError) as error:
-        raise FileFormatError(f"Policy file {path} is damaged or no policy ({type(error).__name__}: {error}).") from error
+        raise FileFormatError(
+            f"Policy file {path} is damaged or no policy ({type(error).__name__}: {error})."
+        ) from error
     if policy.weights.shape != (n_weights(shape),) or not np.isfinite(policy.weights).all():
-        raise FileFormatError(f"Policy file {path}: {policy.weights.size} weights do not fit its network, or are not finite.")
+        raise FileFormatError(
+            f"Policy file {path}: {policy.weights.size} weights do not fit its network, or are not finite."
+        )
     return policy
 
 
 def _check_versions(header: Mapping[str, object], path: Path) -> None:
     schema = header.get("schema_version")
     if schema != POLICY_SCHEMA:
-        raise FileFormatError(f"Policy file {path} has schema version {schema}; this cornerforge reads {POLICY_SCHEMA}.")
+        raise FileFormatError(
+            f"Policy file {path} has schema version {schema}; this cornerforge reads {POLICY_SCHEMA}."
+        )
     version = header.get("observation_version")
     network = header.get("network")
     inputs = network.get("n_inputs") if isinstance(network, dict) else None

@@ -1,4 +1,4 @@
-"""The dueling Q-network in PyTorch (Wang et al. 2016; paper, Figure 1), for learning only; acting is `drivers.policy`."""
+"""The dueling Q-network in PyTorch (Wang et al. 2016; paper, Figure 1), for learning; acting is `drivers.policy`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ class QNetwork(nn.Module):
         super().__init__()
         self.shared = nn.Sequential(*_stack(shape.n_inputs, shape.n_shared, shape.width))
         self.value = nn.Sequential(*_stack(shape.width, shape.n_stream, shape.width), nn.Linear(shape.width, 1))
-        self.advantage = nn.Sequential(*_stack(shape.width, shape.n_stream, shape.width), nn.Linear(shape.width, N_ACTIONS))
+        self.advantage = nn.Sequential(
+            *_stack(shape.width, shape.n_stream, shape.width), nn.Linear(shape.width, N_ACTIONS)
+        )
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """Q of all actions, float32 (batch, 33), for observations, float32 (batch, n_inputs)."""

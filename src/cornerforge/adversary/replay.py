@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,6 +43,8 @@ class ReplayMemory:
         """Append a batch of at most `capacity` transitions."""
         n = batch.action.size
         first = min(n, self.capacity - self.place)
+        ring: NDArray[Any]
+        new: NDArray[Any]
         for ring, new in zip(self.arrays, batch, strict=True):
             ring[self.place : self.place + first] = new[:first]
             ring[: n - first] = new[first:]
@@ -49,4 +53,12 @@ class ReplayMemory:
 
     def sample(self, indices: NDArray[np.int64]) -> Transitions:
         """Copies of the transitions at `indices`, each in [0, size)."""
-        return Transitions(*(ring[indices] for ring in self.arrays))
+        a = self.arrays
+        return Transitions(
+            a.observation[indices],
+            a.action[indices],
+            a.reward[indices],
+            a.end[indices],
+            a.next_observation[indices],
+            a.next_allowed[indices],
+        )

@@ -1,7 +1,8 @@
 """Training loop of the adversary: worlds act in compiled kernels on one core while PyTorch learns on the other.
 
-Everything follows the number of decisions: acting uses the weights as they were when the iteration began, learning uses the
-transitions of the iterations before. So the weights depend on seed and configuration only, not on speed or threads.
+Everything follows the number of decisions: acting uses the weights as they were when the iteration began, learning
+uses the transitions of the iterations before. So the weights depend on seed and configuration only, not on speed or
+threads.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ class _Actor:
 
 
 class _Learner:
-    """Double DQN with a target network (van Hasselt et al. 2016); returns lie in [-1, 1], so targets are cut to that."""
+    """Double DQN with a target network (van Hasselt et al. 2016); targets are cut to [-1, 1]."""
 
     def __init__(self, config: TrainConfig, seed: int) -> None:
         self._config = config

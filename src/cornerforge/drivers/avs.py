@@ -20,7 +20,8 @@ class AvModel:
         name: What the command line calls it.
         about: One line for people.
         idm, mobil: Parameters.
-        sees_intentions: It takes a vehicle that is entering a lane for one that is in it, and gives way to one that enters its
+        sees_intentions: It takes a vehicle that is entering a lane for one that is in it, and gives way to one that
+        enters its
             own target lane from the other side; False is the plain model, which goes by lane centres.
     """
 
@@ -38,9 +39,20 @@ _D2RL = IdmParams(
 AVS: dict[str, AvModel] = {
     model.name: model
     for model in (
-        AvModel("idm-mobil", "IDM and MOBIL as the paper's group uses them (NADE); sees who enters a lane", IdmParams(), MobilParams()),
+        AvModel(
+            "idm-mobil",
+            "IDM and MOBIL as the paper's group uses them (NADE); sees who enters a lane",
+            IdmParams(),
+            MobilParams(),
+        ),
         AvModel("idm-mobil-d2rl", "the same with the parameters of D2RL: closer and faster", _D2RL, MobilParams()),
-        AvModel("idm-mobil-blind", "idm-mobil that goes by lane centres and sees nobody's intention", IdmParams(), MobilParams(), False),
+        AvModel(
+            "idm-mobil-blind",
+            "idm-mobil that goes by lane centres and sees nobody's intention",
+            IdmParams(),
+            MobilParams(),
+            False,
+        ),
     )
 }
 """All built-in AVs."""

@@ -51,8 +51,8 @@ def mobil_gain(
 ) -> float:
     """Gain in acceleration [m/s2] of changing to a neighbouring lane, or -1e9 where that is not safe.
 
-    Not safe: a neighbour overlaps lengthwise, or the new follower (or the subject itself behind its new lead) would have to
-    brake harder than `max_imposed_braking`.
+    Not safe: a neighbour overlaps lengthwise, or the new follower (or the subject itself behind its new lead) would
+    have to brake harder than `max_imposed_braking`.
 
     Args:
         speed: Of the subject [m/s].

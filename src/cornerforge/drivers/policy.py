@@ -1,7 +1,7 @@
-"""A learned policy as a driver: the dueling Q-network evaluated inside compiled kernels (Wang et al. 2016; paper, Fig. 1).
+"""A learned policy as a driver: the dueling Q-network evaluated inside compiled kernels (Wang et al. 2016).
 
-The sums run in a fixed order, one input after the other, so an action does not depend on batch size, threads or vector width:
-what PyTorch learns, this acts, bit for bit the same in every run.
+The sums run in a fixed order, one input after the other, so an action does not depend on batch size, threads or vector
+width: what PyTorch learns, this acts, bit for bit the same in every run.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class PolicyNumbers(NamedTuple):
     """A network as kernels take it.
 
     Attributes:
-        weights: All layers one after the other: shared, value stream, advantage stream; each as its matrix, input by input
+        weights: All layers one after the other: shared, value stream, advantage stream; each as its matrix, input by
+        input
             (n_in, n_out), then its bias (n_out). float32.
         n_inputs, n_shared, n_stream, width: As in `NetworkShape`; n_inputs 0 means no policy.
     """
@@ -73,7 +74,7 @@ def allocate_scratch(policy: PolicyNumbers) -> NDArray[np.float32]:
 def _layer(
     weights: NDArray[np.float32], start: int, x: NDArray[np.float32], n_in: int, y: NDArray[np.float32], n_out: int
 ) -> int:
-    """y = W x + b without activation; returns where the next layer starts. Vectorises over outputs, sums in input order."""
+    """Write W x + b into y; returns where the next layer starts. Vectorises over outputs, sums in input order."""
     bias = start + n_in * n_out
     for o in range(n_out):
         y[o] = weights[bias + o]
@@ -93,7 +94,9 @@ def _relu(x: NDArray[np.float32], n: int) -> None:
 
 
 @kernel
-def q_values(policy: PolicyNumbers, observation: NDArray[np.float32], scratch: NDArray[np.float32], q: NDArray[np.float32]) -> None:
+def q_values(
+    policy: PolicyNumbers, observation: NDArray[np.float32], scratch: NDArray[np.float32], q: NDArray[np.float32]
+) -> None:
     """Q = V + A - mean(A) of all 33 actions into `q`, float32 (33,), for one observation, float32 (n_inputs,)."""
     weights = policy.weights
     width = policy.width

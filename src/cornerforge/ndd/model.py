@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +49,9 @@ class InitialState:
 
     Speeds are normal, cut to [speed_low, speed_high]. The next vehicle ahead follows at a log-normal time gap with
     probability `follow_share`, else at a uniform free gap. Its range rate is
-    -(s^2 / (2 speed_sd^2)) (v - speed_mean) + s z with s = rr_scale (gap / 20)^rr_exponent and z standard normal, which keeps
-    the speed's distribution along the chain. States with a time to collision below `min_ttc` are drawn again.
+    -(s^2 / (2 speed_sd^2)) (v - speed_mean) + s z with s = rr_scale (gap / 20)^rr_exponent and z standard normal,
+    which keeps the speed's distribution along the chain. States with a time to collision below `min_ttc` are drawn
+    again.
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
@@ -70,19 +72,20 @@ class InitialState:
 class NddModel:
     """P(action | state) of human drivers: lateral decision first, then acceleration (paper; Feng et al. 2021).
 
-    P(left) = lc_base[v] * lc_desire[gap, rr] * accept(adjacent lead) * accept(adjacent rear), likewise P(right); with no leader
-    within the grid the desire is `lc_desire_free`; a neighbour beyond the grid, or none, is accepted with 1. With probability
-    `overlook` a driver does not see an adjacent neighbour (accept = 1 for it); with probability `overlook_conflict` it does not
-    see that another vehicle enters the same lane from the other side. Attentive acceptance may be exactly 0.
+    P(left) = lc_base[v] * lc_desire[gap, rr] * accept(adjacent lead) * accept(adjacent rear), likewise P(right).
+    With no leader within the grid the desire is `lc_desire_free`; a neighbour beyond the grid, or none, is accepted
+    with 1. With probability `overlook` a driver does not see an adjacent neighbour (accept = 1 for it); with probability
+    `overlook_conflict` it does not see that another vehicle enters the same lane from the other side. Attentive
+    acceptance may be exactly 0.
 
     Attributes:
-        following: Probability of each acceleration, float32, shape (21, 116, 19, 31); rows sum to 1; exact 0 is "impossible".
-        free: The same with no leader within 115 m, float32, shape (21, 31).
-        lc_base: Chance of starting a lane change to one given side in one 1 s decision, float32, shape (21,) over speed.
-        lc_desire: Multiplier by state to the leader, float32, shape (116, 19) over (gap, range rate).
+        following: P(acceleration), float32 (21, 116, 19, 31); rows sum to 1; exact 0 is "impossible".
+        free: The same with no leader within 115 m, float32 (21, 31).
+        lc_base: Chance of starting a change to one given side in one 1 s decision, float32 (21,) over speed.
+        lc_desire: Multiplier by state to the leader, float32 (116, 19) over (gap, range rate).
         lc_desire_free: Multiplier with no leader within the grid.
-        lc_accept_lead: Chance that the gap to the adjacent vehicle ahead is accepted, float32, shape (116, 19).
-        lc_accept_rear: The same for the adjacent vehicle behind; range rate is subject minus rear, negative when the rear closes.
+        lc_accept_lead: Chance that the gap to the adjacent vehicle ahead is accepted, float32 (116, 19).
+        lc_accept_rear: The same for the one behind; range rate is subject minus rear, negative when the rear closes.
         overlook: Chance to overlook an adjacent neighbour when deciding on a lane change.
         overlook_conflict: Chance to overlook that another vehicle enters the same lane at the same moment.
         initial: Traffic at the start.
@@ -161,26 +164,32 @@ def load_model(path: Path) -> NddModel:
         FileFormatError: Missing, damaged, not a model, or written by another schema.
     """
     if not path.is_file():
-        raise FileFormatError(f"No model file {path}; make one with: cornerforge ndd fit FILE... --format F --out {path}")
+        raise FileFormatError(
+            f"No model file {path}; make one with: cornerforge ndd fit FILE... --format F --out {path}"
+        )
     try:
         with np.load(path, allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
             version = header.get("schema_version")
             if version != SCHEMA_VERSION:
                 raise FileFormatError(
-                    f"Model file {path} has schema version {version}; this cornerforge reads {SCHEMA_VERSION}. Fit it again."
+                    f"Model file {path} has schema version {version}; this cornerforge reads {SCHEMA_VERSION}. "
+                    "Fit it again, or install the version that made it."
                 )
-            tables = {name: np.ascontiguousarray(file[name], dtype=np.float32) for name in _SHAPES}
+            tables: dict[str, Any] = {name: np.ascontiguousarray(file[name], dtype=np.float32) for name in _SHAPES}
+        numbers: dict[str, Any] = {name: float(header[name]) for name in _NUMBERS}
         return NddModel(
             **tables,
-            **{name: float(header[name]) for name in _NUMBERS},
+            **numbers,
             initial=InitialState(**header["initial"]),
             provenance=header["provenance"],
         )
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(f"Model file {path} is damaged or no cornerforge model ({type(error).__name__}: {error}).") from error
+        raise FileFormatError(
+            f"Model file {path} is damaged or no cornerforge model ({type(error).__name__}: {error})."
+        ) from error
 
 
 def model_hash(model: NddModel) -> str:

@@ -51,7 +51,9 @@ def analyse(
     check_integer("steps", steps, low=1, high=15)
     cases = CaseLibrary.open(Path(library))
     if len(cases) == 0:
-        raise InputError(f"The library {library} holds no cases yet; fill it with: cornerforge generate --out {library} --resume")
+        raise InputError(
+            f"The library {library} holds no cases yet; fill it with: cornerforge generate --out {library} --resume"
+        )
     progress("analyse", 0, 1)
     ids, history = cases.history()
     result = analyse_history(
@@ -121,9 +123,7 @@ def _same(driven: Scenario, stored: StoredCase) -> bool:
     )
 
 
-def replay(
-    library: Path | str, case: str, *, check: bool = False, progress: Progress = NO_PROGRESS
-) -> dict[str, Any]:
+def replay(library: Path | str, case: str, *, check: bool = False, progress: Progress = NO_PROGRESS) -> dict[str, Any]:
     """Drive a case again from its seed.
 
     Args:
@@ -133,8 +133,8 @@ def replay(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge replay --json` prints; `identical` is None unless checked. For "all" also `cases` and
-        the ids that `differ`.
+        The object that `cornerforge replay --json` prints; `identical` is None unless checked. For "all" also `cases`
+        and the ids that `differ`.
 
     Raises:
         CornerForgeError: No such case, or the library, its policy or model cannot be read.

@@ -104,7 +104,9 @@ def fill_library(
             break
         if cases is not None and crashes == 0 and next_test >= _MAX_TESTS_PER_CASE:
             commit(next_test)
-            raise OutputError(f"No crash in {next_test} tests; this adversary is too weak to fill {out}. Train it longer.")
+            raise OutputError(
+                f"No crash in {next_test} tests; this adversary is too weak to fill {out}. Train it longer."
+            )
     if pending or next_test > library.next_test:
         commit(next_test)
     library.finish()
@@ -181,7 +183,7 @@ def generate(
         av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=str(policy), bounded=bounded
     )
     if run.bv in ("nde", "idm"):
-        raise InputError(f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB")
-    return fill_library(
-        run, Path(out), seed=seed, cases=cases, threads=threads, resume=resume, progress=progress
-    )
+        raise InputError(
+            f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB"
+        )
+    return fill_library(run, Path(out), seed=seed, cases=cases, threads=threads, resume=resume, progress=progress)

@@ -147,7 +147,8 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
         for key, value in identity.items():
             if before.get(key) != value:
                 raise InputError(
-                    f"{folder} holds a run with {key} = {before.get(key)!r}, not {value!r}; choose another place, or remove it."
+                    f"{folder} holds a run with {key} = {before.get(key)!r}, not {value!r}; "
+                    "choose another place, or remove it."
                 )
         return True
     if folder.is_dir() and any(folder.iterdir()):

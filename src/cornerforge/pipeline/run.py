@@ -1,4 +1,4 @@
-"""`run`: the whole job in stages; each stage leaves a file when it is done, so a killed run goes on where it stopped."""
+"""`run`: the whole job in stages; each leaves a file when it is done, so a killed run goes on there."""
 
 from __future__ import annotations
 
@@ -73,7 +73,9 @@ def _exposure_counts(tally: Tally) -> dict[str, list[int]]:
     return {grid.name: rows[k][: grid.bins].tolist() for k, grid in enumerate(EXPOSURE)}
 
 
-def _count(run: Experiment, tests: int, first: int, seed: int, threads: int | None, progress: Progress, stage: str) -> dict[str, Any]:
+def _count(
+    run: Experiment, tests: int, first: int, seed: int, threads: int | None, progress: Progress, stage: str
+) -> dict[str, Any]:
     """Drive tests with all histograms; the summary of `simulate` with what the AV was exposed to."""
     tally, seconds = simulate_experiment(
         run, tests=tests, seed=seed, first=first, threads=threads, counting=True, progress=progress, stage=stage
@@ -104,7 +106,9 @@ def _write_exposure(out: Path, nde: dict[str, Any], adversary: dict[str, Any]) -
     write_json(out / "exposure.json", {"miles": miles, "quantities": quantities})
 
 
-def _train(run: Experiment, budget: Budget, out: Path, seed: int, threads: int | None, progress: Progress) -> dict[str, Any]:
+def _train(
+    run: Experiment, budget: Budget, out: Path, seed: int, threads: int | None, progress: Progress
+) -> dict[str, Any]:
     config = replace(preset_named("fast"), decisions=budget.decisions)
     policy, result = learn(run, config, seed=seed, threads=threads, progress=progress)
     save_policy(policy, out / "policy.safetensors")

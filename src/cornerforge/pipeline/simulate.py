@@ -40,9 +40,12 @@ def _distributions(counts: statistics.Counts) -> dict[str, Any]:
     following = int(totals[statistics.FOLLOWING_STATES])
     miles = int(totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
     summaries["ttc_share_below"] = {
-        f"{limit:g}": int(totals[5 + k]) / following if following else None for k, limit in enumerate(statistics.TTC_LIMITS)
+        f"{limit:g}": int(totals[5 + k]) / following if following else None
+        for k, limit in enumerate(statistics.TTC_LIMITS)
     }
-    summaries["following_share"] = following / int(totals[statistics.BV_STATES]) if totals[statistics.BV_STATES] else None
+    summaries["following_share"] = (
+        following / int(totals[statistics.BV_STATES]) if totals[statistics.BV_STATES] else None
+    )
     summaries["lane_changes_per_mile"] = int(totals[statistics.LANE_CHANGES]) / miles if miles else None
     summaries["bv_miles"] = miles
     return summaries

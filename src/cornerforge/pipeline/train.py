@@ -124,7 +124,8 @@ def train(
         bounded: Only actions that the naturalistic model calls possible.
         decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights.
         minutes: Stop after this time [min]; the result then depends on the machine's speed.
-        resume: Where `out` holds a finished policy of the same seed, length and world, keep it and only measure it again.
+        resume: Where `out` holds a finished policy of the same seed, length and world, keep it and only measure it
+        again.
         lanes, odd, model: The world, as for `simulate`.
         tests: Evaluation tests.
         seed: 0 or more.
@@ -145,7 +146,9 @@ def train(
         config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
     if minutes is not None:
         check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
-    run = experiment(av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded)
+    run = experiment(
+        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded
+    )
     check_new_file(path, overwrite=resume)
     kept = resume and path.exists()
     if kept:

@@ -23,8 +23,8 @@ __all__ = ["ADVERSARIES", "ChoiceScratch", "allocate_choice_scratch", "choose_ac
 
 NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE = range(5)
 ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
-"""nobody: natural driving. policy: the Q-network, greedy. uniform: any allowed action. lane-changer: changes lanes two times in
-three. swerve: draws level with the AV in the next lane, then changes into it."""
+"""nobody: natural driving. policy: the Q-network, greedy. uniform: any allowed action. lane-changer: changes lanes two
+times in three. swerve: draws level with the AV in the next lane, then changes into it."""
 
 
 class ChoiceScratch(NamedTuple):

@@ -1,8 +1,8 @@
 """What every vehicle of a world decides, once a second for BVs: gather neighbours, ask the driver models, apply.
 
-All BVs decide at the same time and independently (paper, "Problem formulation"): they see lanes and intentions as they were
-before this moment. The one exception, stated in docs/adr, is that a driver who starts into a lane that another one starts into
-from its other side at the same moment gives way, unless it overlooks it.
+All BVs decide at the same time and independently (paper, "Problem formulation"): they see lanes and intentions as they
+were before this moment. The one exception, stated in docs/adr, is that a driver who starts into a lane that another one
+starts into from its other side at the same moment gives way, unless it overlooks it.
 """
 
 from __future__ import annotations
@@ -47,20 +47,19 @@ __all__ = [
 SIGHT = 200.0
 """Vehicles further ahead or behind than this [m, centre to centre] are not seen by anyone."""
 CONFLICT_GAP = 10.0
-"""Two vehicles that enter one lane from both sides are in conflict when less than this lies between them lengthwise [m]."""
+"""Two vehicles that enter one lane from both sides are in conflict when less than this lies between them lengthwise
+[m]."""
 IDM_BVS = 1
 """Value of `bv_model` for BVs that follow the IDM without lane changes; 0 is the naturalistic model."""
 _SIDES = (1, -1)
 
 
 @kernel
-def neighbours_in_lane(
-    w: World, i: int, lane: int, lane_width: float, sees_intentions: int
-) -> tuple[int, int]:
+def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_intentions: int) -> tuple[int, int]:
     """Nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
 
-    Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x are
-    ordered by slot.
+    Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x
+    are ordered by slot.
     """
     v = w.vehicles
     info = w.info
@@ -170,7 +169,7 @@ def _side_gain(w: World, lane: int, acceleration_now: float, road: RoadNumbers, 
 
 @kernel
 def _must_give_way(w: World, road: RoadNumbers) -> bool:
-    """Does another vehicle enter the AV's target lane from its far side while the AV's centre is still in its old lane?"""
+    """Does another vehicle enter the AV's target lane from the far side while the AV's centre is in its old lane?"""
     v = w.vehicles
     info = w.info
     target = v[0].target_lane
@@ -207,9 +206,7 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
 
 
 @kernel
-def _worst_follow(
-    w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64
-) -> tuple[int, float, float]:
+def _worst_follow(w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64) -> tuple[int, float, float]:
     """Acceleration index of the vehicle at a rank behind its leads in all lanes that it occupies, by one random word.
 
     One word serves all leads, so the index is the smallest of the look-ups (a vehicle between two lanes minds both).
@@ -250,7 +247,7 @@ def _worst_follow(
 def _side_chance(
     w: World, i: int, lane: int, base: float, overlook: float, road: RoadNumbers, tables: NddTables
 ) -> float:
-    """P(change to `lane`) of slot i: base chance times acceptance of both neighbours there, each overlooked by chance."""
+    """P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
     v = w.vehicles
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
     chance = base
@@ -266,9 +263,7 @@ def _side_chance(
 
 
 @kernel
-def _decide_naturalistic(
-    w: World, rank: int, seed: int, test: int, road: RoadNumbers, tables: NddTables
-) -> int:
+def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> int:
     """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE)."""
     v = w.vehicles
     order = w.order
@@ -307,8 +302,9 @@ def action_probabilities(
 ) -> None:
     """P(action | state) of BV i under the naturalistic model, into `p`, shape (33,); sums to 1.
 
-    With `overlook` = 0 it is the attentive driver, whose zeros are what "impossible" means for the NDD-bounded adversary
-    (paper, equation 12). The giving way to simultaneous lane changes, which needs the others' draws, is left out.
+    With `overlook` = 0 it is the attentive driver, whose zeros are what "impossible" means for the NDD-bounded
+    adversary (paper, equation 12). The giving way to simultaneous lane changes, which needs the others' draws, is left
+    out.
     """
     v = w.vehicles
     wanted = v[i].lanes
@@ -413,7 +409,14 @@ def sort_by_x(w: World) -> None:
 
 @kernel
 def decide_bvs(
-    w: World, seed: int, test: int, bv_model: int, controlled_action: int, road: RoadNumbers, av: AvNumbers, tables: NddTables
+    w: World,
+    seed: int,
+    test: int,
+    bv_model: int,
+    controlled_action: int,
+    road: RoadNumbers,
+    av: AvNumbers,
+    tables: NddTables,
 ) -> None:
     """Let all BVs choose, into `w.action`. The controlled BV (info[CONTROLLED], if any) takes `controlled_action`."""
     v = w.vehicles

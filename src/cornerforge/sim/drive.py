@@ -37,7 +37,17 @@ if TYPE_CHECKING:
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.drivers.policy import PolicyNumbers
 
-__all__ = ["Decisions", "Outcomes", "Setting", "Transitions", "collect", "drive_range", "drive_test", "start_worlds", "world_row"]
+__all__ = [
+    "Decisions",
+    "Outcomes",
+    "Setting",
+    "Transitions",
+    "collect",
+    "drive_range",
+    "drive_test",
+    "start_worlds",
+    "world_row",
+]
 
 
 class Setting(NamedTuple):
@@ -61,7 +71,7 @@ class Setting(NamedTuple):
 
 
 class Outcomes(NamedTuple):
-    """One entry per test: outcome code, crash or end frame, slots in contact, BV-BV crashes, decisions, distance [m]."""
+    """One entry per test: outcome code, crash or end frame, slots in contact, BV-BV crashes, decisions, metres."""
 
     code: NDArray[np.uint8]
     frame: NDArray[np.int32]
@@ -98,8 +108,8 @@ def drive_test(
 ) -> None:  # fmt: skip
     """Drive one test from its start to its end; the outcome is in `w.info`.
 
-    The critical BV is always found, so that recordings of natural crashes name it too; it is controlled only when the setting
-    has an adversary.
+    The critical BV is always found, so that recordings of natural crashes name it too; it is controlled only when the
+    setting has an adversary.
     """
     road = setting.road
     reset_world(w, seed, test, road, setting.av, setting.tables.initial)
@@ -172,7 +182,9 @@ def world_row(worlds: World, b: int) -> World:
 
 
 @kernel
-def _prepare(w: World, setting: Setting, s: ChoiceScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]) -> bool:
+def _prepare(
+    w: World, setting: Setting, s: ChoiceScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
+) -> bool:
     """Name the controlled BV and fill its observation and mask; False when there is no BV."""
     bv = nearest_bv(w)
     w.info[CONTROLLED] = bv
@@ -215,10 +227,10 @@ def collect(
     pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void],
     observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
 ) -> None:  # fmt: skip
-    """One decision of each world in [begin, end): choose, drive 1 s, store the transition, start the next test if it ended.
+    """One decision of each world in [begin, end): choose, drive 1 s, store the transition, start the next test if due.
 
-    `finished` counts tests, AV crashes and crashes of the controlled BV. `tests`, `observation` and `allowed` hold each world's
-    test number and present view; a world that ends goes on with its test number plus the number of worlds.
+    `finished` counts tests, AV crashes and crashes of the controlled BV. `tests`, `observation` and `allowed` hold
+    each world's test number and present view; a world that ends goes on with its test number plus the number of worlds.
 
     Reward (paper): +1 the AV crashes, -1 the controlled BV crashes with another BV, else 0.
     """
@@ -228,7 +240,9 @@ def collect(
         _copy_view(observation[b], allowed[b], s.observation, s.allowed)
         _copy_view(observation[b], allowed[b], out.observation[b], s.allowed)
         action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
-        step_world(w, seed, tests[b], setting.bv_model, action, setting.road, setting.av, setting.tables, pairs, recording)
+        step_world(
+            w, seed, tests[b], setting.bv_model, action, setting.road, setting.av, setting.tables, pairs, recording
+        )
         out.action[b] = action
         code = w.info[OUTCOME]
         out.reward[b] = 1.0 if code == AV_CRASH else (-1.0 if code == BV_CRASH else 0.0)

@@ -34,7 +34,7 @@ def _clip(value: float, limit: float) -> float:
 
 @kernel
 def _nearest_others(w: World, bv: int, found: NDArray[np.int64]) -> int:
-    """Slots of the vehicles nearest to `bv` other than it and the AV, nearest first, into `found`; returns their number."""
+    """Slots of the vehicles nearest to `bv`, but not the AV, nearest first, into `found`; returns their number."""
     v = w.vehicles
     info = w.info
     count = 0
@@ -60,11 +60,11 @@ def _nearest_others(w: World, bv: int, found: NDArray[np.int64]) -> int:
 def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[np.float32]) -> None:
     """The observation of controlled BV `bv`, into `out`, float32 (N_OBSERVATION,), entries of order 1.
 
-    Own part: remaining test length / 400 m; AV: (speed - 30) / 10, offset from its target lane / 4 m, lateral speed / 2,
-    acceleration / 4, lanes free to its left and right (0 or 1); BV: the same without acceleration; relative BV - AV: dx / 50 and
-    dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap (0 or 1).
-    Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed difference / 10 to the BV, target lane minus
-    BV's, and 1; all 0 where there is none.
+    Own part: remaining test length / 400 m; AV: (speed - 30) / 10, offset from its target lane / 4 m, lateral speed /
+    2, acceleration / 4, lanes free to its left and right (0 or 1); BV: the same without acceleration; relative BV - AV:
+    dx / 50 and dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap
+    (0 or 1). Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed difference / 10 to the BV,
+    target lane minus BV's, and 1; all 0 where there is none.
 
     Args:
         w: The world.
@@ -109,12 +109,19 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
 
 @kernel
 def allowed_actions(
-    w: World, bv: int, bounded: int, road: RoadNumbers, tables: NddTables, p: NDArray[np.float64], allowed: NDArray[np.bool_]
+    w: World,
+    bv: int,
+    bounded: int,
+    road: RoadNumbers,
+    tables: NddTables,
+    p: NDArray[np.float64],
+    allowed: NDArray[np.bool_],
 ) -> None:
     """The one action mask of the adversary, into `allowed`, bool (33,): for acting, exploring and the target's max.
 
-    Unbounded: all but lane changes that leave the road or repeat the running one. Bounded (paper, equation 12): besides, only
-    actions of positive probability for an attentive naturalistic driver; overlooking a neighbour does not count as possible.
+    Unbounded: all but lane changes that leave the road or repeat the running one. Bounded (paper, equation 12):
+    besides, only actions of positive probability for an attentive naturalistic driver; overlooking a neighbour does
+    not count as possible.
 
     Args:
         w: The world.

@@ -11,14 +11,24 @@ from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Decisions, Setting, drive_test, world_row
 from cornerforge.sim.statistics import allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, FRAME, N_VEHICLES, OUTCOME, SLOT_A, SLOT_B, allocate_worlds, n_slots
+from cornerforge.sim.world import (
+    AV_CRASH,
+    BV_CRASH,
+    FRAME,
+    N_VEHICLES,
+    OUTCOME,
+    SLOT_A,
+    SLOT_B,
+    allocate_worlds,
+    n_slots,
+)
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
 __all__ = ["Recorder", "scenario_digest"]
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """SHA-256 (hex) over every recorded number of all vehicles at full precision: what "identical" means for a replay."""
+    """SHA-256 (hex) over all recorded numbers at full precision: what "identical" means for a replay."""
     digest = hashlib.sha256()
     present = scenario.present
     for name in ("x", "y", "speed", "heading", "acceleration"):

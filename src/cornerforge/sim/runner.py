@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -80,13 +80,13 @@ def _allocate_outcomes(n: int) -> Outcomes:
     )
 
 
-def drive_chunk(setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool) -> tuple[Outcomes, Counts]:
+def drive_chunk(
+    setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool
+) -> tuple[Outcomes, Counts]:
     """Drive `count` tests from `first` on; releases the GIL for all of it."""
     out = _allocate_outcomes(count)
     counts = allocate_counts()
-    no_decisions = Decisions(
-        np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0)
-    )
+    no_decisions = Decisions(np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0))
     drive_range(
         seed,
         first,
@@ -110,8 +110,16 @@ def warm_up(setting: Setting, slots: int) -> None:
 
 
 def simulate_chunks(
-    setting: Setting, slots: int, *, seed: int, first: int, tests: int, threads: int, counting: bool = False, chunk: int = _CHUNK
-) -> Iterator[tuple[int, Outcomes, Counts]]:
+    setting: Setting,
+    slots: int,
+    *,
+    seed: int,
+    first: int,
+    tests: int,
+    threads: int,
+    counting: bool = False,
+    chunk: int = _CHUNK,
+) -> Generator[tuple[int, Outcomes, Counts], None, None]:
     """Drive tests in a thread pool and yield (first test, outcomes, counts) per chunk, in test order.
 
     Results do not depend on `threads` or `chunk`. Closing the iterator early drops what was not yet yielded.

@@ -52,8 +52,9 @@ EXPOSURE = (
     HistogramGrid("ttc_front", "s", 0.0, 0.5, 41),
     HistogramGrid("ttc_rear", "s", 0.0, 0.5, 41),
 )
-"""What the AV is exposed to once a second (paper, Figure 3): to the vehicles ahead and behind in its lane; TTC when closing.
-Vehicles that overlap it lengthwise, beside it while one of the two changes lanes, are neither ahead nor behind."""
+"""What the AV is exposed to once a second (paper, Figure 3): to the vehicles ahead and behind in its lane; TTC when
+closing. Vehicles that overlap it lengthwise, beside it while one of the two changes lanes, are neither ahead nor
+behind."""
 TTC_LIMITS = (3.0, 4.0, 5.0, 10.0, 15.0, 20.0)
 _N_BINS = 2400
 _FOLLOWING_GAP = 115.5
@@ -67,7 +68,8 @@ _LIMITS = np.array(TTC_LIMITS)
 class Counts(NamedTuple):
     """Integer counts; `histograms` (9, 2400) rows in the order of TRAFFIC then EXPOSURE.
 
-    `totals`: BV states, following states, lane changes begun, BV travel [mm], AV decisions; then states with TTC below each limit.
+    `totals`: BV states, following states, lane changes begun, BV travel [mm], AV decisions; then states with TTC below
+    each limit.
     """
 
     histograms: NDArray[np.int64]
@@ -99,7 +101,10 @@ def histogram_summary(grid: HistogramGrid, counts: NDArray[np.int64]) -> dict[st
     mean = float(counts @ centres) / n
     variance = float(counts @ (centres - mean) ** 2) / n
     cumulative = np.cumsum(counts)
-    quantiles = {str(q): round(float(centres[int(np.searchsorted(cumulative, n * q / 100.0))]), 4) for q in (1, 5, 25, 50, 75, 95, 99)}
+    quantiles = {
+        str(q): round(float(centres[int(np.searchsorted(cumulative, n * q / 100.0))]), 4)
+        for q in (1, 5, 25, 50, 75, 95, 99)
+    }
     return {"n": n, "mean": round(mean, 5), "sd": round(variance**0.5, 5), "quantiles": quantiles}
 
 

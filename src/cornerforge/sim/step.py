@@ -41,7 +41,8 @@ _DT = FRAME_S
 _FULL_STEERING_SPEED = 5.0
 _ACCELERATIONS = ACCELERATIONS
 MAX_RELATIVE_GAIN = 6.0
-"""Two vehicles whose accelerations differ by at most 12 m/s2 approach each other by at most this much more in 1 s [m]."""
+"""Two vehicles whose accelerations differ by at most 12 m/s2 approach each other by at most this much more in 1 s
+[m]."""
 
 
 class Pairs(NamedTuple):
@@ -169,8 +170,8 @@ def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
 def _check_contacts(w: World, pairs: Pairs, n_pairs: int, frame: int, road: RoadNumbers) -> bool:
     """Look for contacts at this frame; returns True when one ends the test.
 
-    A crash of the AV goes before all others, then one of the controlled BV. Only if neither happens are BVs that crash into
-    each other counted and removed, so that the last frame of a crash still shows everybody.
+    A crash of the AV goes before all others, then one of the controlled BV. Only if neither happens are BVs that crash
+    into each other counted and removed, so that the last frame of a crash still shows everybody.
     """
     info = w.info
     for k in range(n_pairs):

@@ -51,7 +51,11 @@ def _draw_neighbour(
         time_gap = initial[5] * math.exp(initial[6] * z_gap)
         gap = speed * time_gap if follows else initial[10] + (initial[11] - initial[10]) * uniform(words[3])
         scale = initial[7] * math.exp(initial[8] * math.log(gap / 20.0))
-        other = initial[0] + (1.0 - scale * scale / (2.0 * initial[1] * initial[1])) * (speed - initial[0]) + scale * z_speed
+        other = (
+            initial[0]
+            + (1.0 - scale * scale / (2.0 * initial[1] * initial[1])) * (speed - initial[0])
+            + scale * z_speed
+        )
         if follows and not ahead:
             gap = other * time_gap
         closing = speed - other if ahead else other - speed
@@ -96,9 +100,7 @@ def _fill_ahead(
 
 
 @kernel
-def reset_world(
-    w: World, seed: int, test: int, road: RoadNumbers, av: AvNumbers, initial: NDArray[np.float64]
-) -> None:
+def reset_world(w: World, seed: int, test: int, road: RoadNumbers, av: AvNumbers, initial: NDArray[np.float64]) -> None:
     """Put test `test` of `seed` at its start: the AV in slot 0 at `av_start`, then its lane, then the others.
 
     The AV's lead stands no nearer than the AV's own desired gap: starting closer makes crashes of its own.

@@ -14,7 +14,18 @@ from cornerforge.drivers.mobil import MobilNumbers, MobilParams
 from cornerforge.geometry import Path
 from cornerforge.types import Odd
 
-__all__ = ["INFO_FIELDS", "VEHICLE", "AvNumbers", "RoadNumbers", "World", "allocate_worlds", "av_numbers", "n_slots", "path_of", "road_numbers"]
+__all__ = [
+    "INFO_FIELDS",
+    "VEHICLE",
+    "AvNumbers",
+    "RoadNumbers",
+    "World",
+    "allocate_worlds",
+    "av_numbers",
+    "n_slots",
+    "path_of",
+    "road_numbers",
+]
 
 
 VEHICLE = np.dtype(
@@ -39,12 +50,13 @@ VEHICLE = np.dtype(
         ("action", "i8"),
     ]
 )
-"""One vehicle. A record array: a kernel passes one pointer instead of eighteen, which measured 30 times faster in Numba.
+"""One vehicle. A record array: a kernel passes one pointer instead of eighteen, which measured 30 times faster in
+Numba.
 
-x, y: box centre [m]; speed, lateral_speed: along and across the road [m/s]; heading [rad]; acceleration: along the road, held
-until the next decision [m/s2]; clock, duration: time since the start of the lane change and its planned length [s], duration 0
-means lane keeping; c0..c5: its quintic; target_lane: lane kept or changed to; lanes: bit mask of the lanes occupied
-(`geometry.lane_bits`); present: 1 or 0; action: last decided index, -1 for none.
+x, y: box centre [m]; speed, lateral_speed: along and across the road [m/s]; heading [rad]; acceleration: along the
+road, held until the next decision [m/s2]; clock, duration: time since the start of the lane change and its planned
+length [s], duration 0 means lane keeping; c0..c5: its quintic; target_lane: lane kept or changed to; lanes: bit mask
+of the lanes occupied (`geometry.lane_bits`); present: 1 or 0; action: last decided index, -1 for none.
 """
 
 
@@ -66,7 +78,8 @@ INFO_FIELDS = 8
 N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES = range(INFO_FIELDS)
 
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
-"""Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles removed."""
+"""Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
+removed."""
 
 
 class RoadNumbers(NamedTuple):
@@ -91,7 +104,8 @@ class AvNumbers(NamedTuple):
 
     Attributes:
         idm, mobil: Parameters of the built-in AV.
-        sees_intentions: 1 if it takes a vehicle that is entering a lane for one that is in it, and gives way to one that
+        sees_intentions: 1 if it takes a vehicle that is entering a lane for one that is in it, and gives way to one
+        that
             enters its own target lane; 0 for the plain model that goes by lane centres.
     """
 
