@@ -8,6 +8,7 @@ subject speed 20..40 by 1 m/s, gap 0..115 by 1 m, range rate -10..8 by 1 m/s (le
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import zipfile
 from collections.abc import Mapping
@@ -74,7 +75,7 @@ class NddModel:
 
     P(left) = lc_base[v] * lc_desire[gap, rr] * accept(adjacent lead) * accept(adjacent rear), likewise P(right).
     With no leader within the grid the desire is `lc_desire_free`; a neighbour beyond the grid, or none, is accepted
-    with 1. With probability `overlook` a driver does not see an adjacent neighbour (accept = 1 for it); with probability
+    with 1. With probability `overlook` a driver does not see an adjacent neighbour (accept = 1 for it); with chance
     `overlook_conflict` it does not see that another vehicle enters the same lane from the other side. Attentive
     acceptance may be exactly 0.
 
@@ -168,7 +169,8 @@ def load_model(path: Path) -> NddModel:
             f"No model file {path}; make one with: cornerforge ndd fit FILE... --format F --out {path}"
         )
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # From memory: of a cut-off file np.load would leave the handle open.
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
             version = header.get("schema_version")
             if version != SCHEMA_VERSION:

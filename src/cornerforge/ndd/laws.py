@@ -1,0 +1,192 @@
+"""Stochastic car-following laws: mean, spread and heavy tails of the next second's acceleration, and their fit.
+
+A law maps a state (speed, gap, range rate) to a Student-t distribution of the mean acceleration over the next second,
+which is then gathered into the 31 acceleration bins of the model. `LogLaw` is the one that the model stands on;
+`IdmLaw` is the fairly fitted baseline it is measured against.
+
+Sources: the LOG form was found by comparing laws on the NGSIM I-80 data (docs/design.md); IDM: Treiber, Hennecke,
+Helbing (2000), doi:10.1103/PhysRevE.62.1805.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass, field
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.types import ACCELERATIONS
+
+__all__ = [
+    "FITTED_ABOVE",
+    "FollowingLaw",
+    "IdmLaw",
+    "LogLaw",
+    "bin_index",
+    "bin_probabilities",
+    "fit_law",
+    "log_likelihood",
+]
+
+Floats = NDArray[np.float64]
+
+FITTED_ABOVE = 10.0
+"""Laws are fitted to decisions above this speed [m/s]: stop-and-go below it says little about 20-40 m/s."""
+MIN_GAP = 0.5
+"""Gaps are taken as at least this [m], so that a touching pair has a finite law."""
+_BIN = 0.2
+_EDGES: Floats = np.concatenate([[-np.inf], ACCELERATIONS[:-1] + _BIN / 2, [np.inf]])
+_FLOOR = 1e-6
+"""Log-likelihoods count a decision that a law calls (almost) impossible as this probability."""
+
+
+class FollowingLaw(Protocol):
+    """What all laws here can do; arrays broadcast against each other."""
+
+    @property
+    def degrees(self) -> float:
+        """Degrees of freedom of the Student-t noise."""
+
+    def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Centre of the acceleration's distribution [m/s2]."""
+
+    def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Scale of the Student-t noise [m/s2], above 0."""
+
+
+@dataclass(frozen=True)
+class LogLaw:
+    """Follow the leader's speed, and pull the logarithm of the time gap gently towards its usual value.
+
+    mean = response * rr * (v + 1)^0.24 / (gap + reach) + pull * ln(tg / headway) - 0.067 c^2 / (2 gap) + offset,
+    with time gap tg = gap / (v + 0.55) and closing speed c = max(-rr, 0);
+    scale = spread + spread_closing |rr| / sqrt(gap), less below 7 m/s (`_scale`).
+
+    The defaults are what the NGSIM files of the default model gave; they stand in where a user's data are too few.
+    The pull of a logarithm, unlike IDM's, lets drivers keep very different time gaps, as real ones do.
+    """
+
+    response: float = 4.322
+    reach: float = field(default=16.09, metadata={"unit": "m"})
+    pull: float = field(default=0.07481, metadata={"unit": "m/s2"})
+    headway: float = field(default=1.618, metadata={"unit": "s"})
+    offset: float = field(default=0.05251, metadata={"unit": "m/s2"})
+    spread: float = field(default=0.3272, metadata={"unit": "m/s2"})
+    spread_closing: float = 0.2518
+    degrees: float = 7.891
+
+    def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Centre of the acceleration's distribution [m/s2]; gaps below 0.5 m count as 0.5 m."""
+        gap = np.maximum(gap, MIN_GAP)
+        closing = np.maximum(-range_rate, 0.0)
+        follow = self.response * range_rate * (speed + 1.0) ** 0.24 / (gap + self.reach)
+        pull = self.pull * np.log(gap / (speed + 0.55) / self.headway)
+        return np.asarray(follow + pull - 0.067 * closing**2 / (2.0 * gap) + self.offset)
+
+    def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Scale of the Student-t noise [m/s2]."""
+        return _scale(self.spread, self.spread_closing, speed, gap, range_rate)
+
+
+@dataclass(frozen=True)
+class IdmLaw:
+    """The intelligent driver model with the same noise as `LogLaw`; desired speed fixed at 36 m/s.
+
+    Fixed, because congested data cannot tell it: left free it is extrapolated, and ruins the baseline.
+    """
+
+    acceleration: float = field(default=1.0, metadata={"unit": "m/s2"})
+    comfort: float = field(default=2.0, metadata={"unit": "m/s2"})
+    standstill: float = field(default=3.0, metadata={"unit": "m"})
+    headway: float = field(default=1.2, metadata={"unit": "s"})
+    spread: float = field(default=0.4, metadata={"unit": "m/s2"})
+    spread_closing: float = 0.3
+    degrees: float = 8.0
+
+    def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """IDM acceleration [m/s2]; gaps below 0.5 m count as 0.5 m."""
+        gap = np.maximum(gap, MIN_GAP)
+        interaction = -speed * range_rate / (2.0 * math.sqrt(self.acceleration * self.comfort))
+        desired = self.standstill + np.maximum(0.0, speed * self.headway + interaction)
+        return np.asarray(self.acceleration * (1.0 - (speed / 36.0) ** 4 - (desired / gap) ** 2))
+
+    def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Scale of the Student-t noise [m/s2]."""
+        return _scale(self.spread, self.spread_closing, speed, gap, range_rate)
+
+
+def _scale(spread: float, spread_closing: float, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+    """Scale of the noise [m/s2]: grows with |rr| / sqrt(gap); shrinks in creeping traffic, below 7 m/s (I-80)."""
+    creep = np.minimum((speed + 1.0) / 8.0, 1.0) ** 0.4
+    return np.asarray(creep * (spread + spread_closing * np.abs(range_rate) / np.sqrt(np.maximum(gap, MIN_GAP))))
+
+
+def bin_index(acceleration: Floats) -> NDArray[np.int64]:
+    """Nearest of the 31 accelerations; what lies beyond -4 or 2 m/s2 counts to the outermost.
+
+    >>> bin_index(np.array([-9.0, -0.09, 0.11, 5.0]))
+    array([ 0, 20, 21, 30])
+    """
+    nearest = np.rint((acceleration - ACCELERATIONS[0]) / _BIN)
+    return np.asarray(np.clip(nearest, 0, ACCELERATIONS.size - 1), dtype=np.int64)
+
+
+def bin_probabilities(mean: Floats, scale: Floats, degrees: float) -> Floats:
+    """Student-t probabilities of the 31 acceleration bins, shape (*d, 31), from centre and scale of shape (*d).
+
+    The outermost bins hold everything beyond, so rows sum to 1 wherever the centre lies.
+    """
+    from scipy.special import stdtr
+
+    cumulative = stdtr(degrees, (_EDGES - mean[..., None]) / scale[..., None])
+    return np.asarray(np.diff(cumulative, axis=-1), dtype=np.float64)
+
+
+def log_likelihood(law: FollowingLaw, speed: Floats, gap: Floats, range_rate: Floats, acceleration: Floats) -> float:
+    """Mean natural log of the probability of the observed bins; higher is better, uniform is -ln 31 = -3.43.
+
+    Args:
+        law: The law.
+        speed: Subject speed [m/s], shape (n,), n at least 1.
+        gap: Bumper-to-bumper distance [m], shape (n,).
+        range_rate: Lead minus subject [m/s], shape (n,).
+        acceleration: Observed mean acceleration over the next second [m/s2], shape (n,).
+    """
+    from scipy.special import stdtr
+
+    mean, scale = law.mean(speed, gap, range_rate), law.scale(speed, gap, range_rate)
+    index = bin_index(acceleration)
+    upper = stdtr(law.degrees, (_EDGES[index + 1] - mean) / scale)
+    lower = stdtr(law.degrees, (_EDGES[index] - mean) / scale)
+    return float(np.log(np.maximum(upper - lower, _FLOOR)).mean())
+
+
+Law = TypeVar("Law", LogLaw, IdmLaw)
+
+
+def fit_law(start: Law, speed: Floats, gap: Floats, range_rate: Floats, acceleration: Floats) -> Law:
+    """Maximum-likelihood parameters of a law, started at `start`, rounded to 4 significant digits.
+
+    All parameters but the offset are kept positive by fitting their logarithms. The rounding makes a second fit, or one
+    on another machine, give the same bytes. Arrays as for `log_likelihood`.
+    """
+    from scipy.optimize import minimize
+
+    names = list(type(start).__dataclass_fields__)
+    positive = np.array([name != "offset" for name in names])
+
+    def law_at(point: Floats, form: str = ".17g") -> Law:
+        values = np.where(positive, np.exp(np.where(positive, point, 0.0)), point)
+        return type(start)(*(float(format(value, form)) for value in values))
+
+    values = np.array(astuple(start))
+    first = np.where(positive, np.log(np.where(positive, values, 1.0)), values)
+    best = minimize(
+        lambda point: -log_likelihood(law_at(point), speed, gap, range_rate, acceleration),
+        first,
+        method="L-BFGS-B",
+        bounds=[(math.log(1e-3), math.log(100.0)) if flag else (-1.0, 1.0) for flag in positive],
+    )
+    return law_at(np.asarray(best.x, dtype=np.float64), ".4g")

@@ -1,0 +1,125 @@
+"""The parametric prior of the naturalistic model at 20-40 m/s, where trajectories are thin: tables from a fitted law.
+
+The law that is most likely (`laws.LogLaw`) is not safe in free running: errors in measured speeds and the mixture of
+drivers bias its response weak. Here it is blended, where gaps are short or a collision is near, into a stronger one,
+with repulsion and a kinematic floor; nothing is forbidden by it, only the centre of the distribution moves.
+Its constants were set so that simulated traffic meets the published facts with few crashes: docs/design.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.ndd.laws import MIN_GAP, LogLaw, bin_probabilities
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS
+from cornerforge.types import ACCELERATIONS
+
+__all__ = ["SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior", "support"]
+
+Floats = NDArray[np.float64]
+
+SUPPORT_SD = 5.0
+"""Accelerations farther than this many standard deviations from the centre are impossible; 3 forbid 2 % of real."""
+
+
+@dataclass(frozen=True)
+class SafeLaw:
+    """A fitted law, blended into a safe response where the leader is near or is closed in on fast.
+
+    The weight of the safe response is 1 below `time_gap_full` or `ttc_full`, 0 above both `time_gap_none` and
+    `ttc_none`, smooth between.
+    """
+
+    law: LogLaw
+    response: float = 6.0
+    reach: float = field(default=5.0, metadata={"unit": "m"})
+    time_gap_full: float = field(default=0.8, metadata={"unit": "s"})
+    time_gap_none: float = field(default=1.6, metadata={"unit": "s"})
+    ttc_full: float = field(default=8.0, metadata={"unit": "s"})
+    ttc_none: float = field(default=16.0, metadata={"unit": "s"})
+    repulsion: float = field(default=0.8, metadata={"unit": "m/s2 per s"})
+    repulsion_below: float = field(default=0.8, metadata={"unit": "s"})
+    floor_margin: float = field(default=4.0, metadata={"unit": "m"})
+
+    @property
+    def degrees(self) -> float:
+        """Degrees of freedom of the Student-t noise."""
+        return self.law.degrees
+
+    def weight(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Weight of the safe response, in [0, 1]; never falls as the pair closes faster."""
+        time_gap = gap / np.maximum(speed, 1.0)
+        inverse_ttc = np.maximum(-range_rate, 0.0) / np.maximum(gap, MIN_GAP)
+        near = (self.time_gap_none - time_gap) / (self.time_gap_none - self.time_gap_full)
+        fast = (inverse_ttc - 1.0 / self.ttc_none) / (1.0 / self.ttc_full - 1.0 / self.ttc_none)
+        ramp = np.clip(np.maximum(near, fast), 0.0, 1.0)
+        return np.asarray(ramp * ramp * (3.0 - 2.0 * ramp))
+
+    def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Centre of the acceleration's distribution [m/s2]; it may lie below -4 (then the lowest bin takes all)."""
+        gap = np.maximum(gap, MIN_GAP)
+        closing = np.maximum(-range_rate, 0.0)
+        fitted = self.law.mean(speed, gap, range_rate)
+        speed_factor = (speed + 1.0) ** 0.24
+        extra = self.response / (gap + self.reach) - self.law.response / (gap + self.law.reach)
+        time_gap = gap / np.maximum(speed, 1.0)
+        centre = fitted + self.weight(speed, gap, range_rate) * np.maximum(extra, 0.0) * range_rate * speed_factor
+        centre = centre - self.repulsion * np.maximum(self.repulsion_below - time_gap, 0.0)
+        floor = -(closing**2) / (2.0 * np.maximum(gap - self.floor_margin, MIN_GAP))
+        return np.asarray(np.where(closing > 0.0, np.minimum(centre, floor), centre))
+
+    def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
+        """Scale of the Student-t noise [m/s2]."""
+        return self.law.scale(speed, gap, range_rate)
+
+
+@dataclass(frozen=True)
+class FreeFlow:
+    """Acceleration with no leader within 115 m, after the published IVBSS facts.
+
+    Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: what keeps a normal distribution of
+    speeds stationary under that spread, times `pull` (followers feel it only through their leaders; 0.5 compromises
+    between a stationary distribution and the published mean of 0.02-0.05 m/s2 at all speeds), plus `offset`.
+    """
+
+    speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
+    speed_sd: float = field(default=3.48, metadata={"unit": "m/s"})
+    pull: float = 0.5
+    offset: float = field(default=0.02, metadata={"unit": "m/s2"})
+    degrees: float = 12.0
+
+    def sd(self, speed: Floats) -> Floats:
+        """Standard deviation [m/s2] by speed [m/s]; 0.61 below 20, 0.32 above 36."""
+        return np.interp(speed, [20.0, 30.0, 36.0], [0.61, 0.38, 0.32])
+
+    def mean(self, speed: Floats) -> Floats:
+        """Centre of the acceleration's distribution [m/s2]."""
+        pull = -self.pull * self.sd(speed) ** 2 / 2.0 * (speed - self.speed_mean) / self.speed_sd**2
+        return np.asarray(pull + self.offset)
+
+
+def support(mean: Floats, scale: Floats, degrees: float) -> NDArray[np.bool_]:
+    """Which of the 31 accelerations are possible, shape (*d, 31): within 5 standard deviations, never none."""
+    sd = scale * np.sqrt(degrees / (degrees - 2.0))
+    centre = np.clip(mean, ACCELERATIONS[0], ACCELERATIONS[-1])
+    return np.asarray(np.abs(ACCELERATIONS - centre[..., None]) <= SUPPORT_SD * sd[..., None])
+
+
+def _table(mean: Floats, scale: Floats, degrees: float) -> Floats:
+    rows = bin_probabilities(mean, scale, degrees) * support(mean, scale, degrees)
+    return np.asarray(rows / rows.sum(axis=-1, keepdims=True))
+
+
+def following_prior(law: SafeLaw) -> Floats:
+    """P(acceleration | speed, gap, range rate) on the model's grid, shape (21, 116, 19, 31), rows sum to 1."""
+    state = np.meshgrid(SPEEDS, GAPS, RANGE_RATES, indexing="ij")
+    return _table(law.mean(*state), law.scale(*state), law.degrees)
+
+
+def free_prior(law: FreeFlow) -> Floats:
+    """P(acceleration | speed) without a leader, shape (21, 31), rows sum to 1."""
+    scale = law.sd(SPEEDS) * np.sqrt((law.degrees - 2.0) / law.degrees)
+    return _table(law.mean(SPEEDS), scale, law.degrees)

@@ -1,0 +1,86 @@
+"""Scoring laws and models on decisions they were not fitted to: mean log-probability of what drivers did."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.laws import FollowingLaw, bin_index, log_likelihood
+from cornerforge.ndd.model import GAPS, SPEEDS, NddModel
+from cornerforge.types import ACCELERATIONS
+
+__all__ = ["grid_place", "held_out_scores", "table_log_likelihood"]
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_FLOOR = 1e-6
+_SLOWEST = float(SPEEDS[0]) - 0.5
+
+
+def grid_place(decisions: Decisions) -> tuple[Ints, Ints, Ints, Bools, Bools]:
+    """Nearest place on the model's grid of each decision.
+
+    Closing faster than 10 m/s is looked up, as the simulator does, at the gap that needs the same deceleration when 4 m
+    are left: 4 + (gap - 4) (10 / closing)^2.
+
+    Returns:
+        Index of speed, gap and range rate (clipped to the grid), whether the speed lies on the grid (19.5 to 40.5 m/s),
+        and whether it is free flow (no leader, or beyond 115.5 m); each of shape (n,).
+    """
+    closing = np.maximum(-decisions.range_rate, 10.0)
+    gap = decisions.gap
+    gap = np.where(gap > 4.0, 4.0 + (gap - 4.0) * (10.0 / closing) ** 2, gap)
+    is_free = gap > GAPS[-1] + 0.5
+    speed_index = np.floor(decisions.speed + 0.5).astype(np.int64) - 20
+    gap_index = np.floor(np.where(is_free, 0.0, gap) + 0.5).astype(np.int64)
+    rate_index = np.floor(decisions.range_rate + 0.5).astype(np.int64) + 10
+    on_grid = (decisions.speed >= _SLOWEST) & (decisions.speed < SPEEDS[-1] + 0.5)
+    return np.clip(speed_index, 0, 20), np.clip(gap_index, 0, 115), np.clip(rate_index, 0, 18), on_grid, is_free
+
+
+def table_log_likelihood(model: NddModel, decisions: Decisions) -> tuple[float, int]:
+    """Mean natural log of the model's probability of the observed accelerations, on the grid (19.5 to 40.5 m/s).
+
+    Returns:
+        The mean (NaN if no decision lies on the grid; an impossible one counts as 1e-6), and the number of decisions.
+    """
+    speed, gap, range_rate, on_grid, is_free = grid_place(decisions)
+    if not on_grid.any():
+        return math.nan, 0
+    chosen = bin_index(decisions.acceleration)
+    p = np.where(is_free, model.free[speed, chosen], model.following[speed, gap, range_rate, chosen])[on_grid]
+    return float(np.log(np.maximum(p, _FLOOR, dtype=np.float64)).mean()), int(on_grid.sum())
+
+
+def held_out_scores(
+    laws: Mapping[str, FollowingLaw], model: NddModel, decisions: Mapping[str, Decisions]
+) -> dict[str, dict[str, float]]:
+    """Scores of laws and model on the held-out following decisions of each file; files without any are left out.
+
+    Returns:
+        For each file: `decisions` (their number), `uniform`, each law's name, and, where at least one lies on the grid,
+        `table_decisions`, `table`, and each law on those, named `..._on_grid`.
+    """
+    scores: dict[str, dict[str, float]] = {}
+    for name, all_decisions in decisions.items():
+        held = all_decisions.where(all_decisions.held_out & np.isfinite(all_decisions.gap))
+        if held.size == 0:
+            continue
+        row: dict[str, float] = {"decisions": held.size, "uniform": -math.log(ACCELERATIONS.size)}
+        row |= {law_name: _score(law, held) for law_name, law in laws.items()}
+        table, number = table_log_likelihood(model, held)
+        if number:
+            *_, on_grid, _ = grid_place(held)
+            row |= {"table_decisions": number, "table": table}
+            row |= {f"{law_name}_on_grid": _score(law, held.where(on_grid)) for law_name, law in laws.items()}
+        scores[name] = row
+    return scores
+
+
+def _score(law: FollowingLaw, held: Decisions) -> float:
+    return log_likelihood(law, held.speed, held.gap, held.range_rate, held.acceleration)

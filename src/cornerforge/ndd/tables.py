@@ -1,0 +1,188 @@
+"""Reading trajectory tables: CSV, plain or gzip, into columns of numbers; every row left out is counted and named."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+from numpy.typing import NDArray
+
+from cornerforge.errors import DataError
+
+__all__ = ["BadRows", "Table", "file_sha256", "read_header", "read_table"]
+
+Floats = NDArray[np.float64]
+
+_NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
+"""What counts as a number; "nan" and "inf" do not."""
+
+
+@dataclass
+class BadRows:
+    """Rows of one file that were left out: reason -> (count, the file's line of the first; the header is line 1).
+
+    A row that has several faults is counted once, under the first found.
+    """
+
+    reasons: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    def add(self, reason: str, lines: Iterable[int]) -> None:
+        """Count these lines of the file under `reason`."""
+        numbers = [int(line) for line in lines]
+        if numbers:
+            count, first = self.reasons.get(reason, (0, numbers[0]))
+            self.reasons[reason] = (count + len(numbers), min(first, *numbers))
+
+    @property
+    def total(self) -> int:
+        """Rows left out."""
+        return sum(count for count, _ in self.reasons.values())
+
+
+@dataclass
+class Table:
+    """Columns of a file, by our names, all of the same length; `drop` takes rows out and names why.
+
+    Attributes:
+        name: File name, for messages.
+        numbers: Columns of numbers; NaN where the file has none.
+        texts: Columns of names, coded 0, 1, ... in order of the sorted names; -1 where empty.
+        line: The row's line in the file, shape (n,).
+        bad: The rows left out so far.
+        rows_read: Rows in the file, the bad ones too.
+    """
+
+    name: str
+    numbers: dict[str, Floats]
+    texts: dict[str, NDArray[np.int64]]
+    labels: dict[str, list[str]]
+    line: NDArray[np.int64]
+    bad: BadRows
+    rows_read: int
+
+    def drop(self, reason: str, mask: NDArray[np.bool_]) -> None:
+        """Take out the rows where `mask`, shape (n,), is true."""
+        if mask.any():
+            self.bad.add(reason, self.line[mask])
+            self.take(np.flatnonzero(~mask))
+
+    def take(self, order: NDArray[np.int64]) -> None:
+        """Keep these rows, in this order."""
+        self.numbers = {name: values[order] for name, values in self.numbers.items()}
+        self.texts = {name: values[order] for name, values in self.texts.items()}
+        self.line = self.line[order]
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, in hex digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _simple(name: str) -> str:
+    """Column names differ in case and hyphens between releases of the same data."""
+    return name.strip().strip('"').lstrip("\ufeff").lower().replace("-", "_").replace(" ", "_")
+
+
+def read_header(path: Path) -> list[str]:
+    """Column names of a CSV file (gzip if its name ends so), in small letters, `-` and blanks as `_`.
+
+    Raises:
+        DataError: No such file, empty, or not readable.
+    """
+    if not path.is_file():
+        raise DataError(f"No trajectory file {path}.")
+    try:
+        with pa.input_stream(str(path), compression="detect") as stream:
+            head = stream.read(65536)
+    except OSError as error:
+        raise DataError(f"Trajectory file {path} cannot be read ({error}); is it damaged, or cut off?") from error
+    line = head.split(b"\n", 1)[0].strip()
+    if not line:
+        raise DataError(f"Trajectory file {path} is empty.")
+    return [_simple(name) for name in line.decode("utf-8", errors="replace").split(",")]
+
+
+def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapping[str, str]) -> Table:
+    """Read named columns of a CSV file.
+
+    Args:
+        path: The file; gzip if its name ends in .gz.
+        numbers: Our name -> (column in the file as `read_header` spells it, factor to SI units).
+        texts: Our name -> column in the file.
+
+    Returns:
+        Rows in the order of the file; rows with a wrong number of fields are already left out and named.
+
+    Raises:
+        DataError: The file is empty, cut off or no CSV.
+    """
+    header = read_header(path)
+    wanted = [column for column, _ in numbers.values()] + list(texts.values())
+    twice = sorted({column for column in wanted if header.count(column) > 1})
+    if twice:
+        raise DataError(f"Trajectory file {path} has two columns named {', '.join(twice)}; keep one of them.")
+    broken: list[int] = []
+
+    def note(row: pa.csv.InvalidRow) -> str:
+        broken.append(int(row.number))
+        return "skip"
+
+    try:  # Latin-1 takes any byte: a damaged one spoils its row, not the file
+        content = pa.csv.read_csv(
+            str(path),
+            read_options=pa.csv.ReadOptions(column_names=header, skip_rows=1, use_threads=False, encoding="latin1"),
+            parse_options=pa.csv.ParseOptions(invalid_row_handler=note, ignore_empty_lines=False),
+            convert_options=pa.csv.ConvertOptions(
+                include_columns=wanted, column_types=dict.fromkeys(wanted, pa.string()), strings_can_be_null=False
+            ),
+        )
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DataError(f"Trajectory file {path} cannot be read ({error}); is it damaged, or cut off?") from error
+    if content.num_rows == 0:
+        raise DataError(f"Trajectory file {path} holds no rows.")
+    bad = BadRows()
+    bad.add("wrong number of fields", broken)
+    coded = {name: _codes(content[column]) for name, column in texts.items()}
+    return Table(
+        name=path.name,
+        numbers={name: _floats(content[column]) * factor for name, (column, factor) in numbers.items()},
+        texts={name: codes for name, (codes, _) in coded.items()},
+        labels={name: labels for name, (_, labels) in coded.items()},
+        line=_lines(content.num_rows, broken),
+        bad=bad,
+        rows_read=content.num_rows + len(broken),
+    )
+
+
+def _lines(rows: int, broken: list[int]) -> NDArray[np.int64]:
+    """Line numbers of the rows that were kept, where the lines `broken` were skipped."""
+    every = np.arange(2, rows + len(broken) + 2, dtype=np.int64)
+    return np.setdiff1d(every, np.array(broken, dtype=np.int64), assume_unique=True)[:rows]
+
+
+def _floats(column: pa.ChunkedArray) -> Floats:
+    """Text to numbers; NaN where it is none."""
+    fine = pc.match_substring_regex(column, _NUMBER)
+    text = pc.if_else(fine, pc.utf8_trim_whitespace(column), pa.scalar(None, pa.string()))
+    return np.asarray(pc.cast(text, pa.float64()).to_numpy(), dtype=np.float64)
+
+
+def _codes(column: pa.ChunkedArray) -> tuple[NDArray[np.int64], list[str]]:
+    """Text to numbers 0, 1, ... in the order of the sorted texts; -1 where empty.
+
+    "12.0" counts as "12": tables that passed through floating point write vehicle numbers so.
+    """
+    text = pc.replace_substring_regex(pc.utf8_trim_whitespace(column), r"^(\d+)\.0+$", r"\1")
+    encoded = pc.dictionary_encode(text.combine_chunks())
+    found = [str(text) for text in encoded.dictionary.to_pylist()]
+    labels = sorted(text for text in found if text)
+    rank = {text: number for number, text in enumerate(labels)}
+    new = np.array([rank.get(text, -1) for text in found] or [-1], dtype=np.int64)
+    return new[encoded.indices.to_numpy(zero_copy_only=False).astype(np.int64)], labels
