@@ -1,0 +1,136 @@
+"""Scenarios as compact JSON for the animation: rounded, trimmed to what the picture can show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.report.risk import lane_ttc, plane_ttc
+from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Scenario
+
+__all__ = ["case_data", "load_scenarios"]
+
+SIGHT_M = 110.0
+"""Vehicles are kept while they are this near to the AV along the road [m]; the widest view shows 100 m each way."""
+SHOWN_S = 30.0
+"""At most this much of a test is kept, counted back from its end [s]."""
+FRAMES_PER_DECISION = round(1.0 / FRAME_S)
+
+
+def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str, Scenario | None]]:
+    """Read cases from a library, one at a time; None for those that it does not hold or that lie in a damaged shard.
+
+    Raises:
+        FileFormatError: The folder is no library that can be read.
+    """
+    from cornerforge.library import CaseLibrary
+
+    store = CaseLibrary.open(library)
+    for case_id in case_ids:
+        try:
+            yield case_id, store.scenario(case_id).scenario
+        except (InputError, FileFormatError):
+            yield case_id, None
+
+
+def case_data(case_id: str, scenario: Scenario) -> dict[str, Any]:
+    """What the animation needs of a case, as JSON values.
+
+    Positions are in metres (x counted from the AV's centre at its start), speeds in m/s, times in s, rounded to 3
+    decimals, headings in rad, rounded to 4. `vehicles[0]` is the AV. A vehicle's lists begin at its frame `from`;
+    `critical`, `action` and `p_nde` have one entry a decision (every 10 frames from the test's start, frame 0); `ttc`
+    and `ttcPlane` one a shown frame, null for infinite. `first` is the index of the first frame shown.
+
+    Args:
+        case_id: Name of the case, `seed:test`.
+        scenario: The case; vehicles far from the AV may have been left out.
+    """
+    n_frames = len(scenario.x)
+    first = max(0, n_frames - 1 - round(SHOWN_S / FRAME_S))
+    near = _near(scenario, first)
+    columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]
+    position = {column: i for i, column in enumerate(columns)}
+    partner = _partner(scenario)
+    return {
+        "id": case_id,
+        "dt": FRAME_S,
+        "first": first,
+        "frames": n_frames - first,
+        "lanes": scenario.odd.n_lanes,
+        "laneWidth": scenario.odd.lane_width,
+        "length": scenario.odd.vehicle_length,
+        "width": scenario.odd.vehicle_width,
+        "maxSpeed": scenario.odd.max_speed,
+        "vehicles": [_vehicle(scenario, column, near[:, column], first) for column in columns],
+        "critical": [position.get(int(c), -1) for c in scenario.critical_bv],
+        "action": [_action(scenario, k) for k in range(len(scenario.critical_bv))],
+        "p_nde": [_probability(scenario, k) for k in range(len(scenario.critical_bv))],
+        "crash": None if scenario.crash is None else round(scenario.crash.time / FRAME_S) - first,
+        "partner": -1 if partner is None else position.get(partner, -1),
+        "ttc": [] if partner is None else _rounded(lane_ttc(scenario, partner)[first:]),
+        "ttcPlane": [] if partner is None else _rounded(plane_ttc(scenario, partner)[first:]),
+    }
+
+
+def _near(scenario: Scenario, first: int) -> NDArray[np.bool_]:
+    """Present and in sight of the AV, shape (T, N); False before frame `first`. The partner is always in sight."""
+    distance = np.abs(np.where(scenario.present, scenario.x, np.inf) - scenario.x[:, :1])
+    near = scenario.present & (distance <= SIGHT_M)
+    partner = _partner(scenario)
+    for column in (0,) if partner is None else (0, partner):
+        near[:, column] = scenario.present[:, column]
+    near[:first] = False
+    return near
+
+
+def _partner(scenario: Scenario) -> int | None:
+    """Column of the vehicle that the AV crashed with; None if the AV did not crash."""
+    if scenario.crash is None or scenario.crash.slot_a != 0:
+        return None
+    return int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
+
+
+def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: int) -> dict[str, Any]:
+    frames = np.flatnonzero(near)
+    rows = slice(int(frames[0]), int(frames[-1]) + 1)
+    start = scenario.x[0, 0]
+    return {
+        "slot": int(scenario.slot[column]),
+        "from": rows.start - first,
+        "x": _rounded(scenario.x[rows, column] - start),
+        "y": _rounded(scenario.y[rows, column]),
+        "v": _rounded(scenario.speed[rows, column]),
+        "h": _rounded(scenario.heading[rows, column], 4),
+        "lane": scenario.target_lane[rows, column].tolist(),
+    }
+
+
+def _rounded(values: NDArray[np.float64], decimals: int = 3) -> list[float | None]:
+    """As JSON numbers; NaN and infinity, which JSON lacks, become None."""
+    # Adding 0 turns -0.0 into 0.0, which is shorter to write.
+    exact = np.round(values.astype(np.float64), decimals) + 0.0
+    return [value if math.isfinite(value) else None for value in exact.tolist()]
+
+
+def _action(scenario: Scenario, k: int) -> str:
+    """What the critical BV decided, in words."""
+    column = int(scenario.critical_bv[k])
+    index = int(scenario.action[k, column]) if column >= 0 else -1
+    if index < 0:
+        return ""
+    if index in (ACTION_LEFT, ACTION_RIGHT):
+        return "change to the left" if index == ACTION_LEFT else "change to the right"
+    return f"{ACCELERATIONS[index - 2]:+.1f} m/s²"
+
+
+def _probability(scenario: Scenario, k: int) -> float | None:
+    """Probability of the critical BV's action in natural traffic, two digits; None where there is no critical BV."""
+    if scenario.critical_bv[k] < 0:
+        return None
+    return float(f"{math.exp(float(scenario.log_prob_nde[k])):.2g}")

@@ -1,0 +1,288 @@
+"""The charts as plotly figures: plain JSON values, drawn in the browser.
+
+A colour that begins with "css:" names a custom property of the page's style, so that a chart follows light and dark
+mode; `charts.js` puts the value in. Colours are Okabe and Ito's, which colour-blind people tell apart, and no meaning
+hangs on colour alone: markers, dashes and labels say the same. Text from files is escaped, since plotly reads markup.
+"""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.report import text
+from cornerforge.report.artefacts import Analysis, Histogram, Points, Rate, Training
+
+__all__ = ["crash_type_figure", "exposure_figure", "map_figure", "rate_figure", "training_figure", "wilson_interval"]
+
+Figure = dict[str, Any]
+
+NATURAL = "#009E73"
+ADVERSARY = "#D55E00"
+GROUP_COLOURS = {"majority": NATURAL, "minority": ADVERSARY}
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "hourglass")
+MAX_POINTS = 3000
+"""At most this many points of a cluster are drawn, evenly taken from its list: more only slow the page."""
+
+
+def rate_figure(rates: list[Rate], natural: Rate) -> Figure:
+    """Crashes per test of every adversary beside natural traffic, on a log axis, with 95 % intervals.
+
+    Dots instead of bars, because a bar's length means nothing on a log axis. A rate of no crash at all appears as an
+    arrow that points to the left from 3 / tests.
+    """
+    rows = [*rates, natural]
+    seen = [r for r in rows if not r.is_bound]
+    bounds = [r for r in rows if r.is_bound]
+    dots = _rate_marks(seen, natural) | {
+        "error_x": {
+            "type": "data",
+            "symmetric": False,
+            "array": [r.high - r.per_test for r in seen],
+            # An interval that reaches 0 has no end on a log axis: its line is drawn out of the picture.
+            "arrayminus": [r.per_test - r.low if r.low > 0 else 0.999 * r.per_test for r in seen],
+            "thickness": 2,
+            "width": 6,
+            "color": "css:ink",
+        }
+    }
+    arrows = _rate_marks(bounds, natural)
+    arrows["marker"] |= {"symbol": "triangle-left", "size": 15}
+    arrows["textposition"] = "top right"
+    lowest = min([r.low if r.low > 0 else r.per_test / 3 for r in seen] + [r.bound / 10 for r in bounds])
+    layout = _layout(height=110 + 62 * len(rows), showlegend=False, margin={"l": 10, "r": 30, "t": 20, "b": 55})
+    layout["xaxis"] = _axis(
+        "crashes of the AV per test (log scale)", type="log", range=[float(np.log10(lowest)) - 0.3, 0.25], **_POWERS
+    )
+    layout["yaxis"] = _axis("", automargin=True, autorange="reversed", categoryorder="array", showgrid=False)
+    layout["yaxis"]["categoryarray"] = [_row_label(r) for r in rows]
+    layout["shapes"] = [_arrow_tail(r, lowest) for r in bounds]
+    return {"data": [dots, arrows], "layout": layout}
+
+
+_POWERS = {"exponentformat": "power", "dtick": 1}
+
+
+def _rate_marks(rates: list[Rate], natural: Rate) -> dict[str, Any]:
+    """One mark a rate, with its value in words."""
+    shown = [
+        f"no crash seen: below {text.rate(r.bound, 2)}" if r.is_bound else text.rate(r.per_test, r.digits)
+        for r in rates
+    ]
+    return {
+        "type": "scatter",
+        "mode": "markers+text",
+        "x": [r.bound if r.is_bound else r.per_test for r in rates],
+        "y": [_row_label(r) for r in rates],
+        "marker": {"size": 13, "color": [NATURAL if r is natural else ADVERSARY for r in rates]},
+        "text": shown,
+        "textposition": "top center",
+        "cliponaxis": False,
+        "hovertemplate": "%{y}: %{text} crashes per test<extra></extra>",
+    }
+
+
+def _row_label(rate: Rate) -> str:
+    return f"{html.escape(rate.name)}<br><sub>n = {text.count(rate.tests)} tests</sub>"
+
+
+def _arrow_tail(rate: Rate, lowest: float) -> dict[str, Any]:
+    label = _row_label(rate)
+    return {
+        "type": "line",
+        "xref": "x",
+        "yref": "y",
+        "x0": lowest,
+        "x1": rate.bound,
+        "y0": label,
+        "y1": label,
+        "line": {"color": NATURAL, "width": 2, "dash": "dot"},
+    }
+
+
+def wilson_interval(per_test: NDArray[np.float64], tests: NDArray[np.float64]) -> NDArray[np.float64]:
+    """95 % score interval of a share, shape (2, n), in [0, 1] (Wilson 1927).
+
+    Args:
+        per_test: Observed share, shape (n,).
+        tests: Number of tests, at least 1, shape (n,).
+
+    >>> wilson_interval(np.array([0.5]), np.array([100.0])).round(3).ravel().tolist()
+    [0.404, 0.596]
+    """
+    z2 = 1.959963984540054**2
+    centre = (per_test + z2 / (2 * tests)) / (1 + z2 / tests)
+    half = np.sqrt(z2 * per_test * (1 - per_test) / tests + z2**2 / (4 * tests**2)) / (1 + z2 / tests)
+    return np.clip(np.stack([centre - half, centre + half]), 0.0, 1.0)
+
+
+def training_figure(training: Training, natural: Rate) -> Figure:
+    """Yield and exploration, and below them the loss, over the decisions that the adversary has seen."""
+    known = [i for i, (p, n) in enumerate(zip(training.per_test, training.tests, strict=True)) if p is not None and n]
+    x = [training.decisions[i] for i in known]
+    share = np.array([training.per_test[i] for i in known], dtype=np.float64)
+    low, high = wilson_interval(share, np.array([training.tests[i] for i in known], dtype=np.float64))
+    traces: list[dict[str, Any]] = [
+        {
+            "type": "scatter",
+            "x": x + x[::-1],
+            "y": [*high.tolist(), *low[::-1].tolist()],
+            "fill": "toself",
+            "fillcolor": "rgba(213,94,0,0.22)",
+            "line": {"width": 0},
+            "hoverinfo": "skip",
+            "name": "95 % interval",
+        },
+        _line(x, share.tolist(), "yield [crashes per test]", color=ADVERSARY, width=2.5),
+        _line(
+            training.decisions,
+            training.epsilon,
+            "exploration: share of random actions",
+            color="css:accent",
+            dash="dash",
+        ),
+        {**_line(training.decisions, training.loss, "loss (temporal difference)", color="css:muted"), "yaxis": "y2"},
+    ]
+    layout = _layout(height=460, legend={"orientation": "h", "y": 1.08, "x": 0, "yanchor": "bottom"})
+    layout["xaxis"] = _axis(
+        "decisions of the critical background vehicle seen in training", anchor="y2", rangemode="tozero"
+    )
+    layout["yaxis"] = _axis("crashes per test;<br>share of random actions", domain=[0.36, 1.0], range=[0, 1.02])
+    layout["yaxis2"] = _axis("loss (log scale)", domain=[0.0, 0.26], type="log", exponentformat="power")
+    if not natural.is_bound and natural.per_test > 1e-3:
+        layout["shapes"] = [_level(natural.per_test)]
+    return {"data": traces, "layout": layout}
+
+
+def _level(value: float) -> dict[str, Any]:
+    line = {"color": NATURAL, "dash": "dot", "width": 2}
+    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value, "line": line}
+
+
+def _line(x: list[float], y: list[float | None], name: str, **line: Any) -> dict[str, Any]:
+    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": line}
+
+
+def exposure_figure(histogram: Histogram) -> Figure:
+    """How often the AV saw each value, in natural traffic and with the adversary: densities, each with area 1."""
+    layout = _layout(height=300, legend={"orientation": "h", "y": 1.02, "x": 0, "yanchor": "bottom"})
+    unit = html.escape(histogram.unit)
+    layout["xaxis"] = _axis(f"{html.escape(histogram.label)} [{unit}]")
+    layout["yaxis"] = _axis(f"probability density [1/{unit}]", rangemode="tozero", tickformat=".3~g")
+    worlds = (
+        ("natural traffic (NDE)", histogram.nde, NATURAL, "rgba(0,158,115,0.16)", "dash"),
+        ("adversary", histogram.adversary, ADVERSARY, "rgba(213,94,0,0.16)", "solid"),
+    )
+    traces = []
+    for name, counts, colour, fill, dash in worlds:
+        trace = _line(histogram.edges.tolist(), _steps(density(histogram, counts)), name, color=colour, dash=dash)
+        trace["line"]["shape"] = "hv"
+        traces.append(trace | {"fill": "tozeroy", "fillcolor": fill, "hovertemplate": "from %{x}: %{y:.3g}"})
+    layout["hovermode"] = "x"
+    return {"data": traces, "layout": layout}
+
+
+def density(histogram: Histogram, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Counts as a density [1 / unit] whose area is 1; zeros where nothing was counted. Shape (n,)."""
+    return counts / (max(float(counts.sum()), 1.0) * np.diff(histogram.edges))
+
+
+def _steps(values: NDArray[np.float64]) -> list[float | None]:
+    """One value an edge: a step line holds each value to the next edge, so the last is repeated."""
+    return [float(f"{v:.5g}") for v in [*values, values[-1]]]
+
+
+def crash_type_figure(analysis: Analysis) -> Figure:
+    """Cases by crash type, most frequent on top."""
+    ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
+    total = max(1, sum(n for _, n in ordered))
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "x": [n for _, n in ordered],
+        "y": [html.escape(name) for name, _ in ordered],
+        "text": [f"{text.count(n)} ({100 * n / total:.1f} %)" for _, n in ordered],
+        "textposition": "outside",
+        "cliponaxis": False,
+        "marker": {"color": "css:accent"},
+        "hovertemplate": "%{y}: %{x} cases<extra></extra>",
+    }
+    layout = _layout(height=100 + 42 * max(1, len(ordered)), margin={"l": 10, "r": 110, "t": 10, "b": 50})
+    layout["xaxis"] = _axis("cases", rangemode="tozero")
+    layout["yaxis"] = _axis("", automargin=True, autorange="reversed", showgrid=False)
+    return {"data": [bars], "layout": layout}
+
+
+def map_figure(points: Points, analysis: Analysis, animated: set[str]) -> Figure:
+    """The plane of the two principal components with clusters, typical and rare cases; a click plays a case.
+
+    Args:
+        points: Where each case lies.
+        analysis: Clusters, typical and rare cases.
+        animated: Case ids that the page can play.
+    """
+    traces = [
+        _cluster_trace(points, group, int(cluster), int(cluster) % len(SYMBOLS))
+        for group in ("majority", "minority")
+        for cluster in np.unique(points.cluster[np.array(points.group, dtype=str) == group])
+    ]
+    typical = {case for cluster in analysis.clusters for case in cluster.typical}
+    traces.append(_marked(points, typical & animated, "typical (click to play)", "circle-open", 15))
+    traces.append(_marked(points, set(analysis.rare) & animated, "rare (click to play)", "x-thin-open", 13))
+    layout = _layout(
+        height=520, legend={"orientation": "h", "y": -0.16, "x": 0, "yanchor": "top", "itemsizing": "constant"}
+    )
+    for axis, share, number in zip(("xaxis", "yaxis"), analysis.explained_variance, (1, 2), strict=True):
+        layout[axis] = _axis(f"principal component {number} ({100 * share:.0f} % of the variance)", zeroline=True)
+    layout |= {"hovermode": "closest", "dragmode": "zoom"}
+    return {"data": traces, "layout": layout}
+
+
+def _cluster_trace(points: Points, group: str, cluster: int, symbol: int) -> dict[str, Any]:
+    inside = np.flatnonzero((np.array(points.group, dtype=str) == group) & (points.cluster == cluster))
+    shown = inside[np.unique(np.linspace(0, len(inside) - 1, min(MAX_POINTS, len(inside))).round().astype(int))]
+    name = f"{group}, {'no cluster' if cluster < 0 else f'cluster {cluster}'} ({text.count(len(inside))})"
+    marker = {"size": 5, "opacity": 0.55, "color": GROUP_COLOURS[group], "symbol": SYMBOLS[symbol]}
+    return _scatter(points, shown, name) | {"marker": marker}
+
+
+def _marked(points: Points, cases: set[str], name: str, symbol: str, size: int) -> dict[str, Any]:
+    index = np.array([i for i, case in enumerate(points.case_id) if case in cases], dtype=np.intp)
+    line = {"width": 2.2, "color": "css:ink"}
+    return _scatter(points, index, name) | {
+        "marker": {"size": size, "symbol": symbol, "color": "css:ink", "line": line}
+    }
+
+
+def _scatter(points: Points, index: NDArray[np.intp], name: str) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": points.pc1[index].round(3).tolist(),
+        "y": points.pc2[index].round(3).tolist(),
+        "customdata": [points.case_id[i] for i in index],
+        "text": [html.escape(f"case {points.case_id[i]}: {points.crash_type[i]}") for i in index],
+        "hovertemplate": "%{text}<extra>" + name + "</extra>",
+    }
+
+
+def _axis(title: str, **more: Any) -> dict[str, Any]:
+    colours = {"gridcolor": "css:grid", "zerolinecolor": "css:grid", "linecolor": "css:muted"}
+    return {"title": {"text": title, "standoff": 8}, "zeroline": False, "automargin": True, **colours, **more}
+
+
+def _layout(**more: Any) -> dict[str, Any]:
+    return {
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": "system-ui, sans-serif", "size": 13, "color": "css:ink"},
+        "hoverlabel": {"bgcolor": "css:paper", "font": {"color": "css:ink"}},
+        "margin": {"l": 60, "r": 20, "t": 30, "b": 50},
+        "dragmode": False,
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "css:muted", "activecolor": "css:ink"},
+        **more,
+    }

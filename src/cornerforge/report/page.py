@@ -1,0 +1,193 @@
+"""One self-contained HTML page about a run: reads artefacts, never runs the simulator."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from cornerforge.errors import MissingExtraError, OutputError
+from cornerforge.report import figures, tables, text
+from cornerforge.report.artefacts import Artefacts, Rate, read_artefacts
+from cornerforge.report.cases import case_data, load_scenarios
+
+__all__ = ["write_report"]
+
+CASE_BYTES = 2_800_000
+"""Room for trajectories on the page; with plotly's library (4.8 MB) the page stays below 8 MB."""
+SCRIPTS = ("charts.js", "animation.js")
+
+
+def write_report(out: Path) -> Path:
+    """Write `report.html`, which opens from disk and asks nothing from the network.
+
+    Args:
+        out: Folder that `cornerforge run --out` filled.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        FileFormatError: An artefact is missing or damaged; the message names it and what writes it again.
+        MissingExtraError: jinja2 or plotly is not installed.
+        OutputError: The page cannot be written.
+    """
+    plotly = _plotly_script()
+    artefacts = read_artefacts(out)
+    cases, notes = _cases(artefacts)
+    page = _render(artefacts, cases, notes, plotly)
+    target = out / "report.html"
+    part = out / "report.html.part"
+    try:
+        part.write_text(page, encoding="utf-8", newline="\n")
+        os.replace(part, target)
+    except OSError as error:
+        raise OutputError(f"{target} cannot be written: {error.strerror}; choose another --out.") from None
+    return target
+
+
+def _plotly_script() -> str:
+    """plotly.js as one text; its Python package ships a single bundle, with maps and 3-D."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError:
+        raise MissingExtraError("plotly", "report") from None
+    return str(get_plotlyjs())
+
+
+def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
+    """The typical and rare cases that fit on the page, in reading order, and notes on those that do not."""
+    roles = _roles(artefacts)
+    kind = dict(zip(artefacts.points.case_id, artefacts.points.crash_type, strict=True))
+    kept: dict[str, dict[str, Any]] = {}
+    lost, left, size = [], [], 0
+    # The most telling first, should room run out: the best typical case of each cluster, the rare, then the others.
+    ranked = sorted(roles, key=lambda case: roles[case]["rank"])
+    for case_id, scenario in load_scenarios(artefacts.out / "library", ranked):
+        if scenario is None:
+            lost.append(case_id)
+            continue
+        data = case_data(case_id, scenario) | roles[case_id] | {"type": kind.get(case_id, "")}
+        data["title"] = f"Case {case_id}: {data['role']}" + (f"; {data['type']}" if data["type"] else "")
+        size += len(json.dumps(data, separators=(",", ":")))
+        if size > CASE_BYTES and kept:
+            left.append(case_id)
+        else:
+            kept[case_id] = data
+    notes = []
+    if lost:
+        notes.append(f"Not in the library, so not shown: {', '.join(lost)}.")
+    if left:
+        notes.append(f"Left out to keep the page small: {', '.join(left)}. Play them with cornerforge replay.")
+    shown = [kept[case] for case in roles if case in kept]
+    return [case | {"order": i} for i, case in enumerate(shown)], notes
+
+
+def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
+    """Why each case is shown, in reading order: typical cases by cluster, then the rare. A lower rank matters more."""
+    roles: dict[str, dict[str, Any]] = {}
+    for cluster in artefacts.analysis.clusters:
+        group = f"Typical of cluster {cluster.id} ({cluster.group}, {text.count(cluster.size)} cases)"
+        for place, case in enumerate(cluster.typical):
+            role = f"typical of cluster {cluster.id} ({cluster.group})"
+            roles.setdefault(case, {"group": group, "role": role, "rank": 0 if place == 0 else 2, "rare": False})
+    for case in artefacts.analysis.rare:
+        if case in roles:
+            role = roles[case]["role"] + " and rare"
+            roles[case] |= {"role": role, "rank": min(1, roles[case]["rank"]), "rare": True}
+        else:
+            roles[case] = {"group": "Rare: farthest from the others first", "role": "rare", "rank": 1, "rare": True}
+    return roles
+
+
+def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """The shown cases by heading, in reading order."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for case in cases:
+        groups.setdefault(case["group"], []).append(case)
+    return groups
+
+
+def _ratio(adversary: Rate, natural: Rate) -> str:
+    """How many times more often the AV crashes in a test with the adversary, with what is known about its error."""
+    if adversary.is_bound:
+        return "The adversary caused no crash, so there is no ratio."
+    unit = "times as many crashes per test as natural traffic"
+    if natural.is_bound:
+        return f"More than {text.times(adversary.low / natural.bound)} {unit} (lower end of the yield over 3/n)."
+    ends = f"from {text.times(adversary.low / natural.high)}"
+    ends += f" to {text.times(adversary.high / natural.low)}" if natural.low > 0 else " upwards"
+    return f"{text.times(adversary.per_test / natural.per_test)} {unit} ({ends}, opposite ends of the two intervals)."
+
+
+def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figure]:
+    analysis = artefacts.analysis
+    made = {
+        "rates": figures.rate_figure([artefacts.generate, *artefacts.baselines], artefacts.nde),
+        "types": figures.crash_type_figure(analysis),
+        "map": figures.map_figure(artefacts.points, analysis, animated),
+        "training": figures.training_figure(artefacts.training, artefacts.nde),
+    }
+    return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in artefacts.exposure.items()}
+
+
+def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
+    analysis = artefacts.analysis
+    made = {
+        "rates": tables.rate_table([artefacts.generate, *artefacts.baselines, artefacts.nde]),
+        "types": tables.crash_type_table(analysis),
+        "clusters": tables.cluster_table(analysis),
+        "loadings": tables.loading_table(analysis),
+        "training": tables.training_table(artefacts.training),
+        "provenance": tables.provenance_table(artefacts.provenance),
+    }
+    return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in artefacts.exposure.items()}
+
+
+def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
+    try:
+        import jinja2
+        from markupsafe import Markup
+    except ImportError:
+        raise MissingExtraError("jinja2", "report") from None
+    # StrictUndefined: a name that the template misspells is an error, not an empty place on the page.
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("cornerforge.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False, "ensure_ascii": False}
+    environment.filters |= {"rate": text.rate, "count": text.count, "duration": text.duration}
+    scripts = [plotly, *(_template(name) for name in SCRIPTS)]
+    return environment.get_template("report.html.j2").render(
+        run=artefacts,
+        analysis=artefacts.analysis,
+        ratio=_ratio(artefacts.generate, artefacts.nde),
+        figures=_figures(artefacts, {case["id"] for case in cases}),
+        tables=_tables(artefacts),
+        cases=cases,
+        groups=_groups(cases),
+        notes=notes,
+        # Marked as safe are our own files and plotly's, nothing else.
+        style=Markup(_template("report.css")),
+        scripts=[Markup(script) for script in scripts],
+        policy=_policy(scripts),
+    )
+
+
+def _template(name: str) -> str:
+    return resources.files("cornerforge.report").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _policy(scripts: list[str]) -> str:
+    """Content security policy: nothing is fetched, and only these scripts run, whatever a case's name may hold."""
+    digests = (hashlib.sha256(script.encode("utf-8")).digest() for script in scripts)
+    sources = " ".join(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
+    rest = "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+    return f"default-src 'none'; script-src {sources}; {rest}"

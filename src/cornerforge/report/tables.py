@@ -1,0 +1,144 @@
+"""The numbers behind every chart, as tables: for readers who cannot see charts and for those who want digits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cornerforge.report import text
+from cornerforge.report.artefacts import Analysis, Histogram, Rate, Training
+from cornerforge.report.figures import density
+
+__all__ = [
+    "Table",
+    "cluster_table",
+    "crash_type_table",
+    "exposure_table",
+    "loading_table",
+    "provenance_table",
+    "rate_table",
+    "training_table",
+]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts; the first column names the row."""
+
+    caption: str
+    head: list[str]
+    rows: list[list[str]]
+
+
+def rate_table(rates: list[Rate]) -> Table:
+    """Crash rates with their intervals."""
+    head = ["background vehicles", "tests", "crashes", "crashes per test", "95 % interval", "crashes per mile"]
+    rows = [
+        [
+            r.name,
+            text.count(r.tests),
+            "–" if r.crashes is None else text.count(r.crashes),
+            text.rate(r.per_test, r.digits),
+            text.interval(r.low, r.high, r.digits),
+            "–" if r.per_mile is None else text.rate(r.per_mile),
+        ]
+        for r in rates
+    ]
+    return Table("Crashes of the AV; the sampling unit is the test", head, rows)
+
+
+def training_table(training: Training) -> Table:
+    """Every recorded point of the training."""
+    head = ["decisions", "time [s]", "crashes per test", "tests", "exploration", "loss"]
+    columns = (training.decisions, training.seconds, training.per_test, training.tests, training.epsilon, training.loss)
+    rows = [
+        [
+            text.count(d),
+            _number(s, ".1f"),
+            _number(p, ".4f"),
+            _number(n, ".0f"),
+            _number(e, ".3f"),
+            _number(loss, ".3g"),
+        ]
+        for d, s, p, n, e, loss in zip(*columns, strict=True)
+        if d is not None
+    ]
+    return Table("Training, one row per recorded point", head, rows)
+
+
+def exposure_table(histogram: Histogram) -> Table:
+    """Counts and densities of one quantity in both worlds."""
+    unit = histogram.unit
+    head = [
+        f"from [{unit}]",
+        f"to [{unit}]",
+        "NDE samples",
+        f"NDE [1/{unit}]",
+        "adversary samples",
+        f"adversary [1/{unit}]",
+    ]
+    nde, adversary = density(histogram, histogram.nde), density(histogram, histogram.adversary)
+    rows = [
+        [
+            f"{histogram.edges[i]:g}",
+            f"{histogram.edges[i + 1]:g}",
+            text.count(histogram.nde[i]),
+            f"{nde[i]:.4g}",
+            text.count(histogram.adversary[i]),
+            f"{adversary[i]:.4g}",
+        ]
+        for i in range(len(nde))
+    ]
+    return Table(f"{histogram.label}, sampled once a second", head, rows)
+
+
+def crash_type_table(analysis: Analysis) -> Table:
+    """Cases by crash type."""
+    total = max(1, sum(analysis.crash_types.values()))
+    ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
+    rows = [[name, text.count(n), f"{100 * n / total:.1f} %"] for name, n in ordered]
+    return Table("Cases by crash type", ["crash type", "cases", "share"], rows)
+
+
+def cluster_table(analysis: Analysis) -> Table:
+    """Clusters with their size, make-up and typical cases."""
+    rows = [
+        [
+            str(cluster.id),
+            cluster.group,
+            text.count(cluster.size),
+            ", ".join(f"{name}: {text.count(n)}" for name, n in cluster.crash_types.items() if n) or "–",
+            ", ".join(cluster.typical),
+        ]
+        for cluster in analysis.clusters
+    ]
+    return Table(
+        "Clusters", ["cluster", "group", "cases", "crash types", "typical cases, nearest to the centre first"], rows
+    )
+
+
+def loading_table(analysis: Analysis) -> Table:
+    """What the principal components are made of."""
+    rows = [[name, f"{pc1:+.3f}", f"{pc2:+.3f}"] for name, (pc1, pc2) in analysis.loadings.items()]
+    return Table("Loadings of the standardised features", ["feature", "component 1", "component 2"], rows)
+
+
+def provenance_table(provenance: Mapping[str, Any]) -> Table:
+    """Where the numbers come from, nested keys joined by dots."""
+    return Table("Provenance", ["key", "value"], [[key, value] for key, value in _flat(provenance, "")])
+
+
+def _flat(values: Mapping[str, Any], prefix: str) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            rows.extend(_flat(value, f"{prefix}{key}."))
+        else:
+            shown = " ".join(map(str, value)) if isinstance(value, list) else str(value)
+            rows.append((f"{prefix}{key}", shown))
+    return rows
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None else format(value, form)

@@ -1,0 +1,67 @@
+"""Numbers as people read them."""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["count", "duration", "interval", "rate", "times"]
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def count(value: float) -> str:
+    """A whole number with thin spaces between thousands.
+
+    >>> count(1234567).replace(chr(0x202F), " ")
+    '1 234 567'
+    """
+    return f"{round(value):,}".replace(",", "\u202f")
+
+
+def rate(value: float, digits: int = 3) -> str:
+    """A rate or ratio to `digits` significant digits: plain from 0.001 to 1e6, else with a power of ten.
+
+    >>> rate(0.28612), rate(0.0000012345, 2), rate(0.0), rate(1.0)
+    ('0.286', '1.2 × 10⁻⁶', '0', '1.00')
+    """
+    if value == 0.0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -3 <= exponent < digits:
+        return f"{value:.{digits - 1 - exponent}f}"
+    if digits <= exponent < 6:
+        return count(round(value, digits - 1 - exponent))
+    mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
+    return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPTS)}"
+
+
+def interval(low: float, high: float, digits: int = 3) -> str:
+    """Both ends of an interval.
+
+    >>> interval(0.2791, 0.2931)
+    '0.279 to 0.293'
+    """
+    return f"{rate(low, digits)} to {rate(high, digits)}"
+
+
+def times(value: float) -> str:
+    """A factor to two digits.
+
+    >>> times(3.04), times(286000.0).replace(chr(0x202F), " ")
+    ('3.0', '290 000')
+    """
+    return rate(value, 2)
+
+
+def duration(seconds: float) -> str:
+    """A length of time.
+
+    >>> duration(4.25), duration(75.0), duration(7300.0)
+    ('4.2 s', '1 min 15 s', '2 h 1 min')
+    """
+    if seconds < 60.0:
+        return f"{seconds:.1f} s"
+    whole = int(seconds)
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

@@ -1,0 +1,331 @@
+"""The page as a whole: self-contained, true to the library, safe against names, and clear about what is missing."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
+from cornerforge.geometry import boxes_overlap
+from cornerforge.library import DamagedShardWarning
+from cornerforge.report import page, write_report
+
+CHROMIUM = shutil.which("chromium")
+ALL = [
+    "summary.json",
+    "training.json",
+    "exposure.json",
+    "analysis/analysis.json",
+    "analysis/points.parquet",
+    "provenance.json",
+]
+
+
+class Page(HTMLParser):
+    """Attributes, scripts by id or place, and visible text of a page."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[tuple[str | None, str]] = []
+        self.style = self.text = ""
+        self._inside = ""
+        self.feed(file.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._inside = tag
+        if tag == "script":
+            self.scripts.append((dict(attrs).get("id"), ""))
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = "" if tag in ("script", "style") else self._inside
+
+    def handle_data(self, data: str) -> None:
+        if self._inside == "script":
+            self.scripts[-1] = (self.scripts[-1][0], self.scripts[-1][1] + data)
+        elif self._inside == "style":
+            self.style += data
+        else:
+            self.text += data
+
+    def data(self, name: str) -> Any:
+        return json.loads(next(script for found, script in self.scripts if found == name))
+
+
+def change(file: Path, **values: Any) -> None:
+    """Set top-level keys of a JSON file."""
+    file.write_text(json.dumps(json.loads(file.read_text(encoding="utf-8")) | values), encoding="utf-8")
+
+
+def test_the_page_fetches_nothing(run_folder: Path) -> None:
+    file = write_report(run_folder)
+    made = Page(file)
+    links = [
+        value
+        for tag, attributes in made.tags
+        for name, value in attributes.items()
+        if name in ("src", "href", "srcset", "data", "action", "poster", "background") and tag != "svg"
+    ]
+    assert links
+    assert all(link is not None and link.startswith("#") for link in links)
+    assert "url(" not in made.style
+    assert "@import" not in made.style
+    assert file.stat().st_size < 8_000_000
+
+
+def test_only_the_scripts_of_the_page_may_run(run_folder: Path) -> None:
+    made = Page(write_report(run_folder))
+    policy = next(a["content"] for tag, a in made.tags if tag == "meta" and a.get("http-equiv"))
+    digests = {
+        "'sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() + "'"
+        for name, script in made.scripts
+        if name is None
+    }
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    sources = re.search(r"script-src ([^;]*)", policy)
+    assert sources is not None
+    assert set(sources[1].split()) == digests
+    assert len(digests) == 3
+
+
+def _touches(case: dict[str, Any], frame: int) -> bool:
+    av, partner = (case["vehicles"][index] for index in (0, case["partner"]))
+    a, b = ([vehicle[key][frame - vehicle["from"]] for key in ("x", "y", "h")] for vehicle in (av, partner))
+    return bool(boxes_overlap(a[0], a[1], a[2], b[0], b[1], b[2], case["length"], case["width"]))
+
+
+def test_boxes_touch_at_the_crash_and_not_before(run_folder: Path) -> None:
+    cases = Page(write_report(run_folder)).data("cases")
+    assert len(cases) > 5
+    for case in cases:
+        assert case["crash"] == case["frames"] - 1
+        assert _touches(case, case["crash"])
+        assert not any(_touches(case, frame) for frame in range(case["crash"]))
+        assert case["ttcPlane"][case["crash"]] == 0.0
+
+
+def test_every_typical_and_rare_case_is_there(run_folder: Path) -> None:
+    analysis = json.loads((run_folder / "analysis" / "analysis.json").read_text(encoding="utf-8"))
+    made = Page(write_report(run_folder))
+    wanted = {case for cluster in analysis["clusters"] for case in cluster["typical"]} | set(analysis["rare"])
+    cases = made.data("cases")
+    assert {case["id"] for case in cases} == wanted
+    buttons = [int(a["data-index"] or -1) for tag, a in made.tags if a.get("class") == "case"]
+    assert buttons == list(range(len(cases)))
+    kinds = {case["type"] for case in cases}
+    assert kinds <= set(analysis["crash_types"])
+
+
+def test_headline_numbers_are_those_of_the_artefacts(run_folder: Path) -> None:
+    text = " ".join(Page(write_report(run_folder)).text.split())
+    assert "crashes of the AV per test (95 % interval 2.1 × 10⁻⁶ to 8.5 × 10⁻⁶" in text
+    # 0.25 / 4.5e-6 and the opposite ends of the intervals: 0.2 / 8.5e-6, 0.3 / 2.1e-6
+    assert "56 000 times as many crashes per test as natural traffic (from 24 000 to 140 000" in text
+
+
+def test_no_natural_crash_is_a_bound(run_folder: Path) -> None:
+    nde = {"tests": 2_000_000, "av_crashes": 0, "crashes_per_test": 0.0, "interval95": [0.0, 1.84e-6]}
+    change(run_folder / "summary.json", nde=nde)
+    made = Page(write_report(run_folder))
+    text = " ".join(made.text.split())
+    assert "< 1.5 × 10⁻⁶" in text
+    assert "More than 130 000 times as many crashes per test" in text
+    bound = made.data("figures")["rates"]["data"][1]
+    assert bound["x"] == [1.5e-6]
+    assert bound["marker"]["symbol"] == "triangle-left"
+
+
+def test_names_cannot_break_out(run_folder: Path) -> None:
+    nasty = "</script><img src=x onerror=alert(1)>"
+    baseline = {"name": nasty, "tests": 10, "crashes_per_test": 0.1, "interval95": [0.0, 0.4]}
+    change(run_folder / "summary.json", av=nasty, baselines=[baseline])
+    change(run_folder / "provenance.json", command=nasty)
+    made = Page(write_report(run_folder))
+    assert not any(tag == "img" for tag, _ in made.tags)
+    assert nasty in made.text
+    assert len(made.scripts) == 5
+    assert made.data("figures")["rates"]["data"][0]["y"][1].startswith("&lt;/script&gt;")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_missing_artefact_is_named_with_its_command(run_folder: Path, name: str) -> None:
+    (run_folder / name).unlink()
+    with pytest.raises(
+        FileFormatError, match=rf"{re.escape(name)} is missing; write it with: cornerforge (run|analyse)"
+    ):
+        write_report(run_folder)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_damaged_artefact_is_named(run_folder: Path, name: str) -> None:
+    content = (run_folder / name).read_bytes()
+    (run_folder / name).write_bytes(content[: len(content) // 2])
+    with pytest.raises(FileFormatError, match=re.escape(name)):
+        write_report(run_folder)
+
+
+def test_a_missing_library_is_named(run_folder: Path) -> None:
+    shutil.rmtree(run_folder / "library")
+    with pytest.raises(FileFormatError, match="library"):
+        write_report(run_folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("summary.json", {"av": None}, r'"av" is missing'),
+        ("summary.json", {"av": 3}, r'"av" is 3, not a text'),
+        ("summary.json", {"nde": {"tests": 0}}, r'"nde\.tests" is 0'),
+        (
+            "summary.json",
+            {"generate": {"cases": 1, "tests": 9, "crashes_per_test": 0.5, "interval95": [0.6, 0.7]}},
+            r'"generate\.interval95" = \[0\.6, 0\.7\] does not hold',
+        ),
+        (
+            "training.json",
+            {"points": [{"decisions": "many"}]},
+            r"""points\[0\]\.decisions" is 'many', not a finite number""",
+        ),
+        (
+            "exposure.json",
+            {"quantities": {"bbd": {"label": "b", "unit": "m", "edges": [1, 0], "nde": [1], "adversary": [1]}}},
+            r'"quantities\.bbd\.edges" are not at least two rising',
+        ),
+        ("analysis/analysis.json", {"rare": [1]}, r'"rare" does not hold texts only'),
+    ],
+)
+def test_a_wrong_value_is_named(run_folder: Path, name: str, values: dict[str, Any], message: str) -> None:
+    change(run_folder / name, **values)
+    with pytest.raises(FileFormatError, match=message):
+        write_report(run_folder)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [("group", "most", "group"), ("pc1", float("nan"), "pc1"), ("case_id", None, "case_id")],
+)
+def test_a_wrong_point_is_named(run_folder: Path, column: str, value: object, message: str) -> None:
+    file = run_folder / "analysis" / "points.parquet"
+    rows = pq.read_table(file).to_pylist()
+    rows[0][column] = value
+    pq.write_table(pa.Table.from_pylist(rows), file)
+    with pytest.raises(FileFormatError, match=rf"points\.parquet.*{message}"):
+        write_report(run_folder)
+
+
+def test_cases_that_the_library_lost_are_said(run_folder: Path) -> None:
+    change(run_folder / "analysis" / "analysis.json", rare=["0:99999"])
+    made = Page(write_report(run_folder))
+    assert "Not in the library, so not shown: 0:99999." in made.text
+
+
+def test_a_damaged_shard_leaves_a_page_without_cases(run_folder: Path) -> None:
+    for shard in (run_folder / "library").glob("*.parquet"):
+        shard.unlink()
+    with pytest.warns(DamagedShardWarning):
+        file = write_report(run_folder)
+    made = Page(file)
+    assert made.data("cases") == []
+    assert "No case can be played" in made.text
+
+
+def test_the_page_stays_small_and_says_what_it_left_out(run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "CASE_BYTES", 60_000)
+    made = Page(write_report(run_folder))
+    cases = made.data("cases")
+    assert 0 < sum(len(json.dumps(case, separators=(",", ":"))) for case in cases) < 62_000
+    assert "Left out to keep the page small" in made.text
+
+
+@pytest.mark.parametrize(("module", "package"), [("plotly.offline", "plotly"), ("jinja2", "jinja2")])
+def test_a_missing_extra_names_its_install_command(
+    run_folder: Path, monkeypatch: pytest.MonkeyPatch, module: str, package: str
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=rf"needs {package}.*cornerforge\[report\]"):
+        write_report(run_folder)
+
+
+def test_a_page_that_cannot_be_written_is_an_error(run_folder: Path) -> None:
+    (run_folder / "report.html").mkdir()
+    with pytest.raises(OutputError, match=r"report\.html cannot be written"):
+        write_report(run_folder)
+
+
+def browse(url: str, profile: Path) -> str:
+    """The page's document after its scripts ran; a complaint of the browser is a failure."""
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+    flags += ["--disable-component-update", "--disable-sync", "--enable-logging=stderr", "--virtual-time-budget=8000"]
+    command = [str(CHROMIUM), *flags, f"--user-data-dir={profile}", "--dump-dom", url]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    # A blocked request, a script error or a violated policy would be written to the console.
+    assert "CONSOLE" not in done.stderr
+    return done.stdout
+
+
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not on PATH, so no browser runs the scripts")
+
+
+@needs_browser
+def test_a_browser_draws_the_page_without_complaint(run_folder: Path, tmp_path: Path) -> None:
+    file = write_report(run_folder)
+    case = Page(file).data("cases")[3]
+    document = browse(f"{file.as_uri()}#case={case['id']}&t=crash", tmp_path / "profile")
+    assert f'id="case-title" aria-live="polite">{case["title"]}<' in document
+    assert 'id="read-before">0.0 s<' in document
+    assert 'id="read-plane">0.00 s<' in document
+    assert len(re.findall(r'class="[^"]*js-plotly-plot', document)) == 9
+
+
+STEPS = """
+const seen = [];
+const note = () => seen.push(location.hash + " " + document.getElementById("play").textContent);
+const press = (key) => { document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true })); note(); };
+press("ArrowLeft"); press("ArrowLeft"); press("ArrowRight"); press(" "); press(" ");
+document.querySelectorAll("button.case")[2].click(); note();
+document.getElementById("to-crash").click(); note();
+document.querySelector('[data-figure="map"]').emit("plotly_click", { points: [{ customdata: ID }] }); note();
+document.body.dataset.seen = JSON.stringify(seen);
+"""
+
+
+@needs_browser
+def test_keys_buttons_and_the_map_drive_the_player(run_folder: Path, tmp_path: Path) -> None:
+    file = write_report(run_folder)
+    cases = Page(file).data("cases")
+    # The policy forbids foreign scripts, so it goes for the sake of the script that presses the keys.
+    text = re.sub(r"<meta http-equiv[^>]*>", "", file.read_text(encoding="utf-8"))
+    steps = STEPS.replace("ID", json.dumps(cases[5]["id"]))
+    file.write_text(text.replace("</body>", f"<script>{steps}</script></body>"), encoding="utf-8")
+    found = re.search(r'data-seen="([^"]*)"', browse(file.as_uri(), tmp_path / "profile"))
+    assert found is not None
+    seen = json.loads(html.unescape(found[1]))
+
+    def at(index: int, time: str) -> str:
+        return f"#case={cases[index]['id']}&t={time}"
+
+    end = cases[0]["crash"]
+    before, before_that = (f"{(end - k) * 0.1:.1f}" for k in (1, 2))
+    assert seen[:5] == [
+        f"{at(0, before)} Play",
+        f"{at(0, before_that)} Play",
+        f"{at(0, before)} Play",
+        f"{at(0, before)} Pause",
+        f"{at(0, before)} Play",
+    ]
+    assert seen[5:] == [f"{at(2, '0.0')} Pause", f"{at(2, 'crash')} Play", f"{at(5, '0.0')} Play"]
