@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from cornerforge.drivers.avs import AVS, av_hash, av_named
+from cornerforge.drivers.idm import IdmParams
+from cornerforge.errors import UnknownNameError
+
+
+@pytest.mark.parametrize("name", sorted(AVS))
+def test_avs_are_named_and_described(name: str) -> None:
+    av = av_named(name)
+    assert av.name == name
+    assert len(av.about) > 10
+    assert "\n" not in av.about
+
+
+def test_an_unknown_av_names_the_nearest() -> None:
+    with pytest.raises(UnknownNameError, match=r'No AV "idm-mobill"\. Did you mean "idm-mobil"\?'):
+        av_named("idm-mobill")
+
+
+def test_the_hash_is_of_the_behaviour_not_of_the_name() -> None:
+    av = av_named("idm-mobil")
+    assert av_hash(dataclasses.replace(av, name="other", about="another")) == av_hash(av)
+    changed = [
+        dataclasses.replace(av, idm=IdmParams(time_gap=1.4)),
+        dataclasses.replace(av, mobil=dataclasses.replace(av.mobil, politeness=0.1)),
+        dataclasses.replace(av, sees_intentions=False),
+    ]
+    assert len({av_hash(model) for model in [av, *changed]}) == 4
+    assert len({av_hash(model) for model in AVS.values()}) == len(AVS)

@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from statistical_bounds import l1_bound, l1_distance
+
+from cornerforge._philox import block
+from cornerforge.drivers.naturalistic import (
+    NddTables,
+    accept_chance,
+    following_row,
+    free_row,
+    lane_change_base,
+    sample_row,
+    table_row,
+    tables_of,
+)
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+
+LAST = np.uint64(2**32 - 1)
+WORD = st.integers(0, 2**32 - 1).map(np.uint64)
+N = 100_000
+
+
+def probabilities(tables: NddTables, row: int) -> np.ndarray:
+    """A row of the model, normalised."""
+    p = tables.p[row].astype(np.float64)
+    return np.asarray(p / p.sum())
+
+
+@pytest.fixture(scope="module")
+def words(request: pytest.FixtureRequest) -> np.ndarray:
+    seed = int(request.config.getoption("--seed"))
+    return np.array([block(seed, test, 3, 5, 1)[1] for test in range(N)], dtype=np.uint64)
+
+
+# Look-ups
+
+
+def test_rows_are_those_of_the_models_arrays(model: NddModel, tables: NddTables) -> None:
+    for i, j, k in [(0, 0, 0), (20, 115, 18), (7, 33, 4), (0, 115, 0), (20, 0, 18)]:
+        row = following_row(SPEEDS[i], GAPS[j], RANGE_RATES[k])
+        np.testing.assert_array_equal(tables.p[row], model.following[i, j, k])
+        np.testing.assert_array_equal(tables.p[free_row(SPEEDS[i])], model.free[i])
+
+
+@pytest.mark.parametrize(
+    ("speed", "index"), [(0.0, 0), (19.0, 0), (20.49, 0), (20.5, 1), (39.49, 19), (39.5, 20), (40.0, 20), (80.0, 20)]
+)
+def test_speeds_take_the_nearest_row(tables: NddTables, speed: float, index: int) -> None:
+    assert free_row(speed) == free_row(20.0) + index
+    assert following_row(speed, 0.0, -10.0) == index * 116 * 19
+    assert free_row(20.0) == 21 * 116 * 19 == tables.p.shape[0] - 21
+
+
+@pytest.mark.parametrize(
+    ("gap", "range_rate", "place"),
+    [
+        (0.0, -10.0, (0, 0)),
+        (-7.0, 0.0, (0, 10)),  # overlap is looked up at no gap
+        (0.49, 0.49, (0, 10)),
+        (0.5, 0.5, (1, 11)),
+        (115.0, 8.0, (115, 18)),
+        (115.5, 50.0, (115, 18)),  # the last that is following; opening faster than the grid takes its end
+        (115.50001, 0.0, (-1, -1)),
+        (math.inf, 0.0, (-1, -1)),
+        (20.0, -9.51, (20, 0)),
+        (20.0, -9.5, (20, 1)),
+    ],
+)
+def test_places_on_the_grid_and_at_its_edges(gap: float, range_rate: float, place: tuple[int, int]) -> None:
+    assert table_row(gap, range_rate) == place
+
+
+@given(st.floats(4.01, 400.0), st.floats(10.01, 40.0))
+def test_fast_closing_is_looked_up_at_equal_deceleration(gap: float, closing: float) -> None:
+    # v^2 / (2 (gap - 4)): the braking that leaves 4 m
+    equal = 4.0 + (gap - 4.0) * (10.0 / closing) ** 2
+    assert closing**2 / (gap - 4.0) == pytest.approx(100.0 / (equal - 4.0))
+    gap_row, rate_row = table_row(gap, -closing)
+    if equal > 115.5 + 1e-9:
+        assert gap_row == -1
+    elif equal <= 115.5 - 1e-9:
+        assert rate_row == 0
+        assert abs(gap_row - equal) <= 0.5 + 1e-9
+
+
+def test_fast_closing_at_and_within_four_metres_keeps_its_gap() -> None:
+    assert table_row(4.0, -30.0) == (4, 0)
+    assert table_row(2.0, -30.0) == (2, 0)
+
+
+@given(st.floats(0.0, 400.0), st.floats(10.0, 40.0), st.floats(0.0, 10.0))
+def test_closing_faster_is_never_taken_for_a_milder_state(gap: float, closing: float, more: float) -> None:
+    def braking_need(place: tuple[int, int]) -> float:
+        return -math.inf if place[0] < 0 else -float(place[0])
+
+    assert braking_need(table_row(gap, -closing - more)) >= braking_need(table_row(gap, -closing))
+
+
+# Sampling
+
+
+def test_cuts_end_at_the_last_word_and_never_fall(tables: NddTables) -> None:
+    assert (tables.cut[:, -1] == 2**32 - 1).all()
+    assert (np.diff(tables.cut.astype(np.int64), axis=1) >= 0).all()
+
+
+def test_impossible_actions_have_no_width(tables: NddTables) -> None:
+    widths = np.diff(tables.cut.astype(np.float64), axis=1, prepend=0.0)
+    impossible = tables.p == 0.0
+    assert impossible.mean() > 0.1  # otherwise this test looks at nothing
+    assert (widths[impossible] == 0).all()
+    # and every action that matters has one: 2^-32 is lost by rounding down, once for either end
+    p = tables.p.astype(np.float64)
+    p /= p.sum(axis=1, keepdims=True)
+    assert np.abs(widths / 2.0**32 - p).max() < 1e-9
+
+
+@given(st.integers(0, 21 * 116 * 19 + 20))
+def test_the_extreme_words_draw_the_first_and_last_possible_action(tables: NddTables, row: int) -> None:
+    possible = np.flatnonzero(tables.p[row])
+    first, last = sample_row(tables.cut, row, np.uint64(0)), sample_row(tables.cut, row, LAST)
+    # the first word may miss a first action rarer than 2^-32
+    assert first == possible[tables.cut[row, possible] > 0][0]
+    assert tables.p[row, last] > 0.0
+    assert tables.cut[row, last] == 2**32 - 1
+
+
+def test_an_impossible_last_action_is_not_drawn_by_the_last_word(tables: NddTables) -> None:
+    rows = np.flatnonzero(tables.p[:, -1] == 0.0)
+    assert rows.size > 0
+    for row in rows[:: max(1, rows.size // 500)]:
+        assert tables.p[row, sample_row(tables.cut, int(row), LAST)] > 0.0
+
+
+@given(st.integers(0, 21 * 116 * 19 + 20), WORD)
+def test_sampling_is_the_first_cut_above_the_word(tables: NddTables, row: int, word: np.uint64) -> None:
+    expected = int(np.argmax(tables.cut[row] > min(int(word), 2**32 - 2)))
+    assert sample_row(tables.cut, row, word) == expected
+    assert tables.p[row, expected] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("speed", "gap", "range_rate"), [(25.0, 15.0, -2.0), (30.0, 60.0, 0.0), (20.0, 3.0, -8.0), (35.0, math.inf, 0.0)]
+)
+def test_frequencies_match_the_row(
+    tables: NddTables, words: np.ndarray, speed: float, gap: float, range_rate: float
+) -> None:
+    # H0: actions are independent draws of the row; unit: a test's word; n = 100,000 sees L1 errors of 0.026.
+    row = following_row(speed, gap, range_rate)
+    drawn = [sample_row(tables.cut, row, word) for word in words]
+    counts = np.bincount(drawn, minlength=31)
+    bound = l1_bound(31, N, comparisons=4)
+    p = probabilities(tables, row)
+    assert l1_distance(counts, p) <= bound
+    assert counts[p == 0.0].sum() == 0
+    # negative control: a table that is one bin (0.2 m/s2) off is seen
+    assert l1_distance(counts, np.roll(p, 1)) > bound
+
+
+@given(WORD, st.floats(20.0, 40.0), st.floats(5.0, 100.0))
+def test_one_word_never_accelerates_more_in_a_worse_row(
+    tables: NddTables, word: np.uint64, speed: float, gap: float
+) -> None:
+    rows = [following_row(speed, gap, rate) for rate in RANGE_RATES]
+    for worse, better in itertools.pairwise(rows):
+        # stochastically worse: the distribution function lies above everywhere
+        if (tables.cut[worse] >= tables.cut[better]).all():
+            assert sample_row(tables.cut, worse, word) <= sample_row(tables.cut, better, word)
+
+
+def test_the_shipped_model_has_ordered_rows(tables: NddTables) -> None:
+    rows = [following_row(30.0, 30.0, rate) for rate in RANGE_RATES]
+    ordered = [(tables.cut[a] >= tables.cut[b]).all() for a, b in itertools.pairwise(rows)]
+    assert any(ordered)  # otherwise the property above looks at nothing
+
+
+# Lane changes
+
+
+def test_lane_change_base_is_base_times_desire(model: NddModel, tables: NddTables) -> None:
+    for i, j, k in [(0, 0, 0), (10, 30, 5), (20, 115, 18)]:
+        expected = float(model.lc_base[i]) * float(model.lc_desire[j, k])
+        assert lane_change_base(tables, SPEEDS[i], GAPS[j], RANGE_RATES[k]) == pytest.approx(expected, rel=1e-12)
+    free = float(model.lc_base[10]) * model.lc_desire_free
+    assert lane_change_base(tables, 30.0, math.inf, 0.0) == pytest.approx(free, rel=1e-12)
+
+
+def test_accept_chance(model: NddModel, tables: NddTables) -> None:
+    for rear, table in enumerate((model.lc_accept_lead, model.lc_accept_rear)):
+        assert accept_chance(tables.lc_accept, rear, 40.0, -3.0) == pytest.approx(float(table[40, 7]))
+        assert accept_chance(tables.lc_accept, rear, 0.0, 5.0) == 0.0
+        assert accept_chance(tables.lc_accept, rear, -4.0, 5.0) == 0.0
+        assert accept_chance(tables.lc_accept, rear, 116.0, 0.0) == 1.0
+        assert accept_chance(tables.lc_accept, rear, math.inf, 0.0) == 1.0
+
+
+def test_tables_of_a_model_do_not_copy_its_meaning(model: NddModel) -> None:
+    tables = tables_of(model)
+    assert tables.overlook == model.overlook
+    assert tables.overlook_conflict == model.overlook_conflict
+    assert tables.initial[0] == model.initial.speed_mean
+    assert tables.initial[11] == model.initial.free_gap_high
+    np.testing.assert_array_equal(tables.lc_accept[0], model.lc_accept_lead)
+    np.testing.assert_array_equal(tables.lc_accept[1], model.lc_accept_rear)

@@ -1,0 +1,75 @@
+"""Settings and worlds that tests of the simulator build by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from cornerforge.drivers.avs import AvModel, av_named
+from cornerforge.drivers.naturalistic import NddTables, tables_of
+from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim.adversaries import ADVERSARIES
+from cornerforge.sim.drive import Setting
+from cornerforge.sim.world import CONTROLLED, N_VEHICLES, World, allocate_worlds, av_numbers, road_numbers
+from cornerforge.types import Odd
+
+__all__ = ["Car", "setting_of", "world_of"]
+
+_tables: dict[int, tuple[NddModel, NddTables]] = {}
+
+
+class Car(NamedTuple):
+    """A vehicle that keeps its lane."""
+
+    x: float
+    lane: int
+    speed: float
+    present: bool = True
+
+
+def setting_of(
+    model: NddModel,
+    odd: Odd | None = None,
+    *,
+    av: AvModel | None = None,
+    adversary: str | None = None,
+    bounded: bool = False,
+    idm_bvs: bool = False,
+    policy: PolicyNumbers = NO_POLICY,
+) -> Setting:
+    """A run as the kernels take it; a model's tables are prepared once (kept with it, so that its id stays its own)."""
+    if id(model) not in _tables:
+        _tables[id(model)] = model, tables_of(model)
+    av = av or av_named("idm-mobil")
+    return Setting(
+        road=road_numbers(odd or Odd()),
+        av=av_numbers(av.idm, av.mobil, sees_intentions=av.sees_intentions),
+        tables=_tables[id(model)][1],
+        bv_model=int(idm_bvs),
+        adversary=ADVERSARIES[adversary or "nobody"],
+        bounded=int(bounded),
+        policy=policy,
+    )
+
+
+def world_of(cars: Iterable[Car]) -> World:
+    """A world of these cars in the centres of 4 m wide lanes, the first is the AV. Absent cars are poisoned."""
+    cars = list(cars)
+    batch = allocate_worlds(1, len(cars))
+    world = World(batch.vehicles[0], batch.order[0], batch.info[0])
+    for vehicle, car in zip(world.vehicles, cars, strict=True):
+        if car.present:
+            vehicle["x"], vehicle["y"], vehicle["speed"] = car.x, 4.0 * car.lane + 2.0, car.speed
+            vehicle["target_lane"], vehicle["lanes"] = car.lane, 1 << car.lane
+            vehicle["present"], vehicle["action"] = 1, -1
+        else:
+            for name in ("x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration"):
+                vehicle[name] = np.nan
+            vehicle["lanes"], vehicle["action"] = 0b111111, 0
+    world.order[:] = np.arange(len(cars))
+    world.info[N_VEHICLES] = len(cars)
+    world.info[CONTROLLED] = -1
+    return world

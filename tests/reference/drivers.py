@@ -1,0 +1,131 @@
+"""How people and the AV decide, by formula and by table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.drivers.idm import IdmParams
+from cornerforge.drivers.mobil import MobilParams
+from cornerforge.ndd.model import NddModel
+
+__all__ = ["AvDriver", "Naturalistic", "Row"]
+
+
+@dataclass(frozen=True)
+class AvDriver:
+    """IDM and MOBIL with their parameters."""
+
+    idm: IdmParams
+    mobil: MobilParams
+    sees_intentions: bool
+
+    def desired_gap(self, speed: float, range_rate: float) -> float:
+        """The IDM's s*."""
+        p = self.idm
+        root = 2.0 * math.sqrt(p.max_acceleration * p.comfortable_braking)
+        return p.standstill_gap + max(0.0, speed * p.time_gap - speed * range_rate / root)
+
+    def follow(self, speed: float, gap: float, range_rate: float) -> float:
+        """The IDM's acceleration, within its limits."""
+        p = self.idm
+        square = (speed / p.desired_speed) * (speed / p.desired_speed)
+        wish = self.desired_gap(speed, range_rate) / max(gap, 0.1)
+        command = p.max_acceleration * (1.0 - square * square - wish * wish)
+        return min(max(command, -p.max_braking), p.max_acceleration)
+
+    def gain(
+        self,
+        speed: float,
+        now: float,
+        lead: tuple[float, float] | None,
+        rear: tuple[float, float] | None,
+        rear_now: float,
+    ) -> float | None:
+        """MOBIL's gain of a lane with these neighbours, each (gap, speed) or None; None where it is not safe."""
+        lead_gap, lead_speed = lead if lead is not None else (math.inf, speed)
+        rear_gap, rear_speed = rear if rear is not None else (math.inf, speed)
+        if min(lead_gap, rear_gap) <= 0.0:
+            return None
+        rear_after = self.follow(rear_speed, rear_gap, speed - rear_speed)
+        own_after = self.follow(speed, lead_gap, lead_speed - speed)
+        if min(rear_after, own_after) < -self.mobil.max_imposed_braking:
+            return None
+        gain = own_after - now
+        if rear is not None:
+            gain += self.mobil.politeness * (rear_after - rear_now)
+        return gain
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of 31 probabilities."""
+
+    cumulative: list[float]
+    """Running sums as the table has them; the last is 1 to float32."""
+    cuts: list[int]
+    """Running sums as shares of 2^32; the last is 2^32."""
+
+    @classmethod
+    def of(cls, p: NDArray[np.float32]) -> Row:
+        """From float32 probabilities."""
+        cumulative = list(accumulate(float(value) for value in p))
+        return cls(cumulative, [math.floor(value / cumulative[-1] * 2.0**32) for value in cumulative])
+
+    def draw(self, word: int) -> int:
+        """The first acceleration whose cut lies above the word."""
+        return next(index for index, cut in enumerate(self.cuts) if word < cut)
+
+
+def _grid_place(gap: float, range_rate: float) -> tuple[int, int] | None:
+    """Nearest (gap, range rate) of the grid; None where nobody is near enough to follow."""
+    if range_rate < -10.0 and gap > 4.0:
+        share = 10.0 / -range_rate
+        gap = 4.0 + (gap - 4.0) * share * share
+    if gap > 115.5:
+        return None
+    nearest_gap = math.floor(gap + 0.5)
+    nearest_rate = math.floor(range_rate + 0.5)
+    return min(max(nearest_gap, 0), 115), min(max(nearest_rate, -10), 8) + 10
+
+
+def _speed_place(speed: float) -> int:
+    return min(max(math.floor(speed + 0.5), 20), 40) - 20
+
+
+@dataclass
+class Naturalistic:
+    """The tables of a model, looked up as written in `cornerforge.ndd.model`."""
+
+    model: NddModel
+    _rows: dict[tuple[int, ...], Row] = field(default_factory=dict)
+
+    def row(self, speed: float, gap: float, range_rate: float) -> Row:
+        """The accelerations of a state; a gap of +inf is free flow."""
+        place = _grid_place(gap, range_rate)
+        key = (_speed_place(speed), *(place or ()))
+        if key not in self._rows:
+            table = self.model.free if place is None else self.model.following
+            self._rows[key] = Row.of(table[key])
+        return self._rows[key]
+
+    def wish_to_change(self, speed: float, gap: float, range_rate: float) -> float:
+        """Chance of wanting to one given side."""
+        place = _grid_place(gap, range_rate)
+        desire = self.model.lc_desire_free if place is None else float(self.model.lc_desire[place])
+        return float(self.model.lc_base[_speed_place(speed)]) * desire
+
+    def accepts(self, gap: float, range_rate: float, *, rear: bool, overlook: float) -> float:
+        """Chance to accept the gap to a neighbour, who is overlooked with chance `overlook`."""
+        place = _grid_place(gap, range_rate)
+        if gap <= 0.0:
+            attentive = 0.0
+        elif place is None:
+            attentive = 1.0
+        else:
+            attentive = float((self.model.lc_accept_rear if rear else self.model.lc_accept_lead)[place])
+        return overlook + (1.0 - overlook) * attentive

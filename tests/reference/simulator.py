@@ -1,0 +1,282 @@
+"""Whole tests: all decide, then move for 1 s in substeps of 0.1 s, and every pair of boxes is looked at every time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+from cornerforge.ndd.model import NddModel
+from cornerforge.types import Odd
+from reference.adversaries import ADVERSARIES, draws
+from reference.drivers import AvDriver, Naturalistic, Row
+from reference.philox import DECIDE, Stream, unit
+from reference.world import Vehicle, World, start
+
+__all__ = ["Drive", "Simulator"]
+
+CONFLICT_GAP = 10.0
+COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = 1, 2, 3, 4
+Action = int
+
+
+@dataclass
+class Drive:
+    """A test as it went: frames of (copies of) the vehicles, decisions, and how it ended."""
+
+    frames: list[list[Vehicle]] = field(default_factory=list)
+    actions: list[dict[int, Action]] = field(default_factory=list)
+    critical: list[int] = field(default_factory=list)
+    probability: list[float] = field(default_factory=list)
+    outcome: int = 0
+    contact: tuple[int, int] = (0, 0)
+    bv_crashes: int = 0
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """All that is constant in a run; `adversary` None is natural driving."""
+
+    odd: Odd
+    model: NddModel
+    av: AvDriver
+    adversary: str | None = None
+    bounded: bool = False
+    idm_bvs: bool = False
+    tables: Naturalistic = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tables", Naturalistic(self.model))
+
+    def drive(self, seed: int, test: int) -> Drive:
+        """One test, from its start to its end."""
+        stream = Stream(seed, test)
+        return _Test(self, stream, start(self.odd, self.model.initial, self.av, stream)).run()
+
+    # What a driver would do, seen from one world
+
+    def idm_behind_all(self, world: World, subject: Vehicle) -> float:
+        """The least of the IDM's accelerations over the leads in all lanes that the subject is in."""
+        commands = [self.av.follow(subject.speed, math.inf, 0.0)]
+        for lane in subject.lanes & set(range(self.odd.n_lanes)):
+            lead, _ = world.neighbours(subject, lane, intentions=self.av.sees_intentions)
+            if lead is not None:
+                commands.append(self.av.follow(subject.speed, world.gap(lead, subject), lead.speed - subject.speed))
+        return min(commands)
+
+    def av_wish(self, world: World) -> tuple[float, int]:
+        """The AV's acceleration and target lane."""
+        av = world.av
+        command = self.idm_behind_all(world, av)
+        if av.path is not None:
+            old = math.floor(av.y / self.odd.lane_width)
+            return command, old if self.av.sees_intentions and self._someone_enters_too(world, old) else av.target_lane
+        best, best_gain = av.target_lane, self.av.mobil.min_gain
+        for lane in (av.target_lane + 1, av.target_lane - 1):
+            gain = self._side_gain(world, lane, command) if 0 <= lane < self.odd.n_lanes else None
+            if gain is not None and gain > best_gain:
+                best, best_gain = lane, gain
+        return command, best
+
+    def _side_gain(self, world: World, lane: int, now: float) -> float | None:
+        av = world.av
+        lead, rear = world.neighbours(av, lane, intentions=self.av.sees_intentions)
+        polite = rear is not None and self.av.mobil.politeness > 0.0
+        return self.av.gain(
+            av.speed,
+            now,
+            None if lead is None else (world.gap(lead, av), lead.speed),
+            None if rear is None else (world.gap(av, rear), rear.speed),
+            self.idm_behind_all(world, rear) if rear is not None and polite else 0.0,
+        )
+
+    def _someone_enters_too(self, world: World, old: int) -> bool:
+        """Another vehicle comes into the AV's target lane from the far side while the AV is still in its old lane."""
+        av = world.av
+        near = self.odd.vehicle_length + CONFLICT_GAP
+        return old != av.target_lane and any(
+            bv.target_lane == av.target_lane
+            and math.floor(bv.y / self.odd.lane_width) not in (av.target_lane, old)
+            and abs(bv.x - av.x) < near
+            for bv in world.bvs()
+        )
+
+    def rows_and_base(self, world: World, bv: Vehicle) -> tuple[list[Row], float]:
+        """Rows of accelerations, one per lead, and the chance of wanting to one given side, by the nearest lead."""
+        leads = [lead for lane in bv.lanes if (lead := world.neighbours(bv, lane)[0]) is not None]
+        states = sorted((world.gap(lead, bv), lead.speed - bv.speed) for lead in leads) or [(math.inf, 0.0)]
+        return [self.tables.row(bv.speed, *state) for state in states], self.tables.wish_to_change(bv.speed, *states[0])
+
+    def side_chances(self, world: World, bv: Vehicle, base: float, overlook: float) -> tuple[float, float]:
+        """P(left), P(right)."""
+        chances = [0.0, 0.0]
+        for side, lane in enumerate((bv.target_lane + 1, bv.target_lane - 1)):
+            if bv.path is None and 0 <= lane < self.odd.n_lanes:
+                chances[side] = base
+                lead, rear = world.neighbours(bv, lane)
+                if lead is not None:
+                    state = world.gap(lead, bv), lead.speed - bv.speed
+                    chances[side] *= self.tables.accepts(*state, rear=False, overlook=overlook)
+                if rear is not None:
+                    state = world.gap(bv, rear), bv.speed - rear.speed
+                    chances[side] *= self.tables.accepts(*state, rear=True, overlook=overlook)
+        return chances[0], chances[1]
+
+    def probabilities(self, world: World, bv: Vehicle, overlook: float) -> list[float]:
+        """P(action) of a BV that nobody makes give way."""
+        rows, base = self.rows_and_base(world, bv)
+        left, right = self.side_chances(world, bv, base, overlook)
+        # One word serves all rows, so the smallest index has the largest of the distribution functions.
+        cumulative = [max(values) for values in zip(*(row.cumulative for row in rows), strict=True)]
+        keep = (1.0 - left - right) / cumulative[-1]
+        steps = [b - a for a, b in zip([0.0, *cumulative], cumulative, strict=False)]
+        return [left, right, *(keep * step for step in steps)]
+
+    def allowed(self, world: World, bv: Vehicle) -> list[Action]:
+        """Actions that the adversary may take."""
+        lane = bv.target_lane
+        running = bv.running_side(self.odd)
+        allowed = set(range(2, 33))
+        if lane + 1 < self.odd.n_lanes and running != 1:
+            allowed.add(0)
+        if lane > 0 and running != -1:
+            allowed.add(1)
+        if self.bounded:
+            possible = self.probabilities(world, bv, overlook=0.0)
+            allowed = {action for action in allowed if possible[action] > 0.0}
+        return sorted(allowed)
+
+
+@dataclass
+class _Test:
+    """One running test."""
+
+    simulator: Simulator
+    stream: Stream
+    world: World
+    drive: Drive = field(default_factory=Drive)
+    step: int = 0
+    controlled: Vehicle | None = None
+
+    def run(self) -> Drive:
+        odd = self.simulator.odd
+        while not self.drive.outcome:
+            self.decide()
+            self.step += 1
+            self.move_for_a_second()
+            if not self.drive.outcome and self.step >= math.ceil(odd.time_limit):
+                self.end(TIME_UP)
+        return self.drive
+
+    def end(self, outcome: int) -> None:
+        self.drive.outcome = outcome
+        self.record()
+
+    def record(self) -> None:
+        self.drive.frames.append([replace(vehicle) for vehicle in self.world.vehicles])
+
+    def decide(self) -> None:
+        """Everybody decides on the same picture of the world; then all begin to act."""
+        simulator, world, drive = self.simulator, self.world, self.drive
+        critical = world.nearest_bv()
+        self.controlled = critical if simulator.adversary else None
+        possible = None if critical is None else simulator.probabilities(world, critical, simulator.model.overlook)
+        av_wish = simulator.av_wish(world)
+        actions = {bv.slot: self.choose(bv) for bv in world.bvs()}
+        if not simulator.idm_bvs:
+            self.give_way(actions)
+        for bv in world.bvs():
+            bv.act(actions[bv.slot], simulator.odd)
+        self.av_acts(av_wish)
+        drive.actions.append(actions)
+        drive.critical.append(-1 if critical is None else critical.slot)
+        drive.probability.append(1.0 if critical is None or possible is None else possible[actions[critical.slot]])
+
+    def av_acts(self, wish: tuple[float, int]) -> None:
+        av = self.world.av
+        av.acceleration = wish[0]
+        if wish[1] != av.target_lane:
+            av.change_lane(wish[1], self.simulator.odd)
+
+    def choose(self, bv: Vehicle) -> Action:
+        simulator, world = self.simulator, self.world
+        if simulator.adversary is not None and bv is self.controlled:
+            adversary = ADVERSARIES[simulator.adversary]
+            return adversary(world, bv, simulator.allowed(world, bv), draws(self.stream, self.step, bv.slot))
+        if simulator.idm_bvs:
+            command = simulator.idm_behind_all(world, bv)
+            return 2 + min(max(math.floor((command + 4.0) * 5.0 + 0.5), 0), 30)
+        rows, base = simulator.rows_and_base(world, bv)
+        left, right = simulator.side_chances(world, bv, base, simulator.model.overlook)
+        draw = unit(self.stream.words(self.step, bv.slot, DECIDE)[0])
+        if draw < left:
+            return 0
+        return 1 if draw < left + right else self.drawn_acceleration(bv, rows)
+
+    def drawn_acceleration(self, bv: Vehicle, rows: list[Row]) -> Action:
+        word = self.stream.words(self.step, bv.slot, DECIDE)[1]
+        return 2 + min(row.draw(word) for row in rows)
+
+    def give_way(self, actions: dict[int, Action]) -> None:
+        """From the front to the rear: who starts into the lane that one ahead starts into from the other side, waits.
+
+        The controlled BV never waits; others overlook the conflict with a small chance.
+        """
+        near = self.simulator.odd.vehicle_length + CONFLICT_GAP
+        goal = {0: 1, 1: -1}
+        # at the same x the smaller slot goes first
+        for bv in sorted(self.world.bvs(), key=lambda v: (-v.x, -v.slot)):
+            if bv is self.controlled or actions[bv.slot] not in goal:
+                continue
+            lane = bv.target_lane + goal[actions[bv.slot]]
+            in_conflict = any(
+                actions[other.slot] in goal
+                and other.target_lane + goal[actions[other.slot]] == lane
+                and other.target_lane != bv.target_lane
+                and abs(other.x - bv.x) < near
+                and (other.x, -other.slot) > (bv.x, -bv.slot)
+                for other in self.world.bvs()
+            )
+            overlooked = unit(self.stream.words(self.step, bv.slot, DECIDE)[2]) < self.simulator.model.overlook_conflict
+            if in_conflict and not overlooked:
+                actions[bv.slot] = self.drawn_acceleration(bv, self.simulator.rows_and_base(self.world, bv)[0])
+
+    def move_for_a_second(self) -> None:
+        odd, world = self.simulator.odd, self.world
+        pairs = list(combinations(world.from_rear_to_front(), 2))
+        for substep in range(10):
+            if substep > 0 and substep % odd.av_substeps == 0:
+                self.av_acts(self.simulator.av_wish(world))
+            self.record()
+            for vehicle in world.vehicles:
+                if vehicle.present:
+                    vehicle.move(odd)
+            self.look_for_contacts(pairs)
+            if not self.drive.outcome and world.av.x >= odd.av_start + odd.test_length:
+                self.drive.outcome = COMPLETED
+            if self.drive.outcome:
+                self.record()
+                return
+
+    def look_for_contacts(self, pairs: list[tuple[Vehicle, Vehicle]]) -> None:
+        """A crash of the AV ends the test, else one of the controlled BV; else BVs in contact are counted and removed.
+
+        Pairs are looked at from the rear to the front, by their places when the second began; the first counts.
+        """
+        boxes = {vehicle.slot: vehicle.box(self.simulator.odd) for vehicle in self.world.vehicles}
+        contacts = [
+            sorted(pair, key=lambda vehicle: vehicle.slot)
+            for pair in pairs
+            if all(vehicle.present for vehicle in pair) and boxes[pair[0].slot].overlaps(boxes[pair[1].slot])
+        ]
+        for outcome, culprit in ((AV_CRASH, self.world.av), (BV_CRASH, self.controlled)):
+            for first, second in contacts:
+                if culprit in (first, second) and not self.drive.outcome:
+                    self.drive.outcome, self.drive.contact = outcome, (first.slot, second.slot)
+        if self.drive.outcome:
+            self.drive.bv_crashes += self.drive.outcome == BV_CRASH
+            return
+        for first, second in contacts:
+            if first.present and second.present:
+                self.drive.bv_crashes += 1
+                first.present = second.present = False

@@ -1,0 +1,232 @@
+"""Vehicles on a road, and the traffic at the start of a test."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from cornerforge.ndd.model import InitialState
+from cornerforge.types import Odd
+from reference.drivers import AvDriver
+from reference.philox import INITIAL, Stream, normal_pair, unit
+from reference.shapes import Box, LateralPath, plan
+
+__all__ = ["SIGHT", "Vehicle", "World", "start"]
+
+SIGHT = 200.0
+_DT = 0.1
+_FULL_STEERING_SPEED = 5.0
+
+
+@dataclass(eq=False)
+class Vehicle:
+    """One vehicle; `path` is its lane change, None while it keeps its lane."""
+
+    slot: int
+    x: float
+    y: float
+    speed: float
+    target_lane: int
+    lanes: set[int]
+    heading: float = 0.0
+    acceleration: float = 0.0
+    path: LateralPath | None = None
+    clock: float = 0.0
+    action: int = -1
+    present: bool = True
+
+    def change_lane(self, lane: int, odd: Odd) -> None:
+        """Begin a lane change, or turn a running one."""
+        speed = acceleration = 0.0
+        if self.path is not None:
+            speed, acceleration = self.path.speed(self.clock), self.path.acceleration(self.clock)
+        centre = (lane + 0.5) * odd.lane_width
+        self.path = plan(self.y, speed, acceleration, centre, odd.lane_change_duration, odd.max_lateral_acceleration)
+        self.clock = 0.0
+        self.target_lane = lane
+        self.lanes = self.lanes | {lane}
+
+    def running_side(self, odd: Odd) -> int:
+        """+1 while changing to the left, -1 to the right, 0 while keeping the lane."""
+        if self.path is None:
+            return 0
+        return 1 if self.path.c[0] < (self.target_lane + 0.5) * odd.lane_width else -1
+
+    def act(self, action: int, odd: Odd) -> None:
+        """Carry out an action: 0 left, 1 right, else the acceleration -4.0 + 0.2 (action - 2)."""
+        self.action = action
+        self.acceleration = round(-4.0 + 0.2 * (action - 2), 1) if action >= 2 else 0.0
+        if action >= 2:
+            return
+        side = 1 if action == 0 else -1
+        lane = self.target_lane + side
+        if self.running_side(odd) != side and 0 <= lane < odd.n_lanes:
+            self.change_lane(lane, odd)
+
+    def move(self, odd: Odd) -> None:
+        """0.1 s of constant acceleration along the road, and of the path across it."""
+        before = self.speed
+        self.speed = before + self.acceleration * _DT
+        if self.speed < 0.0:  # stops within the substep
+            self.x += -0.5 * before * before / self.acceleration
+            self.speed = 0.0
+        else:
+            self.speed = min(self.speed, odd.max_speed)
+            self.x += 0.5 * (before + self.speed) * _DT
+        if self.path is not None:
+            self._move_sideways(self.path, odd)
+
+    def _move_sideways(self, path: LateralPath, odd: Odd) -> None:
+        pace = min(1.0, self.speed / _FULL_STEERING_SPEED)
+        self.clock += _DT * pace
+        if self.clock >= path.duration - 1e-9:
+            self.y, self.heading, self.path = (self.target_lane + 0.5) * odd.lane_width, 0.0, None
+        else:
+            self.y = path.position(self.clock)
+            if self.speed > 0.0:
+                self.heading = math.atan(path.speed(self.clock) * pace / self.speed)
+        half = 0.5 * odd.vehicle_width
+        edges = {math.floor((self.y - half) / odd.lane_width), math.floor((self.y + half) / odd.lane_width)}
+        self.lanes = {self.target_lane} | {lane for lane in edges if lane >= 0}
+
+    def box(self, odd: Odd) -> Box:
+        """Its body."""
+        return Box(self.x, self.y, self.heading, odd.vehicle_length, odd.vehicle_width)
+
+
+@dataclass
+class World:
+    """All vehicles of one test; slot 0 is the AV."""
+
+    odd: Odd
+    vehicles: list[Vehicle] = field(default_factory=list)
+
+    @property
+    def av(self) -> Vehicle:
+        """The vehicle under test."""
+        return self.vehicles[0]
+
+    def bvs(self) -> list[Vehicle]:
+        """The others that are still there."""
+        return [vehicle for vehicle in self.vehicles[1:] if vehicle.present]
+
+    def place(self, x: float, lane: int, speed: float) -> None:
+        """A further vehicle in the next slot."""
+        y = (lane + 0.5) * self.odd.lane_width
+        self.vehicles.append(Vehicle(len(self.vehicles), x, y, speed, lane, {lane}))
+
+    def from_rear_to_front(self) -> list[Vehicle]:
+        """Those present by rising x, slot by slot at the same x."""
+        return sorted((v for v in self.vehicles if v.present), key=lambda v: (v.x, v.slot))
+
+    def neighbours(
+        self, subject: Vehicle, lane: int, *, intentions: bool = True
+    ) -> tuple[Vehicle | None, Vehicle | None]:
+        """Nearest vehicles ahead and behind in a lane, within sight.
+
+        With `intentions` a vehicle is in every lane that it touches or changes to, else only in that of its centre.
+        """
+        seen = [
+            other
+            for other in self.from_rear_to_front()
+            if other is not subject
+            and abs(other.x - subject.x) < SIGHT
+            and (lane in other.lanes if intentions else math.floor(other.y / self.odd.lane_width) == lane)
+        ]
+        ahead = [v for v in seen if (v.x, v.slot) > (subject.x, subject.slot)]
+        behind = [v for v in seen if (v.x, v.slot) < (subject.x, subject.slot)]
+        return (ahead[0] if ahead else None), (behind[-1] if behind else None)
+
+    def gap(self, lead: Vehicle, rear: Vehicle) -> float:
+        """Bumper to bumper [m]."""
+        return lead.x - rear.x - self.odd.vehicle_length
+
+    def nearest_bv(self) -> Vehicle | None:
+        """The BV whose centre is nearest to the AV's."""
+        return min(
+            self.bvs(),
+            key=lambda v: (v.x - self.av.x) * (v.x - self.av.x) + (v.y - self.av.y) * (v.y - self.av.y),
+            default=None,
+        )
+
+
+@dataclass
+class _Traffic:
+    """Draws the traffic: the AV's lane from the AV on forwards and backwards, then the other lanes from the rear."""
+
+    world: World
+    law: InitialState
+    stream: Stream
+    draws: int = 0
+
+    def words(self) -> tuple[int, int, int, int]:
+        words = self.stream.words(self.draws, 0, INITIAL)
+        self.draws += 1
+        return words
+
+    def speed(self) -> float:
+        """A normal speed, drawn again until it is legal."""
+        while True:
+            words = self.words()
+            speed = self.law.speed_mean + self.law.speed_sd * normal_pair(words[0], words[1])[0]
+            if self.law.speed_low <= speed <= self.law.speed_high:
+                return speed
+
+    def neighbour(self, speed: float, *, ahead: bool) -> tuple[float, float]:
+        """Gap and speed of the next vehicle; after 200 refused draws one at the same speed and the widest gap."""
+        law = self.law
+        for _ in range(200):
+            words = self.words()
+            z_gap, z_speed = normal_pair(words[0], words[1])
+            follows = unit(words[2]) < law.follow_share
+            time_gap = law.time_gap_median * math.exp(law.time_gap_sigma * z_gap)
+            free_gap = law.free_gap_low + (law.free_gap_high - law.free_gap_low) * unit(words[3])
+            gap = speed * time_gap if follows else free_gap
+            spread = law.rr_scale * math.exp(law.rr_exponent * math.log(gap / 20.0))
+            shrink = 1.0 - spread * spread / (2.0 * law.speed_sd * law.speed_sd)
+            other = law.speed_mean + shrink * (speed - law.speed_mean) + spread * z_speed
+            if follows and not ahead:  # the time gap is the follower's, who is the new vehicle
+                gap = other * time_gap
+            closing = speed - other if ahead else other - speed
+            if not law.speed_low <= other <= law.speed_high or gap < 1.0 or (follows and gap > law.free_gap_low):
+                continue
+            if gap >= law.min_ttc * closing:
+                return gap, other
+        return law.free_gap_high, speed
+
+    def fill_ahead(self, x: float, lane: int, speed: float) -> None:
+        while True:
+            gap, speed = self.neighbour(speed, ahead=True)
+            x += self.world.odd.vehicle_length + gap
+            if x > self.world.odd.traffic_length:
+                return
+            self.world.place(x, lane, speed)
+
+    def fill_av_lane(self, lane: int, av: AvDriver) -> None:
+        odd = self.world.odd
+        own = min(self.speed(), odd.max_speed)
+        self.world.place(odd.av_start, lane, own)
+        gap, speed = self.neighbour(own, ahead=True)
+        x = odd.av_start + odd.vehicle_length + max(gap, av.desired_gap(own, speed - own))
+        if x <= odd.traffic_length:
+            self.world.place(x, lane, speed)
+            self.fill_ahead(x, lane, speed)
+        x, speed = odd.av_start, own
+        while True:
+            gap, speed = self.neighbour(speed, ahead=False)
+            x -= odd.vehicle_length + gap
+            if x < 0.0:
+                return
+            self.world.place(x, lane, speed)
+
+
+def start(odd: Odd, law: InitialState, av: AvDriver, stream: Stream) -> World:
+    """The world at the start of a test."""
+    traffic = _Traffic(World(odd), law, stream)
+    av_lane = min(odd.n_lanes - 1, math.floor(unit(traffic.words()[0]) * odd.n_lanes))
+    traffic.fill_av_lane(av_lane, av)
+    for lane in range(odd.n_lanes):
+        if lane != av_lane:
+            x = -law.free_gap_low * unit(traffic.words()[0])
+            traffic.fill_ahead(x, lane, traffic.speed())
+    return traffic.world

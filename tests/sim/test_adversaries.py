@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hand_built import Car, world_of
+from statistical_bounds import l1_bound, l1_distance
+
+from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, n_weights
+from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch, choose_action
+from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.world import World
+
+N = 50_000
+WORLD = [Car(400.0, 1, 30.0), Car(420.0, 2, 30.0)]
+
+
+def choices(
+    kind: str,
+    allowed: list[int],
+    n: int,
+    *,
+    epsilon: float = 0.0,
+    world: World | None = None,
+    policy: PolicyNumbers = NO_POLICY,
+) -> np.ndarray:
+    """Counts of the actions chosen over n tests."""
+    world = world or world_of(WORLD)
+    scratch = allocate_choice_scratch(policy)
+    scratch.allowed[allowed] = True
+    counts = np.zeros(33, dtype=np.int64)
+    for test in range(n):
+        counts[choose_action(world, 1, ADVERSARIES[kind], epsilon, 9, test, policy, scratch)] += 1
+    return counts
+
+
+def spread(actions: list[int], share: float = 1.0) -> np.ndarray:
+    p = np.zeros(33)
+    p[actions] = share / len(actions)
+    return p
+
+
+def constant_policy(favourite: int) -> PolicyNumbers:
+    shape = NetworkShape(N_OBSERVATION, 1, 0, 1)
+    weights = np.zeros(n_weights(shape), dtype=np.float32)
+    weights[-33 + favourite] = 1.0
+    return PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
+
+
+@pytest.mark.parametrize("allowed", [list(range(33)), [0, 1, 5, 30], [2, 3, 4], [17]])
+def test_uniform_takes_any_allowed_action_alike(allowed: list[int]) -> None:
+    # H0: independent uniform draws; n = 50,000 sees an L1 error of 0.04.
+    counts = choices("uniform", allowed, N)
+    assert l1_distance(counts, spread(allowed)) <= l1_bound(33, N, comparisons=4)
+    assert counts.sum() == counts[allowed].sum()
+    if len(allowed) > 1:  # negative control: one action left out
+        assert l1_distance(counts, spread(allowed[1:])) > l1_bound(33, N, comparisons=4)
+
+
+def test_the_lane_changer_changes_two_times_in_three() -> None:
+    accelerations = list(range(2, 33))
+    counts = choices("lane-changer", list(range(33)), N)
+    expected = spread([0, 1], 2.0 / 3.0) + spread(accelerations, 1.0 / 3.0)
+    assert l1_distance(counts, expected) <= l1_bound(33, N, comparisons=3)
+    only_left = choices("lane-changer", [0, *accelerations], N)
+    assert l1_distance(only_left, spread([0], 2.0 / 3.0) + spread(accelerations, 1.0 / 3.0)) <= l1_bound(33, N, 3)
+    none = choices("lane-changer", accelerations, N)
+    assert l1_distance(none, spread(accelerations)) <= l1_bound(33, N, comparisons=3)
+    assert l1_distance(counts, spread(list(range(33)))) > l1_bound(33, N)  # negative control
+
+
+def test_the_policy_takes_its_best_allowed_action_and_explores_by_epsilon() -> None:
+    policy = constant_policy(12)
+    assert choices("policy", list(range(33)), 100, policy=policy)[12] == 100
+    assert (
+        choices("policy", [3, 9], 100, policy=policy)[3] == 100
+    )  # its favourite is forbidden: the first of the equals
+    explored = choices("policy", list(range(33)), N, policy=policy, epsilon=0.25)
+    expected = 0.75 * spread([12]) + 0.25 * spread(list(range(33)))
+    assert l1_distance(explored, expected) <= l1_bound(33, N)
+    assert l1_distance(explored, 0.8 * spread([12]) + 0.2 * spread(list(range(33)))) > l1_bound(33, N)
+
+
+@pytest.mark.parametrize(
+    ("bv", "allowed", "action"),
+    [
+        (Car(399.0, 2, 30.0), range(33), 1),  # level, on the left: into the AV's lane
+        (Car(399.0, 0, 30.0), range(33), 0),  # level, on the right
+        (Car(399.0, 3, 30.0), range(33), 1),  # two lanes off: one nearer
+        (Car(430.0, 1, 30.0), range(33), 0),  # in its lane, far: out to the left
+        (Car(430.0, 1, 30.0), range(1, 33), 1),  # or to the right
+        (Car(430.0, 2, 30.0), range(33), 2),  # ahead in the next lane: let it come
+        (Car(370.0, 2, 30.0), range(33), 32),  # behind: catch up
+        (Car(404.0, 2, 30.0), range(33), 2 + 10),  # 5 m too far ahead: 0.4 * -5 = -2.0
+        (Car(404.0, 2, 30.0), [0, 1, 31], 31),  # the nearest allowed
+        (Car(404.0, 2, 30.0), [0, 1], 0),  # none: the first allowed
+    ],
+)
+def test_swerve(bv: Car, allowed: list[int], action: int) -> None:
+    counts = choices("swerve", list(allowed), 3, world=world_of([Car(400.0, 1, 30.0), bv]))
+    assert counts[action] == 3
+
+
+def test_choices_of_another_vehicle_are_other_draws() -> None:
+    world = world_of([*WORLD, Car(440.0, 0, 30.0)])
+    scratch = allocate_choice_scratch(NO_POLICY)
+    scratch.allowed[:] = True
+    uniform = ADVERSARIES["uniform"]
+    chosen = [
+        [choose_action(world, slot, uniform, 0.0, 9, k, NO_POLICY, scratch) for k in range(50)] for slot in (1, 2)
+    ]
+    assert chosen[0] != chosen[1]

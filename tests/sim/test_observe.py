@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hand_built import Car, setting_of, world_of
+
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim.decide import action_probabilities, start_lane_change
+from cornerforge.sim.observe import N_OBSERVATION, allowed_actions, observe
+from cornerforge.sim.step import move_vehicle
+from cornerforge.sim.world import World
+from cornerforge.types import Odd
+
+ROAD = Odd(n_lanes=4)
+
+
+def seen(model: NddModel, world: World, bv: int) -> np.ndarray:
+    out = np.full(N_OBSERVATION, np.nan, dtype=np.float32)
+    observe(world, bv, setting_of(model, ROAD).road, np.zeros(4, dtype=np.int64), out)
+    return out
+
+
+def mask(model: NddModel, world: World, bv: int, *, bounded: bool = False) -> np.ndarray:
+    setting = setting_of(model, ROAD)
+    allowed = np.zeros(33, dtype=np.bool_)
+    allowed_actions(world, bv, int(bounded), setting.road, setting.tables, np.zeros(33), allowed)
+    return allowed
+
+
+def test_entries_by_hand(model: NddModel) -> None:
+    world = world_of([Car(500.0, 1, 32.0), Car(510.0, 3, 27.0), Car(530.0, 3, 31.0), Car(100.0, 0, 30.0)])
+    world.vehicles["acceleration"][0] = -2.0
+    own = [0.75, 0.2, 0, 0, -0.5, 1, 1, -0.3, 0, 0, 0, 1, 0.2, 1.0, 2.0, -0.5, 2, 0, 0, 0]
+    near = [0.4, 0, 0.4, 0, 1]
+    far = [-3.0, -3.0, 0.3, -3, 1]  # 410 m behind: clipped
+    np.testing.assert_allclose(seen(model, world, 1), [*own, *near, *far, *([0.0] * 10)], rtol=1e-6)
+
+
+def test_a_running_lane_change_shows(model: NddModel) -> None:
+    world = world_of([Car(500.0, 1, 30.0), Car(503.0, 2, 30.0)])
+    setting = setting_of(model, ROAD)
+    start_lane_change(world, 1, 1, setting.road)
+    for _ in range(20):
+        move_vehicle(world, 1, setting.road)
+    world.vehicles["x"][1] = 503.0
+    entries = seen(model, world, 1)
+    assert entries[8] == pytest.approx(0.5)  # halfway: 2 m left of its target lane's centre
+    assert entries[9] == pytest.approx(-1.875 / 2.0)
+    assert entries[14] == pytest.approx(0.5)
+    assert entries[[16, 17, 18, 19]].tolist() == [0.0, 1.0, 1.0, 0.0]
+
+
+def test_the_four_nearest_others_nearest_first(model: NddModel, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(50):
+        cars = [
+            Car(
+                float(rng.uniform(400, 500)), int(rng.integers(4)), float(rng.uniform(25, 35)), bool(rng.random() < 0.8)
+            )
+            for _ in range(int(rng.integers(2, 12)))
+        ]
+        cars[0], cars[1] = cars[0]._replace(present=True), cars[1]._replace(present=True)
+        bv = cars[1]
+        others = sorted((abs(c.x - bv.x) + 4.0 * abs(c.lane - bv.lane), c) for c in cars[2:] if c.present)[:4]
+        expected = np.zeros((4, 5))
+        for row, (_, c) in zip(expected, others, strict=False):
+            row[:] = [(c.x - bv.x) / 50.0, c.lane - bv.lane, (c.speed - bv.speed) / 10.0, c.lane - bv.lane, 1.0]
+        entries = seen(model, world_of(cars), 1)
+        np.testing.assert_allclose(entries[20:].reshape(4, 5), expected, atol=1e-5)
+        assert np.isfinite(entries).all()
+
+
+def test_unbounded_mask_is_the_road_and_the_running_change(model: NddModel) -> None:
+    setting = setting_of(model, ROAD)
+    for lane, sides in ((0, [True, False]), (1, [True, True]), (3, [False, True])):
+        allowed = mask(model, world_of([Car(0.0, 1, 30.0), Car(50.0, lane, 30.0)]), 1)
+        assert allowed[:2].tolist() == sides
+        assert allowed[2:].all()
+    world = world_of([Car(0.0, 1, 30.0), Car(50.0, 1, 30.0)])
+    start_lane_change(world, 1, 2, setting.road)
+    assert mask(model, world, 1)[:2].tolist() == [False, True]  # it may turn back
+    start_lane_change(world, 1, 1, setting.road)
+    move_vehicle(world, 1, setting.road)
+
+
+@pytest.mark.parametrize("lead_gap", [3.0, 20.0, 80.0, 300.0])
+def test_bounded_mask_is_what_an_attentive_driver_may_do(model: NddModel, lead_gap: float) -> None:
+    setting = setting_of(model, ROAD)
+    cars = [Car(0.0, 0, 30.0), Car(400.0, 1, 30.0), Car(405.0 + lead_gap, 1, 28.0), Car(401.0, 2, 30.0)]
+    world = world_of(cars)
+    p = np.zeros(33)
+    action_probabilities(world, 1, 0.0, setting.road, setting.tables, p)
+    bounded = mask(model, world, 1, bounded=True)
+    np.testing.assert_array_equal(bounded, p > 0.0)
+    assert not bounded[0]  # slot 3 is alongside: only who overlooks it would change
+    action_probabilities(world, 1, setting.tables.overlook, setting.road, setting.tables, p)
+    assert p[0] > 0.0
+    assert bounded.any()
