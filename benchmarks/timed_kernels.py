@@ -1,0 +1,240 @@
+"""The loop of `drive_test` and `step_world` with a clock between its parts.
+
+`timed_tests` calls the same kernels in the same order on the same worlds as the simulator and reads the clock after
+each. Its end frames and positions are handed out, so that its caller can see that it drove what the simulator drives.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numba
+import numpy as np
+
+from cornerforge._philox import PURPOSE_DECIDE, block
+from cornerforge.drivers.naturalistic import following_row, free_row, sample_row
+from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.sim.decide import apply_action, av_decide, decide_bvs, nearest_bv, neighbours_in_lane
+from cornerforge.sim.drive import world_row
+from cornerforge.sim.observe import allowed_actions, observe
+from cornerforge.sim.step import (
+    SUBSTEPS,
+    _av_acts,
+    _check_contacts,
+    _find_pairs,
+    move_vehicle,
+)
+from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.world import (
+    COMPLETED,
+    CONTROLLED,
+    FRAME,
+    N_DECISIONS,
+    N_VEHICLES,
+    OUTCOME,
+    RUNNING,
+    TIME_UP,
+)
+from cornerforge.types import ACCELERATIONS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.adversaries import ChoiceScratch
+    from cornerforge.sim.drive import Setting
+    from cornerforge.sim.step import Pairs
+    from cornerforge.sim.world import World
+
+__all__ = ["EXTRAS", "PARTS", "RESET", "SEED", "clock_cost", "timed_tests"]
+
+SEED = 0
+PARTS = (
+    "initial traffic (`reset_world`, once a test)",
+    "BVs decide (`decide_bvs`)",
+    "BVs begin their actions (`apply_action`)",
+    "AV decides, 10 x (`av_decide`)",
+    "pairs that can touch (`_find_pairs`)",
+    "motion, 10 x (`move_vehicle`)",
+    "contacts, 10 x (`_check_contacts`)",
+)
+RESET, DECIDE, APPLY, AV, FIND_PAIRS, MOVE, CONTACTS = range(7)
+EXTRAS = (
+    "of BVs decide: random numbers (Philox), one block a BV",
+    "of BVs decide: look-ups in the tables, free flow and one lead a BV",
+    "adversary: nearest BV and its observation (`observe`)",
+    "adversary: allowed actions (`allowed_actions`), unbounded",
+    "adversary: allowed actions, NDD-bounded",
+    "adversary: Q-network (`q_values`) and `best_action`",
+)
+PHILOX, LOOK_UPS, OBSERVE, ALLOWED, BOUNDED, NETWORK = range(6)
+
+_ACCELERATIONS = ACCELERATIONS
+_NANOSECONDS = 1_000_000_000
+_read_clock = ctypes.CDLL(None).clock_gettime
+_read_clock.argtypes = [ctypes.c_int, ctypes.c_void_p]
+_read_clock.restype = ctypes.c_int
+_MONOTONIC = time.CLOCK_MONOTONIC
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def _compiled(function: F) -> F:
+    """As `cornerforge._jit.kernel`, without the cache on disk, which functions that call into C cannot have."""
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+    return cast("F", numba.njit(**options)(function))
+
+
+@_compiled
+def _now(clock: NDArray[np.int64]) -> int:
+    """Nanoseconds of the monotonic clock; `clock` (2,) receives the seconds and the rest."""
+    _read_clock(_MONOTONIC, clock.ctypes.data)
+    return int(clock[0] * _NANOSECONDS + clock[1])
+
+
+@_compiled
+def clock_cost(clock: NDArray[np.int64], looks: int) -> float:
+    """Nanoseconds that one look at the clock takes."""
+    start = _now(clock)
+    for _ in range(looks - 1):
+        _now(clock)
+    return (_now(clock) - start) / looks
+
+
+@_compiled
+def _lap(ns: NDArray[np.int64], part: int, since: int, clock: NDArray[np.int64]) -> int:
+    """Book the time since `since` on a part, with one look at the clock; returns the present time."""
+    now = _now(clock)
+    ns[part, 0] += now - since
+    ns[part, 1] += 1
+    return now
+
+
+@_compiled
+def _timed_substeps(
+    w: World, first_frame: int, n_pairs: int, setting: Setting, pairs: Pairs, ns: NDArray[np.int64],
+    clock: NDArray[np.int64], since: int,
+) -> int:  # fmt: skip
+    """The second half of `step_world`: 10 substeps, or fewer when the test ends."""
+    v, info, road = w.vehicles, w.info, setting.road
+    for substep in range(SUBSTEPS):
+        if substep > 0 and substep % road.av_substeps == 0:
+            command, lane = av_decide(w, road, setting.av)
+            _av_acts(w, command, lane, road)
+            since = _lap(ns, AV, since, clock)
+        for i in range(info[N_VEHICLES]):
+            if v[i].present:
+                move_vehicle(w, i, road)
+        since = _lap(ns, MOVE, since, clock)
+        frame = first_frame + substep + 1
+        ends = _check_contacts(w, pairs, n_pairs, frame, road)
+        if not ends and v[0].x >= road.av_start + road.test_length:
+            info[OUTCOME] = COMPLETED
+            info[FRAME] = frame
+            ends = True
+        since = _lap(ns, CONTACTS, since, clock)
+        if ends:
+            return since
+    if info[N_DECISIONS] >= road.max_decisions:
+        info[OUTCOME] = TIME_UP
+        info[FRAME] = first_frame + SUBSTEPS
+    return since
+
+
+@_compiled
+def _timed_step(
+    w: World, test: int, setting: Setting, pairs: Pairs, ns: NDArray[np.int64], clock: NDArray[np.int64], since: int
+) -> int:
+    """`step_world` without recording and with a clock."""
+    v, info, road = w.vehicles, w.info, setting.road
+    first_frame = SUBSTEPS * info[N_DECISIONS]
+    command, lane = av_decide(w, road, setting.av)
+    since = _lap(ns, AV, since, clock)
+    decide_bvs(w, SEED, test, setting.bv_model, -1, road, setting.av, setting.tables)
+    since = _lap(ns, DECIDE, since, clock)
+    for i in range(1, info[N_VEHICLES]):
+        if v[i].present:
+            apply_action(w, i, v[i].action, _ACCELERATIONS, road)
+    _av_acts(w, command, lane, road)
+    since = _lap(ns, APPLY, since, clock)
+    n_pairs = _find_pairs(w, road, pairs)
+    info[N_DECISIONS] += 1
+    since = _lap(ns, FIND_PAIRS, since, clock)
+    return _timed_substeps(w, first_frame, n_pairs, setting, pairs, ns, clock, since)
+
+
+@_compiled
+def _timed_draws(
+    w: World, test: int, setting: Setting, words: NDArray[np.uint64], states: NDArray[np.float64],
+    extras: NDArray[np.int64], clock: NDArray[np.int64],
+) -> int:  # fmt: skip
+    """The random numbers and table look-ups of all BVs alone; their leads are found before the clock starts."""
+    v, road = w.vehicles, setting.road
+    n = w.info[N_VEHICLES]
+    for i in range(1, n):
+        lead, _ = neighbours_in_lane(w, i, v[i].target_lane, road.lane_width, 1)
+        states[i, 0] = v[lead].x - v[i].x - road.length if lead >= 0 else np.inf
+        states[i, 1] = v[lead].speed - v[i].speed if lead >= 0 else 0.0
+    since = _now(clock)
+    for i in range(1, n):
+        if v[i].present:
+            words[i] = block(SEED, test, w.info[N_DECISIONS], i, PURPOSE_DECIDE)[1]
+    since = _lap(extras, PHILOX, since, clock)
+    total = 0
+    cut = setting.tables.cut
+    for i in range(1, n):
+        if v[i].present:
+            total += sample_row(cut, free_row(v[i].speed), words[i])
+            if states[i, 0] < np.inf:
+                total += sample_row(cut, following_row(v[i].speed, states[i, 0], states[i, 1]), words[i])
+    _lap(extras, LOOK_UPS, since, clock)
+    return total
+
+
+@_compiled
+def _timed_choice(
+    w: World, setting: Setting, s: ChoiceScratch, extras: NDArray[np.int64], clock: NDArray[np.int64]
+) -> int:
+    """What an adversary with a policy does in one decision."""
+    since = _now(clock)
+    bv = nearest_bv(w)
+    if bv < 0:
+        return 0
+    observe(w, bv, setting.road, s.found, s.observation)
+    since = _lap(extras, OBSERVE, since, clock)
+    allowed_actions(w, bv, 1, setting.road, setting.tables, s.p, s.allowed)
+    since = _lap(extras, BOUNDED, since, clock)
+    allowed_actions(w, bv, 0, setting.road, setting.tables, s.p, s.allowed)
+    since = _lap(extras, ALLOWED, since, clock)
+    q_values(setting.policy, s.observation, s.layers, s.q)
+    action = best_action(s.q, s.allowed)
+    _lap(extras, NETWORK, since, clock)
+    return action
+
+
+@_compiled
+def timed_tests(
+    first: int, count: int, setting: Setting, worlds: World, pairs: Pairs, s: ChoiceScratch, with_extras: bool,
+    words: NDArray[np.uint64], states: NDArray[np.float64], ns: NDArray[np.int64], extras: NDArray[np.int64],
+    clock: NDArray[np.int64], frames: NDArray[np.int32], x: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Drive tests first .. first + count - 1; end frames and the AV's end positions show what was driven."""
+    w = world_row(worlds, 0)
+    kept = 0
+    for k in range(count):
+        test = first + k
+        since = _now(clock)
+        reset_world(w, SEED, test, setting.road, setting.av, setting.tables.initial)
+        since = _lap(ns, RESET, since, clock)
+        while w.info[OUTCOME] == RUNNING:
+            if with_extras:
+                kept += _timed_draws(w, test, setting, words, states, extras, clock)
+                kept += _timed_choice(w, setting, s, extras, clock)
+                since = _now(clock)
+            w.info[CONTROLLED] = -1
+            since = _timed_step(w, test, setting, pairs, ns, clock, since)
+        frames[k] = w.info[FRAME]
+        x[k] = w.vehicles[0].x
+    return kept
