@@ -21,8 +21,14 @@ def main(name: str, only: str, search: str) -> None:
     def note(event: str, arguments: tuple[object, ...]) -> None:
         if event == "open" and isinstance(arguments[0], str):
             path = str(Path(arguments[0]).absolute())
-            # Python's own reading of sources, and Numba's test whether it may write its cache, are no reading of data.
-            if path.startswith(watched) and "__pycache__" not in path and not path.endswith((".py", ".pyc")):
+            # Python's own reading of sources, and Numba's test whether it may write its cache, are no reading of data;
+            # .egg-info is where an editable install keeps entry points, which torch looks through.
+            if (
+                path.startswith(watched)
+                and "__pycache__" not in path
+                and ".egg-info" not in path
+                and not path.endswith((".py", ".pyc"))
+            ):
                 opened.append(path)
 
     sys.addaudithook(note)

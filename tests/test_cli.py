@@ -374,6 +374,26 @@ def test_bad_input_is_one_plain_line_and_harms_nothing(name: str, files: Path, t
     assert (snapshot(tmp_path), snapshot(files)) == before
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on the size of files")
+def test_a_full_disk_is_one_plain_line_and_leaves_no_half_file(files: Path, tmp_path: Path) -> None:
+    import resource
+
+    def no_file_above_1_kb() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
+
+    done = subprocess.run(
+        [sys.executable, "-B", "-m", "cornerforge", "analyse", str(files / "library"), "--out", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=no_file_above_1_kb,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("cornerforge: Cannot write")
+    assert done.stderr.count("\n") == 1
+    assert [entry.name for entry in (tmp_path / "out").iterdir()] == ["provenance.json"]
+
+
 def test_bad_input_with_json_leaves_standard_output_empty(capsys: Capture) -> None:
     status, out, err = call(capsys, "simulate", "--tests", 0, "--json", "--quiet")
     assert (status, out) == (2, "")

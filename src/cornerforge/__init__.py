@@ -1,4 +1,4 @@
-"""cornerforge: how does an automated vehicle's decision-making crash, which crashes matter, and how often would they happen?
+"""cornerforge: how an automated vehicle's decision-making crashes, which crashes matter, and how often they happen.
 
 The verbs of the command line, as functions with the same names; each returns what `--json` prints.
 """
@@ -9,9 +9,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cornerforge.pipeline import analyse, generate, ndd_fit, query, replay, run, simulate, train
+    from cornerforge.pipeline import analyse, generate, ndd_fit, query, rate, replay, run, simulate, train
 
-__all__ = ["__version__", "analyse", "generate", "ndd_fit", "query", "replay", "run", "simulate", "train"]
+__all__ = ["__version__", "analyse", "generate", "ndd_fit", "query", "rate", "replay", "run", "simulate", "train"]
 
 __version__ = "0.1.0"
 

@@ -29,7 +29,7 @@ _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"
 
 F = TypeVar("F", bound=Callable[..., object])
 
-_SOURCES = ("*.py", "drivers/*.py", "sim/*.py")
+_SOURCES = ("_jit.py", "_philox.py", "geometry.py", "types.py", "drivers/*.py", "sim/*.py")
 _KEEP_DAYS = 3.0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import traceback
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,11 @@ EXIT_GATE, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 Seed = Annotated[int, typer.Option(help="Names the random numbers; same seed, same results.")]
 Threads = Annotated[
     int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)
+]
+# Every command takes --seed and --threads, so that scripts need not know which ones draw or compute.
+IdleSeed = Annotated[int, typer.Option("--seed", help="No effect here: nothing is drawn.")]
+IdleThreads = Annotated[
+    int | None, typer.Option("--threads", help="No effect here: one thread does it.", show_default=False)
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No text and no progress bars.")]
 Json = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
@@ -277,7 +283,7 @@ def analyse(
         Path | None, typer.Option(help="Folder for analysis.json and points.parquet.", show_default=False)
     ] = None,
     seed: Seed = 0,
-    threads: Threads = None,
+    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -306,12 +312,54 @@ def analyse(
 
 
 @app.command()
+def rate(
+    method: Annotated[str, typer.Option(help="mc: plain Monte Carlo.")] = "mc",
+    av: Av = "idm-mobil",
+    target_rhw: Annotated[
+        float, typer.Option(help="Stop when half the 95 % interval is at most this share of the rate.")
+    ] = 0.3,
+    max_tests: Annotated[int, typer.Option(help="Stop here at the latest.")] = 1_000_000,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
+    ] = None,
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Measure the AV's natural crash rate, without bias."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        width = r["relative_half_width"]
+        narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
+        lines = [_rate_text(r, f"{av}, natural traffic"), f"{r['av_crashes']:,} AV crashes, {narrow}"]
+        lines.append(f"{r['bv_crashes']:,} crashes between BVs; {r['seconds']:,.0f} s, digest {r['digest'][:16]}")
+        return "\n".join(lines)
+
+    _run(
+        lambda bars: pipeline.rate(
+            method=method, av=av, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, lanes=lanes,
+            odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
     check: Annotated[
         bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")
     ] = False,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -341,6 +389,8 @@ def query(
     sql: Annotated[
         str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)
     ],
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -355,7 +405,13 @@ def query(
 
 
 @app.command()
-def avs(as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+def avs(
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
     """List the built-in AVs."""
     from cornerforge.drivers.avs import AVS
 
@@ -373,6 +429,8 @@ def ndd_fit(
     ],
     out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
     prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -395,29 +453,39 @@ def ndd_fit(
 def _usage_message(error: Any) -> str:
     """Typer's message (it suggests the nearest command) in one line, with where help is."""
     path = error.ctx.command_path if error.ctx is not None else "cornerforge"
-    return f"{' '.join(error.format_message().split())} (see: {path} --help)"
+    # Typer has no message, only the help, for a call without a command.
+    message = " ".join(error.format_message().split()) or "A command is missing."
+    return f"{message} (see: {path} --help)"
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     typer.echo(f"Warning: {message}", err=True)
 
 
+def _complain(message: object, *, debug: bool) -> int:
+    if debug:
+        traceback.print_exc()
+    typer.echo(f"cornerforge: {message}", err=True)
+    return EXIT_BAD_INPUT
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status (see the interface: 0, 1, 2 or 130)."""
     given = sys.argv[1:] if arguments is None else arguments
+    debug = "--debug" in given
     usage_error: type[Exception] = typer.BadParameter.__mro__[1]  # Typer offers its base class under no name
-    warnings.showwarning = _show_warning
-    try:
-        status = app(args=given, prog_name="cornerforge", standalone_mode=False)
-    except CornerForgeError as error:
-        if "--debug" in given:
-            raise
-        typer.echo(f"cornerforge: {error}", err=True)
-        return EXIT_BAD_INPUT
-    except usage_error as error:
-        typer.echo(f"cornerforge: {_usage_message(error)}", err=True)
-        return EXIT_BAD_INPUT
-    except (KeyboardInterrupt, typer.Abort):
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        try:
+            status = app(args=given, prog_name="cornerforge", standalone_mode=False)
+        except CornerForgeError as error:
+            return _complain(error, debug=debug)
+        except usage_error as error:
+            return _complain(_usage_message(error), debug=debug)
+        except OSError as error:  # a full disk, a file without permission: the text names the file
+            return _complain(error, debug=debug)
+        except (KeyboardInterrupt, typer.Abort):
+            status = EXIT_INTERRUPTED
+    if status == EXIT_INTERRUPTED:  # this is also how Typer reports Ctrl-C
         typer.echo("cornerforge: interrupted; what was finished is kept.", err=True)
-        return EXIT_INTERRUPTED
     return status if isinstance(status, int) else 0

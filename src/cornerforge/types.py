@@ -73,8 +73,8 @@ class Odd:
         check_number("odd.max_lateral_acceleration", self.max_lateral_acceleration, low=1.0, high=1e3, unit="m/s2")
         check_number("odd.test_length", self.test_length, low=10.0, high=1e5, unit="m")
         check_number("odd.time_limit", self.time_limit, low=1.0, high=3600.0, unit="s")
-        check_number("odd.av_start", self.av_start, low=0.0, high=1e5, unit="m")
         check_number("odd.traffic_length", self.traffic_length, low=50.0, high=5e3, unit="m")
+        check_number("odd.av_start", self.av_start, low=0.0, high=self.traffic_length, unit="m")
         check_integer("odd.av_substeps", self.av_substeps, low=1, high=10)
 
 

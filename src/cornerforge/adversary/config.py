@@ -49,10 +49,12 @@ class TrainConfig:
         check_number("train.discount", self.discount, low=0.0, high=1.0)
         check_number("train.epsilon_start", self.epsilon_start, low=0.0, high=1.0)
         check_number("train.epsilon_end", self.epsilon_end, low=0.0, high=1.0)
-        for name in ("batch", "replay_start", "epsilon_decisions", "target_update", "worlds", "decisions"):
+        for name in ("batch", "epsilon_decisions", "target_update", "worlds", "decisions"):
             check_integer(f"train.{name}", getattr(self, name), low=1, high=10**12)
         check_integer("train.decisions_per_update", self.decisions_per_update, low=1, high=self.worlds)
         check_integer("train.replay_size", self.replay_size, low=max(self.batch, self.worlds), high=10**9)
+        # Beyond the memory's size learning would never start.
+        check_integer("train.replay_start", self.replay_start, low=1, high=self.replay_size)
 
     @property
     def network(self) -> NetworkShape:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Mapping
@@ -11,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
-from cornerforge.errors import FileFormatError, InputError
+from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
 
 __all__ = ["POLICY_SCHEMA", "Policy", "load_policy", "policy_hash", "policy_numbers", "save_policy"]
@@ -53,7 +54,11 @@ def policy_hash(policy: Policy) -> str:
 
 
 def save_policy(policy: Policy, path: Path) -> None:
-    """Write a policy; beside its place first, then renamed, so that a reader never sees half of it."""
+    """Write a policy; beside its place first, then renamed, so that a reader never sees half of it.
+
+    Raises:
+        OutputError: It cannot be written; nothing is left of it then.
+    """
     header = {
         "schema_version": POLICY_SCHEMA,
         "observation_version": OBSERVATION_VERSION,
@@ -62,8 +67,18 @@ def save_policy(policy: Policy, path: Path) -> None:
         "about": dict(policy.about),
     }
     part = path.with_name(path.name + ".part")
-    save_file({"weights": policy.weights}, part, metadata={"cornerforge": json.dumps(header, sort_keys=True)})
-    part.replace(path)
+    # Not its own `save_file`: that gives the file to its owner only and reports a full disk as a fault of the format.
+    content = save({"weights": policy.weights}, metadata={"cornerforge": json.dumps(header, sort_keys=True)})
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(content)
+        part.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise OutputError(
+            f"Cannot write the policy {path}: {error.strerror}; make room, or choose another place."
+        ) from error
 
 
 def load_policy(path: Path) -> Policy:
@@ -80,6 +95,8 @@ def load_policy(path: Path) -> Policy:
             if text is None:
                 raise FileFormatError(f"{path} is a safetensors file but no policy of cornerforge.")
             header = json.loads(text)
+            if not isinstance(header, dict):
+                raise FileFormatError(f"{path}: its header is no JSON object, so it is no policy of cornerforge.")
             weights = file.get_tensor("weights")
         _check_versions(header, path)
         shape = NetworkShape(**header["network"])

@@ -43,9 +43,9 @@ class ReplayMemory:
         """Append a batch of at most `capacity` transitions."""
         n = batch.action.size
         first = min(n, self.capacity - self.place)
-        ring: NDArray[Any]
-        new: NDArray[Any]
-        for ring, new in zip(self.arrays, batch, strict=True):
+        for name in Transitions._fields:
+            ring: NDArray[Any] = getattr(self.arrays, name)
+            new: NDArray[Any] = getattr(batch, name)
             ring[self.place : self.place + first] = new[:first]
             ring[: n - first] = new[first:]
         self.place = (self.place + n) % self.capacity
@@ -53,12 +53,4 @@ class ReplayMemory:
 
     def sample(self, indices: NDArray[np.int64]) -> Transitions:
         """Copies of the transitions at `indices`, each in [0, size)."""
-        a = self.arrays
-        return Transitions(
-            a.observation[indices],
-            a.action[indices],
-            a.reward[indices],
-            a.end[indices],
-            a.next_observation[indices],
-            a.next_allowed[indices],
-        )
+        return Transitions._make(getattr(self.arrays, name)[indices] for name in Transitions._fields)

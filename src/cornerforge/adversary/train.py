@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +113,7 @@ class _Learner:
         with torch.random.fork_rng():
             torch.manual_seed(seed)
             self.online = QNetwork(config.network)
-        self._target = QNetwork(config.network)
+            self._target = QNetwork(config.network)
         self._target.load_state_dict(self.online.state_dict())
         parameters = self.online.parameters()
         self._optimiser: torch.optim.Optimizer
@@ -209,7 +209,7 @@ def _train(
     shape = config.network
     numbers = PolicyNumbers(flat_weights(learner.online), shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
     actor = _Actor(setting._replace(adversary=ADVERSARIES["policy"], policy=numbers), slots, config.worlds, seed)
-    buffers = (allocate_transitions(config.worlds), allocate_transitions(config.worlds))
+    buffer = allocate_transitions(config.worlds)
     result = TrainResult(numbers.weights, 0, 0, 0.0)
     updates = config.worlds // config.decisions_per_update
     seen = np.zeros(3, dtype=np.int64)
@@ -219,7 +219,7 @@ def _train(
         for iteration in range(iterations):
             weights = flat_weights(learner.online)
             epsilon = _epsilon(config, result.decisions)
-            acting = pool.submit(actor.act, weights, epsilon, buffers[iteration % 2])
+            acting = pool.submit(actor.act, weights, epsilon, buffer)
             if threads == 1:
                 acting.result()
             if learner.memory.size >= config.replay_start:
@@ -243,8 +243,3 @@ def _train(
     result.weights = flat_weights(learner.online)
     result.updates = learner.updates
     return result
-
-
-def describe(config: TrainConfig, result: TrainResult, seed: int) -> dict[str, object]:
-    """What the policy file says of its making; JSON-compatible."""
-    return {"train": asdict(config), "seed": seed, "decisions": result.decisions, "updates": result.updates}

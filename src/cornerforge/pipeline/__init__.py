@@ -5,8 +5,9 @@ from __future__ import annotations
 from cornerforge.pipeline.cases import analyse, query, replay
 from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit
+from cornerforge.pipeline.rate import rate
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.simulate import simulate
 from cornerforge.pipeline.train import train
 
-__all__ = ["analyse", "generate", "ndd_fit", "query", "replay", "run", "simulate", "train"]
+__all__ = ["analyse", "generate", "ndd_fit", "query", "rate", "replay", "run", "simulate", "train"]

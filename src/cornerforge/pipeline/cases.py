@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import decimal
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.generate import MODEL_FILE, POLICY_FILE
-from cornerforge.pipeline.output import code_hash, provenance, write_json
+from cornerforge.pipeline.output import code_hash, open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.recorder import Recorder, scenario_digest
@@ -20,6 +22,7 @@ from cornerforge.types import Scenario
 
 __all__ = ["analyse", "query", "replay"]
 
+_NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "policy_hash")
 _TRACKS = ("x", "y", "speed", "heading", "acceleration")
 
 
@@ -36,7 +39,7 @@ def analyse(
     Args:
         library: The library's folder.
         steps: Seconds before the crash that the features cover, 1 to 15.
-        out: Folder for `analysis.json` and `points.parquet`; None for none.
+        out: Folder for `analysis.json` and `points.parquet`, new or empty, or with this same analysis; None for none.
         seed: Of K-means' starts.
         progress: Told how far it is.
 
@@ -49,11 +52,15 @@ def analyse(
     from cornerforge.analysis import analyse as analyse_history
 
     check_integer("steps", steps, low=1, high=15)
+    check_integer("seed", seed, low=0, high=2**32 - 1)
     cases = CaseLibrary.open(Path(library))
     if len(cases) == 0:
         raise InputError(
             f"The library {library} holds no cases yet; fill it with: cornerforge generate --out {library} --resume"
         )
+    identity = {**cases.identity, "cases": len(cases), "steps": steps, "analysis_seed": seed}
+    if out is not None:
+        open_output(Path(out), identity, resume=True)
     progress("analyse", 0, 1)
     ids, history = cases.history()
     result = analyse_history(
@@ -67,19 +74,18 @@ def analyse(
     progress("analyse", 1, 1)
     summary = result.to_json()
     if out is not None:
-        _write_analysis(Path(out), summary, result.points, cases)
+        _write_analysis(Path(out), summary, result.points)
+        write_json(Path(out) / "provenance.json", provenance(identity, round(summary["seconds"]["total"], 3)))
     return summary
 
 
-def _write_analysis(out: Path, summary: dict[str, Any], points: dict[str, Any], cases: CaseLibrary) -> None:
+def _write_analysis(out: Path, summary: dict[str, Any], points: dict[str, Any]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     write_json(out / "analysis.json", summary)
-    part = out / ".points.parquet.part"
-    pq.write_table(pa.table({name: pa.array(values) for name, values in points.items()}), part)
-    part.replace(out / "points.parquet")
-    write_json(out / "provenance.json", provenance(cases.identity))
+    with writing(out / "points.parquet") as part:
+        pq.write_table(pa.table({name: pa.array(values) for name, values in points.items()}), part)
 
 
 def _experiment_of(cases: CaseLibrary) -> Experiment:
@@ -89,6 +95,9 @@ def _experiment_of(cases: CaseLibrary) -> Experiment:
         FileFormatError: A file is missing or is not the one of the library.
     """
     identity = cases.identity
+    missing = [name for name in _NEEDED if name not in identity]
+    if missing:
+        raise FileFormatError(f"The library {cases.path} does not say its {missing[0]}, so it cannot be driven again.")
     has_policy = identity["policy_hash"] is not None
     run = experiment(
         av=str(identity["av"]),
@@ -100,9 +109,10 @@ def _experiment_of(cases: CaseLibrary) -> Experiment:
         bounded=bool(identity["bounded"]),
     )
     for key, value in run.identity(int(str(identity["seed"]))).items():
-        if identity[key] != value:
+        if identity.get(key) != value:
             raise FileFormatError(
-                f"The library {cases.path} was made with {key} = {identity[key]!r}, but what is here gives {value!r}; "
+                f"The library {cases.path} was made with {key} = {identity.get(key)!r}, "
+                f"but what is here gives {value!r}; "
                 "put the original file back, or install the version that made it."
             )
     return run
@@ -171,4 +181,17 @@ def query(library: Path | str, sql: str) -> dict[str, Any]:
         CornerForgeError: The library cannot be read, or the SQL is wrong.
     """
     columns, rows = CaseLibrary.open(Path(library)).query(sql)
-    return {"columns": columns, "rows": [list(row) for row in rows]}
+    return {"columns": columns, "rows": [[_plain(value) for value in row] for row in rows]}
+
+
+def _plain(value: object) -> Any:
+    """A value of SQL as JSON has it: NaN and infinity become None; times, intervals and the like their text."""
+    if isinstance(value, decimal.Decimal):
+        value = float(value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return value if value is None or isinstance(value, (bool, int, str)) else str(value)

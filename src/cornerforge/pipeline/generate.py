@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import save_policy
-from cornerforge.errors import InputError, OutputError
+from cornerforge.errors import CornerForgeError, InputError, OutputError
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
@@ -16,11 +17,12 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.recorder import Recorder, scenario_digest
-from cornerforge.sim.runner import crashed_tests, simulate_chunks
+from cornerforge.sim.runner import crashed_tests, simulate_chunks, warm_up
 
 __all__ = ["fill_library", "generate", "store_tests"]
 
 _SHARD_CASES = 1000
+_COMMIT_SECONDS = 20.0
 _MAX_TESTS_PER_CASE = 100_000
 POLICY_FILE = "policy.safetensors"
 MODEL_FILE = "model.npz"
@@ -30,9 +32,9 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
     """Start or take up the library of a run and put the policy and model that its replays need beside it."""
     identity = {**run.identity(seed), "cornerforge": version(), "code": code_hash()}
     library = (CaseLibrary.resume if resume else CaseLibrary.create)(out, identity, run.odd)
+    if run.policy is not None and not (out / POLICY_FILE).exists():
+        save_policy(run.policy, out / POLICY_FILE)
     try:
-        if run.policy is not None and not (out / POLICY_FILE).exists():
-            save_policy(run.policy, out / POLICY_FILE)
         if not (out / MODEL_FILE).exists():
             save_model(run.model, out / MODEL_FILE)
     except OSError as error:
@@ -40,9 +42,48 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
     return library
 
 
-def _record(recorder: Recorder, seed: int, test: int) -> CaseRecord:
-    scenario = recorder.record(seed, test)
-    return case_record(scenario, trajectory_digest=scenario_digest(scenario))
+class _Filler:
+    """Records crashes in the order of their tests and commits them shard by shard."""
+
+    def __init__(self, run: Experiment, library: CaseLibrary, seed: int) -> None:
+        self._library = library
+        self._recorder = Recorder(run.setting, run.odd)
+        self._seed = seed
+        self._pending: list[CaseRecord] = []
+        self._committed_at = time.monotonic()
+
+    @property
+    def crashes(self) -> int:
+        """Crashes stored so far, committed or not."""
+        return self._library.crashes + len(self._pending)
+
+    def record(self, test: int) -> None:
+        """Drive a crashed test again, recording; a full shard is committed."""
+        scenario = self._recorder.record(self._seed, test)
+        self._pending.append(case_record(scenario, trajectory_digest=scenario_digest(scenario)))
+        if len(self._pending) >= _SHARD_CASES:
+            self.commit(test + 1)
+
+    def commit(self, next_test: int) -> None:
+        """Store what is recorded; all tests below `next_test` are done."""
+        if next_test == self._library.next_test:
+            return
+        self._library.append(self._pending, next_test=next_test, tests=next_test, crashes=self.crashes)
+        self._pending = []
+        self._committed_at = time.monotonic()
+
+    def commit_if_due(self, next_test: int) -> None:
+        """Where crashes are rare a shard takes long to fill: commit by the clock, or a kill would lose much."""
+        if time.monotonic() - self._committed_at >= _COMMIT_SECONDS:
+            self.commit(next_test)
+
+    def rescue(self) -> None:
+        """Keep what is recorded when the work is interrupted."""
+        if self._pending:
+            # An interrupt within a commit leaves a library that is ahead of this object and refuses to be written
+            # twice; then the cases are safe already.
+            with contextlib.suppress(CornerForgeError):
+                self.commit(int(self._pending[-1].case_id.partition(":")[2]) + 1)
 
 
 def fill_library(
@@ -71,48 +112,55 @@ def fill_library(
     Raises:
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
     """
+    n_threads = check_threads(threads)
+    warm_up(run.setting, run.slots)
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
-    recorder = Recorder(run.setting, run.odd)
-    pending: list[CaseRecord] = []
-    crashes, next_test = library.crashes, library.next_test
-    total = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
-    target = cases if cases is not None else tests or 1
-
-    def commit(done: int) -> None:
-        library.append(pending, next_test=done, tests=done, crashes=crashes)
-        pending.clear()
-
-    enough = cases is not None and crashes >= cases
-    remaining = 0 if enough else max(0, total - next_test)
-    chunks = simulate_chunks(
-        run.setting, run.slots, seed=seed, first=next_test, tests=remaining, threads=check_threads(threads)
-    )
-    for first, outcomes, _ in chunks:
-        next_test = first + outcomes.code.size
-        for test in crashed_tests(first, outcomes):
-            pending.append(_record(recorder, seed, test))
-            crashes += 1
-            if len(pending) >= _SHARD_CASES:
-                commit(test + 1)
-            if crashes == cases:
-                next_test = test + 1
-                break
-        progress(stage, crashes if cases is not None else next_test, target)
-        if crashes == cases:
-            chunks.close()
-            break
-        if cases is not None and crashes == 0 and next_test >= _MAX_TESTS_PER_CASE:
-            commit(next_test)
-            raise OutputError(
-                f"No crash in {next_test} tests; this adversary is too weak to fill {out}. Train it longer."
-            )
-    if pending or next_test > library.next_test:
-        commit(next_test)
+    filler = _Filler(run, library, seed)
+    try:
+        _fill(run, filler, library.next_test, seed, cases, tests, n_threads, progress, stage)
+    except KeyboardInterrupt:
+        filler.rescue()
+        raise
     library.finish()
     seconds = time.perf_counter() - start
     write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))
     return _library_summary(library, seconds)
+
+
+def _fill(
+    run: Experiment, filler: _Filler, first: int, seed: int, cases: int | None, tests: int | None, threads: int,
+    progress: Progress, stage: str,
+) -> None:  # fmt: skip
+    """Drive from test `first` on until there are enough cases or tests; everything is committed then."""
+    if cases is not None and filler.crashes >= cases:
+        return
+    last = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
+    next_test = first
+    chunks = simulate_chunks(
+        run.setting, run.slots, seed=seed, first=first, tests=max(0, last - first), threads=threads
+    )
+    with contextlib.closing(chunks):
+        for start, outcomes, _ in chunks:
+            next_test = start + outcomes.code.size
+            for test in crashed_tests(start, outcomes):
+                filler.record(test)
+                if filler.crashes == cases:
+                    next_test = test + 1
+                    break
+            done, target = (next_test, last) if cases is None else (filler.crashes, cases)
+            progress(stage, done, target)
+            if filler.crashes == cases:
+                break
+            filler.commit_if_due(next_test)
+            if cases is not None and filler.crashes == 0 and next_test >= _MAX_TESTS_PER_CASE:
+                break
+    filler.commit(next_test)
+    if cases is not None and filler.crashes < cases:
+        raise InputError(
+            f"{filler.crashes} of {cases} cases after {next_test} tests: this adversary is too weak. Train it longer, "
+            "or store what there is with: cornerforge simulate --bv POLICY --out LIB"
+        )
 
 
 def _library_summary(library: CaseLibrary, seconds: float) -> dict[str, Any]:
@@ -130,16 +178,20 @@ def _library_summary(library: CaseLibrary, seconds: float) -> dict[str, Any]:
 
 
 def store_tests(
-    run: Experiment, out: Path, *, tests: int, seed: int, threads: int | None, resume: bool, progress: Progress
-) -> dict[str, Any]:
-    """`simulate --out`: count as `simulate` does, then store the crashes, if any."""
+    run: Experiment, out: Path, *, tests: int, seed: int, threads: int | None, counting: bool, resume: bool,
+    progress: Progress,
+) -> dict[str, Any]:  # fmt: skip
+    """`simulate --out`: store the crashes, then count as `simulate` does."""
     from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
 
     filled = fill_library(
         run, out, seed=seed, tests=tests, threads=threads, resume=resume, progress=progress, stage="store"
     )
-    tally, seconds = simulate_experiment(run, tests=tests, seed=seed, threads=threads, progress=progress)
-    return {**tally_summary(tally, seconds, with_distributions=False), "cases": filled["cases"], "library": str(out)}
+    tally, seconds = simulate_experiment(
+        run, tests=tests, seed=seed, threads=threads, counting=counting, progress=progress
+    )
+    summary = tally_summary(tally, seconds, with_distributions=counting)
+    return {**summary, "cases": filled["cases"], "library": str(out)}
 
 
 def generate(

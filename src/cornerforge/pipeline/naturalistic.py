@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.errors import OutputError
-from cornerforge.ndd.model import model_hash, save_model
+from cornerforge.ndd.model import load_model, model_hash, save_model
+from cornerforge.pipeline.output import check_new_file
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 
 __all__ = ["ndd_fit"]
@@ -39,19 +40,19 @@ def ndd_fit(
     from cornerforge.ndd import fit_model, write_fit_report
 
     path = Path(out)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        probe = path.with_name(f".{path.name}.part")
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(f"Cannot write {path}: {error.strerror}; choose another place.") from error
+    check_new_file(path, overwrite=True)
+    if path.exists():
+        load_model(path)  # only a model is replaced, never something else that bears the name by mistake
 
     def say(stage: str) -> None:
         progress(f"fit: {stage}", 0, 1)
 
     model, report = fit_model([Path(file) for file in files], data_format, prior_strength=prior_strength, progress=say)
-    save_model(model, path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_model(model, path)
+    except OSError as error:
+        raise OutputError(f"Cannot write {path}: {error.strerror}; make room, or choose another place.") from error
     page = path.with_suffix(".report.html")
     write_fit_report(report, model, page)
     return {**report.to_json(), "model_hash": model_hash(model), "report": str(page), "out": str(path)}

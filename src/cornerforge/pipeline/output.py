@@ -8,9 +8,11 @@ import importlib.metadata
 import json
 import os
 import platform
+import shlex
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +21,18 @@ from cornerforge.errors import FileFormatError, InputError, OutputError
 __all__ = [
     "check_new_file",
     "code_hash",
+    "config_hash",
     "open_output",
     "provenance",
     "read_json_file",
     "version",
     "write_json",
     "write_text",
+    "writing",
 ]
 
 IDENTITY = "provenance.json"
+_PART = ".part"
 
 
 def version() -> str:
@@ -45,19 +50,44 @@ def code_hash() -> str:
     return digest.hexdigest()[:16]
 
 
+def config_hash(config: Mapping[str, Any]) -> str:
+    """SHA-256 (first 16 hex digits) over settings, JSON-compatible; the order of keys does not matter."""
+    return hashlib.sha256(json.dumps(config, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[Path]:
+    """Write a file whole or not at all: gives the name to write to, beside its place, and renames it at the end.
+
+    Raises:
+        OutputError: It cannot be written; nothing is left of it then.
+    """
+    part = path.with_name(f".{path.name}{_PART}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        part.replace(path)
+    except OutputError:
+        raise
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink()
+        raise OutputError(f"Cannot write {path}: {_reason(error)}; make room, or choose another place.") from error
+
+
+def _reason(error: OSError) -> str:
+    """Why a file operation failed; errors of other libraries carry it in their text only."""
+    return error.strerror or str(error)
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole: beside its place first, then renamed.
+    """Write a text file whole, or not at all.
 
     Raises:
         OutputError: It cannot be written.
     """
-    part = path.with_name(f".{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(path) as part:
         part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        raise OutputError(f"Cannot write {path}: {error.strerror}; choose another place.") from error
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -89,7 +119,7 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
     """
     return {
         "cornerforge": version(),
-        "command": " ".join(["cornerforge", *sys.argv[1:]]),
+        "command": _command(),
         "identity": dict(identity),
         "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "seconds": seconds,
@@ -102,23 +132,31 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
     }
 
 
+def _command() -> str:
+    """The command line of this process; for a Python program that calls cornerforge, that program's."""
+    name = Path(sys.argv[0]).name if sys.argv else ""
+    return shlex.join(["cornerforge" if name in ("", "__main__.py") else name, *sys.argv[1:]])
+
+
 def check_new_file(path: Path, *, overwrite: bool = False) -> None:
-    """Check that a file can be written at `path` without losing anything.
+    """Check, before long work, that a file can be written at `path` without losing anything; makes nothing.
 
     Raises:
         OutputError: Something is there already, or its folder cannot be written.
     """
-    if path.is_dir():
-        raise OutputError(f"{path} is a folder; name a file.")
-    if path.exists() and not overwrite:
-        raise OutputError(f"{path} exists already; remove it, or choose another place.")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        probe = path.with_name(f".{path.name}.part")
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise OutputError(f"Cannot write {path}: {error.strerror}; choose another place.") from error
+        is_folder, is_there = path.is_dir(), path.exists()
+        nearest = next(folder for folder in path.absolute().parents if folder.exists())
+    except OSError as error:  # such as a name that is too long
+        raise OutputError(f"Cannot write {path}: {_reason(error)}; choose another place.") from error
+    if is_folder:
+        raise OutputError(f"{path} is a folder; name a file.")
+    if is_there and not overwrite:
+        raise OutputError(f"{path} exists already; remove it, or choose another place.")
+    if not nearest.is_dir():
+        raise OutputError(f"Cannot write {path}: {nearest} is a file; choose another place.")
+    if not os.access(nearest, os.W_OK):
+        raise OutputError(f"Cannot write {path}: no permission to write into {nearest}; choose another place.")
 
 
 def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> bool:
@@ -136,10 +174,9 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
         OutputError: The folder holds something else, holds results and `resume` is False, or cannot be written.
         InputError: It holds work of another identity; the first difference is named.
     """
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder} is a file; name a folder.")
     mark = folder / IDENTITY
-    if mark.exists():
+    names = _entries(folder)
+    if IDENTITY in names:
         if not resume:
             raise OutputError(f"{folder} holds results already; go on with --resume, or choose another place.")
         before = read_json_file(mark).get("identity")
@@ -151,7 +188,22 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
                     "choose another place, or remove it."
                 )
         return True
-    if folder.is_dir() and any(folder.iterdir()):
-        raise OutputError(f"{folder} is not empty and holds no run of cornerforge; choose another place.")
+    foreign = sorted(names - {f".{IDENTITY}{_PART}"})  # what a kill in the first moment leaves
+    if foreign:
+        raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
     write_json(mark, provenance(identity))
     return False
+
+
+def _entries(folder: Path) -> set[str]:
+    """Names in a folder; none if it is not there.
+
+    Raises:
+        OutputError: It is no folder, or cannot be read.
+    """
+    try:
+        return {entry.name for entry in folder.iterdir()}
+    except FileNotFoundError:
+        return set()
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be used as a folder: {_reason(error)}; choose another place.") from error

@@ -10,13 +10,21 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_in, check_integer
-from cornerforge.adversary.config import preset_named
+from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
 from cornerforge.pipeline.cases import analyse
 from cornerforge.pipeline.generate import fill_library
-from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json
+from cornerforge.pipeline.output import (
+    code_hash,
+    config_hash,
+    open_output,
+    provenance,
+    read_json_file,
+    version,
+    write_json,
+)
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
 from cornerforge.pipeline.train import evaluate, learn, measure_baselines
 from cornerforge.sim.runner import Tally
@@ -40,7 +48,7 @@ class Budget:
 
 
 BUDGETS = {
-    "quick": Budget(nde_tests=50_000, decisions=1_500_000, evaluation_tests=2_048, exposure_tests=1_024, cases=1_500),
+    "quick": Budget(nde_tests=200_000, decisions=2_500_000, evaluation_tests=2_048, exposure_tests=1_024, cases=1_500),
     "standard": Budget(
         nde_tests=1_000_000, decisions=6_000_000, evaluation_tests=8_192, exposure_tests=4_096, cases=10_000
     ),
@@ -109,7 +117,7 @@ def _write_exposure(out: Path, nde: dict[str, Any], adversary: dict[str, Any]) -
 def _train(
     run: Experiment, budget: Budget, out: Path, seed: int, threads: int | None, progress: Progress
 ) -> dict[str, Any]:
-    config = replace(preset_named("fast"), decisions=budget.decisions)
+    config = _train_config(budget)
     policy, result = learn(run, config, seed=seed, threads=threads, progress=progress)
     save_policy(policy, out / "policy.safetensors")
     curve = [asdict(point) for point in result.curve]
@@ -120,6 +128,25 @@ def _train(
         "seconds": round(result.seconds, 3),
         "preset": config.preset,
         "policy_hash": policy_hash(policy),
+    }
+
+
+def _train_config(budget: Budget) -> TrainConfig:
+    return replace(preset_named("fast"), decisions=budget.decisions)
+
+
+def _identity(plain: Experiment, budget: str, seed: int) -> dict[str, Any]:
+    """What decides the results of a run; there is no policy yet, and the BVs are driven in more than one way."""
+    identity: dict[str, Any] = plain.identity(seed)
+    size = BUDGETS[budget]
+    settings = {"world": identity.pop("config_hash"), "budget": asdict(size), "train": asdict(_train_config(size))}
+    del identity["bv"], identity["policy_hash"]
+    return {
+        **identity,
+        "budget": budget,
+        "config_hash": config_hash(settings),
+        "cornerforge": version(),
+        "code": code_hash(),
     }
 
 
@@ -160,10 +187,11 @@ def run(
     folder = Path(out)
     size = BUDGETS[check_in("budget", budget, tuple(BUDGETS))]
     check_integer("seed", seed, low=0, high=2**32 - 1)
+    check_threads(threads)
     world = {"av": av, "odd": odd, "lanes": lanes, "model": None if model is None else Path(model)}
     natural = experiment(**world)  # type: ignore[arg-type]
     plain = experiment(**world, bv="uniform", bounded=bounded)  # type: ignore[arg-type]
-    identity = {**plain.identity(seed), "bv": None, "budget": budget, "cornerforge": version(), "code": code_hash()}
+    identity = _identity(plain, budget, seed)
     open_output(folder, identity, resume=resume)
     stages = _Stages(folder)
 
@@ -207,7 +235,7 @@ def run(
         "analyse": analysed,
         "report": str(folder / "report.html"),
     }
-    return _finish(folder, summary, identity, start, progress)
+    return _finish(folder, summary, {**identity, "policy_hash": trained["policy_hash"]}, start, progress)
 
 
 def _finish(

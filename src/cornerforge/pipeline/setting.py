@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from cornerforge._checks import check_integer
@@ -12,6 +12,7 @@ from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
+from cornerforge.pipeline.output import config_hash
 from cornerforge.sim.adversaries import ADVERSARIES
 from cornerforge.sim.decide import IDM_BVS
 from cornerforge.sim.drive import Setting
@@ -45,7 +46,7 @@ class Experiment:
     slots: int
 
     def identity(self, seed: int) -> dict[str, str | int | float | bool | None]:
-        """What names a test together with its number: seed, names, and hashes of model, policy and AV."""
+        """What names a test together with its number: seed, names, and hashes of settings, model, policy and AV."""
         return {
             "seed": seed,
             "odd": self.odd.name,
@@ -56,6 +57,8 @@ class Experiment:
             "bv": self.bv,
             "bounded": self.bounded,
             "policy_hash": None if self.policy is None else policy_hash(self.policy),
+            # Last: where two runs differ, messages name the first key, and a setting says more than its hash.
+            "config_hash": config_hash({"odd": asdict(self.odd), "bv": self.bv, "bounded": self.bounded}),
         }
 
 

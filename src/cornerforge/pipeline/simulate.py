@@ -140,7 +140,9 @@ def simulate(
     if out is not None:
         from cornerforge.pipeline.generate import store_tests
 
-        return store_tests(run, Path(out), tests=tests, seed=seed, threads=threads, resume=resume, progress=progress)
+        return store_tests(
+            run, Path(out), tests=tests, seed=seed, threads=threads, counting=stats, resume=resume, progress=progress
+        )
     tally, seconds = simulate_experiment(
         run, tests=tests, seed=seed, threads=threads, counting=stats, progress=progress
     )

@@ -188,13 +188,15 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
     Raises:
         OutputError: It is another one.
     """
+    found = {**policy.about, "bounded": policy.bounded}
     wanted = {
         "seed": seed,
+        "bounded": run.bounded,
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
         "train": asdict(config),
         "odd": asdict(run.odd),
     }
     for key, value in wanted.items():
-        if policy.about.get(key) != value or policy.bounded != run.bounded:
+        if found.get(key) != value:
             raise OutputError(f"{path} holds a policy of another {key}; choose another place, or remove it.")

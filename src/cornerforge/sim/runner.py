@@ -22,6 +22,17 @@ __all__ = ["Tally", "crashed_tests", "default_threads", "simulate", "simulate_ch
 
 METRES_PER_MILE = 1609.344
 _CHUNK = 512
+_DIGESTED = np.dtype(
+    [
+        ("code", "u1"),
+        ("frame", "<i4"),
+        ("slot_a", "<i2"),
+        ("slot_b", "<i2"),
+        ("bv_crashes", "<i2"),
+        ("distance", "<f8"),
+    ]
+)
+"""What a digest covers, test by test, so that it does not depend on how tests are cut into chunks."""
 
 
 @dataclass
@@ -56,9 +67,10 @@ class Tally:
         self.decisions += int(out.decisions.sum())
         millimetres = np.rint(out.distance * 1000.0).astype(np.int64)
         self.millimetres += int(millimetres.sum())
-        for array in (out.code, out.frame, out.slot_a, out.slot_b, out.bv_crashes):
-            self.digest.update(np.ascontiguousarray(array).tobytes())
-        self.digest.update(out.distance.astype("<f8").tobytes())
+        rows = np.zeros(out.code.size, dtype=_DIGESTED)
+        for name in _DIGESTED.names or ():
+            rows[name] = getattr(out, name)
+        self.digest.update(rows.tobytes())
         self.counts.histograms[:] += counts.histograms
         self.counts.totals[:] += counts.totals
 

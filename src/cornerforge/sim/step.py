@@ -40,9 +40,9 @@ SUBSTEPS = 10
 _DT = FRAME_S
 _FULL_STEERING_SPEED = 5.0
 _ACCELERATIONS = ACCELERATIONS
-MAX_RELATIVE_GAIN = 6.0
-"""Two vehicles whose accelerations differ by at most 12 m/s2 approach each other by at most this much more in 1 s
-[m]."""
+MAX_RELATIVE_GAIN = 7.0
+"""Two vehicles whose accelerations differ by at most 14 m/s2 (what `IdmParams` and the actions allow) come nearer to
+each other by at most this much more than at constant speeds in 1 s [m]."""
 
 
 class Pairs(NamedTuple):

@@ -1,0 +1,119 @@
+"""Policy files: what was written comes back, and nothing else is taken for a policy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from safetensors import safe_open
+from safetensors.numpy import save
+
+from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, policy_numbers, save_policy
+from cornerforge.drivers.policy import NetworkShape, n_weights
+from cornerforge.errors import FileFormatError, OutputError
+from cornerforge.sim.observe import N_OBSERVATION
+
+SHAPE = NetworkShape(N_OBSERVATION, 2, 1, 8)
+
+
+@pytest.fixture
+def policy(seed: int) -> Policy:
+    weights = np.random.default_rng(seed).standard_normal(n_weights(SHAPE)).astype(np.float32)
+    return Policy(weights, SHAPE, True, {"seed": 3, "curve": [{"loss": None, "tests": 7}]})
+
+
+def parts(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
+    with safe_open(path, framework="numpy") as file:
+        return file.get_tensor("weights"), json.loads(file.metadata()["cornerforge"])
+
+
+def test_round_trip(policy: Policy, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "p.safetensors"
+    save_policy(policy, path)
+    loaded = load_policy(path)
+    assert np.array_equal(loaded.weights, policy.weights)
+    assert (loaded.shape, loaded.bounded, loaded.about) == (policy.shape, policy.bounded, policy.about)
+    assert policy_hash(loaded) == policy_hash(policy)
+    assert policy_numbers(loaded).weights.dtype == np.float32
+    assert [entry.name for entry in path.parent.iterdir()] == ["p.safetensors"]
+    first = path.read_bytes()
+    save_policy(loaded, path)
+    assert path.read_bytes() == first
+
+
+def test_the_hash_is_of_what_decides_how_it_acts(policy: Policy) -> None:
+    changed = policy.weights.copy()
+    changed[5] = np.nextafter(changed[5], np.float32(np.inf))
+    hashes = {
+        policy_hash(policy),
+        policy_hash(Policy(changed, SHAPE, True, policy.about)),
+        policy_hash(Policy(policy.weights, SHAPE, False, policy.about)),
+    }
+    assert len(hashes) == 3
+    assert policy_hash(Policy(policy.weights, SHAPE, True, {})) == policy_hash(policy)
+
+
+def changed_header(path: Path, **changes: object) -> bytes:
+    weights, header = parts(path)
+    return bytes(save({"weights": weights}, metadata={"cornerforge": json.dumps(header | changes)}))
+
+
+def changed_weights(path: Path, weights: np.ndarray) -> bytes:
+    return bytes(save({"weights": weights}, metadata={"cornerforge": json.dumps(parts(path)[1])}))
+
+
+def with_nan(path: Path) -> bytes:
+    weights = parts(path)[0].copy()
+    weights[3] = np.nan
+    return changed_weights(path, weights)
+
+
+NETWORK = {"n_inputs": N_OBSERVATION, "n_shared": 2, "n_stream": 1, "width": 8}
+DAMAGES = {
+    "empty": (lambda _: b"", "damaged"),
+    "text": (lambda _: b"weights, please\n" * 40, "damaged"),
+    "truncated": (lambda p: p.read_bytes()[:-40], "damaged"),
+    "header cut": (lambda p: p.read_bytes()[:30], "damaged"),
+    "foreign safetensors": (lambda _: save({"weights": np.zeros(4, np.float32)}), "no policy of cornerforge"),
+    "no weights": (lambda _: save({"w": np.zeros(4, np.float32)}, metadata={"cornerforge": "{}"}), "weights"),
+    "header no JSON": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "{"}), "damaged"),
+    "header a list": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "[]"}), "no JSON object"),
+    "newer schema": (lambda p: changed_header(p, schema_version=2), "schema version 2"),
+    "other observation": (lambda p: changed_header(p, observation_version=99), "observation version 99"),
+    "fewer inputs": (lambda p: changed_header(p, network=NETWORK | {"n_inputs": 39}), "39 entries"),
+    "unknown layer": (lambda p: changed_header(p, network=NETWORK | {"n_heads": 4}), "n_heads"),
+    "giant network": (lambda p: changed_header(p, network=NETWORK | {"width": 10**9}), "width"),
+    "other width": (lambda p: changed_header(p, network=NETWORK | {"width": 9}), "do not fit"),
+    "not a number": (with_nan, "not finite"),
+    "too few weights": (lambda p: changed_weights(p, parts(p)[0][:-1]), "do not fit"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_what_is_no_whole_policy_is_refused(damage: str, policy: Policy, tmp_path: Path) -> None:
+    path = tmp_path / "p.safetensors"
+    save_policy(policy, path)
+    make, reason = DAMAGES[damage]
+    path.write_bytes(make(path))
+    with pytest.raises(FileFormatError, match=reason) as caught:
+        load_policy(path)
+    assert path.name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
+    with pytest.raises(FileFormatError, match="cornerforge train"):
+        load_policy(tmp_path / "none.safetensors")
+
+
+def test_a_place_that_cannot_be_written_is_named(policy: Policy, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    with pytest.raises(OutputError, match="Cannot write"):
+        save_policy(policy, tmp_path / "file" / "p.safetensors")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError, match="Cannot write"):
+        save_policy(policy, tmp_path / "folder")
+    assert {entry.name for entry in tmp_path.iterdir()} == {"file", "folder"}

@@ -1,0 +1,341 @@
+"""`generate`, `replay`, `query`, `analyse`: libraries survive kills, cases happen again, foreign places stay whole."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+from folder_snapshot import snapshot
+
+from cornerforge import pipeline
+from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError, UnknownNameError
+from cornerforge.library import CaseLibrary, case_record
+from cornerforge.pipeline.setting import experiment
+from cornerforge.sim.recorder import Recorder
+
+generate_module = importlib.import_module("cornerforge.pipeline.generate")  # the attribute of that name is the function
+WHAT = ["case_id", "trajectory_digest", "crash_time_s", "log_prob_nde"]
+
+
+def table(path: Path) -> pa.Table:
+    return CaseLibrary.open(path).scalars(WHAT)
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "cornerforge", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A test runner in the background passes "ignore Ctrl-C" on to its children.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+
+
+def wait_for_cases(library: Path, more_than: int, process: subprocess.Popen[str]) -> None:
+    """Until a library has committed more cases than that; fails if the process ends before."""
+    while process.poll() is None:
+        if (library / "manifest.json").exists() and len(CaseLibrary.open(library)) > more_than:
+            return
+        time.sleep(0.01)
+    pytest.fail(f"ended before it was to be killed: {process.stderr.read() if process.stderr else ''}")
+
+
+def copied(library: Path, to: Path) -> Path:
+    to.mkdir()
+    for file in library.iterdir():
+        (to / file.name).write_bytes(file.read_bytes())
+    return to
+
+
+# --- generate ---
+
+
+def test_cases_do_not_depend_on_threads(tmp_path: Path) -> None:
+    for threads in (1, 2):
+        pipeline.generate(policy="lane-changer", cases=30, out=tmp_path / str(threads), threads=threads, seed=8)
+    names = ["manifest.json", "cases-000000.parquet", "tracks-000000.parquet", "model.npz"]
+    one, two = (snapshot(tmp_path / threads) for threads in "12")
+    assert {name: one[name] for name in names} == {name: two[name] for name in names}
+
+
+def test_counts_and_provenance(swerve_library: Path) -> None:
+    library = CaseLibrary.open(swerve_library)
+    assert len(library) == library.crashes == 60
+    assert library.finished
+    last = library.scalars(["test"])["test"].to_pylist()[-1]
+    assert library.tests == last + 1  # the test of the last case is the last counted
+    made = json.loads((swerve_library / "provenance.json").read_text(encoding="utf-8"))
+    assert made["identity"] == library.identity
+    assert {"seed", "config_hash", "model_hash", "policy_hash", "av_hash", "code"} <= set(made["identity"])
+    assert {"cornerforge", "command", "written", "seconds", "machine"} <= set(made)
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three shards, written in one go."""
+    path = tmp_path_factory.mktemp("unbroken") / "library"
+    pipeline.generate(policy="swerve", cases=2300, out=path, seed=1)
+    return path
+
+
+def test_a_library_goes_on_after_kills_as_if_nothing_had_happened(unbroken: Path, tmp_path: Path) -> None:
+    """Shards hold 1000 cases; the process is killed right after its first shard, and again after its second."""
+    library = tmp_path / "killed"
+    command = ["generate", "--policy", "swerve", "--cases", "2300", "--seed", "1", "--out", str(library), "--resume"]
+    for cases in (0, 1000):
+        process = start(*command)
+        wait_for_cases(library, cases, process)
+        process.kill()
+        process.communicate()
+        assert 1000 <= len(CaseLibrary.open(library)) < 2300
+        assert not CaseLibrary.open(library).finished
+    resumed = pipeline.generate(policy="swerve", cases=2300, out=library, seed=1, resume=True)
+    assert resumed["cases"] == 2300
+    files, expected = snapshot(library), snapshot(unbroken)
+    del files["provenance.json"], expected["provenance.json"]  # it tells the time
+    assert files == expected
+
+
+def test_ctrl_c_exits_130_and_keeps_what_was_recorded(unbroken: Path, tmp_path: Path) -> None:
+    library = tmp_path / "library"
+    process = start(
+        "generate", "--policy", "swerve", "--cases", "100000", "--seed", "1", "--out", str(library), "--json"
+    )
+    wait_for_cases(library, 0, process)
+    time.sleep(0.3)  # into the second shard
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err == "cornerforge: interrupted; what was finished is kept.\n"
+    kept = len(CaseLibrary.open(library))
+    assert kept > 1000
+    assert not CaseLibrary.open(library).finished
+    resumed = pipeline.generate(policy="swerve", cases=kept + 5, out=library, seed=1, resume=True)
+    assert resumed["cases"] == kept + 5
+    both = min(kept + 5, 2300)
+    assert table(library).slice(0, both).equals(table(unbroken).slice(0, both))
+
+
+def test_resuming_a_finished_library_changes_no_case(swerve_library: Path, tmp_path: Path) -> None:
+    library = copied(swerve_library, tmp_path / "library")
+    assert pipeline.generate(policy="swerve", cases=60, out=library, seed=5, resume=True)["cases"] == 60
+    assert pipeline.generate(policy="swerve", cases=9, out=library, seed=5, resume=True)["cases"] == 60
+    assert table(library).equals(table(swerve_library))
+
+
+def test_rare_crashes_are_committed_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Long before a shard is full, progress is committed, so that a kill does not lose hours."""
+    monkeypatch.setattr(generate_module, "_COMMIT_SECONDS", 0.0)
+    seen = []
+
+    def watch(stage: str, done: float, total: float) -> None:
+        if stage == "store":
+            assert total == 3000
+            seen.append((done, CaseLibrary.open(tmp_path / "library").next_test))
+
+    pipeline.simulate(tests=3000, bv="uniform", out=tmp_path / "library", progress=watch)
+    assert seen[0] == (512, 0)
+    assert seen[1] == (1024, 512)
+    pipeline.simulate(tests=3000, bv="uniform", out=tmp_path / "other")
+    assert table(tmp_path / "library").equals(table(tmp_path / "other"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"seed": 6}, "seed"),
+        ({"policy": "lane-changer"}, "bv"),
+        ({"odd": "swift"}, "odd"),
+        ({"bounded": True}, "bounded"),
+    ],
+)
+def test_a_library_of_another_run_is_refused_by_name_and_untouched(
+    changes: dict[str, object], named: str, swerve_library: Path
+) -> None:
+    before = snapshot(swerve_library)
+    arguments = {"policy": "swerve", "cases": 80, "seed": 5, "resume": True} | changes
+    with pytest.raises(InputError, match=named):
+        pipeline.generate(out=swerve_library, **arguments)  # type: ignore[arg-type]
+    assert snapshot(swerve_library) == before
+
+
+def test_without_resume_a_library_is_not_touched(swerve_library: Path) -> None:
+    before = snapshot(swerve_library)
+    with pytest.raises(OutputError, match="--resume"):
+        pipeline.generate(policy="swerve", cases=60, out=swerve_library, seed=5)
+    assert snapshot(swerve_library) == before
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("chapter 1", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"thesis\.tex"):
+        pipeline.generate(policy="swerve", cases=5, out=tmp_path, resume=resume)
+    assert snapshot(tmp_path) == {"thesis.tex": b"chapter 1"}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"cases": 0}, {"seed": -1}, {"threads": 0}, {"policy": "nde"}, {"policy": "swerv"}, {"av": "none"}, {"lanes": 1}],
+)
+def test_wrong_arguments_make_no_library(arguments: dict[str, object], tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        pipeline.generate(**{"policy": "swerve", "cases": 5, "out": tmp_path / "library"} | arguments)  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_adversary_too_weak_is_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generate_module, "_MAX_TESTS_PER_CASE", 3)
+    with pytest.raises(InputError, match=r"0 of 1 cases after 3 tests"):
+        pipeline.generate(policy="uniform", cases=1, out=tmp_path / "library")
+
+
+# --- replay ---
+
+
+def test_every_case_happens_again(swerve_library: Path) -> None:
+    found = pipeline.replay(swerve_library, "all", check=True)
+    assert found == {"case": "all", "crash_time_s": None, "identical": True, "cases": 60, "differ": []}
+
+
+def test_a_policys_cases_happen_again(some_policy: Path, tmp_path: Path) -> None:
+    """The library keeps policy and model beside it, so it can be moved and played elsewhere."""
+    pipeline.generate(policy=some_policy, cases=3, out=tmp_path / "library", odd="paper", seed=2)
+    (tmp_path / "library").rename(tmp_path / "moved")
+    assert pipeline.replay(tmp_path / "moved", "all", check=True)["identical"] is True
+
+
+def test_one_case(swerve_library: Path) -> None:
+    case = table(swerve_library).slice(7, 1).to_pylist()[0]
+    found = pipeline.replay(swerve_library, case["case_id"])
+    assert found == {"case": case["case_id"], "crash_time_s": case["crash_time_s"], "identical": None}
+    assert pipeline.replay(swerve_library, case["case_id"], check=True)["identical"] is True
+
+
+def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) -> None:
+    """One frame of one vehicle is moved by a tenth of a millimetre: stored at full precision in the digest only."""
+    run = experiment(bv="swerve")
+    identity = run.identity(5)
+    library = CaseLibrary.create(tmp_path / "library", identity, run.odd)
+    pipeline.generate(policy="swerve", cases=1, out=tmp_path / "model", seed=5)
+    (tmp_path / "library" / "model.npz").write_bytes((tmp_path / "model" / "model.npz").read_bytes())
+    test = CaseLibrary.open(tmp_path / "model").scalars(["test"])["test"].to_pylist()[0]
+    scenario = Recorder(run.setting, run.odd).record(5, test)
+    library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
+    found = pipeline.replay(tmp_path / "library", "all", check=True)
+    assert (found["identical"], found["differ"]) == (False, [f"5:{test}"])
+    assert "note" in found  # the identity says nothing of the code, so it may have been another
+
+
+def test_unknown_case_and_unknown_library(swerve_library: Path, tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Did you mean"):
+        pipeline.replay(swerve_library, "5:999999")
+    with pytest.raises(FileFormatError, match="no case library"):
+        pipeline.replay(tmp_path / "none", "0:1")
+
+
+def test_a_library_with_another_model_does_not_replay(swerve_library: Path, tmp_path: Path) -> None:
+    library = copied(swerve_library, tmp_path / "library")
+    (library / "model.npz").unlink()
+    with pytest.raises(FileFormatError, match=r"model\.npz"):
+        pipeline.replay(library, "all")
+
+
+def test_a_library_that_was_not_generated_does_not_replay(tmp_path: Path) -> None:
+    CaseLibrary.create(tmp_path / "library", {"seed": 0}, experiment().odd)
+    with pytest.raises(FileFormatError, match="does not say its av"):
+        pipeline.replay(tmp_path / "library", "all")
+
+
+def test_a_library_of_a_newer_schema_is_refused(swerve_library: Path, tmp_path: Path) -> None:
+    library = copied(swerve_library, tmp_path / "library")
+    manifest = json.loads((library / "manifest.json").read_text(encoding="utf-8"))
+    (library / "manifest.json").write_text(json.dumps(manifest | {"schema_version": 99}), encoding="utf-8")
+    before = snapshot(library)
+    for work in (
+        lambda: pipeline.replay(library, "all"),
+        lambda: pipeline.analyse(library),
+        lambda: pipeline.query(library, "select 1"),
+        lambda: pipeline.generate(policy="swerve", cases=70, out=library, seed=5, resume=True),
+    ):
+        with pytest.raises(FileFormatError, match="schema 99"):
+            work()
+    assert snapshot(library) == before
+
+
+# --- query ---
+
+
+def test_query_answers_in_plain_values(swerve_library: Path) -> None:
+    assert pipeline.query(swerve_library, "select count(*) as n from cases") == {"columns": ["n"], "rows": [[60]]}
+    rows = pipeline.query(
+        swerve_library,
+        "select 1.5, 'nan'::double, 'inf'::float, date '2021-02-06', null, true, [1, 2], {'a': 0.5}, 2::hugeint, 'x'",
+    )["rows"]
+    assert rows == [[1.5, None, None, "2021-02-06", None, True, [1, 2], {"a": 0.5}, 2, "x"]]
+    everything = pipeline.query(swerve_library, "select * from cases order by test")
+    assert len(json.loads(json.dumps(everything, allow_nan=False))["rows"]) == 60
+
+
+@pytest.mark.parametrize(
+    "sql", ["selec 1", "drop table cases", "select * from 'manifest.json'", "", "select nope from cases"]
+)
+def test_a_query_that_cannot_be_answered_is_one_line(sql: str, swerve_library: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        pipeline.query(swerve_library, sql)
+    assert "\n" not in str(caught.value)
+
+
+# --- analyse ---
+
+
+def test_analyse_counts_every_case_once(swerve_library: Path, tmp_path: Path) -> None:
+    found = pipeline.analyse(swerve_library, steps=3, out=tmp_path / "analysis", seed=2)
+    assert found["cases"] == found["majority"] + found["minority"] == 60
+    assert sum(found["crash_types"].values()) == sum(cluster["size"] for cluster in found["clusters"]) == 60
+    assert len(found["features"]) == 15
+    ids = set(table(swerve_library)["case_id"].to_pylist())
+    assert {case for cluster in found["clusters"] for case in cluster["typical"]} <= ids
+    assert set(found["rare"]) <= ids
+    written = json.loads((tmp_path / "analysis" / "analysis.json").read_text(encoding="utf-8"))
+    assert written == found
+    identity = json.loads((tmp_path / "analysis" / "provenance.json").read_text(encoding="utf-8"))["identity"]
+    assert (identity["steps"], identity["analysis_seed"], identity["cases"]) == (3, 2, 60)
+
+
+def test_analyse_again_into_the_same_place(swerve_library: Path, tmp_path: Path) -> None:
+    first = pipeline.analyse(swerve_library, out=tmp_path)
+    second = pipeline.analyse(swerve_library, out=tmp_path)
+    assert {**first, "seconds": 0} == {**second, "seconds": 0}
+    with pytest.raises(InputError, match="steps"):
+        pipeline.analyse(swerve_library, steps=2, out=tmp_path)
+
+
+def test_analyse_of_an_empty_library_says_how_to_fill_it(tmp_path: Path) -> None:
+    pipeline.simulate(tests=5, out=tmp_path / "library")
+    with pytest.raises(InputError, match="holds no cases yet"):
+        pipeline.analyse(tmp_path / "library", out=tmp_path / "analysis")
+    assert not (tmp_path / "analysis").exists()
+
+
+@pytest.mark.parametrize("arguments", [{"steps": 0}, {"steps": 16}, {"seed": -1}, {"seed": 2**32}])
+def test_analyse_out_of_range(arguments: dict[str, int], swerve_library: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="out of range"):
+        pipeline.analyse(swerve_library, out=tmp_path / "analysis", **arguments)  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
+
+
+def test_analyse_does_not_write_over_something_else(swerve_library: Path) -> None:
+    before = snapshot(swerve_library)
+    with pytest.raises(CornerForgeError):
+        pipeline.analyse(swerve_library, out=swerve_library)
+    assert snapshot(swerve_library) == before

@@ -1,0 +1,191 @@
+"""`run`: everything from one call, and on from where it was stopped."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from folder_snapshot import snapshot
+
+from cornerforge import pipeline
+from cornerforge.adversary.policy_file import load_policy, policy_hash
+from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
+from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.output import code_hash, version
+
+run_module = importlib.import_module("cornerforge.pipeline.run")  # the attribute of that name is the function
+
+# Beyond replay_start of preset `fast`, so that it learns a little; enough to crash now and then.
+TINY = run_module.Budget(nde_tests=600, decisions=30_000, evaluation_tests=300, exposure_tests=200, cases=25)
+STAGES = ("nde", "train", "evaluate", "baselines", "exposure", "generate", "analyse")
+ARTEFACTS = {
+    "policy.safetensors", "training.json", "library", "analysis", "exposure.json", "summary.json", "report.html",
+    "provenance.json", "stages",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def tiny_budget() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(run_module.BUDGETS, "quick", TINY)
+        yield
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    folder = tmp_path_factory.mktemp("run") / "out"
+    return folder, pipeline.run(budget="quick", out=folder, seed=2)
+
+
+def read(path: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content
+
+
+def same_result(summary: dict[str, Any]) -> str:
+    """A summary without place and times."""
+
+    def cut(value: Any) -> Any:
+        if isinstance(value, dict):
+            gone = ("out", "library", "report", "seconds", "world_steps_per_second", "tests_per_second")
+            return {key: cut(item) for key, item in value.items() if key not in gone}
+        return [cut(item) for item in value] if isinstance(value, list) else value
+
+    return json.dumps(cut(summary), sort_keys=True)
+
+
+def test_all_artefacts_are_there(finished: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = finished
+    assert {entry.name for entry in folder.iterdir()} == ARTEFACTS
+    assert {entry.name for entry in (folder / "stages").iterdir()} == {f"{stage}.json" for stage in STAGES}
+    assert {"analysis.json", "points.parquet", "provenance.json"} == {e.name for e in (folder / "analysis").iterdir()}
+    assert read(folder / "summary.json") == summary
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert page.lower().startswith("<!doctype html>")
+    assert page.rstrip().endswith("</html>")
+
+
+def test_the_summary_is_of_what_was_asked_for(finished: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = finished
+    assert {"out", "nde", "train", "generate", "analyse", "seconds"} <= set(summary)
+    assert summary["nde"]["tests"] == 600
+    assert summary["train"]["tests"] == 300
+    assert {"decisions", "seconds", "crashes_per_test", "interval95"} <= set(summary["train"])
+    assert {"cases", "tests", "crashes_per_test", "interval95", "seconds", "library"} <= set(summary["generate"])
+    assert (
+        summary["generate"]["cases"] == summary["analyse"]["cases"] == len(CaseLibrary.open(folder / "library")) == 25
+    )
+    assert [rate["name"] for rate in summary["baselines"]] == ["uniform", "lane-changer", "swerve"]
+
+
+def test_provenance_names_all_that_decided(finished: tuple[Path, dict[str, Any]]) -> None:
+    folder, _ = finished
+    made = read(folder / "provenance.json")
+    identity = made["identity"]
+    assert (identity["seed"], identity["budget"], identity["av"]) == (2, "quick", "idm-mobil")
+    assert (identity["code"], identity["cornerforge"]) == (code_hash(), version())
+    assert identity["policy_hash"] == policy_hash(load_policy(folder / "policy.safetensors"))
+    assert all(len(identity[key]) == 16 for key in ("av_hash", "model_hash", "config_hash"))
+    assert made["seconds"] > 0.0
+
+
+def test_exposure_counts_agree_with_themselves(finished: tuple[Path, dict[str, Any]]) -> None:
+    exposure = read(finished[0] / "exposure.json")
+    assert set(exposure["quantities"]) == {"bbd_front", "bbd_rear", "ttc_front", "ttc_rear"}
+    for quantity in exposure["quantities"].values():
+        assert len(quantity["nde"]) == len(quantity["adversary"]) == len(quantity["edges"]) - 1
+        assert sum(quantity["nde"]) > 0
+
+
+def test_a_second_resume_does_nothing_again(finished: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = finished
+    stages: set[str] = set()
+    before = snapshot(folder)
+    again = pipeline.run(budget="quick", out=folder, seed=2, resume=True, progress=lambda name, *_: stages.add(name))
+    assert stages <= {"report"}
+    assert {**again, "seconds": 0} == {**summary, "seconds": 0}
+    changed = {name for name, content in snapshot(folder).items() if before[name] != content}
+    assert changed <= {"summary.json", "provenance.json", "report.html"}
+
+
+@pytest.mark.parametrize("stage", ["train", "exposure", "generate"])
+def test_a_run_that_was_stopped_goes_on_to_the_same_result(
+    stage: str, finished: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    wanted = stage
+
+    def stop(stage: str, done: float, total: float) -> None:  # noqa: ARG001
+        if stage == wanted:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(budget="quick", out=tmp_path / "out", seed=2, progress=stop)
+    before = {entry.name: entry.read_bytes() for entry in (tmp_path / "out" / "stages").iterdir()}
+    assert f"{stage}.json" not in before
+    assert before
+    resumed = pipeline.run(budget="quick", out=tmp_path / "out", seed=2, resume=True)
+    assert same_result(resumed) == same_result(finished[1])
+    after = {entry.name: entry.read_bytes() for entry in (tmp_path / "out" / "stages").iterdir()}
+    assert {name: after[name] for name in before} == before  # finished stages were not done again
+    ours, theirs = (CaseLibrary.open(f / "library").scalars() for f in (tmp_path / "out", finished[0]))
+    assert ours.equals(theirs)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"), [({"seed": 3}, "seed"), ({"bounded": True}, "bounded"), ({"lanes": 4}, "lanes")]
+)
+def test_a_folder_of_another_run_is_refused_by_name(
+    changes: dict[str, int], named: str, finished: tuple[Path, dict[str, Any]]
+) -> None:
+    before = snapshot(finished[0])
+    with pytest.raises(InputError, match=f"with {named} = "):
+        pipeline.run(out=finished[0], resume=True, **{"budget": "quick", "seed": 2} | changes)  # type: ignore[arg-type]
+    assert snapshot(finished[0]) == before
+
+
+def test_another_size_under_the_same_name_is_refused(
+    finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    larger = run_module.Budget(nde_tests=700, decisions=30_000, evaluation_tests=300, exposure_tests=200, cases=25)
+    monkeypatch.setitem(run_module.BUDGETS, "quick", larger)
+    with pytest.raises(InputError, match="config_hash"):
+        pipeline.run(budget="quick", out=finished[0], seed=2, resume=True)
+
+
+def test_without_resume_nothing_is_touched(finished: tuple[Path, dict[str, Any]]) -> None:
+    before = snapshot(finished[0])
+    with pytest.raises(OutputError, match="--resume"):
+        pipeline.run(budget="quick", out=finished[0], seed=2)
+    assert snapshot(finished[0]) == before
+
+
+def test_a_damaged_stage_is_named(finished: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    (folder / "stages").mkdir(parents=True)
+    (folder / "provenance.json").write_bytes((finished[0] / "provenance.json").read_bytes())
+    (folder / "stages" / "nde.json").write_text('{"half', encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"nde\.json"):
+        pipeline.run(budget="quick", out=folder, seed=2, resume=True)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"notes\.txt"):
+        pipeline.run(budget="quick", out=tmp_path, resume=resume)
+    assert snapshot(tmp_path) == {"notes.txt": b"mine"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind"),
+    [({"budget": "quik"}, UnknownNameError), ({"seed": -1}, InputError), ({"seed": 2**32}, InputError),
+     ({"av": "idm-mobl"}, UnknownNameError), ({"lanes": 9}, InputError), ({"threads": 0}, InputError)],
+)  # fmt: skip
+def test_wrong_arguments_make_no_folder(arguments: dict[str, Any], kind: type[Exception], tmp_path: Path) -> None:
+    with pytest.raises(kind):
+        pipeline.run(out=tmp_path / "out", **{"budget": "quick"} | arguments)
+    assert not list(tmp_path.iterdir())
