@@ -170,7 +170,6 @@ def test_a_model_comes_back_as_it_was_saved(tmp_path: Path) -> None:
 
 
 # NumPy itself leaves the file open when what should be an archive is none.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_damaged_foreign_and_missing_models_are_named(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match=r"No model file .*none\.npz"):
         load_model(tmp_path / "none.npz")
