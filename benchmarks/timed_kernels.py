@@ -24,8 +24,9 @@ from cornerforge.sim.step import (
     SUBSTEPS,
     _av_acts,
     _check_contacts,
+    _choose_current,
     _find_pairs,
-    move_vehicle,
+    _move,
 )
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -56,8 +57,8 @@ PARTS = (
     "BVs decide (`decide_bvs`)",
     "BVs begin their actions (`apply_action`)",
     "AV decides, 10 x (`av_decide`)",
-    "pairs that can touch (`_find_pairs`)",
-    "motion, 10 x (`move_vehicle`)",
+    "pairs that can touch, whom the AV may see (`_find_pairs`, `_choose_current`)",
+    "motion, 10 x (`_move`)",
     "contacts, 10 x (`_check_contacts`)",
 )
 RESET, DECIDE, APPLY, AV, FIND_PAIRS, MOVE, CONTACTS = range(7)
@@ -124,9 +125,7 @@ def _timed_substeps(
             command, lane = av_decide(w, road, setting.av)
             _av_acts(w, command, lane, road)
             since = _lap(ns, AV, since, clock)
-        for i in range(info[N_VEHICLES]):
-            if v[i].present:
-                move_vehicle(w, i, road)
+        _move(w, substep, road)
         since = _lap(ns, MOVE, since, clock)
         frame = first_frame + substep + 1
         ends = _check_contacts(w, pairs, n_pairs, frame, road)
@@ -160,6 +159,7 @@ def _timed_step(
     _av_acts(w, command, lane, road)
     since = _lap(ns, APPLY, since, clock)
     n_pairs = _find_pairs(w, road, pairs)
+    _choose_current(w, pairs, n_pairs, False, road)
     info[N_DECISIONS] += 1
     since = _lap(ns, FIND_PAIRS, since, clock)
     return _timed_substeps(w, first_frame, n_pairs, setting, pairs, ns, clock, since)

@@ -12,11 +12,22 @@ from cornerforge.drivers.naturalistic import NddTables, tables_of
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.adversaries import ADVERSARIES
+from cornerforge.sim.decide import hold
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.world import CONTROLLED, N_VEHICLES, World, allocate_worlds, av_numbers, road_numbers
+from cornerforge.sim.step import move_vehicle
+from cornerforge.sim.world import (
+    CONTROLLED,
+    N_VEHICLES,
+    RoadNumbers,
+    World,
+    all_current,
+    allocate_worlds,
+    av_numbers,
+    road_numbers,
+)
 from cornerforge.types import Odd
 
-__all__ = ["Car", "setting_of", "world_of"]
+__all__ = ["Car", "glide", "setting_of", "world_of"]
 
 _tables: dict[int, tuple[NddModel, NddTables]] = {}
 
@@ -59,7 +70,7 @@ def world_of(cars: Iterable[Car]) -> World:
     """A world of these cars in the centres of 4 m wide lanes, the first is the AV. Absent cars are poisoned."""
     cars = list(cars)
     batch = allocate_worlds(1, len(cars))
-    world = World(batch.vehicles[0], batch.order[0], batch.info[0])
+    world = World(*(part[0] for part in batch))
     for vehicle, car in zip(world.vehicles, cars, strict=True):
         if car.present:
             vehicle["x"], vehicle["y"], vehicle["speed"] = car.x, 4.0 * car.lane + 2.0, car.speed
@@ -72,4 +83,11 @@ def world_of(cars: Iterable[Car]) -> World:
     world.order[:] = np.arange(len(cars))
     world.info[N_VEHICLES] = len(cars)
     world.info[CONTROLLED] = -1
+    all_current(world)
     return world
+
+
+def glide(world: World, slot: int, road: RoadNumbers) -> None:
+    """0.1 s more of one vehicle at the acceleration that it has."""
+    hold(world.vehicles, slot, world.vehicles["acceleration"][slot])
+    move_vehicle(world.vehicles, slot, 0.1, road)

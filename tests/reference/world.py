@@ -34,6 +34,8 @@ class Vehicle:
     clock: float = 0.0
     action: int = -1
     present: bool = True
+    held_from: tuple[float, float] = (0.0, 0.0)
+    substeps_held: int = 0
 
     def change_lane(self, lane: int, odd: Odd) -> None:
         """Begin a lane change, or turn a running one."""
@@ -55,7 +57,7 @@ class Vehicle:
     def act(self, action: int, odd: Odd) -> None:
         """Carry out an action: 0 left, 1 right, else the acceleration -4.0 + 0.2 (action - 2)."""
         self.action = action
-        self.acceleration = round(-4.0 + 0.2 * (action - 2), 1) if action >= 2 else 0.0
+        self.hold(round(-4.0 + 0.2 * (action - 2), 1) if action >= 2 else 0.0)
         if action >= 2:
             return
         side = 1 if action == 0 else -1
@@ -63,16 +65,27 @@ class Vehicle:
         if self.running_side(odd) != side and 0 <= lane < odd.n_lanes:
             self.change_lane(lane, odd)
 
+    def hold(self, acceleration: float) -> None:
+        """Accelerate so from here on."""
+        self.acceleration = acceleration
+        self.held_from = (self.x, self.speed)
+        self.substeps_held = 0
+
     def move(self, odd: Odd) -> None:
-        """0.1 s of constant acceleration along the road, and of the path across it."""
-        before = self.speed
-        self.speed = before + self.acceleration * _DT
-        if self.speed < 0.0:  # stops within the substep
-            self.x += -0.5 * before * before / self.acceleration
+        """0.1 s further: along the road by the law of constant acceleration since it is held, across it on the path."""
+        x, start = self.held_from
+        self.substeps_held += 1
+        time = self.substeps_held * _DT
+        self.speed = start + self.acceleration * time
+        if self.speed < 0.0:  # has come to a stop
+            self.x = x - 0.5 * start * start / self.acceleration
             self.speed = 0.0
+        elif self.speed > odd.max_speed:
+            until = (odd.max_speed - start) / self.acceleration
+            self.x = x + 0.5 * (start + odd.max_speed) * until + odd.max_speed * (time - until)
+            self.speed = odd.max_speed
         else:
-            self.speed = min(self.speed, odd.max_speed)
-            self.x += 0.5 * (before + self.speed) * _DT
+            self.x = x + 0.5 * (start + self.speed) * time
         if self.path is not None:
             self._move_sideways(self.path, odd)
 
@@ -113,7 +126,7 @@ class World:
     def place(self, x: float, lane: int, speed: float) -> None:
         """A further vehicle in the next slot."""
         y = (lane + 0.5) * self.odd.lane_width
-        self.vehicles.append(Vehicle(len(self.vehicles), x, y, speed, lane, {lane}))
+        self.vehicles.append(Vehicle(len(self.vehicles), x, y, min(speed, self.odd.max_speed), lane, {lane}))
 
     def from_rear_to_front(self) -> list[Vehicle]:
         """Those present by rising x, slot by slot at the same x."""

@@ -6,7 +6,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import Car, glide, setting_of, world_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from statistical_bounds import l1_bound, l1_distance, rate_fits
@@ -21,13 +21,13 @@ from cornerforge.sim.decide import (
     apply_action,
     av_decide,
     decide_bvs,
+    hold,
     nearest_bv,
     neighbours_in_lane,
     sort_by_x,
     start_lane_change,
 )
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import CONTROLLED, N_DECISIONS, World
 from cornerforge.types import ACCELERATIONS, Odd
 
@@ -71,7 +71,7 @@ def build(spots: Spots, setting: Setting, *, shift: float = 0.0, mirror: bool = 
         if side and 0 <= lane + side < lanes:
             start_lane_change(world, slot, lane_of(lane + side), setting.road)
             for _ in range(substeps):
-                move_vehicle(world, slot, setting.road)
+                glide(world, slot, setting.road)
         world.vehicles["x"][slot], world.vehicles["speed"][slot] = x + shift, speed
     sort_by_x(world)
     return world
@@ -292,14 +292,15 @@ def test_a_change_may_be_turned_back_but_not_doubled(model: NddModel) -> None:
     world = world_of([Car(0.0, 0, 30.0), Car(50.0, 1, 30.0)])
     apply_action(world, 1, 0, ACCELERATIONS, setting.road)
     for _ in range(10):
-        move_vehicle(world, 1, setting.road)
+        glide(world, 1, setting.road)
+    hold(world.vehicles, 1, 0.0)
     before = world.vehicles[1].copy()
     apply_action(world, 1, 0, ACCELERATIONS, setting.road)  # in its direction: nothing changes
     assert world.vehicles[1] == before
     apply_action(world, 1, 1, ACCELERATIONS, setting.road)
     assert world.vehicles["target_lane"][1] == 1
     for _ in range(200):
-        move_vehicle(world, 1, setting.road)
+        glide(world, 1, setting.road)
     assert world.vehicles["y"][1] == lane_centre(1, 4.0)
     assert world.vehicles["duration"][1] == 0.0
 

@@ -2,12 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import Car, glide, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.decide import action_probabilities, start_lane_change
 from cornerforge.sim.observe import N_OBSERVATION, allowed_actions, observe
-from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import World
 from cornerforge.types import Odd
 
@@ -41,7 +40,7 @@ def test_a_running_lane_change_shows(model: NddModel) -> None:
     setting = setting_of(model, ROAD)
     start_lane_change(world, 1, 1, setting.road)
     for _ in range(20):
-        move_vehicle(world, 1, setting.road)
+        glide(world, 1, setting.road)
     world.vehicles["x"][1] = 503.0
     entries = seen(model, world, 1)
     assert entries[8] == pytest.approx(0.5)  # halfway: 2 m left of its target lane's centre
@@ -80,7 +79,7 @@ def test_unbounded_mask_is_the_road_and_the_running_change(model: NddModel) -> N
     start_lane_change(world, 1, 2, setting.road)
     assert mask(model, world, 1)[:2].tolist() == [False, True]  # it may turn back
     start_lane_change(world, 1, 1, setting.road)
-    move_vehicle(world, 1, setting.road)
+    glide(world, 1, setting.road)
 
 
 @pytest.mark.parametrize("lead_gap", [3.0, 20.0, 80.0, 300.0])

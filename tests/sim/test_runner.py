@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hand_built import setting_of
 
+from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import NddModel
@@ -14,7 +15,7 @@ from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.recorder import Recorder, scenario_digest
 from cornerforge.sim.runner import crashed_tests, simulate, simulate_chunks
 from cornerforge.sim.world import AV_CRASH, n_slots
-from cornerforge.types import Odd
+from cornerforge.types import ODDS, Odd
 
 ODD = Odd(n_lanes=3)
 SLOTS = n_slots(ODD)
@@ -70,6 +71,23 @@ def test_a_recording_ends_as_the_bulk_run_does(setting: Setting) -> None:
         assert scenario.action.shape[0] == batch.decisions[k]
         crashed = scenario.crash is not None and scenario.crash.slot_a == 0
         assert crashed == (batch.code[k] == AV_CRASH)
+
+
+@pytest.mark.parametrize("odd", ["default", "swift", "paper"])
+@pytest.mark.parametrize("av", ["idm-mobil", "idm-mobil-blind"])
+@pytest.mark.parametrize("adversary", [None, "lane-changer", "swerve"])
+def test_moving_only_who_matters_changes_nothing(odd: str, av: str, adversary: str | None, reckless: NddModel) -> None:
+    """A recording moves everybody in every substep, a bulk run only who may touch somebody or be looked at."""
+    road = ODDS[odd]
+    setting = setting_of(reckless, road, av=AVS[av], adversary=adversary)
+    recorder = Recorder(setting, road)
+    ((_, bulk, _),) = simulate_chunks(setting, n_slots(road), seed=8, first=0, tests=300, threads=1, chunk=300)
+    for test in range(300):
+        scenario = recorder.record(8, test)
+        assert len(scenario.x) - 1 == bulk.frame[test], test
+        assert scenario.x[-1, 0] - road.av_start == bulk.distance[test], test
+        contact = (0, 0) if scenario.crash is None else (scenario.crash.slot_a, scenario.crash.slot_b)
+        assert contact == (bulk.slot_a[test], bulk.slot_b[test]), test
 
 
 def test_seeds_and_tests_differ(setting: Setting) -> None:

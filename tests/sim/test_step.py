@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import Car, glide, setting_of, world_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,7 +14,7 @@ from cornerforge.geometry import lane_bits
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.decide import start_lane_change
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording, move_vehicle, step_world
+from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording, step_world
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
@@ -61,7 +61,7 @@ def test_motion_is_that_of_constant_acceleration(model: NddModel, speed: float, 
     world = world_of([Car(0.0, 0, speed)])
     world.vehicles["acceleration"][0] = acceleration
     for _ in range(SUBSTEPS):
-        move_vehicle(world, 0, setting_of(model, ODD).road)
+        glide(world, 0, setting_of(model, ODD).road)
     after = speed + acceleration
     if 0.0 <= after <= 40.0:
         assert world.vehicles["x"][0] == pytest.approx(speed + 0.5 * acceleration, abs=1e-9)
@@ -82,7 +82,7 @@ def test_a_lane_change_ends_in_the_centre_after_its_duration(model: NddModel) ->
     headings = []
     for k in range(1, 41):
         before = world.vehicles["y"][0]
-        move_vehicle(world, 0, road)
+        glide(world, 0, road)
         assert world.vehicles["y"][0] >= before
         assert world.vehicles["lanes"][0] == lane_bits(world.vehicles["y"][0], 1.0, 1, 4.0)
         assert (world.vehicles["duration"][0] > 0.0) == (k < 40)
@@ -97,7 +97,7 @@ def test_a_standing_car_does_not_move_sideways(model: NddModel) -> None:
     world = world_of([Car(0.0, 0, 0.0)])
     start_lane_change(world, 0, 1, road)
     for _ in range(50):
-        move_vehicle(world, 0, road)
+        glide(world, 0, road)
     assert world.vehicles["y"][0] == 2.0
     assert world.vehicles["target_lane"][0] == 1
     assert world.vehicles["lanes"][0] == 0b11
@@ -111,7 +111,7 @@ def test_a_slow_lane_change_takes_longer(model: NddModel) -> None:
         start_lane_change(world, 0, 1, road)
         count = 0
         while world.vehicles["duration"][0] > 0.0:
-            move_vehicle(world, 0, road)
+            glide(world, 0, road)
             count += 1
         steps.append(count)
     assert steps == [40, 80]

@@ -23,7 +23,7 @@ N = 20_000
 def started(setting: Setting, odd: Odd, seed: int, tests: range) -> list[np.ndarray]:
     """Vehicles of each test at its start, copied."""
     batch = allocate_worlds(1, n_slots(odd))
-    world = World(batch.vehicles[0], batch.order[0], batch.info[0])
+    world = World(*(part[0] for part in batch))
     result = []
     for test in tests:
         reset_world(world, seed, test, setting.road, setting.av, setting.tables.initial)
@@ -126,9 +126,9 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
     for name in ("x", "y", "speed", "target_lane", "lanes", "present", "duration", "heading", "action"):
         np.testing.assert_array_equal(after_others[name], fresh[name])
     batch = allocate_worlds(1, n_slots(ODD))
-    world = World(batch.vehicles[0], batch.order[0], batch.info[0])
+    world = World(*(part[0] for part in batch))
     world.info[:] = 77
     reset_world(world, 5, 3, setting.road, setting.av, setting.tables.initial)
-    assert world.info.tolist() == [fresh.size, 0, -1, 0, 0, 0, 0, 0]
+    assert world.info.tolist() == [fresh.size, 0, -1, 0, 0, 0, 0, 0, fresh.size]
     assert world.info[CONTROLLED] == -1
     assert sorted(world.order[: fresh.size]) == list(range(fresh.size))

@@ -24,7 +24,7 @@ from cornerforge.drivers.naturalistic import (
     sample_row,
 )
 from cornerforge.geometry import lane_centre, lane_of, path_at, plan_path
-from cornerforge.sim.world import CONTROLLED, N_DECISIONS, N_VEHICLES, path_of
+from cornerforge.sim.world import CONTROLLED, N_CURRENT, N_DECISIONS, N_VEHICLES, path_of
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -39,6 +39,7 @@ __all__ = [
     "apply_action",
     "av_decide",
     "decide_bvs",
+    "hold",
     "nearest_bv",
     "neighbours_in_lane",
     "start_lane_change",
@@ -68,8 +69,9 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
     bit = 1 << lane
     best_lead = SIGHT
     best_rear = SIGHT
-    for j in range(info[N_VEHICLES]):
-        if j == i or v[j].present == 0:
+    for k in range(info[N_CURRENT]):
+        j = w.current[k]
+        if j == i:
             continue
         dx = v[j].x - v[i].x
         if dx > best_lead or -dx > best_rear:
@@ -176,8 +178,9 @@ def _must_give_way(w: World, road: RoadNumbers) -> bool:
     old = lane_of(v[0].y, road.lane_width)
     if old == target:
         return False
-    for j in range(1, info[N_VEHICLES]):
-        if v[j].present and v[j].target_lane == target:
+    for k in range(info[N_CURRENT]):
+        j = w.current[k]
+        if j > 0 and v[j].target_lane == target:
             other = lane_of(v[j].y, road.lane_width)
             if other != target and other != old and abs(v[j].x - v[0].x) < road.length + CONFLICT_GAP:
                 return True
@@ -219,7 +222,7 @@ def _worst_follow(w: World, rank: int, road: RoadNumbers, tables: NddTables, wor
     info = w.info
     i = order[rank]
     wanted = v[i].lanes
-    index = sample_row(tables.cut, free_row(v[i].speed), word)
+    index = -1
     nearest_gap = np.inf
     nearest_rate = 0.0
     for other in range(rank + 1, info[N_VEHICLES]):
@@ -231,15 +234,17 @@ def _worst_follow(w: World, rank: int, road: RoadNumbers, tables: NddTables, wor
             continue
         gap = dx - road.length
         rate = v[j].speed - v[i].speed
-        if nearest_gap == np.inf:
+        drawn = sample_row(tables.cut, following_row(v[i].speed, gap, rate), word)
+        if index < 0:
             nearest_gap = gap
             nearest_rate = rate
-            index = sample_row(tables.cut, following_row(v[i].speed, gap, rate), word)
-        else:
-            index = min(index, sample_row(tables.cut, following_row(v[i].speed, gap, rate), word))
+            index = drawn
+        index = min(index, drawn)
         wanted &= ~v[j].lanes
         if wanted == 0:
             break
+    if index < 0:
+        index = sample_row(tables.cut, free_row(v[i].speed), word)
     return index, nearest_gap, nearest_rate
 
 
@@ -367,6 +372,14 @@ def _gives_way(w: World, i: int, target: int, seed: int, test: int, road: RoadNu
 
 
 @kernel
+def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
+    """Vehicle i holds an acceleration [m/s2] from now on."""
+    v[i].acceleration = acceleration
+    v[i].x_held = v[i].x
+    v[i].speed_held = v[i].speed
+
+
+@kernel
 def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
     """Carry out an action index for slot i: 0 left, 1 right (speed held), 2.. acceleration.
 
@@ -375,9 +388,9 @@ def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float6
     """
     v = w.vehicles
     if action >= 2:
-        v[i].acceleration = accelerations[action - 2]
+        hold(v, i, accelerations[action - 2])
         return
-    v[i].acceleration = 0.0
+    hold(v, i, 0.0)
     side = 1 - 2 * action
     target = v[i].target_lane + side
     if v[i].duration > 0.0:
@@ -408,6 +421,36 @@ def sort_by_x(w: World) -> None:
 
 
 @kernel
+def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvNumbers) -> None:
+    """Every BV chooses the acceleration nearest to the IDM's; the controlled one takes `controlled_action`."""
+    v = w.vehicles
+    controlled = w.info[CONTROLLED]
+    for rank in range(w.info[N_VEHICLES]):
+        i = w.order[rank]
+        if i > 0 and v[i].present:
+            v[i].action = controlled_action if i == controlled else 2 + _idm_index(w, rank, road, av)
+
+
+@kernel
+def _all_naturalistic(
+    w: World, seed: int, test: int, controlled_action: int, road: RoadNumbers, tables: NddTables
+) -> int:
+    """Every BV draws its action; the controlled one takes `controlled_action`. Returns how many begin a lane change."""
+    v = w.vehicles
+    controlled = w.info[CONTROLLED]
+    changes = 0
+    for rank in range(w.info[N_VEHICLES]):
+        i = w.order[rank]
+        if i == 0 or v[i].present == 0:
+            continue
+        action = controlled_action if i == controlled else _decide_naturalistic(w, rank, seed, test, road, tables)
+        v[i].action = action
+        if action < 2:
+            changes += 1
+    return changes
+
+
+@kernel
 def decide_bvs(
     w: World,
     seed: int,
@@ -418,26 +461,14 @@ def decide_bvs(
     av: AvNumbers,
     tables: NddTables,
 ) -> None:
-    """Let all BVs choose, into `w.action`. The controlled BV (info[CONTROLLED], if any) takes `controlled_action`."""
-    v = w.vehicles
-    order = w.order
-    info = w.info
-    n = info[N_VEHICLES]
+    """Let all BVs choose, into their `action`. The controlled BV (info[CONTROLLED], if any) takes `controlled_action`.
+
+    One loop for each model: with the choice inside the loop the compiler makes both slower.
+    """
     sort_by_x(w)
-    changes = 0
-    for rank in range(n):
-        i = order[rank]
-        if i == 0 or v[i].present == 0:
-            continue
-        if i == info[CONTROLLED]:
-            v[i].action = controlled_action
-        elif bv_model == IDM_BVS:
-            v[i].action = 2 + _idm_index(w, rank, road, av)
-        else:
-            v[i].action = _decide_naturalistic(w, rank, seed, test, road, tables)
-        if v[i].action < 2:
-            changes += 1
-    if changes > 1:
+    if bv_model == IDM_BVS:
+        _all_follow_idm(w, controlled_action, road, av)
+    elif _all_naturalistic(w, seed, test, controlled_action, road, tables) > 1:
         _resolve_conflicts(w, seed, test, road, tables)
 
 

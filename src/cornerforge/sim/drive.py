@@ -111,30 +111,32 @@ def drive_test(
     The critical BV is always found, so that recordings of natural crashes name it too; it is controlled only when the
     setting has an adversary.
     """
-    road = setting.road
-    reset_world(w, seed, test, road, setting.av, setting.tables.initial)
+    road, av, tables, bv_model = setting.road, setting.av, setting.tables, setting.bv_model
+    adversary, bounded, policy = setting.adversary, setting.bounded, setting.policy
+    reset_world(w, seed, test, road, av, tables.initial)
     travel = 0.0
-    while w.info[OUTCOME] == RUNNING:
-        step = w.info[N_DECISIONS]
+    for step in range(road.max_decisions):
+        if w.info[OUTCOME] != RUNNING:
+            break
         recorded = step < decisions.controlled.size
         action = -1
         bv = -1
         w.info[CONTROLLED] = -1
-        if setting.adversary > 0 or recorded:
+        if adversary > 0 or recorded:
             bv = nearest_bv(w)
-        if setting.adversary > 0 and bv >= 0:
+        if adversary > 0 and bv >= 0:
             w.info[CONTROLLED] = bv
-            if setting.adversary == 1:
+            if adversary == 1:
                 observe(w, bv, road, s.found, s.observation)
-            allowed_actions(w, bv, setting.bounded, road, setting.tables, s.p, s.allowed)
-            action = choose_action(w, bv, setting.adversary, 0.0, seed, test, setting.policy, s)
+            allowed_actions(w, bv, bounded, road, tables, s.p, s.allowed)
+            action = choose_action(w, bv, adversary, 0.0, seed, test, policy, s)
         if recorded and bv >= 0:
             # The tables must see the state before anybody moves; the action of a natural driver is known only after it.
-            action_probabilities(w, bv, setting.tables.overlook, road, setting.tables, s.p)
+            action_probabilities(w, bv, tables.overlook, road, tables, s.p)
         if counting:
             count_av(w, road, counts)
             travel += count_traffic(w, road, counts)
-        step_world(w, seed, test, setting.bv_model, action, road, setting.av, setting.tables, pairs, recording)
+        step_world(w, seed, test, bv_model, action, road, av, tables, pairs, recording)
         if recorded:
             decisions.controlled[step] = bv
             decisions.log_prob[step] = 0.0
@@ -178,7 +180,7 @@ def drive_range(
 @kernel
 def world_row(worlds: World, b: int) -> World:
     """World b of a batch, as views."""
-    return World(worlds.vehicles[b], worlds.order[b], worlds.info[b])
+    return World(worlds.vehicles[b], worlds.order[b], worlds.current[b], worlds.info[b])
 
 
 @kernel

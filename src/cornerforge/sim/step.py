@@ -9,7 +9,7 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
-from cornerforge.sim.decide import apply_action, av_decide, decide_bvs, start_lane_change
+from cornerforge.sim.decide import SIGHT, apply_action, av_decide, decide_bvs, hold, start_lane_change
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
@@ -17,6 +17,7 @@ from cornerforge.sim.world import (
     CONTROLLED,
     FRAME,
     N_BV_CRASHES,
+    N_CURRENT,
     N_DECISIONS,
     N_VEHICLES,
     OUTCOME,
@@ -24,6 +25,7 @@ from cornerforge.sim.world import (
     SLOT_A,
     SLOT_B,
     TIME_UP,
+    all_current,
     path_of,
 )
 from cornerforge.types import ACCELERATIONS, FRAME_S
@@ -45,11 +47,22 @@ MAX_RELATIVE_GAIN = 7.0
 each other by at most this much more than at constant speeds in 1 s [m]."""
 
 
+UNSURE = 2
+"""Mark of a vehicle that may leave its lane or the road within the second."""
+
+
 class Pairs(NamedTuple):
-    """Scratch: pairs of slots that can touch within the coming second, each (capacity,)."""
+    """Scratch: pairs of slots that can touch within the coming second, (capacity,), and who must be moved in between.
+
+    Attributes:
+        a, b: Slots of each pair, a < b.
+        is_watched: Above 0 for slots whose state must be kept current within the second, (N,); UNSURE for those that
+            change lanes or may touch somebody.
+    """
 
     a: NDArray[np.int64]
     b: NDArray[np.int64]
+    is_watched: NDArray[np.int64]
 
 
 FRAME_FIELDS = np.dtype(
@@ -69,7 +82,7 @@ FRAME_FIELDS = np.dtype(
 
 def allocate_pairs(slots: int) -> Pairs:
     """Scratch for worlds of so many slots."""
-    return Pairs(np.zeros(8 * slots, dtype=np.int64), np.zeros(8 * slots, dtype=np.int64))
+    return Pairs(*(np.zeros(size * slots, dtype=np.int64) for size in (8, 8, 1)))
 
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
@@ -78,22 +91,25 @@ def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
 
 
 @kernel
-def move_vehicle(w: World, i: int, road: RoadNumbers) -> None:
-    """Advance one vehicle by 0.1 s: constant acceleration along the road, its path across it.
+def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) -> None:
+    """Put vehicle i where it is `held` seconds after its acceleration began, and its lateral path 0.1 s further.
 
-    Speeds stay in [0, max_speed]. Below 5 m/s the lateral clock slows in proportion, so that a standing car cannot move
-    sideways.
+    Position and speed along the road are functions of `held`, not sums of substeps, so a vehicle that nobody looks at
+    in between need not be moved in between. Speeds stay in [0, max_speed]. Below 5 m/s the lateral clock slows in
+    proportion, so that a standing car cannot move sideways.
     """
-    v = w.vehicles
-    speed = v[i].speed
+    start = v[i].speed_held
     a = v[i].acceleration
-    after = speed + a * _DT
+    after = start + a * held
     if after < 0.0:
-        v[i].x += -0.5 * speed * speed / a
+        v[i].x = v[i].x_held - 0.5 * start * start / a
         after = 0.0
+    elif after > road.max_speed:
+        until = (road.max_speed - start) / a
+        v[i].x = v[i].x_held + 0.5 * (start + road.max_speed) * until + road.max_speed * (held - until)
+        after = road.max_speed
     else:
-        after = min(after, road.max_speed)
-        v[i].x += 0.5 * (speed + after) * _DT
+        v[i].x = v[i].x_held + 0.5 * (start + after) * held
     v[i].speed = after
     if v[i].duration == 0.0:
         return
@@ -158,12 +174,80 @@ def _find_pairs(w: World, road: RoadNumbers, pairs: Pairs) -> int:
 
 
 @kernel
+def _approach(v: NDArray[np.void], j: int) -> float:
+    """Upper bound of the change in distance along the road of AV and vehicle j within the coming second [m]."""
+    change: float = abs(v[j].speed - v[0].speed) + MAX_RELATIVE_GAIN
+    return change
+
+
+@kernel
+def _watch_av_neighbours(w: World, road: RoadNumbers, is_watched: NDArray[np.int64]) -> None:
+    """Mark every vehicle that can be the AV's nearest one ahead or behind in some lane within the coming second.
+
+    In each lane the nearest vehicle that surely stays there, and ahead, bounds how far off a nearer one can be. Who
+    changes lanes or may crash (and be taken off the road) is not sure.
+    """
+    v = w.vehicles
+    n = w.info[N_VEHICLES]
+    for lane in range(road.n_lanes):
+        bit = 1 << lane
+        lead_limit = SIGHT
+        rear_limit = SIGHT
+        for j in range(1, n):
+            if v[j].present and v[j].lanes == bit and is_watched[j] != UNSURE:
+                dx = v[j].x - v[0].x
+                change = _approach(v, j)
+                if dx > change:
+                    lead_limit = min(lead_limit, dx + change)
+                elif -dx > change:
+                    rear_limit = min(rear_limit, change - dx)
+        for j in range(1, n):
+            if v[j].present and v[j].lanes & bit:
+                dx = v[j].x - v[0].x
+                change = _approach(v, j)
+                if is_watched[j] == 0 and -rear_limit - change <= dx <= lead_limit + change:
+                    is_watched[j] = 1
+
+
+@kernel
+def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road: RoadNumbers) -> None:
+    """List whose state is kept current: the AV, who may touch somebody, who changes lanes, whom the AV may look at."""
+    v = w.vehicles
+    info = w.info
+    for i in range(info[N_VEHICLES]):
+        pairs.is_watched[i] = UNSURE if everybody or v[i].duration > 0.0 else 0
+    pairs.is_watched[0] = 1
+    for k in range(n_pairs):
+        pairs.is_watched[pairs.a[k]] = UNSURE
+        pairs.is_watched[pairs.b[k]] = UNSURE
+    if not everybody:
+        _watch_av_neighbours(w, road, pairs.is_watched)
+    found = 0
+    for i in range(info[N_VEHICLES]):
+        if pairs.is_watched[i] and v[i].present:
+            w.current[found] = i
+            found += 1
+    info[N_CURRENT] = found
+
+
+@kernel
 def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
     """Are both vehicles there, and do their boxes overlap?"""
     v = w.vehicles
     if v[a].present == 0 or v[b].present == 0:
         return False
     return boxes_overlap(v[a].x, v[a].y, v[a].heading, v[b].x, v[b].y, v[b].heading, road.length, road.width)
+
+
+@kernel
+def _drop_absent(w: World) -> None:
+    """Take vehicles that are no longer there off the list of current ones."""
+    kept = 0
+    for k in range(w.info[N_CURRENT]):
+        if w.vehicles[w.current[k]].present:
+            w.current[kept] = w.current[k]
+            kept += 1
+    w.info[N_CURRENT] = kept
 
 
 @kernel
@@ -189,6 +273,7 @@ def _check_contacts(w: World, pairs: Pairs, n_pairs: int, frame: int, road: Road
         if info[OUTCOME] == BV_CRASH:
             info[N_BV_CRASHES] += 1
         return True
+    removed = False
     for k in range(n_pairs):
         a = pairs.a[k]
         b = pairs.b[k]
@@ -196,6 +281,9 @@ def _check_contacts(w: World, pairs: Pairs, n_pairs: int, frame: int, road: Road
             info[N_BV_CRASHES] += 1
             w.vehicles[a].present = 0
             w.vehicles[b].present = 0
+            removed = True
+    if removed:
+        _drop_absent(w)
     return False
 
 
@@ -220,9 +308,21 @@ def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
 @kernel
 def _av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
     v = w.vehicles
-    v[0].acceleration = command
+    hold(v, 0, command)
     if lane != v[0].target_lane:
         start_lane_change(w, 0, lane, road)
+
+
+@kernel
+def _move(w: World, substep: int, road: RoadNumbers) -> None:
+    """Move who is kept current to the end of a substep; at the end of the second everybody."""
+    v = w.vehicles
+    if substep == SUBSTEPS - 1:
+        all_current(w)
+    move_vehicle(v, 0, (substep % road.av_substeps + 1) * _DT, road)
+    held = (substep + 1) * _DT
+    for k in range(1, w.info[N_CURRENT]):
+        move_vehicle(v, w.current[k], held, road)
 
 
 @kernel
@@ -232,7 +332,8 @@ def step_world(
 ) -> None:  # fmt: skip
     """Advance a running world by one decision (1 s, or less when the test ends); results are in `w.info`.
 
-    Before the call info[CONTROLLED] names the BV that takes `controlled_action`, -1 for none.
+    Before the call info[CONTROLLED] names the BV that takes `controlled_action`, -1 for none. After a test that ends
+    within the second only vehicles near the AV or in contact stand where they are then, unless it is recorded.
     """
     v = w.vehicles
     info = w.info
@@ -245,15 +346,16 @@ def step_world(
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     _av_acts(w, command, lane, road)
     n_pairs = _find_pairs(w, road, pairs)
+    # A polite AV asks how its follower would drive, hence sees through other vehicles' eyes too.
+    everybody = recording.shape[0] > first_frame or av.mobil.politeness > 0.0
+    _choose_current(w, pairs, n_pairs, everybody, road)
     info[N_DECISIONS] += 1
     for substep in range(SUBSTEPS):
         if substep > 0 and substep % road.av_substeps == 0:
             command, lane = av_decide(w, road, av)
             _av_acts(w, command, lane, road)
         record_frame(w, first_frame + substep, recording)
-        for i in range(n):
-            if v[i].present:
-                move_vehicle(w, i, road)
+        _move(w, substep, road)
         frame = first_frame + substep + 1
         ends = _check_contacts(w, pairs, n_pairs, frame, road)
         if not ends and v[0].x >= road.av_start + road.test_length:

@@ -9,7 +9,7 @@ from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_INITIAL, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
 from cornerforge.geometry import lane_centre
-from cornerforge.sim.world import CONTROLLED, INFO_FIELDS, N_VEHICLES
+from cornerforge.sim.world import CONTROLLED, INFO_FIELDS, N_VEHICLES, all_current
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,9 +68,12 @@ def _draw_neighbour(
 @kernel
 def _place(w: World, slot: int, x: float, lane: int, speed: float, road: RoadNumbers) -> None:
     v = w.vehicles
+    speed = min(speed, road.max_speed)
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
     v[slot].speed = speed
+    v[slot].x_held = x
+    v[slot].speed_held = speed
     v[slot].lateral_speed = 0.0
     v[slot].heading = 0.0
     v[slot].acceleration = 0.0
@@ -143,3 +146,4 @@ def reset_world(w: World, seed: int, test: int, road: RoadNumbers, av: AvNumbers
     info[CONTROLLED] = -1
     for i in range(n):
         order[i] = i
+    all_current(w)

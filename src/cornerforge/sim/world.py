@@ -20,6 +20,7 @@ __all__ = [
     "AvNumbers",
     "RoadNumbers",
     "World",
+    "all_current",
     "allocate_worlds",
     "av_numbers",
     "n_slots",
@@ -33,6 +34,8 @@ VEHICLE = np.dtype(
         ("x", "f8"),
         ("y", "f8"),
         ("speed", "f8"),
+        ("x_held", "f8"),
+        ("speed_held", "f8"),
         ("lateral_speed", "f8"),
         ("heading", "f8"),
         ("acceleration", "f8"),
@@ -53,7 +56,8 @@ VEHICLE = np.dtype(
 """One vehicle. A record array: a kernel passes one pointer instead of eighteen, which measured 30 times faster in
 Numba.
 
-x, y: box centre [m]; speed, lateral_speed: along and across the road [m/s]; heading [rad]; acceleration: along the
+x, y: box centre [m]; speed, lateral_speed: along and across the road [m/s]; x_held, speed_held: x and speed
+when the present acceleration began; heading [rad]; acceleration: along the
 road, held until the next decision [m/s2]; clock, duration: time since the start of the lane change and its planned
 length [s], duration 0 means lane keeping; c0..c5: its quintic; target_lane: lane kept or changed to; lanes: bit mask
 of the lanes occupied (`geometry.lane_bits`); present: 1 or 0; action: last decided index, -1 for none.
@@ -66,16 +70,19 @@ class World(NamedTuple):
     Attributes:
         vehicles: (N,) of VEHICLE; slot 0 is the AV.
         order: Slots by rising x, int64 (N,), the first info[N_VEHICLES] entries.
-        info: int64 (8,): see the index constants below.
+        current: Slots whose state is that of this moment, rising, int64 (N,), the first info[N_CURRENT] entries. At
+            decision times all that are present; within a second only those that somebody may touch or look at.
+        info: int64 (9,): see the index constants below.
     """
 
     vehicles: NDArray[np.void]
     order: NDArray[np.int64]
+    current: NDArray[np.int64]
     info: NDArray[np.int64]
 
 
-INFO_FIELDS = 8
-N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES = range(INFO_FIELDS)
+INFO_FIELDS = 9
+N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT = range(INFO_FIELDS)
 
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
@@ -143,12 +150,24 @@ def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> 
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 8)."""
+    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 9)."""
     return World(
         np.zeros((n_worlds, slots), dtype=VEHICLE),
         np.zeros((n_worlds, slots), dtype=np.int64),
+        np.zeros((n_worlds, slots), dtype=np.int64),
         np.zeros((n_worlds, INFO_FIELDS), dtype=np.int64),
     )
+
+
+@kernel
+def all_current(w: World) -> None:
+    """Note that the state of every vehicle is that of this moment."""
+    found = 0
+    for i in range(w.info[N_VEHICLES]):
+        if w.vehicles[i].present:
+            w.current[found] = i
+            found += 1
+    w.info[N_CURRENT] = found
 
 
 @kernel
