@@ -450,6 +450,37 @@ def ndd_fit(
     )  # fmt: skip
 
 
+@ndd.command("validate")
+def ndd_validate(
+    model: Annotated[Path, typer.Argument(metavar="M.npz", help="The model.", show_default=False)],
+    against: Annotated[
+        list[Path], typer.Option(metavar="FILE...", help="Trajectory files, such as held-out ones.", show_default=False)
+    ],
+    data_format: Annotated[
+        str, typer.Option("--format", help="ngsim, pairs, tracks, tgsim or highd.", show_default=False)
+    ],
+    # An option takes one value: what follows `--against A` in `--against A B C` arrives here.
+    more: Annotated[list[Path] | None, typer.Argument(metavar="FILE", hidden=True)] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Compare a model with held-out trajectories and published facts; exit status 1 if it does not pass."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.validate import validation_text
+
+    result = _run(
+        lambda bars: pipeline.ndd_validate(
+            model, against=[*against, *(more or [])], data_format=data_format, seed=seed, threads=threads, progress=bars
+        ),
+        validation_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+    if not result["passed"]:
+        raise typer.Exit(EXIT_GATE)
+
+
 def _usage_message(error: Any) -> str:
     """Typer's message (it suggests the nearest command) in one line, with where help is."""
     path = error.ctx.command_path if error.ctx is not None else "cornerforge"

@@ -9,5 +9,17 @@ from cornerforge.pipeline.rate import rate
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.simulate import simulate
 from cornerforge.pipeline.train import train
+from cornerforge.pipeline.validate import ndd_validate
 
-__all__ = ["analyse", "generate", "ndd_fit", "query", "rate", "replay", "run", "simulate", "train"]
+__all__ = [
+    "analyse",
+    "generate",
+    "ndd_fit",
+    "ndd_validate",
+    "query",
+    "rate",
+    "replay",
+    "run",
+    "simulate",
+    "train",
+]
