@@ -219,7 +219,9 @@ def train(
     preset: Annotated[str, typer.Option(help="fast or paper.")] = "fast",
     bounded: Bounded = False,
     decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
-    minutes: Annotated[float | None, typer.Option(help="Stop after this time.", show_default=False)] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Keep a finished policy of the same command.")] = False,
     lanes: Lanes = None,
     odd: OddName = "default",
