@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,81 @@ def test_resume_refuses_a_damaged_policy(trained: tuple[Path, dict[str, object]]
     with pytest.raises(FileFormatError, match="damaged"):
         pipeline.train(out=path, decisions=2000, seed=4, resume=True)
     assert path.stat().st_size == 1000
+
+
+def interrupt(stage: str, done: float, total: float) -> None:  # noqa: ARG001
+    raise KeyboardInterrupt
+
+
+def stop_amid_training(stage: str, done: float, total: float) -> None:
+    if stage == "train" and done < total:
+        raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a training that was stopped half way; read only."""
+    folder = tmp_path_factory.mktemp("stopped")
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train(out=folder / "p.safetensors", decisions=30_000, seed=4, progress=stop_amid_training)
+    assert [entry.name for entry in folder.iterdir()] == ["p.safetensors.checkpoint"]
+    return folder
+
+
+def test_a_stopped_training_goes_on_to_the_same_policy(stopped: Path, tmp_path: Path) -> None:
+    unbroken = pipeline.train(out=tmp_path / "unbroken.safetensors", decisions=30_000, tests=200, seed=4)
+    folder = Path(shutil.copytree(stopped, tmp_path / "copy"))
+    stages: list[float] = []
+    resumed = pipeline.train(
+        out=folder / "p.safetensors", decisions=30_000, tests=200, seed=4, resume=True,
+        progress=lambda stage, done, _: stages.append(done) if stage == "train" else None,
+    )  # fmt: skip
+    assert stages == [30_208]  # the point before was reached before the stop
+    assert {**resumed, "seconds": 0, "out": ""} == {**unbroken, "seconds": 0, "out": ""}
+    assert [entry.name for entry in folder.iterdir()] == ["p.safetensors"]
+
+
+def test_without_resume_an_unfinished_training_is_not_overwritten(stopped: Path) -> None:
+    before = snapshot(stopped)
+    with pytest.raises(OutputError, match="unfinished training; go on with --resume"):
+        pipeline.train(out=stopped / "p.safetensors", decisions=30_000, seed=4)
+    assert snapshot(stopped) == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [({"seed": 5}, "seed = 4, not 5"), ({"bounded": True}, "bounded = False, not True"),
+     ({"decisions": 9}, r"train\.decisions = 30000, not 9"), ({"lanes": 4}, r"odd\.n_lanes = 3, not 4"),
+     ({"preset": "paper"}, r"train\.preset = 'fast', not 'paper'")],
+)  # fmt: skip
+def test_resume_refuses_the_checkpoint_of_another_command(
+    changes: dict[str, object], named: str, stopped: Path
+) -> None:
+    before = snapshot(stopped)
+    arguments = {"decisions": 30_000, "seed": 4} | changes
+    with pytest.raises(InputError, match=named):
+        pipeline.train(out=stopped / "p.safetensors", resume=True, **arguments)  # type: ignore[arg-type]
+    assert snapshot(stopped) == before
+
+
+def test_resume_refuses_a_damaged_checkpoint(stopped: Path, tmp_path: Path) -> None:
+    name = "p.safetensors.checkpoint"
+    (tmp_path / name).write_bytes((stopped / name).read_bytes()[:-1])
+    before = snapshot(tmp_path)
+    with pytest.raises(FileFormatError, match=r"damaged .* remove it to begin again"):
+        pipeline.train(out=tmp_path / "p.safetensors", decisions=30_000, seed=4, resume=True)
+    assert snapshot(tmp_path) == before
+
+
+def test_a_kill_between_policy_and_checkpoint_leaves_no_checkpoint_for_long(
+    trained: tuple[Path, dict[str, object]], tmp_path: Path
+) -> None:
+    out = tmp_path / "p.safetensors"
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train(out=out, decisions=2000, seed=4, progress=interrupt)
+    out.write_bytes(trained[0].read_bytes())
+    assert pipeline.train(out=out, decisions=2000, tests=200, seed=4, resume=True)["kept"] is True
+    assert snapshot(tmp_path) == {"p.safetensors": trained[0].read_bytes()}
 
 
 @pytest.mark.parametrize(

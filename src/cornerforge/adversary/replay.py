@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -54,3 +55,18 @@ class ReplayMemory:
     def sample(self, indices: NDArray[np.int64]) -> Transitions:
         """Copies of the transitions at `indices`, each in [0, size)."""
         return Transitions._make(getattr(self.arrays, name)[indices] for name in Transitions._fields)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Views of what is filled, by name of the field of `Transitions`; with `place` that is all it remembers."""
+        return {name: getattr(self.arrays, name)[: self.size] for name in Transitions._fields}
+
+    def restore(self, state: Mapping[str, NDArray[Any]], place: int) -> None:
+        """Take over what `state` gave, with `place` of that moment.
+
+        Raises:
+            ValueError: It does not fit into this memory.
+        """
+        self.size = state[Transitions._fields[0]].shape[0]
+        self.place = place
+        for name in Transitions._fields:
+            getattr(self.arrays, name)[: self.size] = state[name]

@@ -2,24 +2,30 @@
 
 Everything follows the number of decisions: acting uses the weights as they were when the iteration began, learning
 uses the transitions of the iterations before. So the weights depend on seed and configuration only, not on speed or
-threads.
+threads; nor on interruptions: a checkpoint holds all that an iteration changes.
 """
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from types import FrameType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.replay import ReplayMemory, allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
-from cornerforge.errors import MissingExtraError
+from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.drive import Setting, Transitions, collect, start_worlds
 from cornerforge.sim.observe import N_OBSERVATION
@@ -104,6 +110,25 @@ class _Actor:
         )
         return out
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything that `act` changes and needs again, by name; views, the vehicles as bytes."""
+        worlds = self._worlds
+        return {
+            "vehicles": worlds.vehicles.view(np.uint8),
+            "order": worlds.order,
+            "current": worlds.current,
+            "info": worlds.info,
+            "tests": self._tests,
+            "observation": self._observation,
+            "allowed": self._allowed,
+            "finished": self.finished,
+        }
+
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `arrays` gave."""
+        for name, ours in self.arrays().items():
+            ours[...] = saved[name]
+
 
 class _Learner:
     """Double DQN with a target network (van Hasselt et al. 2016); targets are cut to [-1, 1]."""
@@ -154,6 +179,53 @@ class _Learner:
         self._optimiser.step()
         return float(loss.detach())
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Both networks, what the optimiser remembers, and the replay memory, by name."""
+        found = {f"replay.{name}": array for name, array in self.memory.state().items()}
+        for kind, network in (("online", self.online), ("target", self._target)):
+            found |= {f"{kind}.{name}": tensor.numpy() for name, tensor in network.state_dict().items()}
+        for index, memory in self._optimiser.state_dict()["state"].items():
+            tensors = {name: item for name, item in memory.items() if isinstance(item, torch.Tensor)}
+            found |= {f"optimiser.{index}.{name}": tensor.numpy() for name, tensor in tensors.items()}
+        return found
+
+    def values(self) -> dict[str, Any]:
+        """What is not an array, JSON-compatible."""
+        return {"updates": self.updates, "place": self.memory.place, "rng": _plain(self._rng.bit_generator.state)}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
+        """Take over what `arrays` and `values` gave."""
+        self.memory.restore(_below("replay", arrays), values["place"])
+        for kind, network in (("online", self.online), ("target", self._target)):
+            network.load_state_dict({name: torch.from_numpy(a) for name, a in _below(kind, arrays).items()})
+        memories: dict[int, dict[str, torch.Tensor]] = {}
+        for name, array in _below("optimiser", arrays).items():
+            index, _, key = name.partition(".")
+            # A copy in memory that PyTorch allocated: the file's may lie unaligned.
+            memories.setdefault(int(index), {})[key] = torch.from_numpy(array).clone()
+        self._optimiser.load_state_dict(self._optimiser.state_dict() | {"state": memories})
+        self._rng.bit_generator.state = _unplain(values["rng"])
+        self.updates = values["updates"]
+
+
+def _below(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """The arrays whose name begins with `prefix.`, without it."""
+    return {name.removeprefix(f"{prefix}."): a for name, a in arrays.items() if name.startswith(f"{prefix}.")}
+
+
+def _plain(state: Any) -> Any:
+    """A state of NumPy's Philox with lists of whole numbers for its arrays of uint64."""
+    if isinstance(state, dict):
+        return {key: _plain(value) for key, value in state.items()}
+    return state.tolist() if isinstance(state, np.ndarray) else state
+
+
+def _unplain(state: Any) -> Any:
+    """The inverse of `_plain`."""
+    if isinstance(state, dict):
+        return {key: _unplain(value) for key, value in state.items()}
+    return np.array(state, dtype=np.uint64) if isinstance(state, list) else state
+
 
 def _epsilon(config: TrainConfig, decisions: int) -> float:
     done = min(1.0, decisions / config.epsilon_decisions)
@@ -176,6 +248,7 @@ def train_adversary(
     threads: int = 2,
     max_seconds: float | None = None,
     progress: Callable[[CurvePoint], None] | None = None,
+    checkpoint: CheckpointFile | None = None,
 ) -> TrainResult:
     """Learn to make the AV crash by controlling the BV nearest to it (paper, equations 5 to 9).
 
@@ -187,59 +260,164 @@ def train_adversary(
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
         max_seconds: Stop earlier after this time [s]; then the result depends on the machine's speed.
         progress: Called with each new point of the curve.
+        checkpoint: Where to keep the state now and then and on Ctrl-C. What the file holds is gone on from, to the same
+            result as without the stop; seconds count on. It is left there: remove it once the result is safe.
 
     Returns:
         Final weights and the training curve.
+
+    Raises:
+        InputError: The seed is out of range, or the checkpoint is of another training.
+        FileFormatError: The checkpoint is damaged.
+        OutputError: The checkpoint cannot be written.
     """
     check_integer("seed", seed, low=0, high=2**63 - 1)
     n_torch = torch.get_num_threads()
     torch.set_num_threads(1)  # one core for learning: results do not depend on the machine's number of cores
     try:
-        return _train(setting, slots, config, seed, threads, max_seconds, progress)
+        return _train(setting, slots, config, seed, threads, max_seconds, progress, checkpoint)
     finally:
         torch.set_num_threads(n_torch)
 
 
+class _Training:
+    """All that an iteration changes."""
+
+    def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int) -> None:
+        self._config = config
+        self._learner = _Learner(config, seed)
+        shape, weights = config.network, flat_weights(self._learner.online)
+        numbers = PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
+        hostile = setting._replace(adversary=ADVERSARIES["policy"], policy=numbers)
+        self._actor = _Actor(hostile, slots, config.worlds, seed)
+        self._buffer = allocate_transitions(config.worlds)
+        self._seen = np.zeros(3, dtype=np.int64)
+        self._loss: float | None = None
+        self.result = TrainResult(weights, 0, 0, 0.0)
+
+    def iterate(self, pool: ThreadPoolExecutor, threads: int) -> None:
+        """One decision of each world, and the updates that go with them."""
+        config, learner, decisions = self._config, self._learner, self.result.decisions
+        acting = pool.submit(self._actor.act, flat_weights(learner.online), _epsilon(config, decisions), self._buffer)
+        if threads == 1:
+            acting.result()
+        if learner.memory.size >= config.replay_start:
+            updates = config.worlds // config.decisions_per_update
+            self._loss = learner.learn(updates, _learning_rate(config, decisions))
+        learner.memory.add(acting.result())
+        self.result.decisions += config.worlds
+
+    def add_point(self) -> CurvePoint:
+        """Close the running point of the curve."""
+        result, finished = self.result, self._actor.finished
+        tests, crashes = (int(n) for n in (finished - self._seen)[:2])
+        self._seen[:] = finished
+        rate = crashes / tests if tests else None
+        epsilon = round(_epsilon(self._config, result.decisions - self._config.worlds), 4)
+        seconds = round(result.seconds, 3)
+        point = CurvePoint(result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate)
+        result.curve.append(point)
+        return point
+
+    def finish(self) -> TrainResult:
+        """The result, with the weights of now."""
+        self.result.weights = flat_weights(self._learner.online)
+        self.result.updates = self._learner.updates
+        return self.result
+
+    def state(self) -> TrainingState:
+        """Everything as it is between two iterations; its arrays are views."""
+        result = self.result
+        arrays = {f"actor.{name}": array for name, array in self._actor.arrays().items()}
+        arrays |= {"seen": self._seen, **{f"learner.{name}": a for name, a in self._learner.arrays().items()}}
+        values = {
+            "decisions": result.decisions,
+            "seconds": result.seconds,
+            "loss": self._loss,
+            "curve": [asdict(point) for point in result.curve],
+            "learner": self._learner.values(),
+        }
+        return TrainingState(arrays, values)
+
+    def restore(self, saved: TrainingState) -> None:
+        """Take over what `state` gave."""
+        values = saved.values
+        self._actor.restore(_below("actor", saved.arrays))
+        self._learner.restore(_below("learner", saved.arrays), values["learner"])
+        self._seen[:] = saved.arrays["seen"]
+        self._loss = values["loss"]
+        self.result.decisions = values["decisions"]
+        self.result.seconds = values["seconds"]
+        self.result.curve = [CurvePoint(**point) for point in values["curve"]]
+
+
+def _take_up(training: _Training, checkpoint: CheckpointFile) -> None:
+    """Go to where the checkpoint is, if there is one."""
+    saved = checkpoint.read()
+    if saved is None:
+        return
+    try:
+        training.restore(saved)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:  # PyTorch's for a wrong shape is the last
+        raise FileFormatError(
+            f"Checkpoint {checkpoint.path} does not fit this training ({error}); remove it to begin again."
+        ) from error
+
+
+@contextmanager
+def _interrupt_held(wanted: bool) -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C wait if that is wanted; gives a function that says whether it came.
+
+    Amid an iteration the weights are newer than the memory, so no state could be kept there. A second Ctrl-C goes
+    through at once. Only Python's own handler is replaced, and only in the main thread, where interrupts arrive.
+    """
+    came = threading.Event()
+    before = signal.getsignal(signal.SIGINT)
+    main = threading.current_thread() is threading.main_thread()
+    if not (wanted and main and before is signal.default_int_handler):
+        yield came.is_set
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        signal.signal(signal.SIGINT, before)
+        came.set()
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield came.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _train(
-    setting: Setting, slots: int, config: TrainConfig, seed: int, threads: int,
-    max_seconds: float | None, progress: Callable[[CurvePoint], None] | None,
+    setting: Setting, slots: int, config: TrainConfig, seed: int, threads: int, max_seconds: float | None,
+    progress: Callable[[CurvePoint], None] | None, checkpoint: CheckpointFile | None,
 ) -> TrainResult:  # fmt: skip
     start = time.perf_counter()
-    learner = _Learner(config, seed)
-    shape = config.network
-    numbers = PolicyNumbers(flat_weights(learner.online), shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
-    actor = _Actor(setting._replace(adversary=ADVERSARIES["policy"], policy=numbers), slots, config.worlds, seed)
-    buffer = allocate_transitions(config.worlds)
-    result = TrainResult(numbers.weights, 0, 0, 0.0)
-    updates = config.worlds // config.decisions_per_update
-    seen = np.zeros(3, dtype=np.int64)
-    loss: float | None = None
+    training = _Training(setting, slots, config, seed)
+    if checkpoint is not None:
+        _take_up(training, checkpoint)
+    result = training.result
+    start -= result.seconds
     iterations = -(-config.decisions // config.worlds)
-    with ThreadPoolExecutor(1) as pool:
-        for iteration in range(iterations):
-            weights = flat_weights(learner.online)
-            epsilon = _epsilon(config, result.decisions)
-            acting = pool.submit(actor.act, weights, epsilon, buffer)
-            if threads == 1:
-                acting.result()
-            if learner.memory.size >= config.replay_start:
-                loss = learner.learn(updates, _learning_rate(config, result.decisions))
-            learner.memory.add(acting.result())
-            result.decisions += config.worlds
+    with ThreadPoolExecutor(1) as pool, _interrupt_held(checkpoint is not None) as interrupted:
+        for iteration in range(result.decisions // config.worlds, iterations):
+            training.iterate(pool, threads)
             result.seconds = time.perf_counter() - start
             last = iteration == iterations - 1 or (max_seconds is not None and result.seconds >= max_seconds)
-            if last or (iteration + 1) % _POINT_EVERY == 0:
-                tests, crashes = (int(n) for n in (actor.finished - seen)[:2])
-                seen[:] = actor.finished
-                rate = crashes / tests if tests else None
-                point = CurvePoint(
-                    result.decisions, round(result.seconds, 3), learner.updates, round(epsilon, 4), loss, tests, rate
-                )
-                result.curve.append(point)
-                if progress is not None:
-                    progress(point)
+            try:
+                if last or (iteration + 1) % _POINT_EVERY == 0:
+                    point = training.add_point()
+                    if progress is not None:
+                        progress(point)
+                if interrupted():
+                    raise KeyboardInterrupt
+            except KeyboardInterrupt:
+                if checkpoint is not None:
+                    checkpoint.write(training.state())
+                raise
             if last:
                 break
-    result.weights = flat_weights(learner.online)
-    result.updates = learner.updates
-    return result
+            if checkpoint is not None and checkpoint.is_due():
+                checkpoint.write(training.state())
+    return training.finish()

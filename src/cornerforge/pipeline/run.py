@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_in, check_integer
+from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
 from cornerforge.pipeline.cases import analyse
@@ -26,7 +27,7 @@ from cornerforge.pipeline.output import (
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
-from cornerforge.pipeline.train import evaluate, learn, measure_baselines
+from cornerforge.pipeline.train import checkpoint_beside, evaluate, learn, measure_baselines
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges
 
@@ -115,10 +116,11 @@ def _write_exposure(out: Path, nde: dict[str, Any], adversary: dict[str, Any]) -
 
 
 def _train(
-    run: Experiment, budget: Budget, out: Path, seed: int, threads: int | None, progress: Progress
-) -> dict[str, Any]:
+    run: Experiment, budget: Budget, checkpoint: CheckpointFile, out: Path, seed: int, threads: int | None,
+    progress: Progress,
+) -> dict[str, Any]:  # fmt: skip
     config = _train_config(budget)
-    policy, result = learn(run, config, seed=seed, threads=threads, progress=progress)
+    policy, result = learn(run, config, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint)
     save_policy(policy, out / "policy.safetensors")
     curve = [asdict(point) for point in result.curve]
     write_json(out / "training.json", {"preset": config.preset, "config": asdict(config), "points": curve})
@@ -172,7 +174,7 @@ def run(
         av: Name of the AV under test.
         bounded: The adversary uses only actions that the naturalistic model calls possible.
         lanes, odd, model: The world, as for `simulate`.
-        resume: Go on with what is in `out`; finished stages are kept.
+        resume: Go on with what is in `out`; finished stages are kept, and an unfinished training too.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
@@ -199,7 +201,9 @@ def run(
         return stages.do(name, work)
 
     nde = once("nde", lambda: _count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
-    trained = once("train", lambda: _train(plain, size, folder, seed, threads, progress))
+    checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, _train_config(size), seed)
+    trained = once("train", lambda: _train(plain, size, checkpoint, folder, seed, threads, progress))
+    checkpoint.remove()
     hostile = experiment(**world, policy=load_policy(folder / "policy.safetensors"))  # type: ignore[arg-type]
     tests = size.evaluation_tests
     evaluation = once("evaluate", lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress))

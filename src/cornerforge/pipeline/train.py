@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cornerforge._checks import check_integer, check_number
+from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.drivers.avs import av_hash
@@ -21,7 +22,7 @@ from cornerforge.sim.adversaries import ADVERSARIES
 if TYPE_CHECKING:
     from cornerforge.adversary.train import CurvePoint, TrainResult
 
-__all__ = ["BASELINES", "EVALUATION_TESTS", "evaluate", "learn", "measure_baselines", "train"]
+__all__ = ["BASELINES", "EVALUATION_TESTS", "checkpoint_beside", "evaluate", "learn", "measure_baselines", "train"]
 
 EVALUATION_TESTS = 1 << 41
 """Number of the first evaluation test: far from those of training and of generation."""
@@ -45,6 +46,20 @@ def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int)
     }
 
 
+def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: int) -> CheckpointFile:
+    """Where the training that shall make `policy` keeps its state; other settings or other code are refused there."""
+    identity = {
+        "seed": seed,
+        "bounded": run.bounded,
+        "av_hash": av_hash(run.av),
+        "model_hash": model_hash(run.model),
+        **{f"train.{name}": value for name, value in asdict(config).items()},
+        **{f"odd.{name}": value for name, value in asdict(run.odd).items()},
+        "code": code_hash(),
+    }
+    return CheckpointFile(policy.with_name(f"{policy.name}.checkpoint"), identity)
+
+
 def learn(
     run: Experiment,
     config: TrainConfig,
@@ -53,8 +68,9 @@ def learn(
     threads: int | None = None,
     max_seconds: float | None = None,
     progress: Progress = NO_PROGRESS,
+    checkpoint: CheckpointFile | None = None,
 ) -> tuple[Policy, TrainResult]:
-    """Train on an experiment (its `bounded` says with which mask)."""
+    """Train on an experiment (its `bounded` says with which mask), or go on with what the checkpoint holds."""
     from cornerforge.adversary.train import train_adversary
 
     def report(point: CurvePoint) -> None:
@@ -71,6 +87,7 @@ def learn(
         threads=check_threads(threads),
         max_seconds=max_seconds,
         progress=report,
+        checkpoint=checkpoint,
     )
     policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed))
     return policy, result
@@ -124,8 +141,9 @@ def train(
         bounded: Only actions that the naturalistic model calls possible.
         decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights.
         minutes: Stop after this time [min]; the result then depends on the machine's speed.
-        resume: Where `out` holds a finished policy of the same seed, length and world, keep it and only measure it
-        again.
+        resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
+            weights are those of a training without the stop, unless `minutes` ends it. Where `out` holds a finished
+            policy of the same seed, length and world, keep it and only measure it again.
         lanes, odd, model: The world, as for `simulate`.
         tests: Evaluation tests.
         seed: 0 or more.
@@ -150,10 +168,15 @@ def train(
         av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded
     )
     check_new_file(path, overwrite=resume)
+    checkpoint = checkpoint_beside(path, run, config, seed)
+    check_new_file(checkpoint.path, overwrite=True)
+    if not resume:
+        checkpoint.check_absent()
     kept = resume and path.exists()
     if kept:
         policy = load_policy(path)
         _check_same(policy, run, config, seed, path)
+        checkpoint.read()  # only a checkpoint of this training is removed below
         seconds = 0.0
     else:
         policy, result = learn(
@@ -163,9 +186,11 @@ def train(
             threads=threads,
             max_seconds=None if minutes is None else 60.0 * minutes,
             progress=progress,
+            checkpoint=checkpoint,
         )
         save_policy(policy, path)
         seconds = result.seconds
+    checkpoint.remove()
     trained = experiment(av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), policy=policy)
     rate = evaluate(trained, tests=tests, seed=seed, threads=threads, progress=progress)
     return {
