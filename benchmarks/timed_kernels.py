@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numba
 import numpy as np
 
-from cornerforge._philox import PURPOSE_DECIDE, block
+from cornerforge._philox import PURPOSE_DECIDE, block, uniform
 from cornerforge.drivers.naturalistic import following_row, free_row, sample_row
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.sim.decide import apply_action, av_decide, decide_bvs, nearest_bv, neighbours_in_lane
@@ -151,7 +151,7 @@ def _timed_step(
     first_frame = SUBSTEPS * info[N_DECISIONS]
     command, lane = av_decide(w, road, setting.av)
     since = _lap(ns, AV, since, clock)
-    decide_bvs(w, SEED, test, setting.bv_model, -1, road, setting.av, setting.tables)
+    decide_bvs(w, SEED, test, setting.bv_model, -1, lane, road, setting.av, setting.tables)
     since = _lap(ns, DECIDE, since, clock)
     for i in range(1, info[N_VEHICLES]):
         if v[i].present:
@@ -188,7 +188,9 @@ def _timed_draws(
         if v[i].present:
             total += sample_row(cut, free_row(v[i].speed), words[i])
             if states[i, 0] < np.inf:
-                total += sample_row(cut, following_row(v[i].speed, states[i, 0], states[i, 1]), words[i])
+                total += sample_row(
+                    cut, following_row(v[i].speed, states[i, 0], states[i, 1], uniform(words[i])), words[i]
+                )
     _lap(extras, LOOK_UPS, since, clock)
     return total
 

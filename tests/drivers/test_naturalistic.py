@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from statistical_bounds import l1_bound, l1_distance
 
-from cornerforge._philox import block
+from cornerforge._philox import block, uniform
 from cornerforge.drivers.naturalistic import (
     NddTables,
     accept_chance,
@@ -44,7 +44,7 @@ def words(request: pytest.FixtureRequest) -> np.ndarray:
 
 def test_rows_are_those_of_the_models_arrays(model: NddModel, tables: NddTables) -> None:
     for i, j, k in [(0, 0, 0), (20, 115, 18), (7, 33, 4), (0, 115, 0), (20, 0, 18)]:
-        row = following_row(SPEEDS[i], GAPS[j], RANGE_RATES[k])
+        row = following_row(SPEEDS[i], GAPS[j], RANGE_RATES[k], 0.5)
         np.testing.assert_array_equal(tables.p[row], model.following[i, j, k])
         np.testing.assert_array_equal(tables.p[free_row(SPEEDS[i])], model.free[i])
 
@@ -54,7 +54,7 @@ def test_rows_are_those_of_the_models_arrays(model: NddModel, tables: NddTables)
 )
 def test_speeds_take_the_nearest_row(tables: NddTables, speed: float, index: int) -> None:
     assert free_row(speed) == free_row(20.0) + index
-    assert following_row(speed, 0.0, -10.0) == index * 116 * 19
+    assert following_row(speed, 0.0, -10.0, 0.5) == index * 116 * 19
     assert free_row(20.0) == 21 * 116 * 19 == tables.p.shape[0] - 21
 
 
@@ -74,7 +74,7 @@ def test_speeds_take_the_nearest_row(tables: NddTables, speed: float, index: int
     ],
 )
 def test_places_on_the_grid_and_at_its_edges(gap: float, range_rate: float, place: tuple[int, int]) -> None:
-    assert table_row(gap, range_rate) == place
+    assert table_row(gap, range_rate, 0.5) == place
 
 
 @given(st.floats(4.01, 400.0), st.floats(10.01, 40.0))
@@ -82,7 +82,7 @@ def test_fast_closing_is_looked_up_at_equal_deceleration(gap: float, closing: fl
     # v^2 / (2 (gap - 4)): the braking that leaves 4 m
     equal = 4.0 + (gap - 4.0) * (10.0 / closing) ** 2
     assert closing**2 / (gap - 4.0) == pytest.approx(100.0 / (equal - 4.0))
-    gap_row, rate_row = table_row(gap, -closing)
+    gap_row, rate_row = table_row(gap, -closing, 0.5)
     if equal > 115.5 + 1e-9:
         assert gap_row == -1
     elif equal <= 115.5 - 1e-9:
@@ -91,8 +91,8 @@ def test_fast_closing_is_looked_up_at_equal_deceleration(gap: float, closing: fl
 
 
 def test_fast_closing_at_and_within_four_metres_keeps_its_gap() -> None:
-    assert table_row(4.0, -30.0) == (4, 0)
-    assert table_row(2.0, -30.0) == (2, 0)
+    assert table_row(4.0, -30.0, 0.5) == (4, 0)
+    assert table_row(2.0, -30.0, 0.5) == (2, 0)
 
 
 @given(st.floats(0.0, 400.0), st.floats(10.0, 40.0), st.floats(0.0, 10.0))
@@ -100,19 +100,33 @@ def test_closing_faster_is_never_taken_for_a_milder_state(gap: float, closing: f
     def braking_need(place: tuple[int, int]) -> float:
         return -math.inf if place[0] < 0 else -float(place[0])
 
-    assert braking_need(table_row(gap, -closing - more)) >= braking_need(table_row(gap, -closing))
+    assert braking_need(table_row(gap, -closing - more, 0.5)) >= braking_need(table_row(gap, -closing, 0.5))
+
+
+@given(st.integers(-1279, 1023).map(lambda k: k / 128.0), st.integers(1, 255).map(lambda k: k / 256.0))
+def test_random_rounding_takes_one_of_the_two_columns_beside(range_rate: float, rounding: float) -> None:
+    lower = math.floor(range_rate)
+    expected = lower + 1 if rounding >= 1.0 - (range_rate - lower) else lower
+    assert table_row(30.0, range_rate, rounding) == (30, expected + 10)
+
+
+def test_random_rounding_interpolates_linearly(words: np.ndarray) -> None:
+    # H0: the column above is taken with the chance of the fraction, 0.3; unit: a test's word; n = 100,000.
+    taken = np.array([table_row(30.0, -2.7, uniform(word))[1] for word in words])
+    assert set(taken.tolist()) == {7, 8}
+    assert abs((taken == 8).mean() - 0.3) <= 5.0 * math.sqrt(0.3 * 0.7 / N)
 
 
 # Sampling
 
 
 def test_cuts_end_at_the_last_word_and_never_fall(tables: NddTables) -> None:
-    assert (tables.cut[:, -1] == 2**32 - 1).all()
+    assert (tables.cut[:, 30:] == 2**32 - 1).all()
     assert (np.diff(tables.cut.astype(np.int64), axis=1) >= 0).all()
 
 
 def test_impossible_actions_have_no_width(tables: NddTables) -> None:
-    widths = np.diff(tables.cut.astype(np.float64), axis=1, prepend=0.0)
+    widths = np.diff(tables.cut[:, :31].astype(np.float64), axis=1, prepend=0.0)
     impossible = tables.p == 0.0
     assert impossible.mean() > 0.1  # otherwise this test looks at nothing
     assert (widths[impossible] == 0).all()
@@ -130,6 +144,7 @@ def test_the_extreme_words_draw_the_first_and_last_possible_action(tables: NddTa
     assert first == possible[tables.cut[row, possible] > 0][0]
     assert tables.p[row, last] > 0.0
     assert tables.cut[row, last] == 2**32 - 1
+    assert last <= 30
 
 
 def test_an_impossible_last_action_is_not_drawn_by_the_last_word(tables: NddTables) -> None:
@@ -153,7 +168,7 @@ def test_frequencies_match_the_row(
     tables: NddTables, words: np.ndarray, speed: float, gap: float, range_rate: float
 ) -> None:
     # H0: actions are independent draws of the row; unit: a test's word; n = 100,000 sees L1 errors of 0.026.
-    row = following_row(speed, gap, range_rate)
+    row = following_row(speed, gap, range_rate, 0.5)
     drawn = [sample_row(tables.cut, row, word) for word in words]
     counts = np.bincount(drawn, minlength=31)
     bound = l1_bound(31, N, comparisons=4)
@@ -168,7 +183,7 @@ def test_frequencies_match_the_row(
 def test_one_word_never_accelerates_more_in_a_worse_row(
     tables: NddTables, word: np.uint64, speed: float, gap: float
 ) -> None:
-    rows = [following_row(speed, gap, rate) for rate in RANGE_RATES]
+    rows = [following_row(speed, gap, rate, 0.5) for rate in RANGE_RATES]
     for worse, better in itertools.pairwise(rows):
         # stochastically worse: the distribution function lies above everywhere
         if (tables.cut[worse] >= tables.cut[better]).all():
@@ -176,7 +191,7 @@ def test_one_word_never_accelerates_more_in_a_worse_row(
 
 
 def test_the_shipped_model_has_ordered_rows(tables: NddTables) -> None:
-    rows = [following_row(30.0, 30.0, rate) for rate in RANGE_RATES]
+    rows = [following_row(30.0, 30.0, rate, 0.5) for rate in RANGE_RATES]
     ordered = [(tables.cut[a] >= tables.cut[b]).all() for a, b in itertools.pairwise(rows)]
     assert any(ordered)  # otherwise the property above looks at nothing
 

@@ -25,7 +25,13 @@ def test_closing_faster_never_raises_the_centre(speed: float, gap: float, closin
     assert harder[0] <= milder[0] + 1e-12
 
 
-@given(speed=st.floats(0.0, 40.0), gap=st.floats(4.5, 120.0), closing=st.floats(0.01, 20.0))
+@given(speed=st.floats(0.0, 15.0), gap=st.floats(0.0, 120.0), range_rate=st.floats(-15.0, 15.0))
+def test_in_congestion_the_fitted_law_stands_as_it_is(speed: float, gap: float, range_rate: float) -> None:
+    state = np.array([speed]), np.array([gap]), np.array([range_rate])
+    assert SAFE.mean(*state)[0] == SAFE.law.mean(*state)[0]
+
+
+@given(speed=st.floats(20.0, 40.0), gap=st.floats(4.5, 120.0), closing=st.floats(0.01, 20.0))
 def test_closing_drivers_brake_enough_to_keep_four_metres(speed: float, gap: float, closing: float) -> None:
     centre = SAFE.mean(np.array([speed]), np.array([gap]), np.array([-closing]))
     assert centre[0] <= -(closing**2) / (2.0 * (gap - 4.0)) + 1e-9
@@ -96,10 +102,10 @@ def states(n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np
 def test_the_fit_finds_the_law_that_made_the_data() -> None:
     rng = np.random.default_rng(2)
     true = LogLaw(
-        response=5.0, reach=10.0, pull=0.3, headway=1.4, offset=0.1, spread=0.3, spread_closing=0.2, degrees=6.0
+        response=5.0, reach=10.0, pull=0.3, headway=1.4, offset=0.1, spread=0.3, spread_closing=0.8, degrees=6.0
     )
-    state = states(6_000, rng)
-    acceleration = true.mean(*state) + true.scale(*state) * rng.standard_t(6.0, size=6_000)
+    state = states(40_000, rng)
+    acceleration = true.mean(*state) + true.scale(*state) * rng.standard_t(6.0, size=40_000)
     found = fit_law(LogLaw(), *state, acceleration)
     fresh = states(1_000, rng)
     np.testing.assert_allclose(found.mean(*fresh), true.mean(*fresh), atol=0.08)
@@ -119,9 +125,8 @@ def test_fitted_numbers_are_short() -> None:
 
 
 def test_a_critical_gap_is_refused_and_acceptance_grows_with_the_gap() -> None:
-    lane_change = LaneChange()
-    accept = lane_change.accept()
-    critical = lane_change.critical_gap(RANGE_RATES)
+    accept = LaneChange().accept()
+    critical = np.array([6.0 + 2.0 * closing + closing**2 / 4.0 for closing in np.maximum(-RANGE_RATES, 0.0)])
     assert (accept[GAPS[:, None] <= critical[None, :]] == 0.0).all()
     assert (accept[GAPS[:, None] > critical[None, :]] > 0.0).all()
     assert (np.diff(accept, axis=0) >= 0.0).all()
@@ -131,7 +136,15 @@ def test_a_critical_gap_is_refused_and_acceptance_grows_with_the_gap() -> None:
 
 def test_the_wish_to_change_grows_behind_a_slower_and_nearer_leader() -> None:
     desire = LaneChange().desire()
-    closing = RANGE_RATES < 0.0
-    assert (np.diff(desire, axis=1)[:, closing[1:]] < 0.0).all()
-    assert (np.diff(desire, axis=0) < 0.0).all()
+    closing = RANGE_RATES <= 0.0
+    far = GAPS >= 60.0  # nearer, the room to the own leader counts too
+    assert (np.diff(desire[far][:, closing], axis=1) < 0.0).all()
+    assert (np.diff(desire[far][:, ~closing], axis=0) < 0.0).all()
     assert (LaneChange().base().max() * desire.max()) < 0.2
+
+
+def test_nobody_begins_a_lane_change_too_near_its_own_leader() -> None:
+    desire = LaneChange().desire()
+    critical = np.array([4.0 + closing + closing**2 / 6.0 for closing in np.maximum(-RANGE_RATES, 0.0)])
+    assert (desire[GAPS[:, None] <= critical[None, :]] == 0.0).all()
+    assert (desire[GAPS[:, None] > critical[None, :]] > 0.0).all()

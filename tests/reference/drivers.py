@@ -81,16 +81,19 @@ class Row:
         return next(index for index, cut in enumerate(self.cuts) if word < cut)
 
 
-def _grid_place(gap: float, range_rate: float) -> tuple[int, int] | None:
-    """Nearest (gap, range rate) of the grid; None where nobody is near enough to follow."""
+def _grid_place(gap: float, range_rate: float, rounding: float = 0.5) -> tuple[int, int] | None:
+    """(gap, range rate) of the grid; None where nobody is near enough to follow.
+
+    The nearest gap; of the range rates beside the true one the upper where its fraction and `rounding` reach 1.
+    """
     if range_rate < -10.0 and gap > 4.0:
         share = 10.0 / -range_rate
         gap = 4.0 + (gap - 4.0) * share * share
     if gap > 115.5:
         return None
     nearest_gap = math.floor(gap + 0.5)
-    nearest_rate = math.floor(range_rate + 0.5)
-    return min(max(nearest_gap, 0), 115), min(max(nearest_rate, -10), 8) + 10
+    rate = math.floor(range_rate + rounding)
+    return min(max(nearest_gap, 0), 115), min(max(rate, -10), 8) + 10
 
 
 def _speed_place(speed: float) -> int:
@@ -104,9 +107,9 @@ class Naturalistic:
     model: NddModel
     _rows: dict[tuple[int, ...], Row] = field(default_factory=dict)
 
-    def row(self, speed: float, gap: float, range_rate: float) -> Row:
+    def row(self, speed: float, gap: float, range_rate: float, rounding: float) -> Row:
         """The accelerations of a state; a gap of +inf is free flow."""
-        place = _grid_place(gap, range_rate)
+        place = _grid_place(gap, range_rate, rounding)
         key = (_speed_place(speed), *(place or ()))
         if key not in self._rows:
             table = self.model.free if place is None else self.model.following

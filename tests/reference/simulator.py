@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.types import Odd
 from reference.adversaries import ADVERSARIES, draws
 from reference.drivers import AvDriver, Naturalistic, Row
 from reference.philox import DECIDE, Stream, unit
-from reference.world import Vehicle, World, start
+from reference.world import SIGHT, Vehicle, World, start
 
 __all__ = ["Drive", "Simulator"]
 
@@ -101,15 +101,19 @@ class Simulator:
             for bv in world.bvs()
         )
 
-    def rows_and_base(self, world: World, bv: Vehicle) -> tuple[list[Row], float]:
-        """Rows of accelerations, one per lead, and the chance of wanting to one given side, by the nearest lead."""
+    def states(self, world: World, bv: Vehicle) -> list[tuple[float, float]]:
+        """(gap, range rate) to the lead in each lane that a BV is in, the nearest first; (inf, 0) where it is free."""
         leads = [lead for lane in bv.lanes if (lead := world.neighbours(bv, lane)[0]) is not None]
-        states = sorted((world.gap(lead, bv), lead.speed - bv.speed) for lead in leads) or [(math.inf, 0.0)]
-        return [self.tables.row(bv.speed, *state) for state in states], self.tables.wish_to_change(bv.speed, *states[0])
+        return sorted((world.gap(lead, bv), lead.speed - bv.speed) for lead in leads) or [(math.inf, 0.0)]
 
-    def side_chances(self, world: World, bv: Vehicle, base: float, overlook: float) -> tuple[float, float]:
-        """P(left), P(right)."""
+    def rows(self, world: World, bv: Vehicle, rounding: float) -> list[Row]:
+        """Rows of accelerations, one per lead."""
+        return [self.tables.row(bv.speed, *state, rounding) for state in self.states(world, bv)]
+
+    def side_chances(self, world: World, bv: Vehicle, overlook: float) -> tuple[float, float]:
+        """P(left), P(right); the wish is by the nearest lead."""
         chances = [0.0, 0.0]
+        base = self.tables.wish_to_change(bv.speed, *self.states(world, bv)[0])
         for side, lane in enumerate((bv.target_lane + 1, bv.target_lane - 1)):
             if bv.path is None and 0 <= lane < self.odd.n_lanes:
                 chances[side] = base
@@ -124,10 +128,15 @@ class Simulator:
 
     def probabilities(self, world: World, bv: Vehicle, overlook: float) -> list[float]:
         """P(action) of a BV that nobody makes give way."""
-        rows, base = self.rows_and_base(world, bv)
-        left, right = self.side_chances(world, bv, base, overlook)
-        # One word serves all rows, so the smallest index has the largest of the distribution functions.
-        cumulative = [max(values) for values in zip(*(row.cumulative for row in rows), strict=True)]
+        left, right = self.side_chances(world, bv, overlook)
+        # Range rates are rounded up from some rounding on; between these limits the rows stay the same.
+        limits = {1.0 - (rate - math.floor(rate)) for _, rate in self.states(world, bv)} | {0.0, 1.0}
+        cumulative = [0.0] * 31
+        for low, high in pairwise(sorted(limits)):
+            rows = self.rows(world, bv, 0.5 * (low + high))
+            # One word serves all rows, so the smallest index has the largest of the distribution functions.
+            for index, values in enumerate(zip(*(row.cumulative for row in rows), strict=True)):
+                cumulative[index] += (high - low) * max(values)
         keep = (1.0 - left - right) / cumulative[-1]
         steps = [b - a for a, b in zip([0.0, *cumulative], cumulative, strict=False)]
         return [left, right, *(keep * step for step in steps)]
@@ -184,7 +193,7 @@ class _Test:
         av_wish = simulator.av_wish(world)
         actions = {bv.slot: self.choose(bv) for bv in world.bvs()}
         if not simulator.idm_bvs:
-            self.give_way(actions)
+            self.give_way(actions, av_wish[1])
         for bv in world.bvs():
             bv.act(actions[bv.slot], simulator.odd)
         self.av_acts(av_wish)
@@ -206,40 +215,47 @@ class _Test:
         if simulator.idm_bvs:
             command = simulator.idm_behind_all(world, bv)
             return 2 + min(max(math.floor((command + 4.0) * 5.0 + 0.5), 0), 30)
-        rows, base = simulator.rows_and_base(world, bv)
-        left, right = simulator.side_chances(world, bv, base, simulator.model.overlook)
+        left, right = simulator.side_chances(world, bv, simulator.model.overlook)
         draw = unit(self.stream.words(self.step, bv.slot, DECIDE)[0])
         if draw < left:
             return 0
-        return 1 if draw < left + right else self.drawn_acceleration(bv, rows)
+        return 1 if draw < left + right else self.drawn_acceleration(bv)
 
-    def drawn_acceleration(self, bv: Vehicle, rows: list[Row]) -> Action:
-        word = self.stream.words(self.step, bv.slot, DECIDE)[1]
-        return 2 + min(row.draw(word) for row in rows)
+    def drawn_acceleration(self, bv: Vehicle) -> Action:
+        _, word, _, rounding = self.stream.words(self.step, bv.slot, DECIDE)
+        return 2 + min(row.draw(word) for row in self.simulator.rows(self.world, bv, unit(rounding)))
 
-    def give_way(self, actions: dict[int, Action]) -> None:
-        """From the front to the rear: who starts into the lane that one ahead starts into from the other side, waits.
+    def give_way(self, actions: dict[int, Action], av_lane: int) -> None:
+        """From the front to the rear: who starts into the lane that one ahead starts into, may have to wait.
 
         The controlled BV never waits; others overlook the conflict with a small chance.
         """
-        near = self.simulator.odd.vehicle_length + CONFLICT_GAP
-        goal = {0: 1, 1: -1}
+        goals = {slot: {0: 1, 1: -1}.get(action, 0) for slot, action in actions.items()}
+        goals[0] = av_lane - self.world.av.target_lane
         # at the same x the smaller slot goes first
         for bv in sorted(self.world.bvs(), key=lambda v: (-v.x, -v.slot)):
-            if bv is self.controlled or actions[bv.slot] not in goal:
+            if bv is self.controlled or not goals[bv.slot]:
                 continue
-            lane = bv.target_lane + goal[actions[bv.slot]]
-            in_conflict = any(
-                actions[other.slot] in goal
-                and other.target_lane + goal[actions[other.slot]] == lane
-                and other.target_lane != bv.target_lane
-                and abs(other.x - bv.x) < near
+            lane = bv.target_lane + goals[bv.slot]
+            rivals = [
+                other
+                for other in [self.world.av, *self.world.bvs()]
+                if goals[other.slot]
+                and other.target_lane + goals[other.slot] == lane
                 and (other.x, -other.slot) > (bv.x, -bv.slot)
-                for other in self.world.bvs()
-            )
-            overlooked = unit(self.stream.words(self.step, bv.slot, DECIDE)[2]) < self.simulator.model.overlook_conflict
-            if in_conflict and not overlooked:
-                actions[bv.slot] = self.drawn_acceleration(bv, self.simulator.rows_and_base(self.world, bv)[0])
+                and other.x - bv.x < SIGHT
+            ]
+            chance = min((self._chance_to_go_too(bv, other) for other in rivals), default=1.0)
+            overlook = self.simulator.model.overlook_conflict
+            draw = unit(self.stream.words(self.step, bv.slot, DECIDE)[2])
+            if chance < 1.0 and draw >= overlook + (1.0 - overlook) * chance:
+                goals[bv.slot] = 0
+                actions[bv.slot] = self.drawn_acceleration(bv)
+
+    def _chance_to_go_too(self, bv: Vehicle, other: Vehicle) -> float:
+        """Chance that an attentive driver starts into a lane at the moment when one ahead starts into it."""
+        gap, rate = self.world.gap(other, bv), other.speed - bv.speed
+        return self.simulator.tables.accepts(gap, rate, rear=False, overlook=0.0)
 
     def move_for_a_second(self) -> None:
         odd, world = self.simulator.odd, self.world

@@ -41,8 +41,11 @@ def probabilities(world: World, slot: int, setting: Setting, overlook: float | N
     return p
 
 
-def decide(world: World, setting: Setting, test: int, controlled_action: int = -1) -> np.ndarray:
-    decide_bvs(world, 11, test, setting.bv_model, controlled_action, setting.road, setting.av, setting.tables)
+def decide(
+    world: World, setting: Setting, test: int, controlled_action: int = -1, seed: int = 11, av_lane: int | None = None
+) -> np.ndarray:
+    lane = int(world.vehicles["target_lane"][0]) if av_lane is None else av_lane
+    decide_bvs(world, seed, test, setting.bv_model, controlled_action, lane, setting.road, setting.av, setting.tables)
     return np.array(world.vehicles["action"])
 
 
@@ -193,8 +196,7 @@ def test_frequencies_match_the_probabilities(reckless: NddModel, name: str) -> N
     assert p[:2].sum() > 0.05  # lane changes matter here
     drawn = np.empty(n, dtype=np.int64)
     for test in range(n):
-        decide_bvs(world, 5, test, 0, -1, setting.road, setting.av, setting.tables)
-        drawn[test] = world.vehicles["action"][1]
+        drawn[test] = decide(world, setting, test, seed=5)[1]
     counts = np.bincount(drawn, minlength=33)
     bound = l1_bound(33, n, comparisons=3)
     assert l1_distance(counts, p) <= bound
@@ -209,21 +211,20 @@ def test_between_two_lanes_both_leads_are_minded(model: NddModel) -> None:
     # H0 as above, for a vehicle in a lane change with a lead in each of its lanes; n = 50,000 sees 0.04.
     n = 50_000
     setting = setting_of(model, ROAD)
-    world = world_of([Car(0.0, 3, 30.0), Car(300.0, 1, 32.0), Car(330.0, 1, 31.0), Car(325.0, 2, 27.0)])
+    world = world_of([Car(0.0, 3, 30.0), Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(325.0, 2, 27.6)])
     start_lane_change(world, 1, 2, setting.road)
     sort_by_x(world)
     p = probabilities(world, 1, setting)
     counts = np.zeros(33, dtype=np.int64)
     for test in range(n):
-        decide_bvs(world, 6, test, 0, -1, setting.road, setting.av, setting.tables)
-        counts[world.vehicles["action"][1]] += 1
+        counts[decide(world, setting, test, seed=6)[1]] += 1
     assert p[:2].tolist() == [0.0, 0.0]
     assert l1_distance(counts, p) <= l1_bound(33, n)
     # negative control: minding the nearer one alone is seen
-    alone = world_of([Car(0.0, 3, 30.0), Car(300.0, 2, 32.0), Car(500.0, 1, 31.0), Car(325.0, 2, 27.0)])
+    alone = world_of([Car(0.0, 3, 30.0), Car(300.0, 2, 32.0), Car(500.0, 1, 31.3), Car(325.0, 2, 27.6)])
     start_lane_change(alone, 1, 3, setting.road)
     single = probabilities(alone, 1, setting)
-    lead_1 = world_of([Car(0.0, 3, 30.0), Car(300.0, 1, 32.0), Car(330.0, 1, 31.0)])
+    lead_1 = world_of([Car(0.0, 3, 30.0), Car(300.0, 1, 32.0), Car(330.0, 1, 31.3)])
     start_lane_change(lead_1, 1, 2, setting.road)
     other = probabilities(lead_1, 1, setting)
     assert (np.cumsum(p) >= np.cumsum(single) - 1e-12).all()
@@ -350,9 +351,37 @@ def test_a_conflict_is_overlooked_at_its_rate(model: NddModel) -> None:
     assert not rate_fits(both, n, 0.25)  # negative control
 
 
+def platoon(model: NddModel, gap: float, rear_speed: float, overlook_conflict: float) -> tuple[World, Setting]:
+    """Slots 1 and 2, one behind the other on the right of two lanes, both always wanting to the left."""
+    _, setting = conflict(model, overlook_conflict=overlook_conflict)
+    setting = setting._replace(road=setting.road._replace(n_lanes=2))
+    cars = [Car(900.0, 0, 30.0), Car(300.0, 0, rear_speed), Car(300.0 + 5.0 + gap, 0, 30.0)]
+    return world_of(cars), setting
+
+
+def test_two_of_one_lane_change_together_when_their_gap_allows(model: NddModel) -> None:
+    world, setting = platoon(model, 100.0, 30.0, 0.0)
+    assert all((decide(world, setting, test)[1:] == 0).all() for test in range(50))
+    world, setting = platoon(model, 20.0, 38.0, 0.0)  # closing by 8 m/s on 20 m: nobody accepts that gap
+    for test in range(200):
+        actions = decide(world, setting, test)
+        assert actions[2] == 0
+        assert actions[1] >= 2
+    world, setting = platoon(model, 20.0, 38.0, 1.0)
+    assert (decide(world, setting, 0)[1:] == 0).all()
+
+
+def test_who_starts_behind_the_av_at_its_moment_waits(model: NddModel) -> None:
+    _, setting = platoon(model, 20.0, 38.0, 0.0)
+    world = world_of([Car(325.0, 0, 30.0), Car(300.0, 0, 38.0)])
+    for test in range(50):
+        assert decide(world, setting, test, av_lane=0)[1] == 0
+        assert decide(world, setting, test, av_lane=1)[1] >= 2
+
+
 def test_far_apart_is_no_conflict(model: NddModel) -> None:
     world, setting = conflict(model, overlook_conflict=0.0)
-    world.vehicles["x"][2] = 300.0 + 15.0  # vehicle length + 10 m
+    world.vehicles["x"][2] = 300.0 + 5.0 + 116.0  # beyond the tables any gap is accepted
     assert (decide(world, setting, 0)[1:] < 2).all()
 
 

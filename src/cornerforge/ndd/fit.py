@@ -19,7 +19,7 @@ from cornerforge._checks import check_number
 from cornerforge.errors import DataError, InputError
 from cornerforge.ndd.decisions import Decisions, concatenate
 from cornerforge.ndd.lane_change import LaneChange
-from cornerforge.ndd.laws import FITTED_ABOVE, FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
+from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
 from cornerforge.ndd.prior import SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior
 from cornerforge.ndd.readers import Reading, read_decisions
@@ -35,7 +35,7 @@ DEFAULT_PRIOR_STRENGTH = 200.0
 """Pseudo-decisions per state that the prior is worth. Measured on the HOV lane's held-out half from 19.5 m/s
 on: log-likelihood -2.440 at strength 1, -2.290 at 10, -2.275 at 100, -2.274 from 200 on: so few counts do not help."""
 _FEWEST = 200
-"""With fewer decisions above 10 m/s a law of eight parameters is not fitted; the shipped law stands in."""
+"""With fewer following decisions a law of nine parameters is not fitted; the shipped law stands in."""
 _FOLLOWING_STATES = (SPEEDS.size, GAPS.size, RANGE_RATES.size)
 _ATTRIBUTION = {
     "ngsim": "NGSIM, US DOT FHWA",
@@ -104,21 +104,15 @@ def _refuse_twins(readings: Sequence[Reading]) -> None:
 
 
 def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, FollowingLaw], list[str]]:
-    """The prior's law, fitted above 10 m/s; baselines, some (for a fair comparison) fitted at all speeds; notes."""
+    """The prior's law and the baseline to compare it with, both fitted at all speeds; notes."""
     following = training.where(np.isfinite(training.gap))
-    fast = following.where(following.speed > FITTED_ABOVE)
-    if fast.size < _FEWEST:
+    if following.size < _FEWEST:
         note = (
-            f"Only {fast.size} following decisions above {FITTED_ABOVE:g} m/s (at least {_FEWEST} are needed): "
+            f"Only {following.size} following decisions, {_FEWEST - following.size} fewer than the {_FEWEST} needed: "
             "the car-following law is the shipped one, not fitted to these files."
         )
         return LogLaw(), {}, [note]
-    baselines: dict[str, FollowingLaw] = {
-        "idm": fit_law(IdmLaw(), *_arrays(fast)),
-        "log_all_speeds": fit_law(LogLaw(), *_arrays(following)),
-        "idm_all_speeds": fit_law(IdmLaw(), *_arrays(following)),
-    }
-    return fit_law(LogLaw(), *_arrays(fast)), baselines, []
+    return fit_law(LogLaw(), *_arrays(following)), {"idm": fit_law(IdmLaw(), *_arrays(following))}, []
 
 
 def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:
@@ -204,7 +198,7 @@ def _provenance(readings: Sequence[Reading], data_format: str, strength: float, 
             }
             for reading in readings
         ],
-        "settings": {"prior_strength": strength, "fitted_above_mps": FITTED_ABOVE, "support_sd": SUPPORT_SD},
+        "settings": {"prior_strength": strength, "support_sd": SUPPORT_SD},
         "following": asdict(safe),
         "free": asdict(FreeFlow()),
         "lane_change": asdict(LaneChange()),

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from cornerforge.types import ACCELERATIONS
 
 __all__ = [
-    "FITTED_ABOVE",
     "FollowingLaw",
     "IdmLaw",
     "LogLaw",
@@ -32,8 +31,6 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-FITTED_ABOVE = 10.0
-"""Laws are fitted to decisions above this speed [m/s]: stop-and-go below it says little about 20-40 m/s."""
 MIN_GAP = 0.5
 """Gaps are taken as at least this [m], so that a touching pair has a finite law."""
 _BIN = 0.2
@@ -62,20 +59,21 @@ class LogLaw:
 
     mean = response * rr * (v + 1)^0.24 / (gap + reach) + pull * ln(tg / headway) - 0.067 c^2 / (2 gap) + offset,
     with time gap tg = gap / (v + 0.55) and closing speed c = max(-rr, 0);
-    scale = spread + spread_closing |rr| / sqrt(gap), less below 7 m/s (`_scale`).
+    scale = spread + spread_closing |rr| / gap^spread_power, less below 7 m/s (`_scale`).
 
     The defaults are what the NGSIM files of the default model gave; they stand in where a user's data are too few.
     The pull of a logarithm, unlike IDM's, lets drivers keep very different time gaps, as real ones do.
     """
 
-    response: float = 4.322
-    reach: float = field(default=16.09, metadata={"unit": "m"})
-    pull: float = field(default=0.07481, metadata={"unit": "m/s2"})
-    headway: float = field(default=1.618, metadata={"unit": "s"})
-    offset: float = field(default=0.05251, metadata={"unit": "m/s2"})
-    spread: float = field(default=0.3272, metadata={"unit": "m/s2"})
-    spread_closing: float = 0.2518
-    degrees: float = 7.891
+    response: float = 3.486
+    reach: float = field(default=5.122, metadata={"unit": "m"})
+    pull: float = field(default=0.03588, metadata={"unit": "m/s2"})
+    headway: float = field(default=1.6, metadata={"unit": "s"})
+    offset: float = field(default=0.001846, metadata={"unit": "m/s2"})
+    spread: float = field(default=0.2867, metadata={"unit": "m/s2"})
+    spread_closing: float = 0.6814
+    spread_power: float = 0.7707
+    degrees: float = 5.443
 
     def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
         """Centre of the acceleration's distribution [m/s2]; gaps below 0.5 m count as 0.5 m."""
@@ -87,7 +85,7 @@ class LogLaw:
 
     def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
         """Scale of the Student-t noise [m/s2]."""
-        return _scale(self.spread, self.spread_closing, speed, gap, range_rate)
+        return _scale(self.spread, self.spread_closing, self.spread_power, speed, gap, range_rate)
 
 
 @dataclass(frozen=True)
@@ -103,6 +101,7 @@ class IdmLaw:
     headway: float = field(default=1.2, metadata={"unit": "s"})
     spread: float = field(default=0.4, metadata={"unit": "m/s2"})
     spread_closing: float = 0.3
+    spread_power: float = 0.5
     degrees: float = 8.0
 
     def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
@@ -114,13 +113,15 @@ class IdmLaw:
 
     def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
         """Scale of the Student-t noise [m/s2]."""
-        return _scale(self.spread, self.spread_closing, speed, gap, range_rate)
+        return _scale(self.spread, self.spread_closing, self.spread_power, speed, gap, range_rate)
 
 
-def _scale(spread: float, spread_closing: float, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
-    """Scale of the noise [m/s2]: grows with |rr| / sqrt(gap); shrinks in creeping traffic, below 7 m/s (I-80)."""
+def _scale(
+    spread: float, spread_closing: float, spread_power: float, speed: Floats, gap: Floats, range_rate: Floats
+) -> Floats:
+    """Scale of the noise [m/s2]: grows with |rr| / gap^power; shrinks in creeping traffic, below 7 m/s (I-80)."""
     creep = np.minimum((speed + 1.0) / 8.0, 1.0) ** 0.4
-    return np.asarray(creep * (spread + spread_closing * np.abs(range_rate) / np.sqrt(np.maximum(gap, MIN_GAP))))
+    return np.asarray(creep * (spread + spread_closing * np.abs(range_rate) / np.maximum(gap, MIN_GAP) ** spread_power))
 
 
 def bin_index(acceleration: Floats) -> NDArray[np.int64]:

@@ -30,7 +30,8 @@ class SafeLaw:
     """A fitted law, blended into a safe response where the leader is near or is closed in on fast.
 
     The weight of the safe response is 1 below `time_gap_full` or `ttc_full`, 0 above both `time_gap_none` and
-    `ttc_none`, smooth between.
+    `ttc_none`, smooth between. All of this is for motorway speeds: it fades out from `speed_full` down to `speed_none`,
+    below which the fitted law stands as it is. (Queues crawl at time gaps that would be reckless on a motorway.)
     """
 
     law: LogLaw
@@ -43,6 +44,8 @@ class SafeLaw:
     repulsion: float = field(default=0.8, metadata={"unit": "m/s2 per s"})
     repulsion_below: float = field(default=0.8, metadata={"unit": "s"})
     floor_margin: float = field(default=4.0, metadata={"unit": "m"})
+    speed_none: float = field(default=15.0, metadata={"unit": "m/s"})
+    speed_full: float = field(default=20.0, metadata={"unit": "m/s"})
 
     @property
     def degrees(self) -> float:
@@ -63,13 +66,15 @@ class SafeLaw:
         gap = np.maximum(gap, MIN_GAP)
         closing = np.maximum(-range_rate, 0.0)
         fitted = self.law.mean(speed, gap, range_rate)
-        speed_factor = (speed + 1.0) ** 0.24
         extra = self.response / (gap + self.reach) - self.law.response / (gap + self.law.reach)
+        stronger = np.maximum(extra, 0.0) * range_rate * (speed + 1.0) ** 0.24
         time_gap = gap / np.maximum(speed, 1.0)
-        centre = fitted + self.weight(speed, gap, range_rate) * np.maximum(extra, 0.0) * range_rate * speed_factor
-        centre = centre - self.repulsion * np.maximum(self.repulsion_below - time_gap, 0.0)
+        repelled = -self.repulsion * np.maximum(self.repulsion_below - time_gap, 0.0)
+        safe = fitted + self.weight(speed, gap, range_rate) * stronger + repelled
         floor = -(closing**2) / (2.0 * np.maximum(gap - self.floor_margin, MIN_GAP))
-        return np.asarray(np.where(closing > 0.0, np.minimum(centre, floor), centre))
+        safe = np.where(closing > 0.0, np.minimum(safe, floor), safe)
+        share = np.clip((speed - self.speed_none) / (self.speed_full - self.speed_none), 0.0, 1.0)
+        return np.asarray(fitted + share * (safe - fitted))
 
     def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
         """Scale of the Student-t noise [m/s2]."""

@@ -76,7 +76,7 @@ def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
         _summary(report),
         "<h2>What to know</h2><ul>" + "".join(f"<li>{escape(note)}</li>" for note in report.notes) + "</ul>",
         "<h2>Held-out decisions: mean log-probability</h2>",
-        "<p>Higher is better. Laws without suffix were fitted above 10 m/s; <code>_all_speeds</code> at all speeds; "
+        "<p>Higher is better. <code>log</code> is the fitted law, <code>idm</code> the baseline with the same noise; "
         "<code>model</code> is the law blended into its safe response; <code>table</code> the shipped table.</p>",
         *(_score_table(name, row) for name, row in report.held_out_log_likelihood.items()),
         "<h2>Rows left out</h2>",

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import Decisions
 from cornerforge.ndd.laws import FollowingLaw, bin_index, log_likelihood
-from cornerforge.ndd.model import GAPS, SPEEDS, NddModel
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["grid_place", "held_out_scores", "table_log_likelihood"]
+__all__ = ["grid_place", "held_out_scores", "table_log_likelihood", "table_probabilities"]
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -43,18 +43,31 @@ def grid_place(decisions: Decisions) -> tuple[Ints, Ints, Ints, Bools, Bools]:
     return np.clip(speed_index, 0, 20), np.clip(gap_index, 0, 115), np.clip(rate_index, 0, 18), on_grid, is_free
 
 
+def table_probabilities(model: NddModel, decisions: Decisions) -> NDArray[np.float64]:
+    """The model's probabilities of the 31 accelerations at each decision, shape (n, 31), as the simulator draws them.
+
+    Nearest speed and gap; linear between the two nearest range rates (`drivers.naturalistic.range_rate_index`).
+    """
+    speed, gap, _, _, is_free = grid_place(decisions)
+    rate = np.clip(decisions.range_rate, RANGE_RATES[0], RANGE_RATES[-1]) - RANGE_RATES[0]
+    lower = np.floor(rate).astype(np.int64)
+    upper = np.minimum(lower + 1, RANGE_RATES.size - 1)
+    share = (rate - lower)[:, None]
+    rows = (1.0 - share) * model.following[speed, gap, lower] + share * model.following[speed, gap, upper]
+    return np.asarray(np.where(is_free[:, None], model.free[speed], rows), dtype=np.float64)
+
+
 def table_log_likelihood(model: NddModel, decisions: Decisions) -> tuple[float, int]:
     """Mean natural log of the model's probability of the observed accelerations, on the grid (19.5 to 40.5 m/s).
 
     Returns:
         The mean (NaN if no decision lies on the grid; an impossible one counts as 1e-6), and the number of decisions.
     """
-    speed, gap, range_rate, on_grid, is_free = grid_place(decisions)
-    if not on_grid.any():
+    on_grid = decisions.where(grid_place(decisions)[3])
+    if on_grid.size == 0:
         return math.nan, 0
-    chosen = bin_index(decisions.acceleration)
-    p = np.where(is_free, model.free[speed, chosen], model.following[speed, gap, range_rate, chosen])[on_grid]
-    return float(np.log(np.maximum(p, _FLOOR, dtype=np.float64)).mean()), int(on_grid.sum())
+    p = table_probabilities(model, on_grid)[np.arange(on_grid.size), bin_index(on_grid.acceleration)]
+    return float(np.log(np.maximum(p, _FLOOR)).mean()), on_grid.size
 
 
 def held_out_scores(

@@ -1,8 +1,8 @@
 """What every vehicle of a world decides, once a second for BVs: gather neighbours, ask the driver models, apply.
 
 All BVs decide at the same time and independently (paper, "Problem formulation"): they see lanes and intentions as they
-were before this moment. The one exception, stated in docs/adr, is that a driver who starts into a lane that another one
-starts into from its other side at the same moment gives way, unless it overlooks it.
+were before this moment. The one exception, stated in docs/adr, is that a driver who starts into a lane minds who starts
+into it at the same moment ahead of it, the AV too, unless it overlooks it.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ __all__ = [
 SIGHT = 200.0
 """Vehicles further ahead or behind than this [m, centre to centre] are not seen by anyone."""
 CONFLICT_GAP = 10.0
-"""Two vehicles that enter one lane from both sides are in conflict when less than this lies between them lengthwise
-[m]."""
+"""The AV gives way to a vehicle that enters its target lane from the far side when less than this lies between them
+lengthwise [m]."""
 IDM_BVS = 1
 """Value of `bv_model` for BVs that follow the IDM without lane changes; 0 is the naturalistic model."""
 _SIDES = (1, -1)
@@ -209,10 +209,13 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
 
 
 @kernel
-def _worst_follow(w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64) -> tuple[int, float, float]:
-    """Acceleration index of the vehicle at a rank behind its leads in all lanes that it occupies, by one random word.
+def _worst_follow(
+    w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64, rounding: float
+) -> tuple[int, float, float]:
+    """Acceleration index of the vehicle at a rank behind its leads in all lanes that it occupies.
 
-    One word serves all leads, so the index is the smallest of the look-ups (a vehicle between two lanes minds both).
+    One random word, and one random rounding of the range rate, serve all leads, so the index is the smallest of the
+    look-ups (a vehicle between two lanes minds both).
 
     Returns:
         Index 0..30, gap [m] and range rate [m/s] to the nearest lead (+inf and 0 for none within sight).
@@ -234,7 +237,7 @@ def _worst_follow(w: World, rank: int, road: RoadNumbers, tables: NddTables, wor
             continue
         gap = dx - road.length
         rate = v[j].speed - v[i].speed
-        drawn = sample_row(tables.cut, following_row(v[i].speed, gap, rate), word)
+        drawn = sample_row(tables.cut, following_row(v[i].speed, gap, rate, rounding), word)
         if index < 0:
             nearest_gap = gap
             nearest_rate = rate
@@ -275,7 +278,7 @@ def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNu
     info = w.info
     i = order[rank]
     words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-    index, gap, rate = _worst_follow(w, rank, road, tables, words[1])
+    index, gap, rate = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
     if v[i].duration == 0.0:
         draw = uniform(words[0])
         base = lane_change_base(tables, v[i].speed, gap, rate)
@@ -302,6 +305,69 @@ def _idm_index(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
 
 
 @kernel
+def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> float:
+    """From which rounding on the range rate to a lead is rounded up, if that lies above `above`; else 1."""
+    if lead < 0:
+        return 1.0
+    rate = v[lead].speed - v[i].speed
+    limit: float = 1.0 - (rate - math.floor(rate))
+    return limit if limit > above else 1.0
+
+
+@kernel
+def _add_cumulative(
+    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
+    road: RoadNumbers, tables: NddTables, p: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Add to p[2:] `weight` times the distribution function of slot i's acceleration for a given rounding.
+
+    The smallest of several look-ups by one word has the largest of their distribution functions.
+    """
+    rows = (-1, -1, -1)
+    if leads[0] < 0:
+        row = free_row(v[i].speed)
+        rows = (row, row, row)
+    else:
+        first = _row_behind(v, i, leads[0], rounding, road)
+        second = _row_behind(v, i, leads[1], rounding, road) if leads[1] >= 0 else first
+        third = _row_behind(v, i, leads[2], rounding, road) if leads[2] >= 0 else first
+        rows = (first, second, third)
+    a_total = 0.0
+    b_total = 0.0
+    c_total = 0.0
+    for a in range(31):
+        a_total += tables.p[rows[0], a]
+        b_total += tables.p[rows[1], a]
+        c_total += tables.p[rows[2], a]
+        p[2 + a] += weight * max(a_total, max(b_total, c_total))
+
+
+@kernel
+def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, road: RoadNumbers) -> int:
+    """Row of the tables for slot i behind a lead."""
+    gap = v[lead].x - v[i].x - road.length
+    row: int = following_row(v[i].speed, gap, v[lead].speed - v[i].speed, rounding)
+    return row
+
+
+@kernel
+def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
+    """Leads of slot i in the lanes it occupies (three at most: two under its body, and its target), -1 for none."""
+    v = w.vehicles
+    first = -1
+    second = -1
+    third = -1
+    for lane in range(road.n_lanes):
+        if v[i].lanes & (1 << lane):
+            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+            if j >= 0:
+                third = second
+                second = first
+                first = j
+    return first, second, third
+
+
+@kernel
 def action_probabilities(
     w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables, p: NDArray[np.float64]
 ) -> None:
@@ -312,34 +378,23 @@ def action_probabilities(
     out.
     """
     v = w.vehicles
-    wanted = v[i].lanes
-    row = free_row(v[i].speed)
-    total = 0.0
-    for a in range(31):
-        total += tables.p[row, a]
-        p[2 + a] = total
+    leads = _leads(w, i, road)
+    for a in range(33):
+        p[a] = 0.0
+    low = 0.0
+    while low < 1.0:  # the rounding of range rates is uniform in (0, 1); between two limits the rows stay the same
+        high = min(
+            _rounding_limit(v, i, leads[0], low),
+            min(_rounding_limit(v, i, leads[1], low), _rounding_limit(v, i, leads[2], low)),
+        )
+        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, road, tables, p)
+        low = high
     nearest_gap = np.inf
     nearest_rate = 0.0
-    found = 0
-    for lane in range(road.n_lanes):
-        if wanted & (1 << lane):
-            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, 1)
-            if j < 0:
-                continue
-            gap = v[j].x - v[i].x - road.length
-            rate = v[j].speed - v[i].speed
-            row = following_row(v[i].speed, gap, rate)
-            if gap < nearest_gap:
-                nearest_gap = gap
-                nearest_rate = rate
-            total = 0.0
-            for a in range(31):
-                total += tables.p[row, a]
-                # the smallest of several look-ups by one word has the largest of their distribution functions
-                p[2 + a] = total if found == 0 else max(p[2 + a], total)
-            found += 1
-    p[0] = 0.0
-    p[1] = 0.0
+    for j in leads:
+        if j >= 0 and v[j].x - v[i].x - road.length < nearest_gap:
+            nearest_gap = v[j].x - v[i].x - road.length
+            nearest_rate = v[j].speed - v[i].speed
     if v[i].duration == 0.0:
         base = lane_change_base(tables, v[i].speed, nearest_gap, nearest_rate)
         lane = v[i].target_lane
@@ -354,21 +409,38 @@ def action_probabilities(
 
 
 @kernel
-def _gives_way(w: World, i: int, target: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> bool:
-    """Must slot i, about to change to `target`, let another one go first that starts into it from the other side?"""
+def _starts_into(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
+    """Does vehicle j start a change into `lane` at this moment? `av_lane` is the AV's newly chosen target lane."""
+    if v[j].present == 0 or v[j].target_lane == lane:
+        return False
+    if j == 0:
+        return av_lane == lane
+    starts: bool = 0 <= v[j].action <= 1 and v[j].target_lane + 1 - 2 * v[j].action == lane
+    return starts
+
+
+@kernel
+def _gives_way(
+    w: World, i: int, target: int, av_lane: int, seed: int, test: int, road: RoadNumbers, tables: NddTables
+) -> bool:
+    """Must slot i, about to change to `target`, wait for one ahead that starts into it at the same moment?
+
+    It waits unless it accepts the gap to that one as to a lead in the target lane, from whichever side it comes. An
+    inattentive driver (`overlook_conflict`) does not wait.
+    """
     v = w.vehicles
     info = w.info
-    for j in range(1, info[N_VEHICLES]):
-        if j == i or v[j].present == 0 or v[j].action < 0 or v[j].action > 1:
-            continue
-        side = 1 - 2 * v[j].action
-        if v[j].target_lane + side != target or v[j].target_lane == v[i].target_lane:
-            continue
+    chance = 1.0
+    for j in range(info[N_VEHICLES]):
         dx = v[j].x - v[i].x
-        if abs(dx) < road.length + CONFLICT_GAP and (dx > 0.0 or (dx == 0.0 and j < i)):
-            words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-            return uniform(words[2]) >= tables.overlook_conflict
-    return False
+        if dx < 0.0 or dx >= SIGHT or j == i or (dx == 0.0 and j > i) or not _starts_into(v, j, target, av_lane):
+            continue
+        chance = min(chance, accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed))
+    if chance >= 1.0:
+        return False
+    words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
+    waits: bool = uniform(words[2]) >= tables.overlook_conflict + (1.0 - tables.overlook_conflict) * chance
+    return waits
 
 
 @kernel
@@ -457,23 +529,28 @@ def decide_bvs(
     test: int,
     bv_model: int,
     controlled_action: int,
+    av_lane: int,
     road: RoadNumbers,
     av: AvNumbers,
     tables: NddTables,
 ) -> None:
     """Let all BVs choose, into their `action`. The controlled BV (info[CONTROLLED], if any) takes `controlled_action`.
 
+    `av_lane` is the target lane that the AV has just chosen: who starts into it at the same moment sees that.
+
     One loop for each model: with the choice inside the loop the compiler makes both slower.
     """
     sort_by_x(w)
     if bv_model == IDM_BVS:
         _all_follow_idm(w, controlled_action, road, av)
-    elif _all_naturalistic(w, seed, test, controlled_action, road, tables) > 1:
-        _resolve_conflicts(w, seed, test, road, tables)
+        return
+    changes = _all_naturalistic(w, seed, test, controlled_action, road, tables)
+    if changes + (av_lane != w.vehicles[0].target_lane) > 1:
+        _resolve_conflicts(w, av_lane, seed, test, road, tables)
 
 
 @kernel
-def _resolve_conflicts(w: World, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> None:
+def _resolve_conflicts(w: World, av_lane: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> None:
     """Turn the lane change of every BV that gives way into the acceleration it drew, from the front to the rear."""
     v = w.vehicles
     order = w.order
@@ -483,7 +560,7 @@ def _resolve_conflicts(w: World, seed: int, test: int, road: RoadNumbers, tables
         if i == 0 or v[i].present == 0 or i == info[CONTROLLED] or v[i].action < 0 or v[i].action > 1:
             continue
         target = v[i].target_lane + 1 - 2 * v[i].action
-        if _gives_way(w, i, target, seed, test, road, tables):
+        if _gives_way(w, i, target, av_lane, seed, test, road, tables):
             words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-            index, _, _ = _worst_follow(w, rank, road, tables, words[1])
+            index, _, _ = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
             v[i].action = 2 + index

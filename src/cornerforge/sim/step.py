@@ -340,7 +340,7 @@ def step_world(
     n = info[N_VEHICLES]
     first_frame = SUBSTEPS * info[N_DECISIONS]
     command, lane = av_decide(w, road, av)
-    decide_bvs(w, seed, test, bv_model, controlled_action, road, av, tables)
+    decide_bvs(w, seed, test, bv_model, controlled_action, lane, road, av, tables)
     for i in range(1, n):
         if v[i].present:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
