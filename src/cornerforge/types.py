@@ -58,8 +58,9 @@ class Odd:
     max_lateral_acceleration: float = field(default=4.0, metadata={"unit": "m/s2"})
     test_length: float = field(default=400.0, metadata={"unit": "m"})
     time_limit: float = field(default=60.0, metadata={"unit": "s"})
-    av_start: float = field(default=400.0, metadata={"unit": "m"})
-    traffic_length: float = field(default=1200.0, metadata={"unit": "m"})
+    av_start: float = field(default=240.0, metadata={"unit": "m"})
+    """Where the AV starts on the `traffic_length` that is filled with traffic."""
+    traffic_length: float = field(default=640.0, metadata={"unit": "m"})
     av_substeps: int = 1
     """Physics substeps (0.1 s each) between two decisions of the AV; 10 means once a second, as the BVs."""
 
@@ -81,9 +82,17 @@ class Odd:
 ODDS: dict[str, Odd] = {
     "default": Odd(),
     "swift": Odd(name="swift", lane_change_duration=2.5),
-    "paper": Odd(name="paper", lane_change_duration=1.0, max_lateral_acceleration=1e3, av_substeps=10),
+    "paper": Odd(
+        name="paper",
+        lane_change_duration=1.0,
+        max_lateral_acceleration=1e3,
+        av_start=400.0,
+        traffic_length=1200.0,
+        av_substeps=10,
+    ),
 }
-"""The built-in ODDs by name. They differ in how long a lane change takes and how often the AV decides."""
+"""The built-in ODDs by name. They differ in how long a lane change takes, how often the AV decides, and in how much
+traffic stands around it at the start."""
 
 
 def odd_named(name: str) -> Odd:
