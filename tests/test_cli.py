@@ -132,6 +132,7 @@ GOOD: dict[str, tuple[str, set[str]]] = {
     "query": ("query {f}/library 'select case_id, n_vehicles from cases limit 2'", {"columns", "rows"}),
     "avs": ("avs", {"avs"}),
     "ndd fit": ("ndd fit {f}/pairs.csv --format pairs --out {n}/m.npz", FIT),
+    "ndd fit, format guessed": ("ndd fit {f}/pairs.csv --out {n}/m.npz", FIT | {"format"}),
 }
 
 

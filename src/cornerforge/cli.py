@@ -39,6 +39,12 @@ Lanes = Annotated[int | None, typer.Option(help="Lanes, 2 to 6; 3 by default.", 
 OddName = Annotated[str, typer.Option("--odd", help="default (4 s lane change), swift (2.5 s) or paper (1 s).")]
 Model = Annotated[Path | None, typer.Option(help="Naturalistic model; the shipped one by default.", show_default=False)]
 Bounded = Annotated[bool, typer.Option("--bounded", help="Only actions that the naturalistic model calls possible.")]
+DataFormat = Annotated[
+    str | None,
+    typer.Option(
+        "--format", help="ngsim, pairs, tracks, tgsim or highd; told from the columns by default.", show_default=False
+    ),
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with what is there.")]
 Library = Annotated[Path, typer.Argument(metavar="LIB", help="A case library.", show_default=False)]
 
@@ -426,10 +432,8 @@ def avs(
 @ndd.command("fit")
 def ndd_fit(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Trajectory files.", show_default=False)],
-    data_format: Annotated[
-        str, typer.Option("--format", help="ngsim, pairs, tracks, tgsim or highd.", show_default=False)
-    ],
     out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
+    data_format: DataFormat = None,
     prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
@@ -458,9 +462,7 @@ def ndd_validate(
     against: Annotated[
         list[Path], typer.Option(metavar="FILE...", help="Trajectory files, such as held-out ones.", show_default=False)
     ],
-    data_format: Annotated[
-        str, typer.Option("--format", help="ngsim, pairs, tracks, tgsim or highd.", show_default=False)
-    ],
+    data_format: DataFormat = None,
     # An option takes one value: what follows `--against A` in `--against A B C` arrives here.
     more: Annotated[list[Path] | None, typer.Argument(metavar="FILE", hidden=True)] = None,
     seed: Seed = 0,

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import gzip
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cornerforge.errors import DataError, UnknownNameError
 from cornerforge.ndd.layouts import LAYOUTS
@@ -71,8 +74,8 @@ def broken(row: str, column: int, text: str) -> str:
         (4, "-3.0", "v_mps outside 0 to 70 m/s"),
         (5, "299792458", "vl_mps outside 0 to 70 m/s"),
         (6, "0.4", "gap_m outside 1 to 500 m"),
+        (6, "-2.0", "gap_m below 0 m: the vehicles overlap"),
         (6, "501", "gap_m outside 1 to 500 m"),
-        (3, "0.1", "t_s does not increase"),
         (3, "1e300", "t_s outside -1e+10 to 1e+10 s"),
         (1, "", "follower is empty"),
     ],
@@ -84,6 +87,48 @@ def test_a_bad_row_is_named_counted_and_left_out(tmp_path: Path, column: int, te
     assert reading.bad.reasons == {reason: (1, 22)}  # the header is line 1
     assert reading.rows_used == 40
     assert np.isfinite(reading.decisions.acceleration).all()
+
+
+def test_a_row_that_stands_twice_is_kept_once(tmp_path: Path) -> None:
+    rows = pairs_rows()
+    rows.insert(21, rows[20])
+    rows.append(rows[3])
+    reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
+    assert reading.bad.reasons == {"t_s twice for one vehicle": (2, 23)}
+    np.testing.assert_allclose(reading.decisions.speed, [12.0, 12.5, 13.0, 13.5])
+
+
+def test_rows_that_contradict_each_other_are_both_left_out(tmp_path: Path) -> None:
+    rows = pairs_rows()
+    rows[20] = broken(rows[20], 3, "0.1")  # now two rows say where the vehicle is at 0.1 s
+    reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
+    assert reading.bad.reasons == {"t_s twice for one vehicle, with different values": (2, 3)}
+    assert reading.rows_used == 39
+
+
+def test_unsorted_rows_are_sorted_and_the_file_is_named(tmp_path: Path) -> None:
+    wanted = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, pairs_rows()), "pairs").decisions
+    rows = pairs_rows()
+    rows[10], rows[30] = rows[30], rows[10]
+    with pytest.warns(UserWarning, match=r"p\.csv: 2 row\(s\) stand after a later one .*line 13\); .*sorted by t_s"):
+        reading = read_one(written(tmp_path / "p.csv", PAIRS_HEADER, rows), "pairs")
+    assert reading.bad.total == 0
+    assert len(reading.notes) == 1
+    for name in ("speed", "gap", "range_rate", "acceleration"):
+        np.testing.assert_array_equal(getattr(reading.decisions, name), getattr(wanted, name))
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_order_of_rows_decides_nothing(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    rows = [*pairs_rows(follower=1), *pairs_rows(follower=3, split="test")]
+    folder = tmp_path_factory.mktemp("order")
+    wanted = read_one(written(folder / "a.csv", PAIRS_HEADER, rows), "pairs").decisions
+    shuffled = [rows[i] for i in np.random.default_rng(seed).permutation(len(rows))]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        got = read_one(written(folder / "b.csv", PAIRS_HEADER, shuffled), "pairs").decisions
+    for name in ("speed", "gap", "range_rate", "acceleration", "vehicle", "held_out"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(wanted, name))
 
 
 def test_a_row_with_too_few_or_too_many_fields_does_not_shift_line_numbers(tmp_path: Path) -> None:
@@ -168,6 +213,16 @@ def test_the_leader_is_the_next_vehicle_ahead_in_the_lane(tmp_path: Path) -> Non
     np.testing.assert_allclose(decisions.gap[following], 25.0, atol=1e-6)
     assert np.unique(decisions.vehicle[following]).size == 2  # 1 behind 2, 2 behind 3; never 1 behind 5
     np.testing.assert_allclose(decisions.speed, 10.0, atol=1e-6)
+
+
+def test_two_vehicles_in_one_place_are_named(tmp_path: Path) -> None:
+    rows = clip_rows()
+    # Vehicle 6 drives through vehicle 2: its box covers the other's from 128 m on (2 m behind it) for 0.5 s.
+    rows += [f"A,6,2,{0.1 * i:.1f},{128.0 + i:.4f},5.0" for i in range(61)]
+    reading = read_one(written(tmp_path / "c.csv", CLIP_HEADER, rows), "tracks")
+    assert reading.bad.reasons == {"overlaps the vehicle ahead (two vehicles in one place)": (61, 307)}
+    following = np.isfinite(reading.decisions.gap)
+    np.testing.assert_allclose(np.unique(reading.decisions.gap[following].round(6)), [23.0, 25.0])
 
 
 def test_free_flow_is_claimed_only_where_the_road_ahead_is_seen(tmp_path: Path) -> None:
@@ -270,8 +325,11 @@ def test_a_cut_off_gzip_file_is_refused_and_a_whole_one_read(tmp_path: Path) -> 
     (tmp_path / "whole.csv.gz").write_bytes(whole)
     assert read_one(tmp_path / "whole.csv.gz", "pairs").rows_read == len(rows)
     (tmp_path / "cut.csv.gz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(DataError, match=r"cut\.csv\.gz cannot be read"):
+    with pytest.raises(DataError, match=r"cut\.csv\.gz is cut off after line [1-9][0-9]+;"):
         read_decisions([tmp_path / "cut.csv.gz"], "pairs")
+    (tmp_path / "nothing.csv.gz").write_bytes(gzip.compress(b"", mtime=0))
+    with pytest.raises(DataError, match=r"nothing\.csv\.gz is empty"):
+        read_decisions([tmp_path / "nothing.csv.gz"], "pairs")
     (tmp_path / "fake.csv.gz").write_bytes(b"not gzip at all")
     with pytest.raises(DataError, match=r"fake\.csv\.gz cannot be read"):
         read_decisions([tmp_path / "fake.csv.gz"], "pairs")

@@ -83,7 +83,11 @@ def fit_model(
     decisions = concatenate([reading.decisions for reading in readings])
     training = decisions.where(~decisions.held_out)
     if training.size == 0:
-        raise DataError("No decision is left to fit on: every usable row is held out or shorter than one second.")
+        rows, held = sum(reading.rows_used for reading in readings), int(decisions.held_out.sum())
+        raise DataError(
+            f"No decision is left to fit on: {rows} usable row(s) make {held} decision(s), all held out. "
+            f"A decision needs a second of rows without a break; a fitted law needs {_FEWEST} decisions."
+        )
     tell(f"Fitting the car-following law to {training.size} decisions")
     log_law, baselines, notes = _fit_laws(training)
     safe = SafeLaw(log_law)
@@ -108,8 +112,8 @@ def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, FollowingLaw], lis
     following = training.where(np.isfinite(training.gap))
     if following.size < _FEWEST:
         note = (
-            f"Only {following.size} following decisions, {_FEWEST - following.size} fewer than the {_FEWEST} needed: "
-            "the car-following law is the shipped one, not fitted to these files."
+            f"Only {following.size} following decisions, {_FEWEST - following.size} too few (at least {_FEWEST} are "
+            "needed): the car-following law is the shipped one, not fitted to these files."
         )
         return LogLaw(), {}, [note]
     return fit_law(LogLaw(), *_arrays(following)), {"idm": fit_law(IdmLaw(), *_arrays(following))}, []
@@ -233,7 +237,7 @@ def _report(
         data_share_where_data=weighted,
         speed_99_percent=fastest,
         held_out_log_likelihood=scores,
-        notes=(*notes, *_always_true(fastest, total)),
+        notes=(*notes, *(note for reading in readings for note in reading.notes), *_always_true(fastest, total)),
     )
 
 

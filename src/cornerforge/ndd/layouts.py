@@ -6,18 +6,18 @@
 | `tracks` | one row per vehicle and time, with the leader's name, or with the lane (leader = next ahead in the lane) |
 | `ngsim` | any of the above, and the official NGSIM CSV (feet, `Vehicle_ID`, `Global_Time`, `Local_Y`, ...) |
 | `tgsim` | FHWA's Third Generation Simulation CSVs (`xloc-kf`, `yloc-kf`, `lane-kf`, ...), also with underscores |
-| `highd` | highD's `XX_tracks.csv` |
+| `highd` | highD's `XX_tracks.csv`; a `XX_recordingMeta.csv` beside it gives the frame rate (25 a second without) |
 
 Column names are compared in small letters, with `_` for hyphens and blanks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-__all__ = ["DATA_FORMATS", "LAYOUTS", "Layout"]
+__all__ = ["DATA_FORMATS", "LAYOUTS", "Layout", "matching_layouts", "required_columns"]
 
 DATA_FORMATS = ("highd", "ngsim", "pairs", "tgsim", "tracks")
 _FEET = 0.3048
@@ -38,7 +38,7 @@ class Layout:
         held_out_from: Vehicles first seen after this share of the recording are held out (no split column).
         front: Positions are of the front bumper; else of the centre.
         corner: Positions are of the box's corner with the smallest coordinate, whatever the direction of travel.
-        ordered: Rows of a vehicle stand in time's order, so time that does not increase is an error.
+        ordered: Rows of a vehicle usually stand in time's order, so that a file where they do not is worth a note.
     """
 
     name: str
@@ -131,3 +131,15 @@ LAYOUTS = (
     ),
 )
 """Every layout that can be read; the first whose columns are all there is taken."""
+
+
+def required_columns(layout: Layout) -> list[str]:
+    """Columns that a file of this layout must have, as `read_header` spells them."""
+    numbers = [column for name, (column, _) in layout.numbers.items() if name not in layout.optional]
+    return [*numbers, *(column for name, column in layout.texts.items() if name not in layout.optional)]
+
+
+def matching_layouts(header: Collection[str], data_format: str | None = None) -> list[Layout]:
+    """Layouts (of one format, or of all) whose required columns are all in `header`, in the order of `LAYOUTS`."""
+    known = [layout for layout in LAYOUTS if data_format is None or data_format in layout.formats]
+    return [layout for layout in known if all(column in header for column in required_columns(layout))]

@@ -2,10 +2,13 @@
 
 Positions of tracks are smoothed (Savitzky-Golay, order 2; the window stands in the layout) before speeds are taken, as
 the data's own speeds are noisy. A test split that a file marks itself is held out; else the end of the recording is.
+Rows that cannot be used are left out, counted and named (`row_checks`); what is odd about a file as a whole is a
+warning, and stands in `Reading.notes`.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
-from cornerforge.errors import DataError
+from cornerforge.errors import DataError, InputError
 from cornerforge.ndd.decisions import (
     Decisions,
     decide_each_second,
@@ -22,24 +25,24 @@ from cornerforge.ndd.decisions import (
     leader_by_name,
     smooth_tracks,
 )
-from cornerforge.ndd.layouts import DATA_FORMATS, LAYOUTS, Layout
+from cornerforge.ndd.highd import is_companion, read_recording_meta
+from cornerforge.ndd.layouts import DATA_FORMATS, LAYOUTS, Layout, matching_layouts, required_columns
 from cornerforge.ndd.model import GAPS
+from cornerforge.ndd.row_checks import (
+    GAP_RANGE,
+    LANE_LIMIT,
+    MEAN_LENGTH,
+    SPEED_RANGE,
+    check_rows,
+    drivers,
+    speed_note,
+)
 from cornerforge.ndd.tables import BadRows, Table, file_sha256, read_header, read_table
 
-__all__ = ["GAP_RANGE", "Reading", "read_decisions"]
+__all__ = ["GAP_RANGE", "Reading", "guess_format", "read_decisions"]
 
-GAP_RANGE = (1.0, 500.0)
-"""Gaps outside this are measuring errors [m]."""
-MEAN_LENGTH = 4.9
-"""Length of a vehicle where the file has none [m]: NGSIM I-80."""
-
-_SPEED_RANGE = (0.0, 70.0)
 _BACKWARDS = 2.0
 """A vehicle seen to reverse faster than this [m/s] is a tracking error; up to it, noise of a standing one."""
-_LENGTH_RANGE = (1.0, 40.0)
-_POSITION_LIMIT = 1e7
-_TIME_LIMIT = 1e10
-_LANE_LIMIT = 999
 _FREE = -2
 """Partner of a driver that is known to have no leader; -1 is "not known"."""
 
@@ -55,6 +58,7 @@ class Reading:
         decisions: One a second.
         rows_read: All rows.
         bad: Rows left out, by reason.
+        notes: What is odd about the file as a whole, one or two plain sentences each; also given as warnings.
     """
 
     path: Path
@@ -63,6 +67,7 @@ class Reading:
     decisions: Decisions
     rows_read: int
     bad: BadRows
+    notes: tuple[str, ...] = ()
 
     @property
     def rows_used(self) -> int:
@@ -70,19 +75,74 @@ class Reading:
         return self.rows_read - self.bad.total
 
 
-def read_decisions(paths: Sequence[Path], data_format: str) -> list[Reading]:
-    """Read trajectory files.
+def read_decisions(paths: Sequence[Path], data_format: str | None = None) -> list[Reading]:
+    """Read trajectory files; warns of what is odd about a file as a whole, such as units that look like feet.
 
     Args:
-        paths: The files, CSV or gzipped CSV.
-        data_format: One of `DATA_FORMATS`.
+        paths: The files, CSV or gzipped CSV. highD's meta files among them are read with their tracks.
+        data_format: One of `DATA_FORMATS`; None to tell it from the columns (`guess_format`).
 
     Raises:
         UnknownNameError: No such format.
+        InputError: The format is not given, and the columns leave it open.
         DataError: A file is missing, empty, cut off, or has other columns than the format.
     """
-    check_in("trajectory format", data_format, DATA_FORMATS)
-    return [_read(Path(path), data_format) for path in paths]
+    data_format = (
+        guess_format(paths) if data_format is None else check_in("trajectory format", data_format, DATA_FORMATS)
+    )
+    readings = [_read(path, data_format) for path in _with_tracks(paths)]
+    for reading in readings:
+        for note in reading.notes:
+            warnings.warn(note, stacklevel=2)
+    return readings
+
+
+def guess_format(paths: Sequence[Path]) -> str:
+    """The one format whose columns all these files have.
+
+    A name that says who published a file (`ngsim`) is taken only for columns that nobody else uses: for plain pairs
+    and tracks the answer is `pairs` or `tracks`.
+
+    Raises:
+        InputError: No file, or more than one format fits, or the files differ; the message says which fit.
+        DataError: A file is missing or empty, or its columns fit no format.
+    """
+    if not paths:
+        raise InputError("No trajectory file; name at least one.")
+    found: dict[str, Path] = {}
+    for path in _with_tracks(paths):
+        header = read_header(path)
+        fits = matching_layouts(header)
+        if not fits:
+            raise _no_fit(path, header, LAYOUTS, "any known format")
+        names = list(dict.fromkeys(layout.formats[0] for layout in fits))
+        if len(names) > 1:
+            raise InputError(
+                f"The columns of {path} fit more than one format: {', '.join(names)}; say which with --format."
+            )
+        found.setdefault(names[0], path)
+    if len(found) > 1:
+        each = ", ".join(f"{path.name} looks like {name}" for name, path in found.items())
+        shared = [name for name in DATA_FORMATS if all(name in _formats_of(path) for path in found.values())]
+        hint = f"use --format {shared[0]} if that is where all come from" if shared else "name files of one format only"
+        raise InputError(f"The files are of different formats: {each}; {hint}.")
+    return next(iter(found))
+
+
+def _formats_of(path: Path) -> set[str]:
+    return {name for layout in matching_layouts(read_header(path)) for name in layout.formats}
+
+
+def _with_tracks(paths: Sequence[Path]) -> list[Path]:
+    """The files without those that only stand beside highD's tracks.
+
+    Raises:
+        DataError: Nothing else is there.
+    """
+    tracks = [Path(path) for path in paths if not is_companion(Path(path))]
+    if paths and not tracks:
+        raise DataError(f"{paths[0]} holds no trajectories; name the XX_tracks.csv beside it.")
+    return tracks
 
 
 def _read(path: Path, data_format: str) -> Reading:
@@ -90,95 +150,46 @@ def _read(path: Path, data_format: str) -> Reading:
     layout = _recognise(path, header, data_format)
     numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
     texts = {name: column for name, column in layout.texts.items() if column in header}
+    notes: list[str] = []
+    meta = read_recording_meta(path) if data_format == "highd" else None
+    if meta is not None:
+        numbers["time"] = (numbers["time"][0], 1.0 / meta.frames_per_second)
+        notes += meta.notes(path.name)
     table = read_table(path, numbers, texts)
-    _check_rows(table, layout)
+    notes += check_rows(table, layout)
     if table.line.size == 0:
-        raise DataError(f"Trajectory file {path} holds no usable row; first fault: {_first_fault(table.bad)}.")
-    decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout)
-    return Reading(path, file_sha256(path), layout, decisions, table.rows_read, table.bad)
+        hint = f" {notes[0]}" if notes else ""
+        raise DataError(f"Trajectory file {path} holds no usable row; first fault: {_first_fault(table.bad)}.{hint}")
+    decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout, notes)
+    return Reading(path, file_sha256(path), layout, decisions, table.rows_read, table.bad, tuple(notes))
 
 
 def _recognise(path: Path, header: list[str], data_format: str) -> Layout:
     """The first layout of the format whose columns are all there."""
-    known = [layout for layout in LAYOUTS if data_format in layout.formats]
-    missing = {layout.name: [name for name in _required(layout) if name not in header] for layout in known}
-    for layout in known:
-        if not missing[layout.name]:
-            return layout
-    nearest = min(known, key=lambda layout: len(missing[layout.name]) / len(_required(layout)))
-    raise DataError(
-        f"Trajectory file {path} does not have the columns of format {data_format}: "
-        f"missing {', '.join(missing[nearest.name])} ({nearest.name} needs {', '.join(_required(nearest))}); "
+    fits = matching_layouts(header, data_format)
+    if not fits:
+        known = [layout for layout in LAYOUTS if data_format in layout.formats]
+        raise _no_fit(path, header, known, f"format {data_format}")
+    return fits[0]
+
+
+def _no_fit(path: Path, header: list[str], known: Sequence[Layout], what: str) -> DataError:
+    """What the nearest layout would need."""
+
+    def missing(layout: Layout) -> list[str]:
+        return [name for name in required_columns(layout) if name not in header]
+
+    nearest = min(known, key=lambda layout: len(missing(layout)) / len(required_columns(layout)))
+    return DataError(
+        f"Trajectory file {path} does not have the columns of {what}: "
+        f"missing {', '.join(missing(nearest))} ({nearest.name} needs {', '.join(required_columns(nearest))}); "
         f"found {', '.join(header[:20])}."
     )
-
-
-def _required(layout: Layout) -> list[str]:
-    numbers = [column for name, (column, _) in layout.numbers.items() if name not in layout.optional]
-    return [*numbers, *(column for name, column in layout.texts.items() if name not in layout.optional)]
 
 
 def _first_fault(bad: BadRows) -> str:
     reason, (count, line) = next(iter(bad.reasons.items()))
     return f"{reason} ({count} row(s), first at line {line})"
-
-
-def _check_rows(table: Table, layout: Layout) -> None:
-    """Take out and name the rows that cannot be used."""
-    for name in list(table.texts):
-        if name != "leader" or layout.kind == "pairs":  # a track without a leader names none
-            table.drop(f"{layout.texts[name]} is empty", table.texts[name] < 0)
-    for name in table.numbers:
-        missing = ~np.isfinite(table.numbers[name])
-        if name == "spacing":  # only a row with a leader has a spacing
-            missing &= table.texts["leader"] >= 0
-        table.drop(f"{layout.numbers[name][0]} is not a number", missing)
-    _check_ranges(table, layout)
-    _check_times(table, layout)
-
-
-def _check_ranges(table: Table, layout: Layout) -> None:
-    low_gap, high_gap = GAP_RANGE
-    ranges = {
-        "speed": (*_SPEED_RANGE, "m/s"),
-        "lead_speed": (*_SPEED_RANGE, "m/s"),
-        "length": (*_LENGTH_RANGE, "m"),
-        "gap": (low_gap, high_gap, "m"),
-        "spacing": (low_gap + MEAN_LENGTH, high_gap + MEAN_LENGTH, "m"),
-        "position": (-_POSITION_LIMIT, _POSITION_LIMIT, "m"),
-        "across": (-_POSITION_LIMIT, _POSITION_LIMIT, "m"),
-        "time": (-_TIME_LIMIT, _TIME_LIMIT, "s"),
-        "lane": (0.0, _LANE_LIMIT, ""),
-    }
-    for name, (low, high, unit) in ranges.items():
-        if name in table.numbers:
-            values = table.numbers[name]  # NaN passes: a spacing where there is no leader
-            outside = (values < low) | (values > high)
-            table.drop(f"{layout.numbers[name][0]} outside {low:g} to {high:g} {unit}".rstrip(), outside)
-
-
-def _check_times(table: Table, layout: Layout) -> None:
-    """Sort by vehicle and time; name times that do not increase (or, in unordered files, that come twice)."""
-    driver = _driver(table)
-    time = table.numbers["time"]
-    order = np.argsort(driver, kind="stable") if layout.ordered else np.lexsort((time, driver))
-    same = np.diff(driver[order]) == 0
-    back = np.zeros(time.size, dtype=bool)
-    back[order[1:]] = same & (np.diff(time[order]) <= 0.0)
-    column = layout.numbers["time"][0]
-    table.drop(f"{column} does not increase" if layout.ordered else f"{column} twice for one vehicle", back)
-    table.take(np.lexsort((table.numbers["time"], _driver(table))))
-
-
-def _driver(table: Table) -> NDArray[np.int64]:
-    """A number for each vehicle of each recording (and leader, in pairs), shape (n,)."""
-    codes = [table.texts[name] for name in ("recording", "vehicle") if name in table.texts]
-    if "lead_speed" in table.numbers:
-        codes.append(table.texts["leader"])
-    number = np.zeros(table.line.size, dtype=np.int64)
-    for column in codes:
-        number = number * (int(column.max(initial=0)) + 1) + column
-    return np.unique(number, return_inverse=True)[1].reshape(-1).astype(np.int64)
 
 
 def _ticks(table: Table, driver: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
@@ -212,7 +223,7 @@ def _held_out(table: Table, layout: Layout, driver: NDArray[np.int64]) -> NDArra
 
 def _pairs(table: Table, layout: Layout) -> Decisions:
     """Decisions from rows that hold the leader's speed and the gap."""
-    driver = _driver(table)
+    driver = drivers(table)
     tick, per_second = _ticks(table, driver)
     speed = table.numbers["speed"]
     states = Decisions(
@@ -226,12 +237,13 @@ def _pairs(table: Table, layout: Layout) -> Decisions:
     return decide_each_second(states, tick, np.zeros_like(driver), np.ones(speed.size, dtype=bool), per_second)
 
 
-def _tracks(table: Table, layout: Layout) -> Decisions:
-    """Decisions from tracks: smooth, find the leader, take the gap between bumpers."""
-    along = _along_road(table, layout, _driver(table))
+def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
+    """Decisions from tracks: smooth, find the leader, take the gap between bumpers; adds to `notes`."""
+    along = _along_road(table, layout, drivers(table))
+    notes += speed_note(table.name, layout.numbers["position"][0], _raw_speeds(table, along))
     jump = _jumps(table, along)
-    table.drop(f"{layout.numbers['position'][0]} jumps (faster than {_SPEED_RANGE[1]:g} m/s)", jump)
-    along, driver = along[~jump], _driver(table)
+    table.drop(f"{layout.numbers['position'][0]} jumps (faster than {SPEED_RANGE[1]:g} m/s)", jump)
+    along, driver = along[~jump], drivers(table)
     tick, per_second = _ticks(table, driver)
     position, speed = smooth_tracks(driver, tick, along, 1.0 / per_second, layout.window)
     length = table.numbers.get("length", np.full(speed.size, MEAN_LENGTH))
@@ -246,8 +258,12 @@ def _tracks(table: Table, layout: Layout) -> Decisions:
     range_rate = np.where(alone, 0.0, speed[leader] - speed)
     backwards = speed < -_BACKWARDS
     table.bad.add(f"vehicle reverses (faster than {_BACKWARDS:g} m/s)", table.line[backwards])
-    wrong = ~backwards & (partner >= 0) & ((gap < GAP_RANGE[0]) | (gap > GAP_RANGE[1]))
-    table.bad.add(f"gap to the leader outside {GAP_RANGE[0]:g} to {GAP_RANGE[1]:g} m", table.line[wrong])
+    led = ~backwards & (partner >= 0)
+    overlap = led & (gap < 0.0)
+    table.bad.add("overlaps the vehicle ahead (two vehicles in one place)", table.line[overlap])
+    wrong = led & ((gap < GAP_RANGE[0]) | (gap > GAP_RANGE[1]))
+    outside = wrong & ~overlap
+    table.bad.add(f"gap to the leader outside {GAP_RANGE[0]:g} to {GAP_RANGE[1]:g} m", table.line[outside])
     usable = (partner != -1) & ~wrong & ~backwards & np.isfinite(speed) & np.isfinite(range_rate)
     standing = np.maximum(speed, 0.0)  # noise lets a standing vehicle creep back
     states = Decisions(standing, gap, range_rate, np.zeros_like(speed), driver, _held_out(table, layout, driver))
@@ -256,11 +272,17 @@ def _tracks(table: Table, layout: Layout) -> Decisions:
 
 def _jumps(table: Table, along: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Rows that a vehicle cannot have reached from its row before, shape (n,): smoothing would hide them."""
-    driver = _driver(table)
+    driver = drivers(table)
     jump = np.zeros(along.size, dtype=bool)
     same = np.diff(driver) == 0
-    jump[1:] = same & (np.abs(np.diff(along)) > _SPEED_RANGE[1] * np.diff(table.numbers["time"]))
+    jump[1:] = same & (np.abs(np.diff(along)) > SPEED_RANGE[1] * np.diff(table.numbers["time"]))
     return jump
+
+
+def _raw_speeds(table: Table, along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Speed from each row to the next of the same vehicle, unsmoothed [m/s], shape (m,)."""
+    same = np.diff(drivers(table)) == 0
+    return np.asarray(np.diff(along)[same] / np.diff(table.numbers["time"])[same])
 
 
 def _along_road(table: Table, layout: Layout, driver: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -299,5 +321,5 @@ def _leader_in_lane(
     end = np.full(int(recording.max()) + 1, -np.inf)
     np.maximum.at(end, recording, along)
     alone = (leader < 0) & (along + GAPS[-1] < end[recording])
-    partner = np.where(leader >= 0, driver[leader] * (_LANE_LIMIT + 1) + lane, np.where(alone, _FREE, -1))
+    partner = np.where(leader >= 0, driver[leader] * (LANE_LIMIT + 1) + lane, np.where(alone, _FREE, -1))
     return leader, np.where(lane > 0, partner, -1)  # lane 0 means "unknown" in these data

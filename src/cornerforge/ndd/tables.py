@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
+import re
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -90,6 +93,10 @@ def _simple(name: str) -> str:
     return name.strip().strip('"').lstrip("\ufeff").lower().replace("-", "_").replace(" ", "_")
 
 
+def _is_number(text: str) -> bool:
+    return re.match(_NUMBER, text) is not None
+
+
 def read_header(path: Path) -> list[str]:
     """Column names of a CSV file (gzip if its name ends so), in small letters, `-` and blanks as `_`.
 
@@ -102,11 +109,40 @@ def read_header(path: Path) -> list[str]:
         with pa.input_stream(str(path), compression="detect") as stream:
             head = stream.read(65536)
     except OSError as error:
-        raise DataError(f"Trajectory file {path} cannot be read ({error}); is it damaged, or cut off?") from error
+        raise _unreadable(path, error) from error
     line = head.split(b"\n", 1)[0].strip()
     if not line:
         raise DataError(f"Trajectory file {path} is empty.")
-    return [_simple(name) for name in line.decode("utf-8", errors="replace").split(",")]
+    text = line.decode("utf-8", errors="replace")
+    words = text.replace(",", " ").split()
+    if words and all(_is_number(word) for word in words):
+        raise DataError(
+            f"Trajectory file {path} begins with numbers; line 1 must name the columns, with commas between them."
+        )
+    return [_simple(name) for name in text.split(",")]
+
+
+def _unreadable(path: Path, error: Exception) -> DataError:
+    """What to say of a file that could not be read to its end."""
+    if path.suffix == ".gz":
+        lines, cut = _whole_lines(path)
+        if cut:
+            return DataError(f"Trajectory file {path} is cut off after line {lines}; fetch it again.")
+    return DataError(f"Trajectory file {path} cannot be read ({error}); is it damaged, or cut off?")
+
+
+def _whole_lines(path: Path) -> tuple[int, bool]:
+    """Whole lines of a gzip file before the place where it breaks, and whether it just ends there."""
+    lines = 0
+    try:
+        with gzip.open(path, "rb") as file:
+            while part := file.read(1 << 16):
+                lines += part.count(b"\n")
+    except EOFError:
+        return lines, True
+    except (OSError, zlib.error):
+        return lines, False
+    return lines, False
 
 
 def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapping[str, str]) -> Table:
@@ -144,7 +180,7 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
             ),
         )
     except (pa.ArrowInvalid, OSError) as error:
-        raise DataError(f"Trajectory file {path} cannot be read ({error}); is it damaged, or cut off?") from error
+        raise _unreadable(path, error) from error
     if content.num_rows == 0:
         raise DataError(f"Trajectory file {path} holds no rows.")
     bad = BadRows()

@@ -83,7 +83,7 @@ def ndd_validate(
     model: Path | str,
     *,
     against: Sequence[Path | str],
-    data_format: str,
+    data_format: str | None = None,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
@@ -94,7 +94,7 @@ def ndd_validate(
         model: Model file.
         against: Trajectory files, all of one format. Their held-out decisions are scored (all, where none is held
             out); the others fit the baselines.
-        data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd".
+        data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
         seed: Of the free-running traffic, 0 or more.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.

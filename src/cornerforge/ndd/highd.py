@@ -1,0 +1,89 @@
+"""The files that stand beside highD's `XX_tracks.csv`: `XX_recordingMeta.csv` holds the frame rate and lane markings.
+
+Source: Krajewski et al. (2018), and the format description on highD's site. Only the frame rate is used; lane markings
+are looked at for a file in feet.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cornerforge.errors import DataError
+
+__all__ = ["FRAMES_PER_SECOND", "RecordingMeta", "is_companion", "read_recording_meta"]
+
+FRAMES_PER_SECOND = 25.0
+"""Of every published highD recording; taken where no meta file says otherwise."""
+_COMPANIONS = ("_recordingmeta.csv", "_tracksmeta.csv")
+_TRACKS = "_tracks.csv"
+_WIDEST_LANE = 7.0
+
+
+@dataclass(frozen=True)
+class RecordingMeta:
+    """What a recording's meta file says.
+
+    Attributes:
+        frames_per_second: Frame rate.
+        lane_width: Median over all lanes [m]; NaN where no markings are given.
+    """
+
+    frames_per_second: float = field(metadata={"unit": "1/s"})
+    lane_width: float = field(metadata={"unit": "m"})
+
+    def notes(self, file: str) -> list[str]:
+        """A note where lanes are too wide to be in metres: 3.5 to 4 m are 11 to 13 ft."""
+        if not self.lane_width > _WIDEST_LANE:
+            return []
+        return [
+            f"{file}: lanes are {self.lane_width:.1f} m wide, where 3.5 to 4 m are usual: is the recording in feet? "
+            "Convert it to metres first (1 ft = 0.3048 m)."
+        ]
+
+
+def is_companion(path: Path) -> bool:
+    """Whether a file is one of those that stand beside the tracks and hold none itself."""
+    return path.name.lower().endswith(_COMPANIONS)
+
+
+def read_recording_meta(tracks: Path) -> RecordingMeta | None:
+    """The meta file beside a tracks file (`01_tracks.csv`: `01_recordingMeta.csv`); None if there is none.
+
+    Raises:
+        DataError: It is there, but holds no usable frame rate.
+    """
+    if not tracks.name.lower().endswith(_TRACKS):
+        return None
+    path = tracks.with_name(tracks.name[: -len(_TRACKS)] + "_recordingMeta.csv")
+    if not path.is_file():
+        return None
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            row = next(csv.DictReader(file), {})
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"Recording meta file {path} cannot be read ({error}).") from error
+    text = row.get("frameRate") or ""
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = 0.0
+    if not 1.0 <= rate <= 1000.0:
+        raise DataError(
+            f'Recording meta file {path} has frameRate "{text}", line 2; a number from 1 to 1000 is needed.'
+        )
+    return RecordingMeta(rate, _lane_width([row.get("upperLaneMarkings"), row.get("lowerLaneMarkings")]))
+
+
+def _lane_width(markings: list[str | None]) -> float:
+    """Median distance of neighbouring markings, each a list of positions across the road with ";" between."""
+    widths: list[float] = []
+    for text in markings:
+        try:
+            widths += np.diff([float(part) for part in (text or "").split(";") if part.strip()]).tolist()
+        except ValueError:  # only a look at the units hangs on it
+            continue
+    return float(np.median(np.abs(widths))) if widths else float("nan")
