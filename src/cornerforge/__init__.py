@@ -9,13 +9,26 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cornerforge.pipeline import analyse, generate, ndd_fit, ndd_validate, query, rate, replay, run, simulate, train
+    from cornerforge.pipeline import (
+        analyse,
+        generate,
+        ndd_fit,
+        ndd_import,
+        ndd_validate,
+        query,
+        rate,
+        replay,
+        run,
+        simulate,
+        train,
+    )
 
 __all__ = [
     "__version__",
     "analyse",
     "generate",
     "ndd_fit",
+    "ndd_import",
     "ndd_validate",
     "query",
     "rate",

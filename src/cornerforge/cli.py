@@ -456,6 +456,29 @@ def ndd_fit(
     )  # fmt: skip
 
 
+@ndd.command("import")
+def ndd_import(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with the arrays.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
+    model: Annotated[
+        Path | None, typer.Option(help="Fills what is missing; the shipped model by default.", show_default=False)
+    ] = None,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Make a model of the published IVBSS arrays; what is missing is filled from ours and named."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.naturalistic import import_text
+
+    _run(
+        lambda bars: pipeline.ndd_import(folder, out=out, model=model, progress=bars),
+        import_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
 @ndd.command("validate")
 def ndd_validate(
     model: Annotated[Path, typer.Argument(metavar="M.npz", help="The model.", show_default=False)],

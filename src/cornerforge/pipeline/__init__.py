@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cornerforge.pipeline.cases import analyse, query, replay
 from cornerforge.pipeline.generate import generate
-from cornerforge.pipeline.naturalistic import ndd_fit
+from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
 from cornerforge.pipeline.rate import rate
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.simulate import simulate
@@ -15,6 +15,7 @@ __all__ = [
     "analyse",
     "generate",
     "ndd_fit",
+    "ndd_import",
     "ndd_validate",
     "query",
     "rate",

@@ -1,4 +1,4 @@
-"""`ndd fit`: a naturalistic model from trajectories, with its report."""
+"""`ndd fit` and `ndd import`: a naturalistic model from trajectories or from published arrays, with its report."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.errors import OutputError
-from cornerforge.ndd.model import load_model, model_hash, save_model
-from cornerforge.pipeline.output import check_new_file
+from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
+from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 
-__all__ = ["ndd_fit"]
+__all__ = ["import_text", "ndd_fit", "ndd_import"]
 
 
 def ndd_fit(
@@ -40,10 +40,7 @@ def ndd_fit(
     from cornerforge.ndd import fit_model, write_fit_report
     from cornerforge.ndd.readers import guess_format
 
-    path = Path(out)
-    check_new_file(path, overwrite=True)
-    if path.exists():
-        load_model(path)  # only a model is replaced, never something else that bears the name by mistake
+    path = _model_place(out)
 
     def say(stage: str) -> None:
         progress(f"fit: {stage}", 0, 1)
@@ -51,11 +48,7 @@ def ndd_fit(
     paths = [Path(file) for file in files]
     data_format = guess_format(paths) if data_format is None else data_format
     model, report = fit_model(paths, data_format, prior_strength=prior_strength, progress=say)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save_model(model, path)
-    except OSError as error:
-        raise OutputError(f"Cannot write {path}: {error.strerror}; make room, or choose another place.") from error
+    _write_model(model, path)
     page = path.with_suffix(".report.html")
     write_fit_report(report, model, page)
     return {
@@ -65,3 +58,77 @@ def ndd_fit(
         "report": str(page),
         "out": str(path),
     }
+
+
+def ndd_import(
+    folder: Path | str,
+    *,
+    out: Path | str,
+    model: Path | str | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Make a naturalistic model of the published IVBSS arrays and write it with a report (JSON) beside it.
+
+    Args:
+        folder: `NDD_DATA` of the released data, or one above it (see docs/ivbss-arrays.md).
+        out: Model file, `.npz`; an existing one is replaced (the same arrays give the same bytes).
+        model: Model that fills what is missing; the shipped one by default.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge ndd import --json` prints.
+
+    Raises:
+        CornerForgeError: An array cannot be used, or the place cannot be written.
+    """
+    from cornerforge.ndd.ivbss import import_arrays
+
+    path = _model_place(out)
+    base = load_model(default_model_path() if model is None else Path(model))
+
+    def say(stage: str) -> None:
+        progress(f"import: {stage}", 0, 1)
+
+    made, report = import_arrays(Path(folder), base, say)
+    _write_model(made, path)
+    page = path.with_suffix(".report.json")
+    result = {**report.to_json(), "model_hash": model_hash(made)}
+    write_json(page, result)
+    return {**result, "report": str(page), "out": str(path)}
+
+
+def import_text(result: dict[str, Any]) -> str:
+    """What `ndd_import` found, for people."""
+    lines = []
+    for role, entry in result["files"].items():
+        numbers = ", ".join(
+            f"{key} {value:,}" if isinstance(value, int) else f"{key} {value:.3g}"
+            for key, value in entry.items()
+            if key not in ("name", "sha256")
+        )
+        lines.append(f"{role:<14}{entry['name']}: {numbers}")
+    lines += [f"ours          {what}" for what in result["filled"]]
+    lines += [f"not used      {name}" for name in result["unused"]]
+    lines += [f"Note: {note}" for note in result["notes"]]
+    return "\n".join([*lines, f"Model {result['model_hash']}: {result['out']}, report: {result['report']}"])
+
+
+def _model_place(out: Path | str) -> Path:
+    """Where a model is to be written; only a model is replaced there, never something else of the same name.
+
+    Raises:
+        CornerForgeError: It cannot be written, or holds something else.
+    """
+    path = Path(out)
+    check_new_file(path, overwrite=True)
+    if path.exists():
+        load_model(path)
+    return path
+
+
+def _write_model(model: NddModel, path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_model(model, path)
+    except OSError as error:
+        raise OutputError(f"Cannot write {path}: {error.strerror}; make room, or choose another place.") from error

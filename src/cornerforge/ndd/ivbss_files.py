@@ -1,0 +1,231 @@
+"""The published IVBSS arrays on disk: which file is what, and reading them without ever loading a pickle.
+
+Names, axes and meanings are those of the data that come with the released code of Feng et al. (NADE, Nature
+Communications 12:748, 2021; D2RL, Nature 615:620, 2023), folder `NDD_DATA`. `docs/ivbss-arrays.md` lists them.
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.errors import FileFormatError
+
+__all__ = ["ROLES", "Coordinates", "Role", "find_arrays", "load_array", "load_coordinates"]
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Role:
+    """What one of the arrays is.
+
+    Attributes:
+        about: In words, for reports.
+        patterns: Regular expressions of file names, the preferred one first.
+    """
+
+    about: str
+    patterns: tuple[str, ...]
+
+
+ROLES: Mapping[str, Role] = {
+    "following": Role("car following", (r"Optimized_CF_pdf_array\.npy", r"CF_pdf_array\.npy")),
+    "free": Role("free flow", (r"Optimized_FF_pdf_array\.npy", r"FF_pdf_array\.npy")),
+    "lc_alone": Role(
+        "lane change, no adjacent vehicle",
+        (r"(.*_)?OL_pdf.*\.npz", r"(.*_)?OL_pdf.*\.npy", r"Lane_change_no_adjacent_vehicle_pdf\.np[yz]"),
+    ),
+    "lc_lead": Role(
+        "lane change, an adjacent vehicle ahead",
+        (r"(.*_)?SLC_pdf.*\.npz", r"(.*_)?SLC_pdf.*\.npy", r"Lane_change_one_adjacent_vehicle_pdf\.np[yz]"),
+    ),
+    "lc_rear": Role(
+        "lane change, an adjacent vehicle behind",
+        (r"(.*_)?CI_pdf.*\.npz", r"(.*_)?CI_pdf.*\.npy", r"Lane_change_cut-in_pdf\.np[yz]"),
+    ),
+    "lc_both": Role(
+        "lane change, adjacent vehicles ahead and behind",
+        (r"(.*_)?DLC_pdf.*\.npz", r"(.*_)?DLC_pdf.*\.npy", r"Lane_change_two_adjacent_vehicles_pdf\.np[yz]"),
+    ),
+    "initial_speed": Role("speeds at the start", (r"speed_CDF\.npy",)),
+    "initial_gap": Role(
+        "gaps and range rates at the start",
+        (r"Optimized_presum_list_forward\.npy", r"presum_list_forward\.npy"),
+    ),
+}
+"""The arrays that are known, by our name for them."""
+
+_ENDINGS = (".npy", ".npz", ".pkl", ".pickle")
+
+
+def find_arrays(folder: Path) -> tuple[dict[str, Path], list[Path]]:
+    """Which file below `folder` holds which array.
+
+    Returns:
+        Role -> file, and the files of arrays that were not taken because a preferred one is there.
+
+    Raises:
+        FileFormatError: No folder, no known array in it, two files for one array, or an array given as a pickle.
+    """
+    if not folder.is_dir():
+        raise FileFormatError(f"No folder {folder}; name the one that holds the arrays (NDD_DATA, or one above it).")
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _ENDINGS and path.is_file())
+    taken: dict[str, Path] = {}
+    left: list[Path] = []
+    for role, about in ROLES.items():
+        for pattern in about.patterns:
+            fits = [path for path in files if re.fullmatch(pattern, path.name)]
+            if role in taken:
+                left += fits
+            elif len(fits) > 1:
+                raise FileFormatError(
+                    f"{folder} holds {len(fits)} files for {about.about}: {_names(fits, folder)}; leave one there."
+                )
+            elif fits:
+                taken[role] = fits[0]
+        if role not in taken:
+            _refuse_pickles(files, about.patterns)
+    if not taken:
+        wanted = "Optimized_CF_pdf_array.npy, Optimized_FF_pdf_array.npy, ..._OL_pdf....npz, speed_CDF.npy"
+        raise FileFormatError(f"{folder} holds none of the published arrays (such as {wanted}).")
+    return taken, [path for path in left if path not in taken.values()]
+
+
+def _refuse_pickles(files: Sequence[Path], patterns: Sequence[str]) -> None:
+    stems = [pattern.rsplit(r"\.", 1)[0] for pattern in patterns]
+    for path in files:
+        if path.suffix.lower() in (".pkl", ".pickle") and any(re.fullmatch(stem, path.stem) for stem in stems):
+            raise _needs_pickle(path)
+
+
+def _names(paths: Sequence[Path], folder: Path) -> str:
+    return ", ".join(str(path.relative_to(folder)) for path in paths)
+
+
+def _needs_pickle(path: Path) -> FileFormatError:
+    return FileFormatError(
+        f"{path} is a pickle, or an array of Python objects; it is not loaded, as that can run any program. Where you "
+        "trust it, convert it: numpy.save(NEW, numpy.asarray(numpy.load(OLD, allow_pickle=True), dtype=float))."
+    )
+
+
+def load_array(path: Path) -> NDArray[np.number]:
+    """The array of a `.npy` file, left on disk until it is looked at.
+
+    Raises:
+        FileFormatError: Damaged, no array of numbers, or a pickle.
+    """
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile) as error:
+        raise _unreadable(path, error) from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+        raise FileFormatError(f"{path} holds no array of numbers.")
+    return array
+
+
+def _unreadable(path: Path, error: Exception) -> FileFormatError:
+    hints = ("allow_pickle", "Object arrays", "Python objects")  # how NumPy says it
+    if isinstance(error, pickle.UnpicklingError) or any(hint in str(error) for hint in hints):
+        return _needs_pickle(path)
+    return FileFormatError(f"{path} is damaged or no array ({error}); fetch it again.")
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """An array by its entries that are not 0.
+
+    Attributes:
+        shape: Of the array.
+        place: Flat index over all axes but the last, shape (k,).
+        last: Index along the last axis, shape (k,).
+        value: The entries, shape (k,).
+    """
+
+    shape: tuple[int, ...]
+    place: Ints
+    last: Ints
+    value: Floats
+
+
+def load_coordinates(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Coordinates:
+    """A lane-change table, stored whole (`.npy`) or as a coordinate list (`.npz`).
+
+    Args:
+        path: The file. A coordinate list holds `coords`, integers (axes, k), `data`, (k,), and perhaps `shape` and
+            `fill_value` (0): what the package `sparse` writes.
+        shape: All axes but the last.
+        lengths: What the last axis may be.
+
+    Raises:
+        FileFormatError: Damaged, a pickle, another shape, or another kind of sparse array.
+    """
+    return _from_list(path, shape, lengths) if path.suffix == ".npz" else _from_whole(path, shape, lengths)
+
+
+def _check_shape(path: Path, found: tuple[int, ...], shape: tuple[int, ...], lengths: Sequence[int]) -> None:
+    if found[:-1] != shape or found[-1] not in lengths:
+        wanted = " or ".join(str((*shape, length)) for length in lengths)
+        raise FileFormatError(f"{path} has shape {found}; expected {wanted}.")
+
+
+def _from_whole(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Coordinates:
+    array = load_array(path)
+    if array.ndim != len(shape) + 1:
+        raise FileFormatError(f"{path} has {array.ndim} axes; expected {len(shape) + 1}.")
+    _check_shape(path, array.shape, shape, lengths)
+    places, lasts, values = [], [], []
+    slab_size = int(np.prod(shape[1:]))
+    for i in range(shape[0]):  # one speed after another: a whole table of six axes takes gigabytes
+        slab = np.asarray(array[i], dtype=np.float64).reshape(slab_size, -1)
+        place, last = np.nonzero(slab)  # NaN is not 0
+        places.append(place + i * slab_size)
+        lasts.append(last)
+        values.append(slab[place, last])
+    return Coordinates(array.shape, np.concatenate(places), np.concatenate(lasts), np.concatenate(values))
+
+
+def _from_list(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Coordinates:
+    try:
+        # Of a damaged file np.load would leave the handle open.
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            parts = {name: file[name] for name in ("coords", "data", "shape", "fill_value") if name in file.files}
+    except (OSError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:
+        raise _unreadable(path, error) from error
+    if "coords" not in parts or "data" not in parts:
+        raise FileFormatError(
+            f"{path} is no coordinate list (it needs arrays coords and data); save it again in coordinate form with "
+            "the package sparse."
+        )
+    coords, data = parts["coords"], parts["data"]
+    if coords.ndim != 2 or data.ndim != 1 or coords.shape != (len(shape) + 1, data.size):
+        raise FileFormatError(
+            f"{path}: coords has shape {coords.shape} and data {data.shape}; expected ({len(shape) + 1}, k) and (k,)."
+        )
+    if coords.dtype.kind not in "iu" or data.dtype.kind not in "fiu":
+        raise FileFormatError(f"{path}: coords must be whole numbers and data numbers.")
+    if "fill_value" in parts and parts["fill_value"].astype(np.float64) != 0.0:
+        raise FileFormatError(f"{path}: fill_value is {parts['fill_value']}; only lists of what is not 0 can be read.")
+    found = tuple(int(n) for n in parts["shape"]) if "shape" in parts else (*shape, lengths[0])
+    if len(found) != len(shape) + 1:
+        raise FileFormatError(f"{path} has {len(found)} axes; expected {len(shape) + 1}.")
+    _check_shape(path, found, shape, lengths)
+    outside = ((coords < 0) | (coords >= np.array(found)[:, None])).any(axis=0)
+    if outside.any():
+        raise FileFormatError(
+            f"{path}: {int(outside.sum())} of {data.size} coordinates lie outside {found}, first number "
+            f"{int(np.argmax(outside))}."
+        )
+    place = np.zeros(data.size, dtype=np.int64)
+    for axis, length in enumerate(shape):
+        place = place * length + coords[axis]
+    return Coordinates(found, place, coords[-1].astype(np.int64), data.astype(np.float64))
