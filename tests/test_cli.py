@@ -75,8 +75,9 @@ def test_every_command_helps(command: list[str], capsys: Capture) -> None:
 
 
 def test_the_promised_commands_are_there() -> None:
-    promised = ("run", "simulate", "train", "generate", "analyse", "replay", "query", "ndd fit")
-    assert {*promised, "avs"} <= {" ".join(path) for path in all_commands()}
+    promised = ("run", "simulate", "train", "generate", "analyse", "replay", "query")
+    below_ndd = {"ndd fit", "ndd import", "ndd show", "ndd validate"}
+    assert {*promised, *below_ndd, "avs"} <= {" ".join(path) for path in all_commands()}
 
 
 @pytest.mark.parametrize("command", [path for path in all_commands() if path not in ([], ["ndd"])], ids=" ".join)
@@ -132,6 +133,7 @@ GOOD: dict[str, tuple[str, set[str]]] = {
     "query": ("query {f}/library 'select case_id, n_vehicles from cases limit 2'", {"columns", "rows"}),
     "avs": ("avs", {"avs"}),
     "ndd fit": ("ndd fit {f}/pairs.csv --format pairs --out {n}/m.npz", FIT),
+    "ndd show": ("ndd show", {"model_hash", "following", "free_flow", "lane_change", "initial", "counted", "figures"}),
     "ndd fit, format guessed": ("ndd fit {f}/pairs.csv --out {n}/m.npz", FIT | {"format"}),
 }
 

@@ -479,6 +479,27 @@ def ndd_import(
     )  # fmt: skip
 
 
+@ndd.command("show")
+def ndd_show(
+    model: Annotated[
+        Path | None, typer.Argument(metavar="M.npz", help="The model; the shipped one by default.", show_default=False)
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for figures (PNG).", show_default=False)] = None,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Show a naturalistic model: its key numbers beside published facts; figures with --out."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.show import show_text
+
+    _run(
+        lambda bars: pipeline.ndd_show(model, out=out, progress=bars), show_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
 @ndd.command("validate")
 def ndd_validate(
     model: Annotated[Path, typer.Argument(metavar="M.npz", help="The model.", show_default=False)],

@@ -7,6 +7,7 @@ from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
 from cornerforge.pipeline.rate import rate
 from cornerforge.pipeline.run import run
+from cornerforge.pipeline.show import ndd_show
 from cornerforge.pipeline.simulate import simulate
 from cornerforge.pipeline.train import train
 from cornerforge.pipeline.validate import ndd_validate
@@ -16,6 +17,7 @@ __all__ = [
     "generate",
     "ndd_fit",
     "ndd_import",
+    "ndd_show",
     "ndd_validate",
     "query",
     "rate",
