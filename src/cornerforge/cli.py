@@ -443,16 +443,13 @@ def ndd_fit(
 ) -> None:
     """Fit a naturalistic model from trajectories; its report is written beside it."""
     from cornerforge import pipeline
-
-    def text(r: dict[str, Any]) -> str:
-        used = f"{r['rows_used']:,} of {r['rows_read']:,} rows used, {r['states']:,} states"
-        return f"{used}; model: {r['out']}, report: {r['report']}"
+    from cornerforge.pipeline.naturalistic import fit_text
 
     _run(
         lambda bars: pipeline.ndd_fit(
             files, data_format=data_format, out=out, prior_strength=prior_strength, progress=bars
         ),
-        text, as_json=as_json, quiet=quiet,
+        fit_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cornerforge.cli import main
 from cornerforge.errors import DataError, InputError
+from cornerforge.ndd import default_model_path
 from cornerforge.ndd.highd import read_recording_meta
 from cornerforge.ndd.readers import Reading, guess_format, read_decisions
 
@@ -110,7 +112,7 @@ def lanes_rows(scale: float = 1.0) -> list[str]:
 
 
 FILES: dict[str, tuple[str, str, Callable[[], list[str]]]] = {
-    "pairs": ("pairs", PAIRS_HEADER, lambda: PAIRS),
+    "pairs": ("pairs", PAIRS_HEADER, lambda: list(PAIRS)),
     "tracks with leaders": ("tracks", LEADERS_HEADER, leaders_rows),
     "tracks with lanes": ("tracks", LANES_HEADER, lanes_rows),
     "official NGSIM": ("ngsim", NGSIM_HEADER, ngsim_rows),
@@ -232,3 +234,27 @@ def test_metres_in_a_file_of_feet_are_noted(tmp_path: Path) -> None:
 def test_plausible_speeds_are_not_noted(tmp_path: Path) -> None:
     fast = [f"400,2,1,{0.1 * i:.1f},59.0,59.0,{GAP},train" for i in range(61)]
     assert read_one(written(tmp_path / "p.csv", PAIRS_HEADER, fast), "pairs").notes == ()
+
+
+def test_the_command_names_what_was_left_out_and_how_much_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "p.csv", PAIRS_HEADER, [*PAIRS, PAIRS[5]])
+    assert main(["ndd", "fit", str(path), "--out", str(tmp_path / "m.npz")]) == 0
+    text = capsys.readouterr().out
+    assert "61 of 62 rows used" in text
+    assert "Left out of p.csv: t_s twice for one vehicle, 1 row(s), first at line 63" in text
+    assert "Note: Only 6 following decisions above 10 m/s, 194 too few (at least 200 are needed)" in text
+
+
+def test_the_command_refuses_an_unclear_format_with_exit_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(
+        tmp_path / "b.csv", f"{PAIRS_HEADER},scenario,veh_id,lane,s_m", [f"{row},A,1,2,5.0" for row in PAIRS]
+    )
+    for call in (["fit", str(path), "--out", "m.npz"], ["validate", str(default_model_path()), "--against", str(path)]):
+        assert main(["ndd", *call]) == 2
+        message = capsys.readouterr().err
+        assert "fit more than one format: pairs, tracks; say which with --format" in message
+        assert "Traceback" not in message

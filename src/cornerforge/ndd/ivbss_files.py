@@ -227,5 +227,5 @@ def _from_list(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Co
         )
     place = np.zeros(data.size, dtype=np.int64)
     for axis, length in enumerate(shape):
-        place = place * length + coords[axis]
+        place = place * length + coords[axis].astype(np.int64)
     return Coordinates(found, place, coords[-1].astype(np.int64), data.astype(np.float64))

@@ -11,7 +11,7 @@ from cornerforge.ndd.model import NddModel, default_model_path, load_model, mode
 from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 
-__all__ = ["import_text", "ndd_fit", "ndd_import"]
+__all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
 
 def ndd_fit(
@@ -58,6 +58,18 @@ def ndd_fit(
         "report": str(page),
         "out": str(path),
     }
+
+
+def fit_text(result: dict[str, Any]) -> str:
+    """What `ndd_fit` found, for people: rows, what was left out and where, what to know."""
+    lines = [f"{result['rows_used']:,} of {result['rows_read']:,} rows used, {result['states']:,} states"]
+    lines += [
+        f"Left out of {name}: {reason}, {entry['rows']:,} row(s), first at line {entry['first_line']}"
+        for name, reasons in result["bad_rows"].items()
+        for reason, entry in reasons.items()
+    ]
+    lines += [f"Note: {note}" for note in result["notes"]]
+    return "\n".join([*lines, f"Model: {result['out']}, report: {result['report']}"])
 
 
 def ndd_import(
