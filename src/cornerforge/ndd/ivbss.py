@@ -110,7 +110,7 @@ def import_arrays(
             cells[role] = cells_of(path.name, load_coordinates(path, table_shape(role), LAST_AXIS))
     model, found = reduce_lane_changes(model, cells)
     for role, entry in found.items():
-        files[role] |= {**cells[role].counts, **entry}
+        files[role] |= {**cells[role].counts, **_rounded(entry)}
     tell("Fitting the initial state")
     model, entries = _with_initial(model, paths)
     for role, numbers in entries.items():
@@ -153,9 +153,12 @@ def _with_initial(model: NddModel, paths: Mapping[str, Path]) -> tuple[NddModel,
             raise FileFormatError(f"{path} is all zeros.")
         initial, found = fit_gaps(rows.reshape(_FOLLOWING[:3]), speeds, initial)
         entries["initial_gap"] = {**counts, **found}
-    for entry in entries.values():
-        entry |= {key: round(value, 9) for key, value in entry.items() if isinstance(value, float)}
-    return replace(model, initial=initial), entries
+    return replace(model, initial=initial), {role: _rounded(entry) for role, entry in entries.items()}
+
+
+def _rounded(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers to 9 digits, so that the last bits of a sum do not decide the bytes of the model file."""
+    return {key: round(value, 9) if isinstance(value, float) else value for key, value in entry.items()}
 
 
 def _cumulative(
