@@ -14,7 +14,7 @@ from cornerforge.sim import statistics
 from cornerforge.sim.runner import METRES_PER_MILE, Tally, warm_up
 from cornerforge.sim.runner import simulate as drive
 
-__all__ = ["rate_summary", "simulate", "simulate_experiment", "tally_summary"]
+__all__ = ["distributions_of", "rate_summary", "simulate", "simulate_experiment", "tally_summary"]
 
 
 def rate_summary(crashes: int, tests: int, miles: float) -> dict[str, Any]:
@@ -31,7 +31,8 @@ def rate_summary(crashes: int, tests: int, miles: float) -> dict[str, Any]:
     }
 
 
-def _distributions(counts: statistics.Counts) -> dict[str, Any]:
+def distributions_of(counts: statistics.Counts) -> dict[str, Any]:
+    """The object `distributions` of `simulate --stats`."""
     summaries: dict[str, Any] = {
         grid.name: {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
         for row, grid in enumerate(statistics.TRAFFIC)
@@ -40,7 +41,7 @@ def _distributions(counts: statistics.Counts) -> dict[str, Any]:
     following = int(totals[statistics.FOLLOWING_STATES])
     miles = int(totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
     summaries["ttc_share_below"] = {
-        f"{limit:g}": int(totals[5 + k]) / following if following else None
+        f"{limit:g}": int(totals[statistics.TTC_BELOW + k]) / following if following else None
         for k, limit in enumerate(statistics.TTC_LIMITS)
     }
     summaries["following_share"] = (
@@ -64,7 +65,7 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
         "digest": tally.digest.hexdigest(),
     }
     if with_distributions:
-        summary["distributions"] = _distributions(tally.counts)
+        summary["distributions"] = distributions_of(tally.counts)
     return summary
 
 

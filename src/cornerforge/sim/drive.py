@@ -11,7 +11,7 @@ from cornerforge._jit import kernel
 from cornerforge.sim.adversaries import ChoiceScratch, choose_action
 from cornerforge.sim.decide import action_probabilities, nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe
-from cornerforge.sim.statistics import BV_TRAVEL_MM, Counts, count_av, count_traffic
+from cornerforge.sim.statistics import BV_TRAVEL_MM, Census, Counts, count_av, count_choices, count_states
 from cornerforge.sim.step import Pairs, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -104,9 +104,9 @@ class Transitions(NamedTuple):
 @kernel
 def drive_test(
     w: World, seed: int, test: int, setting: Setting, pairs: Pairs, s: ChoiceScratch,
-    recording: NDArray[np.void], decisions: Decisions, counts: Counts, counting: bool,
+    recording: NDArray[np.void], decisions: Decisions, counts: Counts, census: Census,
 ) -> None:  # fmt: skip
-    """Drive one test from its start to its end; the outcome is in `w.info`.
+    """Drive one test from its start to its end; the outcome is in `w.info`. `census` says what goes into `counts`.
 
     The critical BV is always found, so that recordings of natural crashes name it too; it is controlled only when the
     setting has an adversary.
@@ -133,10 +133,14 @@ def drive_test(
         if recorded and bv >= 0:
             # The tables must see the state before anybody moves; the action of a natural driver is known only after it.
             action_probabilities(w, bv, tables.overlook, road, tables, s.p)
+        counting = census.on and census.first <= step < census.until
+        crashes = w.info[N_BV_CRASHES]
         if counting:
             count_av(w, road, counts)
-            travel += count_traffic(w, road, counts)
+            travel += count_states(w, step, road, counts, census)
         step_world(w, seed, test, bv_model, action, road, av, tables, pairs, recording)
+        if counting:
+            count_choices(w, crashes, road, counts)
         if recorded:
             decisions.controlled[step] = bv
             decisions.log_prob[step] = 0.0
@@ -145,14 +149,14 @@ def drive_test(
                 decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
             for i in range(w.info[N_VEHICLES]):
                 decisions.action[step, i] = w.vehicles[i].action
-    if counting:
+    if census.on:
         counts.totals[BV_TRAVEL_MM] += int(travel * 1000.0)
 
 
 @kernel
 def drive_range(
     seed: int, first: int, count: int, setting: Setting, worlds: World, pairs: Pairs, s: ChoiceScratch,
-    recording: NDArray[np.void], decisions: Decisions, counts: Counts, counting: bool, out: Outcomes,
+    recording: NDArray[np.void], decisions: Decisions, counts: Counts, census: Census, out: Outcomes,
 ) -> None:  # fmt: skip
     """Drive tests first .. first + count - 1 of a seed one after the other and write entry k of `out` for each.
 
@@ -162,12 +166,12 @@ def drive_range(
         worlds: Scratch, a batch of one world.
         pairs, s: Scratch.
         recording, decisions: Of size 0, or large enough for one test when `count` is 1.
-        counts, counting: Histograms to add to, and whether to.
+        counts, census: Histograms to add to, and what to count.
         out: Arrays of at least `count` entries.
     """
     w = world_row(worlds, 0)
     for k in range(count):
-        drive_test(w, seed, first + k, setting, pairs, s, recording, decisions, counts, counting)
+        drive_test(w, seed, first + k, setting, pairs, s, recording, decisions, counts, census)
         out.code[k] = w.info[OUTCOME]
         out.frame[k] = w.info[FRAME]
         out.slot_a[k] = w.info[SLOT_A]

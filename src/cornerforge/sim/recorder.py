@@ -9,7 +9,7 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Decisions, Setting, drive_test, world_row
-from cornerforge.sim.statistics import allocate_counts
+from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import (
     AV_CRASH,
@@ -78,7 +78,7 @@ class Recorder:
             self._recording,
             self._decisions,
             self._counts,
-            False,
+            NOBODY,
         )
         n = int(world.info[N_VEHICLES])
         last = int(world.info[FRAME])

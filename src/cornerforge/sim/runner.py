@@ -14,7 +14,7 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Decisions, Outcomes, Setting, drive_range
-from cornerforge.sim.statistics import Counts, allocate_counts
+from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
 from cornerforge.sim.step import allocate_pairs, allocate_recording
 from cornerforge.sim.world import AV_CRASH, allocate_worlds
 
@@ -71,8 +71,7 @@ class Tally:
         for name in _DIGESTED.names or ():
             rows[name] = getattr(out, name)
         self.digest.update(rows.tobytes())
-        self.counts.histograms[:] += counts.histograms
-        self.counts.totals[:] += counts.totals
+        self.counts.add(counts)
 
 
 def default_threads() -> int:
@@ -93,11 +92,11 @@ def _allocate_outcomes(n: int) -> Outcomes:
 
 
 def drive_chunk(
-    setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool
+    setting: Setting, slots: int, seed: int, first: int, count: int, census: Census
 ) -> tuple[Outcomes, Counts]:
     """Drive `count` tests from `first` on; releases the GIL for all of it."""
     out = _allocate_outcomes(count)
-    counts = allocate_counts()
+    counts = allocate_counts(slots)
     no_decisions = Decisions(np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0))
     drive_range(
         seed,
@@ -110,7 +109,7 @@ def drive_chunk(
         allocate_recording(0, slots),
         no_decisions,
         counts,
-        counting,
+        census,
         out,
     )
     return out, counts
@@ -118,7 +117,7 @@ def drive_chunk(
 
 def warm_up(setting: Setting, slots: int) -> None:
     """Load the compiled kernels, or compile them (once per installation), so that timings do not count it."""
-    drive_chunk(setting, slots, 0, 0, 0, False)
+    drive_chunk(setting, slots, 0, 0, 0, NOBODY)
 
 
 def simulate_chunks(
@@ -129,15 +128,17 @@ def simulate_chunks(
     first: int,
     tests: int,
     threads: int,
-    counting: bool = False,
+    counting: bool | Census = False,
     chunk: int = _CHUNK,
 ) -> Generator[tuple[int, Outcomes, Counts], None, None]:
     """Drive tests in a thread pool and yield (first test, outcomes, counts) per chunk, in test order.
 
-    Results do not depend on `threads` or `chunk`. Closing the iterator early drops what was not yet yielded.
+    Results do not depend on `threads` or `chunk`. `counting` is as in `simulate`. Closing the iterator
+    early drops what was not yet yielded.
     """
     check_integer("threads", threads, low=1, high=1024)
     check_integer("chunk", chunk, low=1)
+    census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
     starts = iter(range(first, first + tests, chunk))
     pending: deque[tuple[int, Future[tuple[Outcomes, Counts]]]] = deque()
     with ThreadPoolExecutor(threads) as pool:
@@ -145,7 +146,7 @@ def simulate_chunks(
             while True:
                 while len(pending) < 2 * threads and (start := next(starts, None)) is not None:
                     count = min(chunk, first + tests - start)
-                    pending.append((start, pool.submit(drive_chunk, setting, slots, seed, start, count, counting)))
+                    pending.append((start, pool.submit(drive_chunk, setting, slots, seed, start, count, census)))
                 if not pending:
                     return
                 start, future = pending.popleft()
@@ -164,7 +165,7 @@ def simulate(
     tests: int,
     first: int = 0,
     threads: int = 1,
-    counting: bool = False,
+    counting: bool | Census = False,
     progress: Callable[[int], None] | None = None,
 ) -> Tally:
     """Drive tests and sum them up.
@@ -176,7 +177,7 @@ def simulate(
         tests: How many, at least 1.
         first: Number of the first test.
         threads: Pool size; does not change the result.
-        counting: Fill the histograms too (slower).
+        counting: Fill the histograms too (slower): of all BVs at all times, or of those of a census.
         progress: Called with the number of tests done after each chunk.
 
     Raises:

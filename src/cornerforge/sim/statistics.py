@@ -1,28 +1,38 @@
-"""Distributions over bulk simulation: fixed histograms, counted in integers so that no order of summation matters."""
+"""Distributions over bulk simulation: fixed histograms, counted in integers so that no order of summation matters.
+
+A BV is counted in two steps: its state at a decision time (`count_states`), then, after the second, what it chose there
+and whether it crashed (`count_choices`).
+"""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import kernel
-from cornerforge.sim.decide import SIGHT, neighbours_in_lane
-from cornerforge.sim.world import N_VEHICLES
+from cornerforge.sim.decide import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.world import N_BV_CRASHES, N_VEHICLES
 from cornerforge.types import ACCELERATIONS
 
 if TYPE_CHECKING:
     from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = [
+    "EVERYBODY",
     "EXPOSURE",
+    "JOINT",
+    "NOBODY",
     "TRAFFIC",
+    "Census",
     "Counts",
     "HistogramGrid",
     "allocate_counts",
     "count_av",
-    "count_traffic",
+    "count_choices",
+    "count_states",
     "grid_edges",
     "histogram_summary",
 ]
@@ -55,34 +65,92 @@ EXPOSURE = (
 """What the AV is exposed to once a second (paper, Figure 3): to the vehicles ahead and behind in its lane; TTC when
 closing. Vehicles that overlap it lengthwise, beside it while one of the two changes lanes, are neither ahead nor
 behind."""
+JOINT = (
+    HistogramGrid("gap", "m", 0.0, 0.5, 240),
+    HistogramGrid("time_gap", "s", 0.0, 0.05, 240),
+    HistogramGrid("range_rate", "m/s", -12.0, 0.1, 240),
+    HistogramGrid("acceleration_following", "m/s2", -4.1, 0.2, 31),
+    HistogramGrid("acceleration_free", "m/s2", -4.1, 0.2, 31),
+    HistogramGrid("inverse_ttc", "1/s", 0.0, 1.0 / 60.0, 61),
+    HistogramGrid("accepted_lead_gap", "m", 0.0, 1.0, 121),
+    HistogramGrid("accepted_rear_gap", "m", 0.0, 1.0, 121),
+)
+"""Quantities of BVs together with their speed, in classes of 1 m/s about 0, 1, ..., 40 m/s, so that traffic can be
+compared with data of other speeds. Inverse TTC is 0 when not closing; an accepted gap is the one in the next lane when
+a change begins, the last bin if nobody is there within 120 m."""
+JOINT_SPEEDS = 41
 TTC_LIMITS = (3.0, 4.0, 5.0, 10.0, 15.0, 20.0)
 _N_BINS = 2400
+_N_JOINT_BINS = 240
 _FOLLOWING_GAP = 115.5
 _ACCELERATIONS = ACCELERATIONS
-_LOW = np.array([g.low for g in TRAFFIC + EXPOSURE])
-_WIDTH = np.array([g.width for g in TRAFFIC + EXPOSURE])
-_BINS = np.array([g.bins for g in TRAFFIC + EXPOSURE])
+_GRIDS = TRAFFIC + EXPOSURE + JOINT
+_LOW = np.array([g.low for g in _GRIDS])
+_WIDTH = np.array([g.width for g in _GRIDS])
+_BINS = np.array([g.bins for g in _GRIDS])
 _LIMITS = np.array(TTC_LIMITS)
+_FIRST_JOINT = len(TRAFFIC) + len(EXPOSURE)
+GAP, TIME_GAP, RANGE_RATE, FOLLOWING_ACCELERATION, FREE_ACCELERATION, INVERSE_TTC, LEAD_GAP, REAR_GAP = range(8)
+_NOT_COUNTED, _FREE, _FOLLOWING = range(3)
+
+
+class Census(NamedTuple):
+    """Which BVs are counted, and when: those with low <= x - drift * time <= high, at decision times first..until - 1.
+
+    Attributes:
+        on: Count at all; where False, counting costs nothing.
+        first, until: Decision times [s].
+        low, high: Limits of the counted stretch of road at time 0 [m].
+        drift: The stretch moves along the road at this speed [m/s].
+    """
+
+    on: bool
+    first: int
+    until: int
+    low: float
+    high: float
+    drift: float
+
+
+NOBODY = Census(False, 0, 0, 0.0, 0.0, 0.0)
+EVERYBODY = Census(True, 0, 2**31, -math.inf, math.inf, 0.0)
+
+_SEEN = np.dtype([("x", "f8"), ("speed", "f8"), ("lanes", "i8"), ("as_what", "i8")])
 
 
 class Counts(NamedTuple):
-    """Integer counts; `histograms` (9, 2400) rows in the order of TRAFFIC then EXPOSURE.
+    """Integer counts.
 
-    `totals`: BV states, following states, lane changes begun, BV travel [mm], AV decisions; then states with TTC below
-    each limit.
+    Attributes:
+        histograms: (9, 2400), rows in the order of TRAFFIC then EXPOSURE.
+        joint: (8, 41, 240), rows in the order of JOINT, by speed in classes of 1 m/s.
+        totals: BV states, following states, lane changes begun, BV travel [mm], AV decisions, BVs that crashed into
+            each other; then states with TTC below each limit.
+        seen: Scratch, one entry per slot: the states at the last decision time.
     """
 
     histograms: NDArray[np.int64]
+    joint: NDArray[np.int64]
     totals: NDArray[np.int64]
+    seen: NDArray[np.void]
+
+    def add(self, other: Counts) -> None:
+        """Add the counts of `other` to these."""
+        self.histograms[:] += other.histograms
+        self.joint[:] += other.joint
+        self.totals[:] += other.totals
 
 
-BV_STATES, FOLLOWING_STATES, LANE_CHANGES, BV_TRAVEL_MM, AV_STATES = range(5)
+BV_STATES, FOLLOWING_STATES, LANE_CHANGES, BV_TRAVEL_MM, AV_STATES, CRASHED_BVS, TTC_BELOW = range(7)
 
 
-def allocate_counts() -> Counts:
-    """Zero counts."""
+def allocate_counts(slots: int = 0) -> Counts:
+    """Zero counts; worlds of `slots` slots can be counted into them (0: only sums of others)."""
     return Counts(
-        np.zeros((len(TRAFFIC) + len(EXPOSURE), _N_BINS), dtype=np.int64), np.zeros(5 + len(TTC_LIMITS), dtype=np.int64)
+        np.zeros((_FIRST_JOINT, _N_BINS), dtype=np.int64),
+        np.zeros((len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS), dtype=np.int64),
+        np.zeros(TTC_BELOW + len(TTC_LIMITS), dtype=np.int64),
+        np.zeros(slots, dtype=_SEEN),
     )
 
 
@@ -110,49 +178,130 @@ def histogram_summary(grid: HistogramGrid, counts: NDArray[np.int64]) -> dict[st
 
 @kernel
 def _count(counts: Counts, row: int, value: float) -> None:
-    place = int((value - _LOW[row]) / _WIDTH[row])
+    place = math.floor((value - _LOW[row]) / _WIDTH[row])
     counts.histograms[row, max(0, min(_BINS[row] - 1, place))] += 1
 
 
 @kernel
-def count_traffic(w: World, road: RoadNumbers, counts: Counts) -> float:
-    """Count all BVs at a decision time; their accelerations and lane changes are those of the second before.
+def _count_joint(counts: Counts, row: int, speed: float, value: float) -> None:
+    """Count a value of quantity `row` of JOINT, of a vehicle with this speed [m/s]."""
+    grid = _FIRST_JOINT + row
+    place = math.floor((value - _LOW[grid]) / _WIDTH[grid])
+    speed_class = max(0, min(JOINT_SPEEDS - 1, math.floor(speed + 0.5)))
+    counts.joint[row, speed_class, max(0, min(_BINS[grid] - 1, place))] += 1
+
+
+@kernel
+def _nearest_lead(w: World, rank: int) -> int:
+    """Slot of the nearest vehicle ahead in any lane that the one at a rank of `order` occupies; -1 for none."""
+    v = w.vehicles
+    i = w.order[rank]
+    for other in range(rank + 1, w.info[N_VEHICLES]):
+        j = w.order[other]
+        if v[j].x - v[i].x >= SIGHT:
+            return -1
+        if v[j].present and v[j].lanes & v[i].lanes:
+            return int(j)
+    return -1
+
+
+@kernel
+def _count_following(counts: Counts, speed: float, gap: float, rate: float) -> None:
+    """Count a state behind a leader: gap [m], rate: leader minus follower [m/s]."""
+    time_gap = gap / max(speed, 0.1)
+    counts.totals[FOLLOWING_STATES] += 1
+    _count(counts, 1, gap)
+    _count(counts, 2, time_gap)
+    _count(counts, 3, rate)
+    _count_joint(counts, GAP, speed, gap)
+    _count_joint(counts, TIME_GAP, speed, time_gap)
+    _count_joint(counts, RANGE_RATE, speed, rate)
+    inverse = 0.0
+    if rate < 0.0:
+        inverse = -rate / max(gap, 0.01)
+        for k in range(_LIMITS.size):
+            if gap < -rate * _LIMITS[k]:
+                counts.totals[TTC_BELOW + k] += 1
+    _count_joint(counts, INVERSE_TTC, speed, inverse)
+
+
+@kernel
+def count_states(w: World, time: int, road: RoadNumbers, counts: Counts, census: Census) -> float:
+    """Count the states of the BVs of a census at decision time `time` [s], and remember them for `count_choices`.
 
     Returns:
         The sum of their speeds, which is their travel in the coming second [m] to first order.
     """
     v = w.vehicles
     info = w.info
+    low = census.low + census.drift * time
+    high = census.high + census.drift * time
     travel = 0.0
-    for i in range(1, info[N_VEHICLES]):
-        if v[i].present == 0:
+    sort_by_x(w)  # as the BVs' decisions will do: a second sorting changes nothing
+    for rank in range(info[N_VEHICLES]):
+        i = w.order[rank]
+        seen = counts.seen[i]
+        seen.x = v[i].x
+        seen.speed = v[i].speed
+        seen.lanes = v[i].lanes if v[i].present else 0
+        seen.as_what = _NOT_COUNTED
+        if i == 0 or v[i].present == 0 or not (low <= v[i].x <= high):
             continue
         counts.totals[BV_STATES] += 1
         travel += v[i].speed
         _count(counts, 0, v[i].speed)
-        if 0 <= v[i].action < 2:
-            counts.totals[LANE_CHANGES] += 1
-            _count(counts, 4, 0.0)
-        elif v[i].action >= 2:
-            _count(counts, 4, _ACCELERATIONS[v[i].action - 2])
-        gap = SIGHT
-        rate = 0.0
-        for lane in range(road.n_lanes):
-            if v[i].lanes & (1 << lane):
-                lead, _ = neighbours_in_lane(w, i, lane, road.lane_width, 1)
-                if lead >= 0 and v[lead].x - v[i].x - road.length < gap:
-                    gap = v[lead].x - v[i].x - road.length
-                    rate = v[lead].speed - v[i].speed
-        if gap > _FOLLOWING_GAP:
-            continue
-        counts.totals[FOLLOWING_STATES] += 1
-        _count(counts, 1, gap)
-        _count(counts, 2, gap / max(v[i].speed, 0.1))
-        _count(counts, 3, rate)
-        for k in range(_LIMITS.size):
-            if rate < 0.0 and gap < -rate * _LIMITS[k]:
-                counts.totals[5 + k] += 1
+        seen.as_what = _FREE
+        lead = _nearest_lead(w, rank)
+        if lead >= 0 and v[lead].x - v[i].x - road.length <= _FOLLOWING_GAP:
+            seen.as_what = _FOLLOWING
+            _count_following(counts, v[i].speed, v[lead].x - v[i].x - road.length, v[lead].speed - v[i].speed)
     return travel
+
+
+@kernel
+def _count_accepted(n: int, i: int, target: int, road: RoadNumbers, counts: Counts) -> None:
+    """Count the gaps ahead and behind in lane `target` that slot i had when it began to change there."""
+    seen = counts.seen
+    bit = 1 << target
+    lead_gap = math.inf
+    rear_gap = math.inf
+    for j in range(n):
+        if j == i or seen[j].lanes & bit == 0:
+            continue
+        dx = seen[j].x - seen[i].x
+        if dx > 0.0:
+            lead_gap = min(lead_gap, dx - road.length)
+        else:
+            rear_gap = min(rear_gap, -dx - road.length)
+    _count_joint(counts, LEAD_GAP, seen[i].speed, min(lead_gap, 1e6))
+    _count_joint(counts, REAR_GAP, seen[i].speed, min(rear_gap, 1e6))
+
+
+@kernel
+def count_choices(w: World, crashes_before: int, road: RoadNumbers, counts: Counts) -> None:
+    """Count what the BVs that `count_states` counted chose then, and which of them crashed in the second since.
+
+    A lane change holds the speed: it counts as acceleration 0. `crashes_before`: info[N_BV_CRASHES] before the second;
+    a vehicle that vanishes in another way than by a crash is not taken for crashed, unless in the same second.
+    """
+    v = w.vehicles
+    n = w.info[N_VEHICLES]
+    has_crash = w.info[N_BV_CRASHES] > crashes_before
+    for i in range(1, n):
+        if counts.seen[i].as_what == _NOT_COUNTED:
+            continue
+        if has_crash and v[i].present == 0:
+            counts.totals[CRASHED_BVS] += 1
+        acceleration = 0.0
+        if v[i].action >= 2:
+            acceleration = _ACCELERATIONS[v[i].action - 2]
+        else:
+            counts.totals[LANE_CHANGES] += 1
+            if counts.seen[i].lanes & (1 << v[i].target_lane) == 0:
+                _count_accepted(n, i, v[i].target_lane, road, counts)
+        _count(counts, 4, acceleration)
+        row = FOLLOWING_ACCELERATION if counts.seen[i].as_what == _FOLLOWING else FREE_ACCELERATION
+        _count_joint(counts, row, counts.seen[i].speed, acceleration)
 
 
 @kernel

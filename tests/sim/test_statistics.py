@@ -1,0 +1,222 @@
+"""Counting traffic: hand-built states, recordings counted slowly, and windows of time and road that add up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_built import Car, setting_of, world_of
+
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim import statistics
+from cornerforge.sim.decide import start_lane_change
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.runner import simulate, simulate_chunks
+from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_counts, count_choices, count_states
+from cornerforge.sim.world import N_BV_CRASHES, World, n_slots, road_numbers
+from cornerforge.types import ACCELERATIONS, Odd, Scenario
+
+ODD = Odd(n_lanes=3)
+ROAD = road_numbers(ODD)
+GO_ON = 22
+"""Index of acceleration 0."""
+
+
+def states(world: World, census: Census = EVERYBODY, time: int = 0) -> tuple[Counts, float]:
+    counts = allocate_counts(world.vehicles.size)
+    return counts, count_states(world, time, ROAD, counts, census)
+
+
+def total(counts: Counts, which: int) -> int:
+    return int(counts.totals[which])
+
+
+def only_bin(row: np.ndarray) -> int:
+    """The only bin that holds something, which is one count."""
+    (place,) = np.flatnonzero(row)
+    assert row[place] == 1
+    return int(place)
+
+
+def test_one_follower_by_hand() -> None:
+    """30.26 m behind the AV at 25 m/s, closing by 4.01 m/s: time gap 1.2104 s, TTC 7.546 s (no value on an edge)."""
+    counts, travel = states(world_of([Car(100.0, 1, 20.99), Car(64.74, 1, 25.0)]))
+    assert travel == 25.0
+    assert [total(counts, k) for k in (statistics.BV_STATES, statistics.FOLLOWING_STATES)] == [1, 1]
+    below = counts.totals[statistics.TTC_BELOW :].tolist()
+    assert below == [0, 0, 0, 1, 1, 1]  # of 3, 4, 5, 10, 15, 20 s
+    assert only_bin(counts.histograms[1]) == 605  # bins of 0.05 m
+    assert only_bin(counts.histograms[2]) == 242  # bins of 0.005 s
+    assert only_bin(counts.histograms[3]) == 799  # bins of 0.02 m/s from -20 m/s on
+    joint = counts.joint[:, 25]
+    assert only_bin(joint[statistics.GAP]) == 60
+    assert only_bin(joint[statistics.TIME_GAP]) == 24
+    assert only_bin(joint[statistics.RANGE_RATE]) == 79
+    assert only_bin(joint[statistics.INVERSE_TTC]) == 7  # bins of 1/60 per s
+    assert counts.joint.sum() == 4
+
+
+def test_a_leader_beyond_the_tables_is_none() -> None:
+    for gap, follows in ((115.5, 1), (115.6, 0)):
+        counts, _ = states(world_of([Car(300.0, 1, 30.0), Car(295.0 - gap, 1, 30.0)]))
+        assert total(counts, statistics.FOLLOWING_STATES) == follows, gap
+
+
+def test_the_nearest_leader_of_all_lanes_that_it_occupies_counts() -> None:
+    world = world_of([Car(200.0, 2, 30.0), Car(100.0, 1, 30.0), Car(140.0, 1, 30.0), Car(120.0, 2, 29.0)])
+    assert only_bin(states(world)[0].joint[statistics.GAP, 30][:80]) == 70  # 35 m behind slot 2; slot 3 is in lane 2
+    start_lane_change(world, 1, 2, ROAD)
+    assert states(world)[0].joint[statistics.GAP, 30, 30] == 1  # 15 m behind slot 3, whose lane it enters
+
+
+def test_who_is_absent_or_outside_the_stretch_is_not_counted() -> None:
+    cars = [Car(0.0, 1, 30.0), Car(100.0, 1, 30.0), Car(200.0, 1, 30.0), Car(300.0, 1, 30.0, present=False)]
+    census = Census(True, 0, 99, 90.0, 150.0, 20.0)
+    assert total(states(world_of(cars), census, time=0)[0], statistics.BV_STATES) == 1
+    assert total(states(world_of(cars), census, time=3)[0], statistics.BV_STATES) == 1  # 150 to 210 m: slot 2
+    assert total(states(world_of(cars), census, time=20)[0], statistics.BV_STATES) == 0
+    assert total(states(world_of(cars))[0], statistics.BV_STATES) == 2
+
+
+def test_choices_by_hand() -> None:
+    """Slot 1 changes to the left between slots 2 (20 m ahead) and 3 (10 m behind); 2 brakes by 1; 3 and 4 crash."""
+    world = world_of(
+        [Car(500.0, 0, 30.0), Car(100.0, 1, 25.0), Car(125.0, 2, 20.0), Car(85.0, 2, 30.0), Car(70.0, 2, 31.0)]
+    )
+    counts, _ = states(world)
+    v = world.vehicles
+    v["action"][1:] = [0, GO_ON - 5, GO_ON, GO_ON]
+    start_lane_change(world, 1, 2, ROAD)
+    v["x"] += 30.0  # what is counted must be as it was when they chose
+    v["present"][3:] = 0
+    world.info[N_BV_CRASHES] = 1
+    count_choices(world, 0, ROAD, counts)
+    assert total(counts, statistics.LANE_CHANGES) == 1
+    assert total(counts, statistics.CRASHED_BVS) == 2
+    assert only_bin(counts.joint[statistics.LEAD_GAP, 25]) == 20
+    assert only_bin(counts.joint[statistics.REAR_GAP, 25]) == 10
+    assert only_bin(counts.joint[statistics.FREE_ACCELERATION, 25]) == 20  # a lane change holds the speed: bin of 0
+    assert only_bin(counts.joint[statistics.FREE_ACCELERATION, 20]) == 15  # -1
+    assert counts.histograms[4].sum() == 4
+
+
+def test_vanishing_without_a_crash_is_no_crash() -> None:
+    world = world_of([Car(500.0, 0, 30.0), Car(100.0, 1, 25.0)])
+    counts, _ = states(world)
+    world.vehicles["present"][1], world.vehicles["action"][1] = 0, GO_ON
+    count_choices(world, 0, ROAD, counts)
+    assert total(counts, statistics.CRASHED_BVS) == 0
+
+
+def test_nobody_beside_is_the_last_bin() -> None:
+    world = world_of([Car(500.0, 0, 30.0), Car(100.0, 1, 25.0)])
+    counts, _ = states(world)
+    world.vehicles["action"][1] = 1
+    start_lane_change(world, 1, 0, ROAD)
+    count_choices(world, 0, ROAD, counts)
+    assert only_bin(counts.joint[statistics.LEAD_GAP, 25]) == 120  # the AV is 395 m ahead
+    assert only_bin(counts.joint[statistics.REAR_GAP, 25]) == 120
+
+
+# Against recordings
+
+
+def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
+    """BV states, following states, lane changes, states with TTC below 10 s, and actions, from a recording.
+
+    Who follows whom needs the lanes that a vehicle occupies, which a recording gives at the start only; so following
+    states are those at time 0.
+    """
+    decisions = scenario.action.shape[0]
+    at = np.arange(decisions) * 10
+    here = scenario.present[at]
+    here[:, 0] = False
+    actions = scenario.action[here]
+    x, lane, speed = scenario.x[0], np.floor(scenario.y[0] / 4.0), scenario.speed[0]
+    following = close = 0
+    for i in np.flatnonzero(scenario.present[0])[1:]:
+        gaps = [(x[j] - x[i] - 5.0, speed[j] - speed[i]) for j in range(x.size) if lane[j] == lane[i] and x[j] > x[i]]
+        gap, rate = min(gaps, default=(math.inf, 0.0))
+        following += gap <= 115.5
+        close += gap <= 115.5 and rate < 0.0 and gap < -10.0 * rate
+    return int(here.sum()), following, int((actions < 2).sum()), close, np.bincount(actions, minlength=33).tolist()
+
+
+@pytest.mark.parametrize("adversary", [None, "lane-changer"])
+def test_counts_are_those_of_the_recordings(reckless: NddModel, adversary: str | None) -> None:
+    setting = setting_of(reckless, ODD, adversary=adversary)
+    recorder = Recorder(setting, ODD)
+    slow = [slow_counts(recorder.record(5, test)) for test in range(40)]
+    counts = simulate(setting, n_slots(ODD), seed=5, tests=40, counting=True).counts
+    assert total(counts, statistics.BV_STATES) == sum(one[0] for one in slow)
+    assert total(counts, statistics.LANE_CHANGES) == sum(one[2] for one in slow) > 100
+    actions = np.sum([one[4] for one in slow], axis=0)
+    wanted = actions[2:].copy()
+    wanted[GO_ON - 2] += actions[:2].sum()
+    np.testing.assert_array_equal(counts.histograms[4][:31], wanted)
+    assert ACCELERATIONS[GO_ON - 2] == 0.0
+    at_start = Census(True, 0, 1, -math.inf, math.inf, 0.0)
+    counts = simulate(setting, n_slots(ODD), seed=5, tests=40, counting=at_start).counts
+    assert total(counts, statistics.FOLLOWING_STATES) == sum(one[1] for one in slow) > 500
+    assert total(counts, statistics.TTC_BELOW + 3) == sum(one[3] for one in slow) > 5
+
+
+def test_crashed_vehicles_are_two_for_each_crash(reckless: NddModel) -> None:
+    tally = simulate(setting_of(reckless, ODD), n_slots(ODD), seed=5, tests=300, counting=True)
+    assert tally.bv_crashes > 10
+    assert total(tally.counts, statistics.CRASHED_BVS) == 2 * tally.bv_crashes
+
+
+# Windows
+
+
+@pytest.mark.parametrize("field", ["time", "road"])
+def test_parts_of_time_and_of_road_add_up(reckless: NddModel, field: str) -> None:
+    setting = setting_of(reckless, ODD)
+    inf = math.inf
+    cuts = {
+        "time": [Census(True, 0, 4, -inf, inf, 0.0), Census(True, 4, 999, -inf, inf, 0.0)],
+        "road": [
+            Census(True, 0, 999, -inf, 700.123, 30.0),
+            Census(True, 0, 999, np.nextafter(700.123, inf), inf, 30.0),
+        ],
+    }[field]
+    whole, *parts = (
+        simulate(setting, n_slots(ODD), seed=2, tests=60, counting=census).counts for census in (EVERYBODY, *cuts)
+    )
+    assert all(part.totals[statistics.BV_STATES] > 1000 for part in parts)
+    np.testing.assert_array_equal(parts[0].histograms[:5] + parts[1].histograms[:5], whole.histograms[:5])
+    np.testing.assert_array_equal(parts[0].joint + parts[1].joint, whole.joint)
+    without_av = np.delete(np.arange(whole.totals.size), [statistics.AV_STATES, statistics.BV_TRAVEL_MM])
+    np.testing.assert_array_equal((parts[0].totals + parts[1].totals)[without_av], whole.totals[without_av])
+    travel = [int(part.totals[statistics.BV_TRAVEL_MM]) for part in (whole, *parts)]
+    assert 0 <= travel[0] - travel[1] - travel[2] <= 60  # each test is cut to whole millimetres
+
+
+def test_what_is_counted_changes_no_outcome_and_threads_no_count(reckless: NddModel) -> None:
+    setting = setting_of(reckless, ODD)
+    census = Census(True, 2, 6, 300.0, 900.0, 30.0)
+    one, many = (simulate(setting, n_slots(ODD), seed=3, tests=1200, counting=census, threads=n) for n in (1, 3))
+    plain = simulate(setting, n_slots(ODD), seed=3, tests=1200)
+    assert one.digest.hexdigest() == many.digest.hexdigest() == plain.digest.hexdigest()
+    for left, right in zip(one.counts[:3], many.counts[:3], strict=True):
+        np.testing.assert_array_equal(left, right)
+    assert not any(part.any() for part in plain.counts[:3])
+    chunks = simulate_chunks(setting, n_slots(ODD), seed=3, first=0, tests=1200, threads=2, counting=census, chunk=7)
+    joint = sum(counts.joint for _, _, counts in chunks)
+    np.testing.assert_array_equal(joint, one.counts.joint)
+
+
+def test_other_grids_of_joint_counts_fit_the_array() -> None:
+    assert all(grid.bins <= allocate_counts().joint.shape[2] for grid in statistics.JOINT)
+    for limit in statistics.TTC_LIMITS:  # each limit is an edge of the inverse TTC's bins
+        grid = statistics.JOINT[statistics.INVERSE_TTC]
+        assert (1.0 / limit - grid.low) / grid.width == pytest.approx(round((1.0 / limit - grid.low) / grid.width))
+
+
+def test_a_longer_test_is_counted_whole(model: NddModel) -> None:
+    odd = replace(ODD, test_length=1e5, time_limit=5.0)
+    counts = simulate(setting_of(model, odd), n_slots(odd), seed=1, tests=5, counting=True).counts
+    assert total(counts, statistics.AV_STATES) == 25
