@@ -506,6 +506,10 @@ def ndd_validate(
     data_format: DataFormat = None,
     # An option takes one value: what follows `--against A` in `--against A B C` arrives here.
     more: Annotated[list[Path] | None, typer.Argument(metavar="FILE", hidden=True)] = None,
+    miles: Annotated[float, typer.Option(help="Vehicle-miles of traffic in each window; 2e4 for a quick look.")] = 2e6,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for validation.json, the page and its figures.", show_default=False)
+    ] = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -518,7 +522,8 @@ def ndd_validate(
 
     result = _run(
         lambda bars: pipeline.ndd_validate(
-            model, against=[*against, *(more or [])], data_format=data_format, seed=seed, threads=threads, progress=bars
+            model, against=[*against, *(more or [])], data_format=data_format, miles=miles, out=out, seed=seed,
+            threads=threads, progress=bars,
         ),
         validation_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Figures of a naturalistic model's tables, as PNG; needs matplotlib (extra `figures`)."""
+"""Figures of a naturalistic model's tables, as PNG; needs matplotlib (extra `report`)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def require_matplotlib() -> None:
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError as error:
-        raise MissingExtraError("matplotlib", "figures") from error
+        raise MissingExtraError("matplotlib", "report") from error
 
 
 def draw_figures(model: NddModel, folder: Path) -> list[Path]:

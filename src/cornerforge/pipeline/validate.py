@@ -5,78 +5,35 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from cornerforge._checks import check_integer
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer, check_number
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.facts import CRASH_LIMIT, compare_with_facts
+from cornerforge.pipeline.free_running import (
+    MILES,
+    WINDOWS,
+    FreeRunning,
+    quantities_of,
+    simulate_free_running,
+    upper_rate,
+)
+from cornerforge.pipeline.output import open_output, write_json, write_text
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
+from cornerforge.pipeline.simulate import distributions_of
 
-__all__ = ["FACTS", "FREE_RUNNING_TESTS", "Fact", "compare_with_facts", "ndd_validate", "validation_text"]
+if TYPE_CHECKING:
+    from cornerforge.ndd.compare import SimulatedTraffic
 
-FREE_RUNNING_TESTS = 2_000
-"""Tests of free-running traffic: about 150 states with a TTC below 5 s, the rarest fact."""
+__all__ = ["ndd_validate", "validation_text"]
 
-
-class Fact(NamedTuple):
-    """A published fact about motorway traffic and what is allowed of simulated traffic; `low` <= found <= `high`.
-
-    `path` leads to it in the distributions of `simulate(stats=True)`.
-    """
-
-    name: str
-    unit: str
-    path: tuple[str, ...]
-    low: float
-    high: float
-
-
-def _time_gap(percent: str, published: float, tolerance: float) -> Fact:
-    low, high = published * (1.0 - tolerance), published * (1.0 + tolerance)
-    return Fact(f"time gap, {percent} %", "s", ("time_gap", "quantiles", percent), low, high)
-
-
-def _ttc_share(limit: str, published: float) -> Fact:
-    path = ("ttc_share_below", limit)
-    return Fact(f"share of following states with TTC below {limit} s", "", path, published / 2.5, published * 2.5)
-
-
-FACTS = (
-    _time_gap("5", 0.55, 0.15),
-    _time_gap("25", 0.80, 0.10),
-    _time_gap("50", 1.14, 0.10),
-    _time_gap("75", 1.78, 0.10),
-    _time_gap("95", 2.90, 0.15),
-    Fact("speed, mean", "m/s", ("speed", "mean"), 29.05, 31.05),
-    Fact("speed, sd", "m/s", ("speed", "sd"), 3.48 * 0.8, 3.48 * 1.2),
-    Fact("share of vehicles that follow", "", ("following_share",), 0.582, 0.782),
-    Fact("range rate, sd", "m/s", ("range_rate", "sd"), 1.1, 1.5),
-    Fact("acceleration, sd", "m/s2", ("acceleration", "sd"), 0.35, 0.55),
-    _ttc_share("5", 1.5e-4),
-    _ttc_share("10", 3.4e-3),
-    Fact("lane changes", "per vehicle-mile", ("lane_changes_per_mile",), 0.2, 0.4),
-)
-"""Computed from the published IVBSS tables (Feng et al. 2023, doi:10.1038/s41586-023-05732-2); lane changes: highD
-(0.20; Krajewski et al. 2018) and a NHTSA naturalistic study (0.36; Lee, Olsen, Wierwille 2004). Tolerances are ours."""
-
-
-def compare_with_facts(distributions: dict[str, Any]) -> list[dict[str, Any]]:
-    """Each of `FACTS` with what was found in distributions as `simulate(stats=True)` gives them.
-
-    Returns:
-        Objects with `fact`, `unit`, `found`, `allowed` [low, high] and `within`. What was not seen at all (null) is
-        not within.
-    """
-    rows = []
-    for fact in FACTS:
-        found: Any = distributions
-        for key in fact.path:
-            found = None if found is None else found.get(key)
-        within = found is not None and fact.low <= found <= fact.high
-        allowed = [round(fact.low, 6), round(fact.high, 6)]
-        rows.append({"fact": fact.name, "unit": fact.unit, "found": found, "allowed": allowed, "within": within})
-    return rows
+VALIDATION = "validation.json"
+_PAGE = "validation.html"
+_CURVES = ("time_gap", "gap", "range_rate", "acceleration_following", "acceleration_free")
 
 
 def ndd_validate(
@@ -84,6 +41,8 @@ def ndd_validate(
     *,
     against: Sequence[Path | str],
     data_format: str | None = None,
+    miles: float = MILES,
+    out: Path | str | None = None,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
@@ -95,45 +54,154 @@ def ndd_validate(
         against: Trajectory files, all of one format. Their held-out decisions are scored (all, where none is held
             out); the others fit the baselines.
         data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
+        miles: Vehicle-miles of free-running traffic in each of the two windows (0-15 s, 26-34 s), at least 100. Below
+            150,000 no bound on crashes can be met.
+        out: Folder for `validation.json`, the page `validation.html` and its figures; nothing is written without.
         seed: Of the free-running traffic, 0 or more.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
 
     Returns:
         The object that `cornerforge ndd validate --json` prints. `passed` means: more likely than the IDM and than
-        uniform guessing on every file, with the whole 95 % interval, and every fact within what is allowed.
+        uniform guessing on every file, with the whole 95 % interval, and every gated fact within what is allowed, in
+        both windows.
 
     Raises:
-        CornerForgeError: Input or files are not right.
+        CornerForgeError: Input, files or output place are not right.
     """
+    from cornerforge.ndd.compare import compare_decisions, compare_traffic
     from cornerforge.ndd.readers import read_decisions
     from cornerforge.ndd.validate import validate_readings
 
     start = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_number("miles", miles, low=100.0, high=1e9)
     run = experiment(model=Path(model))
     progress("validate: reading", 0, 1)
     readings = read_decisions([Path(file) for file in against], data_format)
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        files = ",".join(sorted(reading.sha256[:16] for reading in readings))
+        _open(folder, run.identity(seed) | {"command": "ndd validate", "miles": miles, "files": files})
     progress("validate: scoring", 0, 1)
     scores = validate_readings(run.model, readings)
-    tally, seconds = simulate_experiment(
-        run, tests=FREE_RUNNING_TESTS, seed=seed, threads=threads, counting=True, progress=progress
-    )
-    facts = compare_with_facts(tally_summary(tally, seconds, with_distributions=True)["distributions"])
-    return {
+    conditional = compare_decisions(run.model, readings)
+    parts = [
+        simulate_free_running(run, window, miles=miles, seed=seed, threads=threads, progress=progress)
+        for window in WINDOWS
+    ]
+    progress("validate: comparing", 0, 1)
+    told = scores.to_json()
+    distances: Any = told.pop("distances")
+    notes: Any = told.pop("notes")
+    facts = [row for part in parts for row in compare_with_facts(part)]
+    result = {
         "model": str(model),
         "model_hash": model_hash(run.model),
-        **scores.to_json(),
+        **told,
+        "distances": distances | compare_traffic(run.model, readings, _simulated(parts)),
+        "one_step_ahead": conditional,
         "facts": facts,
-        "tests": FREE_RUNNING_TESTS,
-        "passed": scores.passed and all(fact["within"] for fact in facts),
+        "traffic": [_traffic(part) for part in parts],
+        "notes": [*notes, *_traffic_notes(parts)],
+        "passed": scores.passed and all(fact["within"] is not False for fact in facts),
         "seconds": round(time.perf_counter() - start, 3),
     }
+    if folder is not None:
+        result |= {"out": str(folder), "report": str(folder / _PAGE)}
+        _write(folder, result)
+    return result
+
+
+def _open(folder: Path, identity: dict[str, Any]) -> None:
+    """Claim the folder before the work, and see that the figures can be drawn."""
+    from cornerforge.report.validation import check_figures
+
+    check_figures()
+    open_output(folder, identity, resume=True)
+
+
+def _write(folder: Path, result: dict[str, Any]) -> None:
+    from cornerforge.report.validation import figures_of, page_of
+
+    write_json(folder / VALIDATION, result)
+    figures = figures_of(result)
+    for name, png in figures.items():
+        (folder / f"{name}.png").write_bytes(png)
+    write_text(folder / _PAGE, page_of(result, figures))
+
+
+def _simulated(parts: list[FreeRunning]) -> SimulatedTraffic:
+    """Both windows together, as `ndd.compare` takes it."""
+    from cornerforge.ndd.compare import SimulatedQuantity, SimulatedTraffic
+    from cornerforge.sim import statistics
+
+    quantities = {
+        name: SimulatedQuantity(grid.unit, grid.low, grid.width, counts)
+        for name, (grid, counts) in quantities_of(parts).items()
+    }
+    changes = sum(int(part.total().totals[statistics.LANE_CHANGES]) for part in parts)
+    return SimulatedTraffic(quantities, changes / sum(part.miles for part in parts))
+
+
+def _traffic(part: FreeRunning) -> dict[str, Any]:
+    """One window: how much was counted, its distributions, and shares of bins for pictures."""
+    curves = {}
+    quantities = quantities_of([part])
+    for name, (grid, counts) in quantities.items():
+        if name in _CURVES:
+            shares = _shares(counts.sum(axis=0))
+            curves[name] = {"low": grid.low, "width": grid.width, "unit": grid.unit, "shares": shares}
+    speeds = sum(
+        (quantities[f"acceleration_{kind}"][1].sum(axis=1) for kind in ("following", "free")), np.zeros(41, int)
+    )
+    curves["speed"] = {"low": -0.5, "width": 1.0, "unit": "m/s", "shares": _shares(speeds)}
+    return {
+        "when": part.window.name,
+        "worlds": part.tests,
+        "miles": part.miles,
+        "vehicles_per_km": part.vehicles_per_km,
+        "distributions": distributions_of(part.total()),
+        "curves": curves,
+    }
+
+
+def _shares(counts: NDArray[np.int64]) -> list[float]:
+    return [float(f"{n / max(int(counts.sum()), 1):.4g}") for n in counts]
+
+
+def _traffic_notes(parts: list[FreeRunning]) -> list[str]:
+    """What a reader must know of the simulated traffic."""
+    notes = [
+        f"Free-running traffic: {part.tests:,} worlds, {part.miles:,.0f} vehicle-miles at {part.window.name}."
+        for part in parts
+    ]
+    enough = upper_rate(0, CRASH_LIMIT)
+    if min(part.miles for part in parts) < enough:
+        notes.append(
+            f"With fewer than {enough:,.0f} vehicle-miles even no crash at all does not show that crashes between "
+            f"background vehicles are below {CRASH_LIMIT:g} per mile."
+        )
+    early, late = parts[0].vehicles_per_km, parts[-1].vehicles_per_km
+    if abs(late / max(early, 1e-9) - 1.0) > 0.05:
+        notes.append(
+            f"The counted stretch holds {late:.1f} vehicles per km at {parts[-1].window.name}, {early:.1f} before: its "
+            "traffic thins out or is cut off, and the later figures are not those of free-running traffic."
+        )
+    return notes
 
 
 def validation_text(result: dict[str, Any]) -> str:
     """What `ndd_validate` found, as a table for people."""
-    from cornerforge.ndd.validate import GATES
+    lines = [*_likelihood_lines(result), *_fact_lines(result), *_distance_lines(result)]
+    lines += [f"Note: {note}" for note in result["notes"]]
+    if "report" in result:
+        lines.append(f"Report: {result['report']}")
+    return "\n".join([*lines, "Passed." if result["passed"] else "NOT passed."])
+
+
+def _likelihood_lines(result: dict[str, Any]) -> list[str]:
+    from cornerforge.ndd.validate import GATED_PARTS, GATES
 
     lines = ["Log-likelihood per decision; model minus baseline with 95 % interval"]
     for name, parts in result["log_likelihood_per_decision"].items():
@@ -147,14 +215,62 @@ def validation_text(result: dict[str, Any]) -> str:
             for baseline, versus in score["model_minus"].items():
                 low, high = versus["interval95"]
                 value = score["baselines"][baseline]
-                worse = "  NOT BETTER" if baseline in GATES and low <= 0.0 else ""
+                worse = "  NOT BETTER" if part in GATED_PARTS and baseline in GATES and low <= 0.0 else ""
                 numbers = f"{value:>8.3f}{versus['difference']:>+9.3f}  ({low:+.3f} to {high:+.3f})"
                 lines.append(f"  {baseline:<10}{numbers}{worse}")
-    lines.append(f"Free-running traffic, {result['tests']:,} tests, against published facts")
-    for fact in result["facts"]:
-        found = "none" if fact["found"] is None else f"{fact['found']:.3g}"
-        low, high = fact["allowed"]
-        verdict = "" if fact["within"] else "  OUTSIDE"
-        lines.append(f"  {fact['fact']:<46}{found:>9}  ({low:.3g} to {high:.3g}) {fact['unit']}".rstrip() + verdict)
-    lines += [f"Note: {note}" for note in result["notes"]]
-    return "\n".join([*lines, "Passed." if result["passed"] else "NOT passed."])
+    return lines
+
+
+def _fact_lines(result: dict[str, Any]) -> list[str]:
+    lines = []
+    for part in result["traffic"]:
+        lines.append(
+            f"Free-running traffic, {part['when']}, {part['miles']:,.0f} vehicle-miles: "
+            "found (95 % interval), allowed, published"
+        )
+        lines += [_fact_line(fact) for fact in result["facts"] if fact["when"] == part["when"]]
+    return lines
+
+
+def _fact_line(fact: dict[str, Any]) -> str:
+    found = "none" if fact["found"] is None else f"{fact['found']:.3g}"
+    interval = "" if fact["interval95"] is None else "({:.3g} to {:.3g})".format(*fact["interval95"])
+    allowed = "shown only" if fact["allowed"] is None else "{:.3g} to {:.3g}".format(*fact["allowed"])
+    published = fact["published"]
+    if published is None:
+        said = "-"
+    else:
+        said = f"{published[0]:g}-{published[1]:g}" if isinstance(published, list | tuple) else f"{published:g}"
+    verdict = "  OUTSIDE" if fact["within"] is False else ""
+    return f"  {fact['fact']:<52}{found:>9} {interval:<26}{allowed:<20}{said:<10}{fact['unit']}".rstrip() + verdict
+
+
+def _distance_lines(result: dict[str, Any]) -> list[str]:
+    """Recorded against simulated traffic at the same speeds, from 19.5 m/s on; why not, where not."""
+    lines = ["Recorded against simulated traffic at the same speeds, from 19.5 m/s on"]
+    for name in result["log_likelihood_per_decision"]:
+        reasons: dict[str, list[str]] = {}
+        for quantity, files in result["distances"].items():
+            row = files[name]
+            for kind in ("not_compared", "caution"):
+                if kind in row:
+                    reasons.setdefault(row[kind], []).append(quantity)
+            if quantity != "acceleration" and "not_compared" not in row:
+                lines.append(f"  {name}, {quantity}: {_distance_text(row)}")
+        lines += [f"  {name}, {', '.join(quantities)}: {reason}" for reason, quantities in reasons.items()]
+    return lines
+
+
+def _distance_text(row: dict[str, Any]) -> str:
+    if "wasserstein" in row:
+        low, high = row["wasserstein_interval95"]
+        return (
+            f"Wasserstein {row['wasserstein']:.3g} {row['unit']} ({low:.3g} to {high:.3g}), Kolmogorov-Smirnov "
+            f"{row['kolmogorov_smirnov']:.3f} ({row['decisions']:,} observations, {row['vehicles']:,} vehicles)"
+        )
+    if "shares" in row:
+        shares = row["shares"].items()
+        return "recorded (simulated) " + "; ".join(
+            f"{limit} s {share['recorded']:.3g} ({share['simulated']:.3g})" for limit, share in shares
+        )
+    return f"{row['recorded']:.3g} ({row['simulated']:.3g} simulated)"

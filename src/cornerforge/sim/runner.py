@@ -92,9 +92,10 @@ def _allocate_outcomes(n: int) -> Outcomes:
 
 
 def drive_chunk(
-    setting: Setting, slots: int, seed: int, first: int, count: int, census: Census
+    setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | Census
 ) -> tuple[Outcomes, Counts]:
     """Drive `count` tests from `first` on; releases the GIL for all of it."""
+    census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
     out = _allocate_outcomes(count)
     counts = allocate_counts(slots)
     no_decisions = Decisions(np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0))
@@ -117,7 +118,7 @@ def drive_chunk(
 
 def warm_up(setting: Setting, slots: int) -> None:
     """Load the compiled kernels, or compile them (once per installation), so that timings do not count it."""
-    drive_chunk(setting, slots, 0, 0, 0, NOBODY)
+    drive_chunk(setting, slots, 0, 0, 0, False)
 
 
 def simulate_chunks(
@@ -138,7 +139,6 @@ def simulate_chunks(
     """
     check_integer("threads", threads, low=1, high=1024)
     check_integer("chunk", chunk, low=1)
-    census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
     starts = iter(range(first, first + tests, chunk))
     pending: deque[tuple[int, Future[tuple[Outcomes, Counts]]]] = deque()
     with ThreadPoolExecutor(threads) as pool:
@@ -146,7 +146,7 @@ def simulate_chunks(
             while True:
                 while len(pending) < 2 * threads and (start := next(starts, None)) is not None:
                     count = min(chunk, first + tests - start)
-                    pending.append((start, pool.submit(drive_chunk, setting, slots, seed, start, count, census)))
+                    pending.append((start, pool.submit(drive_chunk, setting, slots, seed, start, count, counting)))
                 if not pending:
                     return
                 start, future = pending.popleft()

@@ -1,0 +1,187 @@
+"""Lane changes in recorded trajectories: how often, and into which gaps. Needs a file that gives each row's lane.
+
+Shapes: `n` rows of a file, sorted by vehicle and time; `c` lane changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.ndd.decisions import smooth_tracks
+from cornerforge.ndd.readers import MEAN_LENGTH, Reading
+from cornerforge.ndd.tables import Table, read_header, read_table
+
+__all__ = ["START_BEFORE", "LaneObservations", "observe_lane_changes"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+START_BEFORE = 2.0
+"""A lane change starts about this long before the vehicle is counted to its new lane [s] (one takes 4-6 s): the gaps
+are taken then."""
+_DWELL = 0.5
+"""A vehicle seen in a lane for less than this [s] on its way is noise of the lane number."""
+_SEEN_AHEAD = 120.0
+_FASTEST = 70.0
+_METRES_PER_MILE = 1609.344
+
+
+@dataclass(frozen=True)
+class LaneObservations:
+    """Lane changes of one file.
+
+    Attributes:
+        vehicles: Vehicles whose lane is known, those without a lane change too.
+        miles: Driven by each, shape (vehicles,).
+        miles_fast: Thereof at the speed `fast` and above, shape (vehicles,).
+        vehicle: Who changed lanes, 0 to vehicles - 1, shape (c,).
+        speed: When the change began [m/s], shape (c,); NaN where the track was not seen then, as in all that follow.
+        lead_gap: Bumper to bumper to the next one in the new lane [m], +inf with nobody within 120 m; NaN where the
+            recorded stretch of road ends before.
+        lead_rate: Its speed minus the subject's [m/s], 0 with nobody.
+        rear_gap, rear_rate: The same behind; the rate is subject minus rear, negative when the rear closes.
+    """
+
+    vehicles: int
+    miles: Floats = field(metadata={"unit": "mile"})
+    miles_fast: Floats = field(metadata={"unit": "mile"})
+    vehicle: Ints
+    speed: Floats = field(metadata={"unit": "m/s"})
+    lead_gap: Floats = field(metadata={"unit": "m"})
+    lead_rate: Floats = field(metadata={"unit": "m/s"})
+    rear_gap: Floats = field(metadata={"unit": "m"})
+    rear_rate: Floats = field(metadata={"unit": "m/s"})
+
+
+@dataclass(frozen=True)
+class _Tracks:
+    """Rows that are used, sorted by vehicle and tick; positions grow in the direction of travel."""
+
+    vehicle: Ints
+    tick: Ints
+    scene: Ints
+    lane: Ints
+    along: Floats
+    speed: Floats
+    length: Floats
+    per_second: int
+
+
+def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations | None:
+    """Lane changes of a file; None if its layout does not give each row's lane.
+
+    Args:
+        reading: The file, read before.
+        fast: Speed from which miles count as fast [m/s].
+    """
+    if reading.layout.kind != "lanes":
+        return None
+    tracks = _tracks(reading)
+    same = np.diff(tracks.vehicle) == 0
+    step = same & (np.diff(tracks.tick) == 1)
+    moved = np.where(step, np.maximum(np.diff(tracks.along), 0.0), 0.0) / _METRES_PER_MILE
+    vehicles = int(tracks.vehicle[-1]) + 1 if tracks.vehicle.size else 0
+    owner = tracks.vehicle[:-1]
+    is_fast = np.nan_to_num(tracks.speed[:-1]) >= fast
+    found = _changes(tracks, step)
+    rows = [_gaps_at(tracks, before, new_lane) for before, new_lane in found]
+    columns = np.array(rows, dtype=np.float64).reshape(len(rows), 5).T
+    return LaneObservations(
+        vehicles,
+        np.bincount(owner, weights=moved, minlength=vehicles).astype(np.float64),
+        np.bincount(owner, weights=moved * is_fast, minlength=vehicles).astype(np.float64),
+        np.array([tracks.vehicle[abs(before)] for before, _ in found], dtype=np.int64),
+        *columns,
+    )
+
+
+def _tracks(reading: Reading) -> _Tracks:
+    """The usable rows of a file (some there are: it was read before), smoothed as the decisions are."""
+    layout, header = reading.layout, read_header(reading.path)
+    table = read_table(
+        reading.path,
+        {name: column for name, column in layout.numbers.items() if column[0] in header},
+        {name: column for name, column in layout.texts.items() if column in header},
+    )
+    for name in list(table.numbers):
+        table.drop(f"{name} is not a number", ~np.isfinite(table.numbers[name]))
+    table.drop("no vehicle", table.texts["vehicle"] < 0)
+    time, names = table.numbers["time"], table.texts["vehicle"]
+    recording = table.texts.get("recording", np.zeros(time.size, dtype=np.int64))
+    vehicle = np.unique(recording * (names.max(initial=0) + 1) + names, return_inverse=True)[1].reshape(-1)
+    order = np.lexsort((time, vehicle))
+    vehicle, time, recording = vehicle[order], time[order], recording[order]
+    steps = np.diff(time)[np.diff(vehicle) == 0]
+    step = float(np.median(steps)) if steps.size else 1.0
+    per_second = max(round(1.0 / step), 1)
+    tick = np.rint((time - time.min()) * per_second).astype(np.int64)
+    keep = np.concatenate([[True], (np.diff(vehicle) != 0) | (np.diff(tick) > 0)])
+    length = table.numbers.get("length", np.full(time.size, MEAN_LENGTH))[order]
+    along = _along(table, order, vehicle, length, corner=layout.corner, front=layout.front)
+    vehicle, tick, along = vehicle[keep], tick[keep], along[keep]
+    position, speed = smooth_tracks(vehicle, tick, along, 1.0 / per_second, layout.window)
+    position = np.where(np.isfinite(position), position, along)
+    lane = np.rint(table.numbers["lane"][order][keep]).astype(np.int64)
+    return _Tracks(vehicle, tick, recording[keep], lane, position, speed, length[keep], per_second)
+
+
+def _along(table: Table, order: Ints, vehicle: Ints, length: Floats, *, corner: bool, front: bool) -> Floats:
+    """Centre of each vehicle in its direction of travel [m], shape (n,), rows in the order given."""
+    position = table.numbers["position"][order]
+    if corner:
+        position = position + length / 2.0
+    across = table.numbers["across"][order] if "across" in table.numbers else position
+    if np.ptp(across) > np.ptp(position):
+        position = across
+    same = np.diff(vehicle) == 0
+    net = np.bincount(vehicle[1:], weights=np.where(same, np.diff(position), 0.0), minlength=int(vehicle.max()) + 1)
+    along = np.where(net[vehicle] < 0.0, -position, position)
+    return along - length / 2.0 if front else along
+
+
+def _changes(t: _Tracks, step: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """For each lane change the row `START_BEFORE` seconds before it, and the new lane.
+
+    The row is that of the change itself, made negative, where the track was not seen so early.
+    """
+    dwell = max(round(_DWELL * t.per_second), 1)
+    before = round(START_BEFORE * t.per_second)
+    crossing = np.flatnonzero(step & (t.lane[1:] != t.lane[:-1]) & (t.lane[1:] > 0) & (t.lane[:-1] > 0)) + 1
+    found = []
+    for row in crossing:
+        old, new = slice(max(row - dwell, 0), row), slice(row, row + dwell)
+        steady = all(
+            (t.lane[part] == t.lane[at]).all() and (t.vehicle[part] == t.vehicle[row]).all()
+            for part, at in ((old, row - 1), (new, row))
+        )
+        if steady:
+            start = row - before
+            is_seen = start >= 0 and t.vehicle[start] == t.vehicle[row] and t.tick[start] == t.tick[row] - before
+            found.append((int(start) if is_seen else -int(row), int(t.lane[row])))
+    return found
+
+
+def _gaps_at(t: _Tracks, row: int, lane: int) -> tuple[float, float, float, float, float]:
+    """Speed, lead gap, lead rate, rear gap, rear rate of the vehicle of a row towards a lane at that row's time."""
+    if row < 0 or not np.isfinite(t.speed[row]):
+        return (np.nan,) * 5
+    at = np.flatnonzero((t.tick == t.tick[row]) & (t.scene == t.scene[row]))
+    stretch = t.along[t.scene == t.scene[row]]
+    others = at[(t.lane[at] == lane) & (at != row)]
+    found = [float(t.speed[row])]
+    for side, end in ((1.0, stretch.max() - t.along[row]), (-1.0, t.along[row] - stretch.min())):
+        ahead = side * (t.along[others] - t.along[row])
+        near = others[(ahead > 0.0) & (ahead < _SEEN_AHEAD)]
+        if near.size:
+            other = near[np.argmin(side * (t.along[near] - t.along[row]))]
+            between = (t.length[row] + t.length[other]) / 2.0
+            found += [
+                float(side * (t.along[other] - t.along[row]) - between),
+                float(side * (t.speed[other] - t.speed[row])),
+            ]
+        else:
+            found += [np.inf if end >= _SEEN_AHEAD else np.nan, 0.0]
+    return found[0], found[1], found[2], found[3], found[4]

@@ -1,0 +1,110 @@
+"""What a law, a model's table or a baseline expects of each decision: the chances of the 31 accelerations.
+
+`table_predictor` must look states up as the simulator does; all validation of the tables goes through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.laws import FITTED_ABOVE, FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law
+from cornerforge.ndd.model import NddModel
+from cornerforge.ndd.scores import grid_place
+from cornerforge.types import ACCELERATIONS
+
+__all__ = [
+    "FEWEST_TO_FIT",
+    "Predictor",
+    "fitted_idms",
+    "law_predictor",
+    "raw_table_predictor",
+    "table_predictor",
+    "uniform_predictor",
+]
+
+Floats = NDArray[np.float64]
+Predictor = Callable[[Decisions], Floats]
+"""From n decisions' states to the probabilities of the 31 accelerations, shape (n, 31)."""
+
+FEWEST_TO_FIT = 200
+IDM_FITS = {"idm": 0.0, "idm_fast": FITTED_ABOVE}
+"""Two fair IDMs: fitted to decisions at all speeds, and to those above 10 m/s, nearer to what the tables cover."""
+_BINS = ACCELERATIONS.size
+
+
+def law_predictor(law: FollowingLaw) -> Predictor:
+    """A law at the true state; it needs a leader (finite gap)."""
+
+    def predict(d: Decisions) -> Floats:
+        state = d.speed, d.gap, d.range_rate
+        return bin_probabilities(law.mean(*state), law.scale(*state), law.degrees)
+
+    return predict
+
+
+def table_predictor(model: NddModel) -> Predictor:
+    """The model's tables, looked up as the simulator does; speeds outside the grid take its end rows."""
+
+    def predict(d: Decisions) -> Floats:
+        speed, gap, range_rate, _, is_free = grid_place(d)
+        rows = np.where(is_free[:, None], model.free[speed], model.following[speed, gap, range_rate])
+        return rows.astype(np.float64)
+
+    return predict
+
+
+def uniform_predictor(d: Decisions) -> Floats:
+    """Every acceleration is as likely as every other."""
+    return np.full((d.size, _BINS), 1.0 / _BINS)
+
+
+def fitted_idms(training: Decisions) -> tuple[dict[str, IdmLaw], list[str]]:
+    """The stochastic IDMs of `IDM_FITS` that these decisions (all with a leader) make most likely, and notes.
+
+    Where too few decisions are fast enough, an IDM is fitted to all; where these are too few as well, it has defaults.
+    """
+    notes: list[str] = []
+    fits: dict[int, IdmLaw] = {}
+    idms = {}
+    for name, above in IDM_FITS.items():
+        part = training.where(training.speed > above)
+        if part.size < FEWEST_TO_FIT and part.size < training.size:
+            notes.append(f"Only {part.size} decisions above {above:g} m/s to fit an IDM on: all speeds were used.")
+            part = training
+        if part.size < FEWEST_TO_FIT:
+            what = f"Only {part.size} decisions are left to fit the IDM on ({FEWEST_TO_FIT} are needed)"
+            notes.append(f"{what}: it has defaults.")
+            idms[name] = IdmLaw()
+            continue
+        if part.size not in fits:  # a part of the same size is the same part
+            fits[part.size] = fit_law(IdmLaw(), part.speed, part.gap, part.range_rate, part.acceleration)
+        idms[name] = fits[part.size]
+    return idms, list(dict.fromkeys(notes))
+
+
+def raw_table_predictor(training: Decisions) -> Predictor:
+    """Counts per state, with one decision's worth of uniform guessing; the model's grid, carried on below 20 m/s."""
+    states, place = np.unique(_state(training), return_inverse=True)
+    counts = np.zeros((states.size + 1, _BINS))  # the last row: never seen
+    np.add.at(counts, (place, bin_index(training.acceleration)), 1.0)
+    rows = (counts + 1.0 / _BINS) / (counts.sum(axis=-1, keepdims=True) + 1.0)
+
+    def predict(d: Decisions) -> Floats:
+        wanted = _state(d)
+        at = np.searchsorted(states, wanted)
+        known = at < states.size
+        known[known] = states[at[known]] == wanted[known]
+        return np.asarray(rows[np.where(known, at, states.size)])
+
+    return predict
+
+
+def _state(d: Decisions) -> NDArray[np.int64]:
+    """One number for each state of the grid, shape (n,)."""
+    _, gap, range_rate, _, is_free = grid_place(d)
+    speed = np.floor(d.speed + 0.5).astype(np.int64)
+    return np.asarray((speed * 117 + np.where(is_free, 116, gap)) * 19 + range_rate)

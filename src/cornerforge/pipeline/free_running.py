@@ -1,0 +1,178 @@
+"""Free-running natural traffic, and the published facts that it is measured against.
+
+The traffic fills 2400 m of three lanes and drives for 15 s, and again for 34 s. The AV, which is no natural driver,
+starts at the very rear, so that nobody who is counted follows it. Counted is who is in the stretch that starts 350 m
+from the rear and ends 465 m from the front, and moves on at 30 m/s: what the empty road before and behind the traffic
+does cannot reach it within 34 s (at 10 m/s faster or slower than 30), nor hide a leader. So no vehicle that was counted
+lacked neighbours that a longer road would have given it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer, check_number
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.sim import statistics
+from cornerforge.sim.runner import METRES_PER_MILE, simulate_chunks, warm_up
+from cornerforge.sim.world import n_slots, road_numbers
+from cornerforge.types import Odd
+
+__all__ = [
+    "MILES",
+    "WINDOWS",
+    "FreeRunning",
+    "Window",
+    "free_running_odd",
+    "quantities_of",
+    "simulate_free_running",
+    "upper_rate",
+]
+
+MILES = 2e6
+"""Vehicle-miles of background vehicles in each window: at the human rate times 6 (1.2e-5 crashes per mile) an upper
+bound below 2e-5 is then likely (95 %)."""
+TRAFFIC_LENGTH = 2400.0
+COUNTED = (350.0, 1935.0)
+"""Stretch that is counted, at time 0 [m]."""
+DRIFT = 30.0
+_LANES = 3
+_CHUNK = 64
+_BLOCKS = 20
+
+
+class Window(NamedTuple):
+    """Decision times first .. until - 1 [s] after the start."""
+
+    name: str
+    first: int
+    until: int
+
+
+WINDOWS = (Window("0-15 s", 0, 15), Window("26-34 s", 26, 34))
+
+
+@dataclass(frozen=True)
+class FreeRunning:
+    """What was counted in one window.
+
+    Attributes:
+        window: When.
+        tests: Worlds that were driven.
+        blocks: The same counts in 20 parts of whole worlds, the sampling unit of all intervals.
+    """
+
+    window: Window
+    tests: int
+    blocks: tuple[statistics.Counts, ...]
+
+    def total(self, without: int = -1) -> statistics.Counts:
+        """The sum of all blocks, without one if named."""
+        total = statistics.allocate_counts()
+        for number, block in enumerate(self.blocks):
+            if number != without:
+                total.add(block)
+        return total
+
+    @property
+    def miles(self) -> float:
+        """Vehicle-miles counted."""
+        return miles_of(self.total())
+
+    @property
+    def vehicles_per_km(self) -> float:
+        """Mean density of the counted stretch, all lanes."""
+        seconds = self.tests * (self.window.until - self.window.first)
+        return float(self.total().totals[statistics.BV_STATES]) / seconds / (COUNTED[1] - COUNTED[0]) * 1000.0
+
+
+def miles_of(counts: statistics.Counts) -> float:
+    """Vehicle-miles of the background vehicles."""
+    return int(counts.totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
+
+
+def free_running_odd(window: Window) -> Odd:
+    """The road on which a window's traffic drives; a world ends by time, never by distance."""
+    return Odd(
+        name="free-running",
+        n_lanes=_LANES,
+        test_length=1e5,
+        time_limit=float(window.until),
+        av_start=0.0,
+        traffic_length=TRAFFIC_LENGTH,
+    )
+
+
+def on_road(run: Experiment, odd: Odd) -> Experiment:
+    """The same experiment on another road."""
+    return replace(run, odd=odd, setting=run.setting._replace(road=road_numbers(odd)), slots=n_slots(odd))
+
+
+def simulate_free_running(
+    run: Experiment,
+    window: Window,
+    *,
+    miles: float = MILES,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> FreeRunning:
+    """Drive worlds until so many vehicle-miles are counted in a window; the same for any number of threads.
+
+    Args:
+        run: The experiment, whose own road is not used.
+        window: When to count.
+        miles: At least so many vehicle-miles, 100 to 1e9 (but no more worlds than that number).
+        seed: 0 or more.
+        threads: None for all cores.
+        progress: Told how far it is, in miles.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+    check_number("miles", miles, low=100.0, high=1e9)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    moved = on_road(run, free_running_odd(window))
+    census = statistics.Census(True, window.first, window.until, *COUNTED, DRIFT)
+    blocks = tuple(statistics.allocate_counts() for _ in range(_BLOCKS))
+    warm_up(moved.setting, moved.slots)
+    worlds = simulate_chunks(
+        moved.setting, moved.slots, seed=seed, first=0, tests=int(miles), threads=check_threads(threads),
+        counting=census, chunk=_CHUNK,
+    )  # fmt: skip
+    tests, done = 0, 0.0
+    try:
+        for number, (_, out, counts) in enumerate(worlds):
+            blocks[number % _BLOCKS].add(counts)
+            tests += out.code.size
+            done += miles_of(counts)
+            progress(f"traffic {window.name}", min(done, miles), miles)
+            if done >= miles and number + 1 >= _BLOCKS:
+                break
+    finally:
+        worlds.close()
+    return FreeRunning(window, tests, blocks)
+
+
+def quantities_of(parts: list[FreeRunning]) -> dict[str, tuple[statistics.HistogramGrid, NDArray[np.int64]]]:
+    """Quantities by speed class, all windows together: name -> grid and counts (41, bins)."""
+    joint = sum((part.total().joint for part in parts), np.zeros_like(statistics.allocate_counts().joint))
+    return {grid.name: (grid, joint[row, :, : grid.bins]) for row, grid in enumerate(statistics.JOINT)}
+
+
+def upper_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
+    """Exact upper bound of a Poisson rate, one-sided: seen with 0 events in 1e6 miles, 3.0e-6 per mile.
+
+    Source: Garwood (1936), by the chi-square distribution.
+
+    >>> round(upper_rate(0, 1e6) * 1e6, 3)
+    2.996
+    """
+    from scipy.special import chdtri
+
+    return float(chdtri(2.0 * (events + 1.0), 1.0 - confidence) / 2.0 / exposure)

@@ -1,0 +1,325 @@
+"""The page of `ndd validate`: figures and tables from the object that it returns, nothing computed anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from cornerforge.ndd.drawing import BLUE, GREEN, GREY, ORANGE, check_matplotlib, inline, new_figure, page, png_of, table
+
+__all__ = ["check_figures", "figures_of", "page_of"]
+
+Result = Mapping[str, Any]
+
+_WINDOW_COLOURS = (BLUE, ORANGE)
+_LABELS = {
+    "gap": "gap [m]",
+    "time_gap": "time gap [s]",
+    "range_rate": "range rate [m/s]",
+    "acceleration_following": "acceleration, following [m/s²]",
+    "acceleration_free": "acceleration, free flow [m/s²]",
+    "accepted_lead_gap": "accepted gap ahead [m]",
+    "accepted_rear_gap": "accepted gap behind [m]",
+    "speed": "speed [m/s]",
+}
+_PUBLISHED = {
+    "time_gap": ((0.05, 0.25, 0.50, 0.75, 0.95), (0.55, 0.80, 1.14, 1.78, 2.90)),
+    "gap": ((0.05, 0.25, 0.50, 0.75, 0.95), (16.0, 24.0, 34.0, 54.0, 89.0)),
+    "speed": ((0.05, 0.25, 0.50, 0.75, 0.95), (24.0, 28.0, 30.0, 33.0, 35.0)),
+}
+"""Published quantiles (IVBSS): gaps while following, speeds of all to 1 m/s."""
+_RANGES = {"speed": (15.0, 45.0), "range_rate": (-6.0, 6.0), "time_gap": (0.0, 5.0), "gap": (0.0, 120.0)}
+
+
+def check_figures() -> None:
+    """See that the page can be made.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+    """
+    check_matplotlib()
+
+
+def figures_of(result: Result) -> dict[str, bytes]:
+    """The figures by file name without ending, as PNG."""
+    found = {
+        "facts": _facts_figure(result),
+        "traffic": _traffic_figure(result),
+        "log_likelihood": _likelihood_figure(result),
+    }
+    for number, name in enumerate(result["log_likelihood_per_decision"], 1):
+        compared = {
+            quantity: files[name]
+            for quantity, files in result["distances"].items()
+            if quantity in _LABELS and "recorded" in files.get(name, {})
+        }
+        if compared:
+            found[f"recorded_{number}"] = _recorded_figure(compared)
+        if result["one_step_ahead"].get(name):
+            found[f"one_step_{number}"] = _one_step_figure(result["one_step_ahead"][name])
+    return found
+
+
+def _facts_figure(result: Result) -> bytes:
+    """Every gated fact on one scale: 0 and 1 are the ends of what is allowed."""
+    gated = [row for row in result["facts"] if row["allowed"] is not None]
+    names = list(dict.fromkeys(row["fact"] for row in gated))
+    whens = [part["when"] for part in result["traffic"]]
+    drawing, (panel,) = new_figure(1, 1, 9.0, 0.32 * len(names) + 1.2)
+    panel.axvspan(0.0, 1.0, color="#e5f2ec", zorder=0)
+    for row in gated:
+        if row["found"] is None:
+            continue
+        low, high = row["allowed"]
+        side = whens.index(row["when"])
+        y = names.index(row["fact"]) + 0.24 * (side - 0.5)
+        found, *ends = [
+            float(np.clip((v - low) / (high - low), -0.6, 1.6)) for v in (row["found"], *(row["interval95"] or ()))
+        ]
+        if ends:
+            panel.plot(ends, [y, y], color=_WINDOW_COLOURS[side], linewidth=2)
+        panel.plot([found], [y], "os"[side], color=_WINDOW_COLOURS[side], markersize=6, zorder=3)
+    for side, when in enumerate(whens):
+        panel.plot([], [], "os"[side], color=_WINDOW_COLOURS[side], label=when)
+    panel.set_yticks(range(len(names)), names)
+    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.set_xlim(-0.65, 1.65)
+    panel.set_xticks([0.0, 0.5, 1.0], ["lowest allowed", "middle", "highest allowed"])
+    panel.legend(fontsize=8, loc="upper right")
+    return png_of(drawing)
+
+
+def _traffic_figure(result: Result) -> bytes:
+    """Simulated traffic in both windows, with published quantiles where there are."""
+    names = ("time_gap", "gap", "speed", "range_rate", "acceleration_following", "acceleration_free")
+    drawing, panels = new_figure(2, 3, 11.0, 6.2)
+    for panel, name in zip(panels, names, strict=True):
+        for side, part in enumerate(result["traffic"]):
+            curve = part["curves"][name]
+            x, share = _steps(curve["low"], curve["width"], curve["shares"])
+            panel.plot(x, share, color=_WINDOW_COLOURS[side], linestyle="-" if side == 0 else "--", label=part["when"])
+        if name in _PUBLISHED:
+            share, value = _PUBLISHED[name]
+            panel.plot(value, share, "D", color="black", markersize=5, label="published")
+        panel.set_xlim(*_RANGES.get(name, (-2.1, 2.1)))
+        panel.set_xlabel(_LABELS[name], fontsize=9)
+        panel.set_ylabel("share below", fontsize=9)
+    panels[0].legend(fontsize=8)
+    return png_of(drawing)
+
+
+def _steps(low: float, width: float, shares: list[float]) -> tuple[Any, Any]:
+    """A distribution function: upper edges of the bins, and the share below each."""
+    return low + width * np.arange(1, len(shares) + 1), np.cumsum(shares)
+
+
+def _likelihood_figure(result: Result) -> bytes:
+    """Model minus baseline, per file, part and baseline, with its interval."""
+    rows = [
+        (f"{name[:28]}, {part}", baseline, versus)
+        for name, parts in result["log_likelihood_per_decision"].items()
+        for part, score in parts.items()
+        for baseline, versus in score["model_minus"].items()
+        if baseline.startswith("idm")
+    ]
+    drawing, (panel,) = new_figure(1, 1, 9.0, 0.26 * len(rows) + 1.2)
+    for y, (_, _, versus) in enumerate(rows):
+        low, high = versus["interval95"]
+        colour = GREEN if low > 0.0 else ORANGE
+        panel.plot([low, high], [y, y], color=colour, linewidth=2)
+        panel.plot([versus["difference"]], [y], "o" if low > 0.0 else "X", color=colour, markersize=7)
+    panel.axvline(0.0, color=GREY, linewidth=1)
+    panel.set_yticks(range(len(rows)), [f"{where}, against {baseline}" for where, baseline, _ in rows])
+    panel.set_ylim(len(rows) - 0.5, -0.5)
+    panel.set_xlabel("log-likelihood per decision, model minus baseline (right of 0: the model is better)", fontsize=9)
+    return png_of(drawing)
+
+
+def _recorded_figure(compared: Mapping[str, Any]) -> bytes:
+    """Recorded and simulated distribution functions of one file."""
+    columns = min(3, len(compared))
+    lines = -(-len(compared) // columns)
+    drawing, panels = new_figure(lines, columns, 3.7 * columns, 3.1 * lines)
+    for panel, (name, row) in zip(panels, compared.items(), strict=False):
+        for side, colour, style in (("recorded", "black", "-"), ("simulated", BLUE, "--")):
+            x, share = _steps(row["low"], row["width"], row[side])
+            panel.step(x, share, color=colour, linestyle=style, label=side)
+        panel.set_xlim(*_RANGES.get(name, (x[0] - row["width"], x[-1])))
+        panel.set_xlabel(_LABELS[name], fontsize=9)
+        panel.set_title(f"{row['decisions']:,} observations, KS {row['kolmogorov_smirnov']:.2f}", fontsize=9)
+    panels[0].set_ylabel("share below", fontsize=9)
+    panels[0].legend(fontsize=8)
+    for panel in panels[len(compared) :]:
+        panel.set_visible(False)
+    return png_of(drawing)
+
+
+def _one_step_figure(cells: list[Mapping[str, Any]]) -> bytes:
+    """Observed and predicted accelerations from the same states, cell by cell."""
+    columns = min(4, len(cells))
+    lines = -(-len(cells) // columns)
+    drawing, panels = new_figure(lines, columns, 2.9 * columns, 2.5 * lines)
+    x = np.round(np.arange(31) * 0.2 - 4.0, 1)
+    for panel, cell in zip(panels, cells, strict=False):
+        panel.bar(x, cell["recorded"], 0.18, color="#bbbbbb", label="recorded")
+        panel.plot(x, cell["predicted"], color=BLUE, linewidth=1.5, label="predicted")
+        low, high = cell["speed_mps"]
+        panel.set_title(f"{low:g}-{high:g} m/s, {cell['state']} ({cell['decisions']:,})", fontsize=8.5)
+        panel.set_xlim(-4.2, 2.2)
+    panels[0].legend(fontsize=7.5)
+    for panel in panels[len(cells) :]:
+        panel.set_visible(False)
+    drawing.supxlabel("acceleration over the next second [m/s²]", fontsize=9)
+    return png_of(drawing)
+
+
+def page_of(result: Result, figures: Mapping[str, bytes]) -> str:
+    """One page that needs nothing else."""
+    verdict = "passes" if result["passed"] else '<span class="bad">does not pass</span>'
+    gated = [row for row in result["facts"] if row["within"] is not None]
+    outside = [row for row in result["facts"] if row["within"] is False]
+    parts = [
+        f"<h1>Validation of the naturalistic model {escape(str(result['model_hash']))}</h1>",
+        f"<p>The model {verdict}: {len(outside)} of {len(gated)} gated facts are outside what is allowed; it must also "
+        "be more likely than the IDM and than uniform guessing on every file, with the whole 95 % interval.</p>",
+        "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in result["notes"]) + "</ul>",
+        "<h2>Free-running traffic against published facts</h2>",
+        "<p>Traffic on 2400 m of three lanes; counted is who drives amid it, far from its ends and from the AV, which "
+        "is last of all. Intervals: jackknife over 20 blocks of worlds; of crashes: the exact upper bound.</p>",
+        inline(
+            figures["facts"], "Gated facts on one scale; the shaded band is allowed. Marks at the rim lie beyond it."
+        ),
+        _facts_table(result),
+        inline(figures["traffic"], "Distribution functions of simulated traffic; diamonds are published quantiles."),
+        "<h2>Likelihood of held-out decisions</h2>",
+        inline(figures["log_likelihood"], "Model minus IDM; lines are 95 % intervals by bootstrap over vehicles."),
+        _likelihood_table(result),
+    ]
+    for number, name in enumerate(result["log_likelihood_per_decision"], 1):
+        parts += _file_parts(result, figures, number, name)
+    return page("Validation of a naturalistic model", "".join(parts))
+
+
+def _facts_table(result: Result) -> str:
+    rows = []
+    for row in result["facts"]:
+        interval = "" if row["interval95"] is None else f"{row['interval95'][0]:.3g} to {row['interval95'][1]:.3g}"
+        allowed = "shown only" if row["allowed"] is None else f"{row['allowed'][0]:.3g} to {row['allowed'][1]:.3g}"
+        published = row["published"]
+        if isinstance(published, list | tuple):
+            published = f"{published[0]:g}-{published[1]:g}"
+        verdict = {None: "", True: "yes", False: "NO"}[row["within"]]
+        found = "none" if row["found"] is None else f"{row['found']:.3g}"
+        rows.append(
+            [
+                f"{row['fact']} {row['unit']}",
+                row["when"],
+                found,
+                interval,
+                allowed,
+                verdict,
+                "" if published is None else published,
+            ]
+        )
+    return table(["quantity", "when", "found", "95 % interval", "allowed", "within", "published"], rows)
+
+
+def _likelihood_table(result: Result) -> str:
+    rows = []
+    for name, parts in result["log_likelihood_per_decision"].items():
+        for part, score in parts.items():
+            rows.append(
+                [
+                    f"{name}, {part}",
+                    f"{score['decisions']:,}",
+                    score["vehicles"],
+                    _with(score["model"], score["interval95"], ""),
+                ]
+            )
+            rows += [
+                [f"… minus {baseline}", "", "", _with(versus["difference"], versus["interval95"], "+")]
+                for baseline, versus in score["model_minus"].items()
+            ]
+    return table(["file, part", "decisions", "vehicles", "per decision (95 % interval)"], rows)
+
+
+def _with(value: float, interval: list[float], sign: str) -> str:
+    return f"{value:{sign}.3f} ({interval[0]:{sign}.3f} to {interval[1]:{sign}.3f})"
+
+
+def _file_parts(result: Result, figures: Mapping[str, bytes], number: int, name: str) -> list[str]:
+    """What is told of one file: recorded against simulated traffic, and one step ahead."""
+    rows: list[list[object]] = []
+    reasons: dict[str, list[str]] = {}
+    for quantity, files in result["distances"].items():
+        row = files.get(name, {})
+        for kind in ("not_compared", "caution"):
+            if kind in row:
+                reasons.setdefault(row[kind], []).append(quantity.replace("_", " "))
+        if "wasserstein" in row:
+            low, high = row["wasserstein_interval95"]
+            ks = "{:.3f} ({:.3f} to {:.3f})".format(row["kolmogorov_smirnov"], *row["kolmogorov_smirnov_interval95"])
+            far = f"{row['wasserstein']:.3g} {row['unit']} ({low:.3g} to {high:.3g})"
+            rows.append([quantity.replace("_", " "), f"{row['decisions']:,}", row["vehicles"], far, ks])
+    parts = [f"<h2>{escape(name)}: recorded against simulated</h2>"]
+    if rows:
+        parts.append("<p>States from 19.5 m/s on; the simulated side is taken at the same speeds, class by class.</p>")
+        parts.append(
+            table(["quantity", "observations", "vehicles", "Wasserstein (95 %)", "Kolmogorov-Smirnov (95 %)"], rows)
+        )
+    if f"recorded_{number}" in figures:
+        parts.append(inline(figures[f"recorded_{number}"], "Recorded and simulated distribution functions."))
+    parts.append(_rates(result, name))
+    told = [f"<li>{escape(', '.join(names))}: {escape(reason)}</li>" for reason, names in reasons.items()]
+    parts.append(f"<ul>{''.join(told)}</ul>" if told else "")
+    if f"one_step_{number}" in figures:
+        parts.append("<h3>One step ahead: accelerations from the same states</h3>")
+        parts.append(
+            inline(figures[f"one_step_{number}"], "Bars: recorded; line: predicted by law (below 19.5 m/s) or table.")
+        )
+        parts.append(_one_step_table(result["one_step_ahead"][name]))
+    return parts
+
+
+def _rates(result: Result, name: str) -> str:
+    """TTC shares, lane changes per mile and accepted gaps that the model calls impossible."""
+    rows = []
+    for limit, row in result["distances"]["ttc_share_below"][name].get("shares", {}).items():
+        low, high = row["recorded_interval95"]
+        rows.append(
+            [f"TTC below {limit} s", f"{row['recorded']:.2g} ({low:.2g} to {high:.2g})", f"{row['simulated']:.2g}"]
+        )
+    rate = result["distances"]["lane_changes_per_mile"][name]
+    if "recorded" in rate:
+        low, high = rate["recorded_interval95"]
+        told = f"{rate['recorded']:.2g} ({low:.2g} to {high:.2g})"
+        rows.append(["lane changes per vehicle-mile, all speeds", told, f"{rate['simulated']:.2g}"])
+    for side in ("lead", "rear"):
+        gaps = result["distances"][f"accepted_{side}_gap"][name]
+        if gaps.get("accepted_by_drivers"):
+            refused = f"{gaps['thereof_impossible_to_the_model']} impossible to an attentive model driver"
+            rows.append([f"accepted {side} gaps, any speed", gaps["accepted_by_drivers"], refused])
+    return table(["", "recorded (95 % interval)", "model"], rows) if rows else ""
+
+
+def _one_step_table(cells: list[Mapping[str, Any]]) -> str:
+    rows = []
+    for cell in cells:
+        low, high = cell["wasserstein_interval95"]
+        rows.append(
+            [
+                "{:g}-{:g} m/s, ".format(*cell["speed_mps"]) + cell["state"],
+                cell["by"],
+                f"{cell['decisions']:,}",
+                cell["vehicles"],
+                "{:+.2f}, {:.2f}".format(*cell["recorded_mean_sd"]),
+                "{:+.2f}, {:.2f}".format(*cell["predicted_mean_sd"]),
+                f"{cell['wasserstein']:.3f} ({low:.3f} to {high:.3f})",
+                f"{cell['kolmogorov_smirnov']:.3f}",
+            ]
+        )
+    head = ["state", "by", "decisions", "vehicles", "recorded mean, sd", "predicted", "Wasserstein [m/s²]", "KS"]
+    return table(head, rows)
