@@ -435,6 +435,9 @@ def ndd_fit(
     out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
     data_format: DataFormat = None,
     prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
+    study: Annotated[
+        bool, typer.Option("--study", help="Report what other choices of the fit change (6 fits).")
+    ] = False,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
     quiet: Quiet = False,
@@ -447,7 +450,7 @@ def ndd_fit(
 
     _run(
         lambda bars: pipeline.ndd_fit(
-            files, data_format=data_format, out=out, prior_strength=prior_strength, progress=bars
+            files, data_format=data_format, out=out, prior_strength=prior_strength, study=study, progress=bars
         ),
         fit_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

@@ -55,6 +55,7 @@ def fit_model(
     data_format: str,
     *,
     prior_strength: float = DEFAULT_PRIOR_STRENGTH,
+    window_factor: float = 1.0,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[NddModel, FitReport]:
     """Fit a naturalistic model from trajectory files; the same files give the same model, to the bit.
@@ -63,6 +64,7 @@ def fit_model(
         paths: Trajectory files, at least one; their order does not matter.
         data_format: One of `readers.DATA_FORMATS`.
         prior_strength: Pseudo-decisions per state that the prior is worth, 1 to 1e6.
+        window_factor: As for `read_decisions`.
         progress: Is told in plain words what is being done.
 
     Returns:
@@ -78,7 +80,10 @@ def fit_model(
         raise InputError("No trajectory file to fit on; name at least one.")
     tell = progress or (lambda _: None)
     tell(f"Reading {len(paths)} file(s)")
-    readings = sorted(read_decisions(paths, data_format), key=lambda reading: (reading.path.name, reading.sha256))
+    readings = sorted(
+        read_decisions(paths, data_format, window_factor=window_factor),
+        key=lambda reading: (reading.path.name, reading.sha256),
+    )
     _refuse_twins(readings)
     decisions = concatenate([reading.decisions for reading in readings])
     training = decisions.where(~decisions.held_out)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import Decisions
-from cornerforge.ndd.laws import FITTED_ABOVE, FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law
+from cornerforge.ndd.laws import FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law
 from cornerforge.ndd.model import NddModel
-from cornerforge.ndd.scores import grid_place
+from cornerforge.ndd.scores import grid_place, table_probabilities
 from cornerforge.types import ACCELERATIONS
 
 __all__ = [
@@ -31,7 +31,7 @@ Predictor = Callable[[Decisions], Floats]
 """From n decisions' states to the probabilities of the 31 accelerations, shape (n, 31)."""
 
 FEWEST_TO_FIT = 200
-IDM_FITS = {"idm": 0.0, "idm_fast": FITTED_ABOVE}
+IDM_FITS = {"idm": 0.0, "idm_fast": 10.0}
 """Two fair IDMs: fitted to decisions at all speeds, and to those above 10 m/s, nearer to what the tables cover."""
 _BINS = ACCELERATIONS.size
 
@@ -49,12 +49,7 @@ def law_predictor(law: FollowingLaw) -> Predictor:
 def table_predictor(model: NddModel) -> Predictor:
     """The model's tables, looked up as the simulator does; speeds outside the grid take its end rows."""
 
-    def predict(d: Decisions) -> Floats:
-        speed, gap, range_rate, _, is_free = grid_place(d)
-        rows = np.where(is_free[:, None], model.free[speed], model.following[speed, gap, range_rate])
-        return rows.astype(np.float64)
-
-    return predict
+    return lambda d: table_probabilities(model, d)
 
 
 def uniform_predictor(d: Decisions) -> Floats:

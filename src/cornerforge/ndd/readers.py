@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -75,12 +75,15 @@ class Reading:
         return self.rows_read - self.bad.total
 
 
-def read_decisions(paths: Sequence[Path], data_format: str | None = None) -> list[Reading]:
+def read_decisions(
+    paths: Sequence[Path], data_format: str | None = None, *, window_factor: float = 1.0
+) -> list[Reading]:
     """Read trajectory files; warns of what is odd about a file as a whole, such as units that look like feet.
 
     Args:
         paths: The files, CSV or gzipped CSV. highD's meta files among them are read with their tracks.
         data_format: One of `DATA_FORMATS`; None to tell it from the columns (`guess_format`).
+        window_factor: Of the layouts' smoothing windows, to see how far these matter.
 
     Raises:
         UnknownNameError: No such format.
@@ -90,7 +93,7 @@ def read_decisions(paths: Sequence[Path], data_format: str | None = None) -> lis
     data_format = (
         guess_format(paths) if data_format is None else check_in("trajectory format", data_format, DATA_FORMATS)
     )
-    readings = [_read(path, data_format) for path in _with_tracks(paths)]
+    readings = [_read(path, data_format, window_factor) for path in _with_tracks(paths)]
     for reading in readings:
         for note in reading.notes:
             warnings.warn(note, stacklevel=2)
@@ -145,9 +148,10 @@ def _with_tracks(paths: Sequence[Path]) -> list[Path]:
     return tracks
 
 
-def _read(path: Path, data_format: str) -> Reading:
+def _read(path: Path, data_format: str, window_factor: float) -> Reading:
     header = read_header(path)
     layout = _recognise(path, header, data_format)
+    layout = replace(layout, window=layout.window * window_factor)
     numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
     texts = {name: column for name, column in layout.texts.items() if column in header}
     notes: list[str] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ def ndd_fit(
     data_format: str | None = None,
     out: Path | str,
     prior_strength: float = 200.0,
+    study: bool = False,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
     """Fit a naturalistic model from trajectories and write it with a fit report beside it.
@@ -29,6 +31,7 @@ def ndd_fit(
         data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
         out: Model file, `.npz`; an existing one is replaced (the fit of the same data gives the same bytes).
         prior_strength: Pseudo-counts per state with which the prior enters.
+        study: Fit it again with other prior strengths and smoothing windows, and report what changes (six fits).
         progress: Told how far it is.
 
     Returns:
@@ -48,6 +51,11 @@ def ndd_fit(
     paths = [Path(file) for file in files]
     data_format = guess_format(paths) if data_format is None else data_format
     model, report = fit_model(paths, data_format, prior_strength=prior_strength, progress=say)
+    if study:
+        from cornerforge.ndd.sensitivity import fit_sensitivity
+
+        rows = fit_sensitivity(paths, data_format, prior_strength=prior_strength, progress=say)
+        report = replace(report, sensitivity=rows)
     _write_model(model, path)
     page = path.with_suffix(".report.html")
     write_fit_report(report, model, page)

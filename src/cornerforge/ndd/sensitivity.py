@@ -1,0 +1,93 @@
+"""How far a fit's own choices matter: the prior's strength, and the window by which noisy positions are smoothed.
+
+Each variant is a whole fit of the same files with one choice changed; all are scored on the same held-out decisions,
+read as the shipped choices read them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.fit import DEFAULT_PRIOR_STRENGTH, fit_model
+from cornerforge.ndd.laws import log_likelihood
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.ndd.readers import read_decisions
+from cornerforge.ndd.report import PROBES
+from cornerforge.ndd.scores import table_log_likelihood
+from cornerforge.ndd.validate import stated_law
+from cornerforge.types import ACCELERATIONS
+
+__all__ = ["STRENGTHS", "WINDOW_FACTORS", "fit_sensitivity"]
+
+STRENGTHS = (10.0, 50.0, 1000.0)
+"""Beside the strength that the fit uses."""
+WINDOW_FACTORS = (0.6, 1.4)
+"""Of the smoothing windows, beside 1."""
+Row = dict[str, object]
+
+
+def fit_sensitivity(
+    paths: Sequence[Path],
+    data_format: str,
+    *,
+    prior_strength: float = DEFAULT_PRIOR_STRENGTH,
+    strengths: Sequence[float] = STRENGTHS,
+    window_factors: Sequence[float] = WINDOW_FACTORS,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Row, ...]:
+    """Fit the same files with other choices, and say what changes; by default as long as six fits.
+
+    Args:
+        paths: As for `fit_model`.
+        data_format: As for `fit_model`.
+        prior_strength: The one that the fit in question uses.
+        strengths: Other strengths to try.
+        window_factors: Of the smoothing windows, to try.
+        progress: Is told in plain words what is being done.
+
+    Returns:
+        One row a variant, the fit itself first: `variant`; `held_out`: file -> `law` (per following decision) and
+        `table` (on the grid; null where no decision is); `probes`: mean and sd [m/s2] of the table's acceleration at
+        each of `report.PROBES`.
+
+    Raises:
+        CornerForgeError: As `fit_model`.
+    """
+    tell = progress or (lambda _: None)
+    scored = {
+        reading.path.name: reading.decisions.where(reading.decisions.held_out & np.isfinite(reading.decisions.gap))
+        for reading in read_decisions(paths, data_format)
+    }
+    scored = {name: decisions for name, decisions in scored.items() if decisions.size}
+    choices = [("as fitted", prior_strength, 1.0)]
+    choices += [(f"prior strength {strength:g}", strength, 1.0) for strength in strengths if strength != prior_strength]
+    choices += [(f"smoothing windows x {factor:g}", prior_strength, factor) for factor in window_factors]
+    rows = []
+    for name, strength, factor in choices:
+        tell(f"Sensitivity: {name}")
+        model, _ = fit_model(paths, data_format, prior_strength=strength, window_factor=factor)
+        rows.append(_row(name, model, scored))
+    return tuple(rows)
+
+
+def _row(name: str, model: NddModel, scored: dict[str, Decisions]) -> Row:
+    law = stated_law(model)
+    held_out = {}
+    for file, d in scored.items():
+        table, number = table_log_likelihood(model, d)
+        held_out[file] = {
+            "law": None if law is None else log_likelihood(law, d.speed, d.gap, d.range_rate, d.acceleration),
+            "table": table if number else None,
+        }
+    return {"variant": name, "held_out": held_out, "probes": [_mean_sd(model, *probe) for probe in PROBES]}
+
+
+def _mean_sd(model: NddModel, speed: float, gap: float, range_rate: float) -> list[float]:
+    place = SPEEDS.searchsorted(speed), GAPS.searchsorted(gap), RANGE_RATES.searchsorted(range_rate)
+    p = model.following[place].astype(np.float64)
+    mean = float(p @ ACCELERATIONS)
+    return [mean, float(np.sqrt(p @ (ACCELERATIONS - mean) ** 2))]

@@ -1,0 +1,131 @@
+"""The fit report: what is data and what is prior, a map of what was counted, and what other choices would change."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cornerforge.errors import FileFormatError
+from cornerforge.ndd import default_model_path, load_model, write_fit_report
+from cornerforge.ndd.model import NddModel
+from cornerforge.ndd.report import FitReport, counted_states
+from cornerforge.ndd.sensitivity import fit_sensitivity
+
+HEADER = "track,leader_track,t_s,y_m,spacing_m"
+
+
+@pytest.fixture(scope="module")
+def model() -> NddModel:
+    return load_model(default_model_path())
+
+
+def report_of(model: NddModel, sensitivity: tuple[Mapping[str, Any], ...] = ()) -> FitReport:
+    counted = counted_states(model)
+    return FitReport(
+        rows_read=100, rows_used=99, bad_rows={}, decisions_fitted=1234, decisions_on_grid=int(counted.sum()),
+        states=int((counted > 0).sum()), states_total=counted.size, data_share_of_states=8e-5,
+        data_share_where_data=0.01, speed_99_percent=22.5, held_out_log_likelihood={}, notes=("A note.",),
+        sensitivity=sensitivity,
+    )  # fmt: skip
+
+
+def page_of(model: NddModel, path: Path, sensitivity: tuple[Mapping[str, Any], ...] = ()) -> str:
+    write_fit_report(report_of(model, sensitivity), model, path)
+    return path.read_text(encoding="utf-8")
+
+
+def test_counts_are_read_back_from_the_provenance(model: NddModel) -> None:
+    stated: Any = model.provenance["counted"]
+    counted = counted_states(model)
+    assert counted.shape == (21, 116, 19)
+    assert counted.sum() == sum(stated["decisions"])
+    assert counted.reshape(-1)[stated["state"][0]] == stated["decisions"][0]
+    assert not counted_states(replace(model, provenance={})).any()
+    for wrong in ({"state": [10**9], "decisions": [1]}, {"state": [1]}, "many", {"state": ["a"], "decisions": [1]}):
+        with pytest.raises(FileFormatError, match="no usable counts"):
+            counted_states(replace(model, provenance={"counted": wrong}))
+
+
+def test_the_page_says_what_is_data_what_is_prior_and_where_it_extrapolates(model: NddModel, tmp_path: Path) -> None:
+    page = page_of(model, tmp_path / "r.html")
+    fastest = 20 + int(np.flatnonzero(counted_states(model).sum(axis=(1, 2)))[-1])
+    assert f"No decision at all was counted above {fastest} m/s" in page
+    assert "1,234 decisions, 99 % of them slower than 22.5 m/s" in page
+    assert page.count("prior: ") >= 3
+    assert page.count("<img ") == 1
+    assert "Not studied for this fit" in page
+    assert "src=" not in page.replace('src="data:', "")
+
+
+def test_the_same_numbers_give_the_same_bytes(model: NddModel, tmp_path: Path) -> None:
+    assert page_of(model, tmp_path / "a.html") == page_of(model, tmp_path / "b.html")
+
+
+def test_a_model_without_counts_and_a_machine_without_matplotlib_still_get_a_page(
+    model: NddModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bare = page_of(replace(model, provenance={}), tmp_path / "bare.html")
+    assert "0 decisions were counted" in bare
+    assert "No decision at all" not in bare
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    page = page_of(model, tmp_path / "plain.html")
+    assert "<img " not in page
+    assert "No map: This needs matplotlib" in page
+
+
+def tracks_file(path: Path) -> Path:
+    """Forty pairs at about 25 m/s, 20 s at 10 Hz with noisy positions, half of them late in the recording."""
+    rng = np.random.default_rng(1)
+    rows = []
+    for pair in range(40):
+        start = 0.0 if pair < 20 else 30.0
+        lead, follow, speed, acceleration = 0.0, -45.0, 25.0, 0.0
+        for tick in range(201):
+            t = start + tick / 10.0
+            if tick % 10 == 0:
+                acceleration = 0.3 * (25.0 - speed) + 0.4 * rng.standard_normal()
+            speed += 0.1 * acceleration
+            lead += 2.5
+            follow += 0.1 * speed
+            noisy = follow + 0.1 * rng.standard_normal()
+            rows.append(f"{2 * pair},,{t:.1f},{lead:.4f},")
+            rows.append(f"{2 * pair + 1},{2 * pair},{t:.1f},{noisy:.4f},{lead - noisy:.4f}")
+    rows.sort(key=lambda row: (int(row.split(",")[0]), float(row.split(",")[2])))
+    path.write_text("\n".join([HEADER, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> tuple[Mapping[str, Any], ...]:
+    path = tracks_file(tmp_path_factory.mktemp("t") / "t.csv")
+    return fit_sensitivity([path], "tracks", strengths=[50.0, 200.0], window_factors=[0.6])
+
+
+def test_a_study_fits_each_choice_once_and_scores_the_same_decisions(study: tuple[Mapping[str, Any], ...]) -> None:
+    assert [row["variant"] for row in study] == ["as fitted", "prior strength 50", "smoothing windows x 0.6"]
+    for row in study:
+        assert set(row["held_out"]) == {"t.csv"}
+        assert all(value < 0.0 for value in row["held_out"]["t.csv"].values())
+        assert all(sd > 0.0 for _, sd in row["probes"])
+    fitted, weaker = (study[k]["held_out"]["t.csv"] for k in (0, 1))
+    assert weaker["law"] == fitted["law"]  # the prior's strength does not move the law, only the table
+    assert weaker["table"] != fitted["table"]
+
+
+def test_a_shorter_window_leaves_more_noise_in_the_spread(study: tuple[Mapping[str, Any], ...]) -> None:
+    sd = {row["variant"]: row["probes"][0][1] for row in study}
+    assert sd["smoothing windows x 0.6"] > sd["as fitted"]
+
+
+def test_the_page_shows_the_study(model: NddModel, study: tuple[Mapping[str, Any], ...], tmp_path: Path) -> None:
+    page = page_of(model, tmp_path / "s.html", study)
+    assert "Not studied" not in page
+    for row in study:
+        assert row["variant"] in page
+    assert f"{study[0]['held_out']['t.csv']['law']:.3f}" in page
