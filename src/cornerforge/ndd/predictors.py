@@ -48,7 +48,6 @@ def law_predictor(law: FollowingLaw) -> Predictor:
 
 def table_predictor(model: NddModel) -> Predictor:
     """The model's tables, looked up as the simulator does; speeds outside the grid take its end rows."""
-
     return lambda d: table_probabilities(model, d)
 
 
