@@ -21,7 +21,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
-__all__ = ["cache_folder", "kernel"]
+__all__ = ["cache_folder", "inlined_kernel", "kernel"]
 
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 # `_nrt`: no reference counting, which took most of the time where arrays travel in tuples, and no allocation, which
@@ -74,9 +74,22 @@ def cache_folder() -> str:
 
 def kernel(function: F) -> F:
     """Compile a scalar loop function to machine code."""
+    return _compiled(function, _OPTIONS)
+
+
+def inlined_kernel(function: F) -> F:
+    """The same, melted into every kernel that calls it.
+
+    A call of its own hands over world, road and tables as about a hundred words: for what runs once per vehicle or
+    look-up that took half the time (docs/adr/0006-compiled-kernels.md). Bits stay the same.
+    """
+    return _compiled(function, {**_OPTIONS, "forceinline": True})
+
+
+def _compiled(function: F, options: dict[str, Any]) -> F:
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
     try:
-        return cast("F", numba.njit(**_OPTIONS)(function))
+        return cast("F", numba.njit(**options)(function))
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]

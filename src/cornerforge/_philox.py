@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -35,7 +35,7 @@ _32 = np.uint64(32)
 _16 = np.uint64(16)
 
 
-@kernel
+@inlined_kernel
 def philox4x32(
     c0: uint64, c1: uint64, c2: uint64, c3: uint64, k0: uint64, k1: uint64
 ) -> tuple[uint64, uint64, uint64, uint64]:
@@ -53,7 +53,7 @@ def philox4x32(
     return c0, c1, c2, c3
 
 
-@kernel
+@inlined_kernel
 def block(seed: int, test: int, step: int, vehicle: int, purpose: int) -> tuple[uint64, uint64, uint64, uint64]:
     """Four uniform 32-bit words for one (seed, test, step, vehicle, purpose).
 
@@ -71,13 +71,13 @@ def block(seed: int, test: int, step: int, vehicle: int, purpose: int) -> tuple[
     )
 
 
-@kernel
+@inlined_kernel
 def uniform(word: uint64) -> float:
     """A 32-bit word as a number in (0, 1); never 0 or 1."""
     return (np.float64(word) + 0.5) * 2.3283064365386963e-10
 
 
-@kernel
+@inlined_kernel
 def normal_pair(word_a: uint64, word_b: uint64) -> tuple[float, float]:
     """Two independent standard normal numbers from two words (Box and Muller 1958); |z| < 6.8."""
     radius = math.sqrt(-2.0 * math.log(uniform(word_a)))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 
 __all__ = [
     "boxes_overlap",
@@ -24,19 +24,19 @@ Path = tuple[float, float, float, float, float, float]
 """A quintic lateral path: coefficients of t^0 .. t^5 [m, m/s, ...]."""
 
 
-@kernel
+@inlined_kernel
 def lane_of(y: float, lane_width: float) -> int:
     """Index of the lane that holds y [m]; negative or too large beyond the road's edges."""
     return math.floor(y / lane_width)
 
 
-@kernel
+@inlined_kernel
 def lane_centre(lane: int, lane_width: float) -> float:
     """Lateral position [m] of a lane's centre."""
     return (lane + 0.5) * lane_width
 
 
-@kernel
+@inlined_kernel
 def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) -> int:
     """Lanes that a vehicle occupies, as a bit mask: those its body touches and the one it changes to.
 
@@ -52,7 +52,7 @@ def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) 
     return bits
 
 
-@kernel
+@inlined_kernel
 def boxes_overlap(
     xa: float, ya: float, heading_a: float, xb: float, yb: float, heading_b: float, length: float, width: float
 ) -> bool:
@@ -88,7 +88,7 @@ def boxes_overlap(
     )
 
 
-@kernel
+@inlined_kernel
 def path_at(path: Path, t: float) -> tuple[float, float, float]:
     """Lateral position [m], speed [m/s] and acceleration [m/s2] on a quintic path at time t [s] since its start.
 

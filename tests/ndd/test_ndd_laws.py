@@ -25,13 +25,13 @@ def test_closing_faster_never_raises_the_centre(speed: float, gap: float, closin
     assert harder[0] <= milder[0] + 1e-12
 
 
-@given(speed=st.floats(0.0, 15.0), gap=st.floats(0.0, 120.0), range_rate=st.floats(-15.0, 15.0))
+@given(speed=st.floats(0.0, 18.0), gap=st.floats(0.0, 120.0), range_rate=st.floats(-15.0, 15.0))
 def test_in_congestion_the_fitted_law_stands_as_it_is(speed: float, gap: float, range_rate: float) -> None:
     state = np.array([speed]), np.array([gap]), np.array([range_rate])
     assert SAFE.mean(*state)[0] == SAFE.law.mean(*state)[0]
 
 
-@given(speed=st.floats(20.0, 40.0), gap=st.floats(4.5, 120.0), closing=st.floats(0.01, 20.0))
+@given(speed=st.floats(24.0, 40.0), gap=st.floats(4.5, 120.0), closing=st.floats(0.01, 20.0))
 def test_closing_drivers_brake_enough_to_keep_four_metres(speed: float, gap: float, closing: float) -> None:
     centre = SAFE.mean(np.array([speed]), np.array([gap]), np.array([-closing]))
     assert centre[0] <= -(closing**2) / (2.0 * (gap - 4.0)) + 1e-9
@@ -45,7 +45,9 @@ def test_closing_faster_never_raises_the_mean_of_a_table_row() -> None:
 def test_a_shorter_gap_never_raises_the_mean_where_the_pair_closes() -> None:
     mean = TABLE @ ACCELERATIONS
     gaps, closing = GAPS >= 4.0, RANGE_RATES <= 0.0  # nearer, wide noise is cut off at -4 m/s2 and lifts the mean
-    assert (np.diff(mean[:, gaps][:, :, closing], axis=1) >= -1e-9).all()
+    safe = SAFE.speed_full <= SPEEDS
+    # a bin at the edge of the support (5 sd) that comes or goes moves a mean by less than 0.001 m/s2
+    assert (np.diff(mean[safe][:, gaps][:, :, closing], axis=1) >= -1e-3).all()
 
 
 @pytest.mark.parametrize("rows", [TABLE, free_prior(FreeFlow())])

@@ -23,7 +23,7 @@ from cornerforge.ndd.show import counted_states, key_numbers, mean_and_sd, quant
 from cornerforge.pipeline.show import show_text
 from cornerforge.types import ACCELERATIONS
 
-needs_matplotlib = pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs the extra figures")
+needs_matplotlib = pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs the extra report")
 HOLD = int(np.flatnonzero(ACCELERATIONS == 0.0)[0])
 
 
@@ -130,7 +130,7 @@ def test_without_matplotlib_the_message_says_how_to_get_it(tmp_path: Path, monke
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(MissingExtraError, match=r'matplotlib.*pip install "cornerforge\[figures\]"'):
+    with pytest.raises(MissingExtraError, match=r'matplotlib.*pip install "cornerforge\[report\]"'):
         pipeline.ndd_show(out=tmp_path / "figures")
     assert not (tmp_path / "figures").exists()
 

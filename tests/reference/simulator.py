@@ -110,20 +110,31 @@ class Simulator:
         """Rows of accelerations, one per lead."""
         return [self.tables.row(bv.speed, *state, rounding) for state in self.states(world, bv)]
 
+    def acceptance(self, world: World, bv: Vehicle, lane: int, overlook: float) -> float:
+        """Chance that a BV accepts its neighbours in a lane."""
+        chance = 1.0
+        lead, rear = world.neighbours(bv, lane)
+        if lead is not None:
+            state = world.gap(lead, bv), lead.speed - bv.speed
+            chance *= self.tables.accepts(*state, rear=False, overlook=overlook)
+        if rear is not None:
+            state = world.gap(bv, rear), bv.speed - rear.speed
+            chance *= self.tables.accepts(*state, rear=True, overlook=overlook)
+        return chance
+
     def side_chances(self, world: World, bv: Vehicle, overlook: float) -> tuple[float, float]:
-        """P(left), P(right); the wish is by the nearest lead."""
+        """P(left), P(right): to begin a lane change, by the wish behind the nearest lead, or to turn back in one."""
         chances = [0.0, 0.0]
+        if bv.path is not None:
+            old = math.floor(bv.y / self.odd.lane_width)
+            refused = self.acceptance(world, bv, bv.target_lane, 0.0) == 0.0
+            if old != bv.target_lane and refused and self.acceptance(world, bv, old, 0.0) > 0.0:
+                chances[0 if old > bv.target_lane else 1] = 1.0 - overlook
+            return chances[0], chances[1]
         base = self.tables.wish_to_change(bv.speed, *self.states(world, bv)[0])
         for side, lane in enumerate((bv.target_lane + 1, bv.target_lane - 1)):
-            if bv.path is None and 0 <= lane < self.odd.n_lanes:
-                chances[side] = base
-                lead, rear = world.neighbours(bv, lane)
-                if lead is not None:
-                    state = world.gap(lead, bv), lead.speed - bv.speed
-                    chances[side] *= self.tables.accepts(*state, rear=False, overlook=overlook)
-                if rear is not None:
-                    state = world.gap(bv, rear), bv.speed - rear.speed
-                    chances[side] *= self.tables.accepts(*state, rear=True, overlook=overlook)
+            if 0 <= lane < self.odd.n_lanes:
+                chances[side] = base * self.acceptance(world, bv, lane, overlook)
         return chances[0], chances[1]
 
     def probabilities(self, world: World, bv: Vehicle, overlook: float) -> list[float]:
@@ -234,7 +245,7 @@ class _Test:
         goals[0] = av_lane - self.world.av.target_lane
         # at the same x the smaller slot goes first
         for bv in sorted(self.world.bvs(), key=lambda v: (-v.x, -v.slot)):
-            if bv is self.controlled or not goals[bv.slot]:
+            if bv is self.controlled or not goals[bv.slot] or bv.path is not None:  # who turns back does not wait
                 continue
             lane = bv.target_lane + goals[bv.slot]
             rivals = [

@@ -28,6 +28,7 @@ from cornerforge.sim.decide import (
     start_lane_change,
 )
 from cornerforge.sim.drive import Setting
+from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import CONTROLLED, N_DECISIONS, World
 from cornerforge.types import ACCELERATIONS, Odd
 
@@ -156,8 +157,9 @@ def test_probabilities_sum_to_one(model: NddModel, spots: Spots, overlook: float
         assert (p >= 0.0).all()
         assert p.sum() == pytest.approx(1.0, abs=1e-9)
         lane, changing = int(world.vehicles["target_lane"][slot]), world.vehicles["duration"][slot] > 0.0
-        assert p[0] == 0.0 or (lane < 3 and not changing)
-        assert p[1] == 0.0 or (lane > 0 and not changing)
+        old = int(world.vehicles["y"][slot] // 4.0)
+        assert p[0] == 0.0 or (old > lane if changing else lane < 3)
+        assert p[1] == 0.0 or (old < lane if changing else lane > 0)
 
 
 @given(SPOTS, st.integers(0, 10_000))
@@ -377,6 +379,40 @@ def test_who_starts_behind_the_av_at_its_moment_waits(model: NddModel) -> None:
     for test in range(50):
         assert decide(world, setting, test, av_lane=0)[1] == 0
         assert decide(world, setting, test, av_lane=1)[1] >= 2
+
+
+def mid_change(model: NddModel, neighbour: Car, substeps: int = 10) -> tuple[World, Setting]:
+    """Slot 1 has been changing from lane 1 to lane 2 for some substeps; slot 2 is the neighbour."""
+    setting = setting_of(replace(model, overlook=0.25), ROAD)
+    world = world_of([Car(900.0, 0, 30.0), Car(300.0, 1, 30.0), neighbour])
+    hold(world.vehicles, 1, 0.0)
+    start_lane_change(world, 1, 2, setting.road)
+    for _ in range(substeps):
+        move_vehicle(world.vehicles, 1, 0.0, setting.road)
+    return world, setting
+
+
+@pytest.mark.parametrize(
+    ("neighbour", "substeps", "chance"),
+    [
+        (Car(303.0, 2, 30.0), 10, 0.75),  # beside it: it turns back, unless it overlooks that (0.25)
+        (Car(290.0, 2, 38.0), 10, 0.75),  # from behind, fast
+        (Car(330.0, 2, 30.0), 10, 0.0),  # 25 m ahead at equal speed: acceptable
+        (Car(303.0, 2, 30.0), 25, 0.0),  # its centre has crossed: no way back
+        (Car(303.0, 1, 30.0), 10, 0.0),  # beside it in its old lane
+    ],
+)
+def test_a_lane_change_is_broken_off_before_its_middle(
+    model: NddModel, neighbour: Car, substeps: int, chance: float
+) -> None:
+    world, setting = mid_change(model, neighbour, substeps)
+    p = probabilities(world, 1, setting)
+    assert p[0] == 0.0
+    assert p[1] == chance
+    assert p.sum() == pytest.approx(1.0)
+    n = 2000  # tells 0.75 from 0.70 (STYLE section 4)
+    backs = sum(int(decide(world, setting, test)[1] == 1) for test in range(n))
+    assert rate_fits(backs, n, chance)
 
 
 def test_far_apart_is_no_conflict(model: NddModel) -> None:

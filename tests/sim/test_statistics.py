@@ -179,8 +179,8 @@ def test_parts_of_time_and_of_road_add_up(reckless: NddModel, field: str) -> Non
     cuts = {
         "time": [Census(True, 0, 4, -inf, inf, 0.0), Census(True, 4, 999, -inf, inf, 0.0)],
         "road": [
-            Census(True, 0, 999, -inf, 700.123, 30.0),
-            Census(True, 0, 999, np.nextafter(700.123, inf), inf, 30.0),
+            Census(True, 0, 999, -inf, 300.123, 30.0),
+            Census(True, 0, 999, np.nextafter(300.123, inf), inf, 30.0),
         ],
     }[field]
     whole, *parts = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from cornerforge._checks import check_number
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel
 
 __all__ = ["IdmNumbers", "IdmParams", "desired_gap", "idm_acceleration"]
 
@@ -46,7 +46,7 @@ class IdmNumbers(NamedTuple):
     max_braking: float
 
 
-@kernel
+@inlined_kernel
 def desired_gap(speed: float, range_rate: float, p: IdmNumbers) -> float:
     """The IDM's desired gap s* [m], at least the standstill gap.
 
@@ -59,7 +59,7 @@ def desired_gap(speed: float, range_rate: float, p: IdmNumbers) -> float:
     return p.standstill_gap + max(0.0, dynamic)
 
 
-@kernel
+@inlined_kernel
 def idm_acceleration(speed: float, gap: float, range_rate: float, p: IdmNumbers) -> float:
     """Acceleration [m/s2] in [-max_braking, max_acceleration].
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from cornerforge._checks import check_number
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel
 from cornerforge.drivers.idm import IdmNumbers, idm_acceleration
 
 __all__ = ["MobilNumbers", "MobilParams", "mobil_gain"]
@@ -37,7 +37,7 @@ class MobilNumbers(NamedTuple):
     max_imposed_braking: float
 
 
-@kernel
+@inlined_kernel
 def mobil_gain(
     speed: float,
     acceleration_now: float,

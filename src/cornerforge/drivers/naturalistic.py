@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -111,7 +111,7 @@ def range_rate_index(range_rate: float, rounding: float) -> int:
     return _clamp(math.floor(range_rate + rounding) + 10, 0, 18)
 
 
-@kernel
+@inlined_kernel
 def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]:
     """Grid place (gap, range rate) of a state; (-1, -1) where it is free flow (gap above 115.5 m).
 
@@ -129,13 +129,13 @@ def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]
     return gap_index(gap), range_rate_index(range_rate, rounding)
 
 
-@kernel
+@inlined_kernel
 def free_row(speed: float) -> int:
     """Row of `p` and `cut` for free flow."""
     return _FIRST_FREE_ROW + speed_index(speed)
 
 
-@kernel
+@inlined_kernel
 def following_row(speed: float, gap: float, range_rate: float, rounding: float) -> int:
     """Row of `p` and `cut` for a state behind a lead; the free-flow row beyond the grid."""
     gap_row, rate_row = table_row(gap, range_rate, rounding)
@@ -144,7 +144,7 @@ def following_row(speed: float, gap: float, range_rate: float, rounding: float) 
     return (speed_index(speed) * 116 + gap_row) * 19 + rate_row
 
 
-@kernel
+@inlined_kernel
 def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
     """Acceleration index 0..30 of a row for a random word: the first whose cut exceeds it.
 
@@ -160,7 +160,7 @@ def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
     return index
 
 
-@kernel
+@inlined_kernel
 def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rate: float) -> float:
     """Chance to want a change to one given side in this decision, before gap acceptance.
 
@@ -175,7 +175,7 @@ def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rat
     return float(tables.lc_base[speed_index(speed)]) * desire
 
 
-@kernel
+@inlined_kernel
 def accept_chance(accept: NDArray[np.float32], rear: int, gap: float, range_rate: float) -> float:
     """Chance that an attentive driver accepts the gap to one neighbour; 1 for a neighbour beyond the grid or none.
 

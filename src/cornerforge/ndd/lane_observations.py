@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import smooth_tracks
-from cornerforge.ndd.row_checks import MEAN_LENGTH, Reading
+from cornerforge.ndd.readers import Reading
+from cornerforge.ndd.row_checks import MEAN_LENGTH
 from cornerforge.ndd.tables import Table, read_header, read_table
 
 __all__ = ["START_BEFORE", "LaneObservations", "observe_lane_changes"]

@@ -3,7 +3,9 @@
 The law that is most likely (`laws.LogLaw`) is not safe in free running: errors in measured speeds and the mixture of
 drivers bias its response weak. Here it is blended, where gaps are short or a collision is near, into a stronger one,
 with repulsion and a kinematic floor; nothing is forbidden by it, only the centre of the distribution moves.
-Its constants were set so that simulated traffic meets the published facts with few crashes: docs/design.md.
+At motorway speeds, for which there are no trajectories, its noise shrinks as the published free-flow spread does, and
+its pull towards a time gap is what keeps the published distribution of time gaps for half a minute.
+Its constants were set so that simulated traffic meets the published facts with few crashes: docs/results.md.
 """
 
 from __future__ import annotations
@@ -32,20 +34,29 @@ class SafeLaw:
     The weight of the safe response is 1 below `time_gap_full` or `ttc_full`, 0 above both `time_gap_none` and
     `ttc_none`, smooth between. All of this is for motorway speeds: it fades out from `speed_full` down to `speed_none`,
     below which the fitted law stands as it is. (Queues crawl at time gaps that would be reckless on a motorway.)
+
+    From `motorway_none` to `motorway_full`, `pull` and `headway` take the place of the law's own, and the noise shrinks
+    to `calm` of it. `headway` is far below the usual time gap: it balances the repulsion and the kinematic floor, which
+    push apart.
     """
 
     law: LogLaw
-    response: float = 6.0
+    response: float = 7.0
     reach: float = field(default=5.0, metadata={"unit": "m"})
     time_gap_full: float = field(default=0.8, metadata={"unit": "s"})
-    time_gap_none: float = field(default=1.6, metadata={"unit": "s"})
+    time_gap_none: float = field(default=2.4, metadata={"unit": "s"})
     ttc_full: float = field(default=8.0, metadata={"unit": "s"})
     ttc_none: float = field(default=16.0, metadata={"unit": "s"})
-    repulsion: float = field(default=0.8, metadata={"unit": "m/s2 per s"})
-    repulsion_below: float = field(default=0.8, metadata={"unit": "s"})
+    repulsion: float = field(default=1.0, metadata={"unit": "m/s2 per s"})
+    repulsion_below: float = field(default=0.64, metadata={"unit": "s"})
     floor_margin: float = field(default=4.0, metadata={"unit": "m"})
-    speed_none: float = field(default=15.0, metadata={"unit": "m/s"})
-    speed_full: float = field(default=20.0, metadata={"unit": "m/s"})
+    pull: float = field(default=0.12, metadata={"unit": "m/s2"})
+    headway: float = field(default=0.62, metadata={"unit": "s"})
+    calm: float = 0.7
+    motorway_none: float = field(default=24.0, metadata={"unit": "m/s"})
+    motorway_full: float = field(default=28.0, metadata={"unit": "m/s"})
+    speed_none: float = field(default=18.0, metadata={"unit": "m/s"})
+    speed_full: float = field(default=24.0, metadata={"unit": "m/s"})
 
     @property
     def degrees(self) -> float:
@@ -69,16 +80,22 @@ class SafeLaw:
         extra = self.response / (gap + self.reach) - self.law.response / (gap + self.law.reach)
         stronger = np.maximum(extra, 0.0) * range_rate * (speed + 1.0) ** 0.24
         time_gap = gap / np.maximum(speed, 1.0)
-        repelled = -self.repulsion * np.maximum(self.repulsion_below - time_gap, 0.0)
+        own = self.pull * np.log(time_gap / self.headway) - self.law.pull * np.log(time_gap / self.law.headway)
+        closer = self._motorway(speed) * own
+        repelled = closer - self.repulsion * np.maximum(self.repulsion_below - time_gap, 0.0)
         safe = fitted + self.weight(speed, gap, range_rate) * stronger + repelled
         floor = -(closing**2) / (2.0 * np.maximum(gap - self.floor_margin, MIN_GAP))
         safe = np.where(closing > 0.0, np.minimum(safe, floor), safe)
         share = np.clip((speed - self.speed_none) / (self.speed_full - self.speed_none), 0.0, 1.0)
         return np.asarray(fitted + share * (safe - fitted))
 
+    def _motorway(self, speed: Floats) -> Floats:
+        """0 up to `motorway_none`, 1 from `motorway_full` on."""
+        return np.asarray(np.interp(speed, [self.motorway_none, self.motorway_full], [0.0, 1.0]))
+
     def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
         """Scale of the Student-t noise [m/s2]."""
-        return self.law.scale(speed, gap, range_rate)
+        return np.asarray((1.0 - (1.0 - self.calm) * self._motorway(speed)) * self.law.scale(speed, gap, range_rate))
 
 
 @dataclass(frozen=True)

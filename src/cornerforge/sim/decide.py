@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_DECIDE, block, uniform
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
@@ -55,7 +55,7 @@ IDM_BVS = 1
 _SIDES = (1, -1)
 
 
-@kernel
+@inlined_kernel
 def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_intentions: int) -> tuple[int, int]:
     """Nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
 
@@ -132,7 +132,7 @@ def nearest_bv(w: World) -> int:
     return best
 
 
-@kernel
+@inlined_kernel
 def _lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNumbers) -> float:
     """IDM acceleration of slot i behind the worst of its leads in all lanes of the bit mask."""
     v = w.vehicles
@@ -147,7 +147,7 @@ def _lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNu
     return command
 
 
-@kernel
+@inlined_kernel
 def _side_gain(w: World, lane: int, acceleration_now: float, road: RoadNumbers, av: AvNumbers) -> float:
     """The AV's MOBIL gain [m/s2] of changing to `lane`."""
     v = w.vehicles
@@ -187,7 +187,7 @@ def _must_give_way(w: World, road: RoadNumbers) -> bool:
     return False
 
 
-@kernel
+@inlined_kernel
 def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
     """The built-in AV, IDM and MOBIL: acceleration [m/s2] and target lane. Reads the world, changes nothing."""
     v = w.vehicles
@@ -208,7 +208,7 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
     return command, best_lane
 
 
-@kernel
+@inlined_kernel
 def _worst_follow(
     w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64, rounding: float
 ) -> tuple[int, float, float]:
@@ -251,7 +251,7 @@ def _worst_follow(
     return index, nearest_gap, nearest_rate
 
 
-@kernel
+@inlined_kernel
 def _side_chance(
     w: World, i: int, lane: int, base: float, overlook: float, road: RoadNumbers, tables: NddTables
 ) -> float:
@@ -270,7 +270,23 @@ def _side_chance(
     return chance
 
 
-@kernel
+@inlined_kernel
+def _return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables) -> float:
+    """P(slot i turns back in its running lane change).
+
+    An attentive driver whose centre is still in its old lane turns back when it would refuse the gaps in the target
+    lane outright, and would not refuse those in the old one.
+    """
+    v = w.vehicles
+    old = lane_of(v[i].y, road.lane_width)
+    if old == v[i].target_lane or _side_chance(w, i, v[i].target_lane, 1.0, 0.0, road, tables) > 0.0:
+        return 0.0
+    if _side_chance(w, i, old, 1.0, 0.0, road, tables) == 0.0:
+        return 0.0
+    return 1.0 - overlook
+
+
+@inlined_kernel
 def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> int:
     """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE)."""
     v = w.vehicles
@@ -291,6 +307,8 @@ def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNu
                     return 0
             if lane > 0 and draw < left + _side_chance(w, i, lane - 1, base, tables.overlook, road, tables):
                 return 1
+    elif uniform(words[0]) < _return_chance(w, i, tables.overlook, road, tables):
+        return 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
     return 2 + index
 
 
@@ -402,6 +420,9 @@ def action_probabilities(
             p[0] = _side_chance(w, i, lane + 1, base, overlook, road, tables)
         if lane > 0:
             p[1] = _side_chance(w, i, lane - 1, base, overlook, road, tables)
+    else:
+        back = 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
+        p[back] = _return_chance(w, i, overlook, road, tables)
     keep = (1.0 - p[0] - p[1]) / p[32]
     for a in range(32, 2, -1):
         p[a] = keep * (p[a] - p[a - 1])
@@ -443,7 +464,7 @@ def _gives_way(
     return waits
 
 
-@kernel
+@inlined_kernel
 def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
     """Vehicle i holds an acceleration [m/s2] from now on."""
     v[i].acceleration = acceleration
@@ -451,7 +472,7 @@ def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
     v[i].speed_held = v[i].speed
 
 
-@kernel
+@inlined_kernel
 def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
     """Carry out an action index for slot i: 0 left, 1 right (speed held), 2.. acceleration.
 
@@ -473,7 +494,7 @@ def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float6
         start_lane_change(w, i, target, road)
 
 
-@kernel
+@inlined_kernel
 def sort_by_x(w: World) -> None:
     """Insertion sort of `order`; ties by slot. Traffic is nearly sorted, so this costs about one pass."""
     v = w.vehicles
@@ -503,7 +524,7 @@ def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvN
             v[i].action = controlled_action if i == controlled else 2 + _idm_index(w, rank, road, av)
 
 
-@kernel
+@inlined_kernel
 def _all_naturalistic(
     w: World, seed: int, test: int, controlled_action: int, road: RoadNumbers, tables: NddTables
 ) -> int:
@@ -522,7 +543,7 @@ def _all_naturalistic(
     return changes
 
 
-@kernel
+@inlined_kernel
 def decide_bvs(
     w: World,
     seed: int,
@@ -558,6 +579,8 @@ def _resolve_conflicts(w: World, av_lane: int, seed: int, test: int, road: RoadN
     for rank in range(info[N_VEHICLES] - 1, -1, -1):
         i = order[rank]
         if i == 0 or v[i].present == 0 or i == info[CONTROLLED] or v[i].action < 0 or v[i].action > 1:
+            continue
+        if v[i].duration > 0.0:  # it turns back, because others are in the way
             continue
         target = v[i].target_lane + 1 - 2 * v[i].action
         if _gives_way(w, i, target, av_lane, seed, test, road, tables):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
 from cornerforge.sim.decide import SIGHT, apply_action, av_decide, decide_bvs, hold, start_lane_change
 from cornerforge.sim.world import (
@@ -90,7 +90,7 @@ def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
     return np.zeros((frames, slots), dtype=FRAME_FIELDS)
 
 
-@kernel
+@inlined_kernel
 def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) -> None:
     """Put vehicle i where it is `held` seconds after its acceleration began, and its lateral path 0.1 s further.
 
@@ -129,7 +129,7 @@ def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) ->
     v[i].lanes = lane_bits(v[i].y, 0.5 * road.width, v[i].target_lane, road.lane_width)
 
 
-@kernel
+@inlined_kernel
 def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
     """Upper bound of the sideways movement of slot i within the coming second [m]."""
     v = w.vehicles
@@ -138,7 +138,7 @@ def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
     return road.lane_width if road.lane_change_duration >= 2.0 else 2.0 * road.lane_width
 
 
-@kernel
+@inlined_kernel
 def _find_pairs(w: World, road: RoadNumbers, pairs: Pairs) -> int:
     """List the pairs of vehicles that can touch within the coming second; returns their number.
 
@@ -173,14 +173,14 @@ def _find_pairs(w: World, road: RoadNumbers, pairs: Pairs) -> int:
     return found
 
 
-@kernel
+@inlined_kernel
 def _approach(v: NDArray[np.void], j: int) -> float:
     """Upper bound of the change in distance along the road of AV and vehicle j within the coming second [m]."""
     change: float = abs(v[j].speed - v[0].speed) + MAX_RELATIVE_GAIN
     return change
 
 
-@kernel
+@inlined_kernel
 def _watch_av_neighbours(w: World, road: RoadNumbers, is_watched: NDArray[np.int64]) -> None:
     """Mark every vehicle that can be the AV's nearest one ahead or behind in some lane within the coming second.
 
@@ -209,7 +209,7 @@ def _watch_av_neighbours(w: World, road: RoadNumbers, is_watched: NDArray[np.int
                     is_watched[j] = 1
 
 
-@kernel
+@inlined_kernel
 def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road: RoadNumbers) -> None:
     """List whose state is kept current: the AV, who may touch somebody, who changes lanes, whom the AV may look at."""
     v = w.vehicles
@@ -230,7 +230,7 @@ def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road:
     info[N_CURRENT] = found
 
 
-@kernel
+@inlined_kernel
 def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
     """Are both vehicles there, and do their boxes overlap?"""
     v = w.vehicles
@@ -250,7 +250,7 @@ def _drop_absent(w: World) -> None:
     w.info[N_CURRENT] = kept
 
 
-@kernel
+@inlined_kernel
 def _check_contacts(w: World, pairs: Pairs, n_pairs: int, frame: int, road: RoadNumbers) -> bool:
     """Look for contacts at this frame; returns True when one ends the test.
 
@@ -287,7 +287,7 @@ def _check_contacts(w: World, pairs: Pairs, n_pairs: int, frame: int, road: Road
     return False
 
 
-@kernel
+@inlined_kernel
 def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
     """Write the present state as a frame, if there is room."""
     if frame >= recording.shape[0]:
@@ -305,7 +305,7 @@ def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
             cell.present = 1
 
 
-@kernel
+@inlined_kernel
 def _av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
     v = w.vehicles
     hold(v, 0, command)
@@ -313,7 +313,7 @@ def _av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
         start_lane_change(w, 0, lane, road)
 
 
-@kernel
+@inlined_kernel
 def _move(w: World, substep: int, road: RoadNumbers) -> None:
     """Move who is kept current to the end of a substep; at the end of the second everybody."""
     v = w.vehicles

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
 from cornerforge.geometry import Path
@@ -159,7 +159,7 @@ def allocate_worlds(n_worlds: int, slots: int) -> World:
     )
 
 
-@kernel
+@inlined_kernel
 def all_current(w: World) -> None:
     """Note that the state of every vehicle is that of this moment."""
     found = 0
@@ -170,7 +170,7 @@ def all_current(w: World) -> None:
     w.info[N_CURRENT] = found
 
 
-@kernel
+@inlined_kernel
 def path_of(v: NDArray[np.void], i: int) -> Path:
     """Coefficients of vehicle i's lateral path."""
     return v[i].c0, v[i].c1, v[i].c2, v[i].c3, v[i].c4, v[i].c5
