@@ -16,7 +16,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import end_to_end
+import fine_integration
 import kernel_times
+import versus_functions
 import versus_highway_env
 from end_to_end import Sizes
 from machine import BUSY_LOAD, describe, this_machine
@@ -35,10 +37,12 @@ class Scale:
     tests: int = 20_000
     episodes: int = 5
     profile_tests: int = 5_000
+    states: int = 10_000
+    following_runs: int = 32
     sizes: Sizes = field(default_factory=Sizes)
 
 
-QUICK = Scale(2, 1_000, 1, 300, Sizes(40_000, 1024, 300, 2))
+QUICK = Scale(2, 1_000, 1, 300, 500, 4, Sizes(40_000, 1024, 300, 2))
 """Enough to see that everything works; its numbers mean nothing."""
 
 
@@ -83,6 +87,9 @@ def measure(scale: Scale) -> tuple[dict[str, object], str]:
             "and the numbers suffer; stop it and start again.",
             file=sys.stderr,
         )
+    _say("agreement with highway-env's functions and with a fine integration")
+    idm, mobil = versus_functions.compare_all(states=scale.states)
+    following = fine_integration.compare_all(runs=scale.following_runs)
     _say("training, generating, analysing")
     whole = end_to_end.measure_end_to_end(repetitions=scale.repetitions, sizes=scale.sizes)
     _say("the parts of a world-step")
@@ -103,6 +110,11 @@ def measure(scale: Scale) -> tuple[dict[str, object], str]:
         "kernel_times": parts.to_json(),
         "end_to_end": whole.to_json(),
         "scaling": {str(n): series.to_json() for n, series in scaling.items()},
+        "verified_from_outside": {
+            "idm": [asdict(a) for a in idm],
+            "mobil": [asdict(m) for m in mobil],
+            "car_following": {name: [asdict(e) for e in errors] for name, errors in following.items()},
+        },
     }
     head = (
         f"{describe(machine)}\n"
@@ -114,6 +126,9 @@ def measure(scale: Scale) -> tuple[dict[str, object], str]:
         "Where the time goes": kernel_times.render(parts),
         "End to end": end_to_end.render(whole),
         "By threads": end_to_end.render_scaling(scaling),
+        "Verified from outside": (
+            f"{versus_functions.render(idm, mobil)}\n\n{fine_integration.render(following, scale.following_runs)}"
+        ),
     }
     return content, "\n\n".join([head, *(f"### {title}\n\n{text}" for title, text in sections.items())])
 
