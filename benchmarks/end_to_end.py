@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from measuring import Series, interleave, table
-from versus_highway_env import driven_seconds
 
 from cornerforge.adversary.config import preset_named
 from cornerforge.adversary.policy_file import Policy
@@ -20,7 +19,7 @@ from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.pipeline.train import learn
 from cornerforge.sim.runner import default_threads, simulate, warm_up
 
-__all__ = ["EndToEnd", "Sizes", "measure_end_to_end", "measure_scaling", "render", "render_scaling"]
+__all__ = ["EndToEnd", "Sizes", "measure_end_to_end", "render"]
 
 _SEED = 0
 _COMMAND = Path(sys.executable).parent / "cornerforge"
@@ -122,26 +121,6 @@ def measure_end_to_end(*, repetitions: int, sizes: Sizes) -> EndToEnd:
     return EndToEnd(numbers, training.policy)
 
 
-def measure_scaling(*, repetitions: int, tests: int) -> dict[int, Series]:
-    """World-steps per second of `simulate` by threads: 1, 2, 4, ... up to all cores."""
-    run = experiment()
-    warm_up(run.setting, run.slots)
-    steps = driven_seconds(run, tests)
-
-    def measurement(threads: int) -> Callable[[], float]:
-        def measure() -> float:
-            start = time.perf_counter()
-            simulate(run.setting, run.slots, seed=_SEED, tests=tests, threads=threads)
-            return steps / (time.perf_counter() - start)
-
-        return measure
-
-    cores = default_threads()
-    counts = sorted({1, 2, cores, *(2**k for k in range(cores.bit_length()) if 2**k <= cores)})
-    named = {str(n): measurement(n) for n in counts}
-    return {int(name): s for name, s in interleave(repetitions, named, "world-steps/s").items()}
-
-
 def render(result: EndToEnd) -> str:
     """The section's Markdown."""
     rows = [(name, *series.cells(), series.unit) for name, series in result.numbers.items()]
@@ -150,12 +129,3 @@ def render(result: EndToEnd) -> str:
         "A decision is one action of the BV that the adversary controls, with 1 s of traffic around it. Every round\n"
         "trains a new network from nothing, and fills and analyses a library of its own."
     )
-
-
-def render_scaling(rates: dict[int, Series]) -> str:
-    """The section's Markdown."""
-    rows = []
-    for threads, series in rates.items():
-        gains = Series("x", tuple(a / b for a, b in zip(series.values, rates[1].values, strict=True)))
-        rows.append((str(threads), *series.cells(), f"{gains.median:.2f}"))
-    return table(("threads", "world-steps/s, median", "min", "max", "times one thread"), rows)

@@ -10,17 +10,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 from highway_env.envs.highway_env import HighwayEnv, HighwayEnvFast
 from measuring import Series, interleave, on_one_core, ratio, table
+from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
+from cornerforge.sim.runner import simulate, warm_up
 
-__all__ = ["Comparison", "compare", "driven_seconds", "render"]
+__all__ = ["Comparison", "SmallWorld", "compare", "compare_small", "render", "render_small"]
 
-_SEED = 0
 _IDLE = 1
 """highway-env's discrete action that keeps lane and speed."""
 DIFFERENCES = """\
@@ -73,20 +71,6 @@ class Comparison:
             "without resets, against `highway-fast-v0`": ratio(self.rates["ours"], fast),
             "IDM BVs, resets included": ratio(self.rates["ours, IDM BVs, resets included"], with_resets),
         }
-
-
-def driven_seconds(run: Experiment, tests: int) -> float:
-    """Seconds of traffic in the first tests of the seed: what a rate of world-steps counts."""
-    chunks = simulate_chunks(run.setting, run.slots, seed=_SEED, first=0, tests=tests, threads=1)
-    return sum(int(outcomes.frame.sum()) for _, outcomes, _ in chunks) / 10.0
-
-
-def _mean_bvs(run: Experiment, tests: int) -> float:
-    """Mean number of BVs over all recorded frames of some tests."""
-    recorder = Recorder(run.setting, run.odd)
-    scenarios = [recorder.record(_SEED, test) for test in range(tests)]
-    there = sum(np.count_nonzero(s.present[:, 1:]) for s in scenarios)
-    return there / sum(len(s.present) for s in scenarios)
 
 
 class _Theirs:
@@ -142,7 +126,7 @@ def _ours(run: Experiment, tests: int) -> Callable[[], float]:
 
     def measure() -> float:
         start = time.perf_counter()
-        simulate(run.setting, run.slots, seed=_SEED, tests=tests, threads=1)
+        simulate(run.setting, run.slots, seed=SEED, tests=tests, threads=1)
         return steps / (time.perf_counter() - start)
 
     return measure
@@ -158,9 +142,9 @@ def compare(*, repetitions: int, tests: int, episodes: int, reset_share: float) 
         reset_share: Share of our time that resets take.
     """
     run, idm = experiment(), experiment(bv="idm")
-    mean_bvs = _mean_bvs(run, 50)
+    bvs = mean_bvs(run, 50)
     steps_per_test = round(driven_seconds(run, 500) / 500)
-    size = (round(mean_bvs), run.odd.n_lanes, steps_per_test)
+    size = (round(bvs), run.odd.n_lanes, steps_per_test)
     theirs, fast = _Theirs(HighwayEnv, *size), _Theirs(HighwayEnvFast, *size)
     with_resets: list[float] = []
 
@@ -186,7 +170,49 @@ def compare(*, repetitions: int, tests: int, episodes: int, reset_share: float) 
     everything = rates["ours, resets included"]
     rates["ours"] = Series(everything.unit, tuple(v / (1.0 - reset_share) for v in everything.values))
     rates["highway-env, resets included"] = Series("world-steps/s", tuple(with_resets))
-    return Comparison(mean_bvs, round(mean_bvs), steps_per_test, pinned, run.odd.traffic_length, rates)
+    return Comparison(bvs, round(bvs), steps_per_test, pinned, run.odd.traffic_length, rates)
+
+
+@dataclass(frozen=True)
+class SmallWorld:
+    """World-steps per second, resets included, on one core with about 20 BVs."""
+
+    mean_bvs: float
+    ours: Series
+    theirs: Series
+
+    @property
+    def ratio(self) -> Series:
+        return ratio(self.ours, self.theirs)
+
+    def to_json(self) -> dict[str, object]:
+        parts = {"ours": self.ours, "highway_env": self.theirs, "ratio": self.ratio}
+        return {"mean_bvs": self.mean_bvs, **{name: series.to_json() for name, series in parts.items()}}
+
+
+def compare_small(*, repetitions: int, tests: int, episodes: int) -> SmallWorld:
+    """The same with 3 lanes and 20 BVs, resets included; arguments as those of `compare`."""
+    run, bvs = with_bvs(20)
+    theirs = _Theirs(HighwayEnv, round(bvs), run.odd.n_lanes, round(driven_seconds(run, 500) / 500))
+
+    def with_resets() -> float:
+        steps, stepping, resetting = theirs.drive(episodes)
+        return steps / (stepping + resetting)
+
+    with on_one_core():
+        theirs.drive(1)
+        rates = interleave(repetitions, {"ours": _ours(run, tests), "theirs": with_resets}, "world-steps/s")
+    return SmallWorld(bvs, rates["ours"], rates["theirs"])
+
+
+def render_small(result: SmallWorld) -> str:
+    """One more table for the section."""
+    rows = [
+        ("ours, world-steps/s", *result.ours.cells()),
+        ("highway-env, world-steps/s", *result.theirs.cells()),
+        ("ours / highway-env", *result.ratio.cells()),
+    ]
+    return table((f"3 lanes, {result.mean_bvs:.1f} BVs, one core, resets included", "median", "min", "max"), rows)
 
 
 def render(result: Comparison) -> str:

@@ -1,0 +1,294 @@
+/* src/cornerforge/sim/decide.py: the built-in AV and naturalistic BVs. */
+#ifndef YARDSTICK_DECIDE_H
+#define YARDSTICK_DECIDE_H
+
+#include "drivers.h"
+#include "geometry.h"
+#include "philox.h"
+
+#define SIGHT 200.0
+#define CONFLICT_GAP 10.0
+
+static void neighbours_in_lane(
+    const World *w, int64_t i, int64_t lane, double lane_width, int64_t sees_intentions, int64_t *lead, int64_t *rear
+) {
+    const Vehicle *v = w->v;
+    const int64_t bit = (int64_t)1 << lane;
+    double best_lead = SIGHT, best_rear = SIGHT;
+    *lead = *rear = -1;
+    for (int64_t k = 0; k < w->info[N_CURRENT]; k++) {
+        int64_t j = w->current[k];
+        if (j == i) continue;
+        double dx = v[j].x - v[i].x;
+        if (dx > best_lead || -dx > best_rear) continue;
+        if (sees_intentions) {
+            if ((v[j].lanes & bit) == 0) continue;
+        } else if (lane_of(v[j].y, lane_width) != lane) {
+            continue;
+        }
+        if (dx > 0.0 || (dx == 0.0 && j > i)) {
+            if (dx < best_lead) {
+                best_lead = dx;
+                *lead = j;
+            }
+        } else if (-dx < best_rear) {
+            best_rear = -dx;
+            *rear = j;
+        }
+    }
+}
+
+static void start_lane_change(World *w, int64_t i, int64_t target_lane, const Road *road) {
+    Vehicle *v = &w->v[i];
+    double acceleration = 0.0, speed = 0.0;
+    if (v->duration > 0.0) {
+        speed = path_speed(v->c, v->clock);
+        acceleration = path_acceleration(v->c, v->clock);
+    }
+    v->target_lane = target_lane;
+    v->clock = 0.0;
+    v->duration = plan_path(
+        v->c, v->y, speed, acceleration, lane_centre(target_lane, road->lane_width), road->lane_change_duration,
+        road->max_lateral_acceleration
+    );
+    v->lanes |= (int64_t)1 << target_lane;
+}
+
+static double lead_acceleration(const World *w, int64_t i, int64_t lanes, const Road *road, const Av *av) {
+    const Vehicle *v = w->v;
+    double speed = v[i].speed;
+    double command = idm_acceleration(speed, INFINITY, 0.0, &av->idm);
+    for (int64_t lane = 0; lane < road->n_lanes; lane++) {
+        if ((lanes & ((int64_t)1 << lane)) == 0) continue;
+        int64_t lead, rear;
+        neighbours_in_lane(w, i, lane, road->lane_width, av->sees_intentions, &lead, &rear);
+        if (lead >= 0) {
+            double gap = v[lead].x - v[i].x - road->length;
+            double behind = idm_acceleration(speed, gap, v[lead].speed - speed, &av->idm);
+            command = MIN(command, behind);
+        }
+    }
+    return command;
+}
+
+static double side_gain(const World *w, int64_t lane, double acceleration_now, const Road *road, const Av *av) {
+    const Vehicle *v = w->v;
+    double speed = v[0].speed;
+    double lead_gap = INFINITY, lead_speed = speed, rear_gap = INFINITY, rear_speed = speed, rear_now = 0.0;
+    int64_t lead, rear;
+    neighbours_in_lane(w, 0, lane, road->lane_width, av->sees_intentions, &lead, &rear);
+    if (lead >= 0) {
+        lead_gap = v[lead].x - v[0].x - road->length;
+        lead_speed = v[lead].speed;
+    }
+    if (rear >= 0) {
+        rear_gap = v[0].x - v[rear].x - road->length;
+        rear_speed = v[rear].speed;
+        if (av->mobil.politeness > 0.0) rear_now = lead_acceleration(w, rear, v[rear].lanes, road, av);
+    }
+    return mobil_gain(
+        speed, acceleration_now, lead_gap, lead_speed, rear_gap, rear_speed, rear_now, &av->idm, &av->mobil
+    );
+}
+
+static bool must_give_way(const World *w, const Road *road) {
+    const Vehicle *v = w->v;
+    int64_t target = v[0].target_lane, old = lane_of(v[0].y, road->lane_width);
+    if (old == target) return false;
+    for (int64_t k = 0; k < w->info[N_CURRENT]; k++) {
+        int64_t j = w->current[k];
+        if (j > 0 && v[j].target_lane == target) {
+            int64_t other = lane_of(v[j].y, road->lane_width);
+            if (other != target && other != old && fabs(v[j].x - v[0].x) < road->length + CONFLICT_GAP) return true;
+        }
+    }
+    return false;
+}
+
+/* Returns the acceleration; the target lane goes to *lane. */
+static double av_decide(const World *w, const Road *road, const Av *av, int64_t *lane) {
+    const Vehicle *v = w->v;
+    double command = lead_acceleration(w, 0, v[0].lanes, road, av);
+    int64_t now = *lane = v[0].target_lane;
+    if (v[0].duration > 0.0) {
+        if (av->sees_intentions && must_give_way(w, road)) *lane = lane_of(v[0].y, road->lane_width);
+        return command;
+    }
+    double best_gain = av->mobil.min_gain;
+    for (int64_t side = 1; side >= -1; side -= 2) {
+        if (0 <= now + side && now + side < road->n_lanes) {
+            double gain = side_gain(w, now + side, command, road, av);
+            if (gain > best_gain) {
+                best_gain = gain;
+                *lane = now + side;
+            }
+        }
+    }
+    return command;
+}
+
+static int64_t worst_follow(
+    const World *w, int64_t rank, const Road *road, const Tables *tables, uint64_t word, double rounding, double *gap,
+    double *rate
+) {
+    const Vehicle *v = w->v;
+    int64_t i = w->order[rank], wanted = v[i].lanes, index = -1;
+    *gap = INFINITY;
+    *rate = 0.0;
+    for (int64_t other = rank + 1; other < w->info[N_VEHICLES]; other++) {
+        int64_t j = w->order[other];
+        double dx = v[j].x - v[i].x;
+        if (dx >= SIGHT) break;
+        if (v[j].present == 0 || (v[j].lanes & wanted) == 0) continue;
+        double here = dx - road->length, closing = v[j].speed - v[i].speed;
+        int64_t drawn = sample_row(tables->cut, following_row(v[i].speed, here, closing, rounding), word);
+        if (index < 0) {
+            *gap = here;
+            *rate = closing;
+            index = drawn;
+        }
+        index = MIN(index, drawn);
+        wanted &= ~v[j].lanes;
+        if (wanted == 0) break;
+    }
+    return index < 0 ? sample_row(tables->cut, free_row(v[i].speed), word) : index;
+}
+
+static double side_chance(
+    const World *w, int64_t i, int64_t lane, double base, double overlook, const Road *road, const Tables *tables
+) {
+    const Vehicle *v = w->v;
+    int64_t lead, rear;
+    neighbours_in_lane(w, i, lane, road->lane_width, 1, &lead, &rear);
+    double chance = base;
+    if (lead >= 0) {
+        double gap = v[lead].x - v[i].x - road->length;
+        chance *= overlook + (1.0 - overlook) * accept_chance(tables, 0, gap, v[lead].speed - v[i].speed);
+    }
+    if (rear >= 0) {
+        double gap = v[i].x - v[rear].x - road->length;
+        chance *= overlook + (1.0 - overlook) * accept_chance(tables, 1, gap, v[i].speed - v[rear].speed);
+    }
+    return chance;
+}
+
+static int64_t decide_naturalistic(
+    const World *w, int64_t rank, int64_t seed, int64_t test, const Road *road, const Tables *tables
+) {
+    const Vehicle *v = w->v;
+    int64_t i = w->order[rank];
+    Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
+    double gap, rate;
+    int64_t index = worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
+    if (v[i].duration == 0.0) {
+        double draw = uniform(words.w[0]);
+        double base = lane_change_base(tables, v[i].speed, gap, rate);
+        if (draw < 2.0 * base) {
+            int64_t lane = v[i].target_lane;
+            double left = 0.0;
+            if (lane + 1 < road->n_lanes) {
+                left = side_chance(w, i, lane + 1, base, tables->overlook, road, tables);
+                if (draw < left) return 0;
+            }
+            if (lane > 0 && draw < left + side_chance(w, i, lane - 1, base, tables->overlook, road, tables)) return 1;
+        }
+    }
+    return 2 + index;
+}
+
+static bool starts_into(const Vehicle *v, int64_t j, int64_t lane, int64_t av_lane) {
+    if (v[j].present == 0 || v[j].target_lane == lane) return false;
+    if (j == 0) return av_lane == lane;
+    return 0 <= v[j].action && v[j].action <= 1 && v[j].target_lane + 1 - 2 * v[j].action == lane;
+}
+
+static bool gives_way(
+    const World *w, int64_t i, int64_t target, int64_t av_lane, int64_t seed, int64_t test, const Road *road,
+    const Tables *tables
+) {
+    const Vehicle *v = w->v;
+    double chance = 1.0;
+    for (int64_t j = 0; j < w->info[N_VEHICLES]; j++) {
+        double dx = v[j].x - v[i].x;
+        if (dx < 0.0 || dx >= SIGHT || j == i || (dx == 0.0 && j > i) || !starts_into(v, j, target, av_lane)) continue;
+        double accept = accept_chance(tables, 0, dx - road->length, v[j].speed - v[i].speed);
+        chance = MIN(chance, accept);
+    }
+    if (chance >= 1.0) return false;
+    Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
+    return uniform(words.w[2]) >= tables->overlook_conflict + (1.0 - tables->overlook_conflict) * chance;
+}
+
+static void hold(Vehicle *v, double acceleration) {
+    v->acceleration = acceleration;
+    v->x_held = v->x;
+    v->speed_held = v->speed;
+}
+
+static void apply_action(World *w, int64_t i, int64_t action, const double *accelerations, const Road *road) {
+    Vehicle *v = &w->v[i];
+    if (action >= 2) {
+        hold(v, accelerations[action - 2]);
+        return;
+    }
+    hold(v, 0.0);
+    int64_t side = 1 - 2 * action, target = v->target_lane + side;
+    if (v->duration > 0.0) {
+        int64_t running = v->c[0] < lane_centre(v->target_lane, road->lane_width) ? 1 : -1;
+        if (running == side) return;
+    }
+    if (0 <= target && target < road->n_lanes) start_lane_change(w, i, target, road);
+}
+
+static void sort_by_x(World *w) {
+    const Vehicle *v = w->v;
+    int64_t *order = w->order;
+    for (int64_t rank = 1; rank < w->info[N_VEHICLES]; rank++) {
+        int64_t i = order[rank], spot = rank;
+        double x = v[i].x;
+        while (spot > 0) {
+            int64_t before = order[spot - 1];
+            if (v[before].x < x || (v[before].x == x && before < i)) break;
+            order[spot--] = before;
+        }
+        order[spot] = i;
+    }
+}
+
+static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road *road, const Tables *tables) {
+    Vehicle *v = w->v;
+    int64_t changes = 0;
+    for (int64_t rank = 0; rank < w->info[N_VEHICLES]; rank++) {
+        int64_t i = w->order[rank];
+        if (i == 0 || v[i].present == 0) continue;
+        v[i].action = decide_naturalistic(w, rank, seed, test, road, tables);
+        if (v[i].action < 2) changes++;
+    }
+    return changes;
+}
+
+static void resolve_conflicts(
+    World *w, int64_t av_lane, int64_t seed, int64_t test, const Road *road, const Tables *tables
+) {
+    Vehicle *v = w->v;
+    for (int64_t rank = w->info[N_VEHICLES] - 1; rank >= 0; rank--) {
+        int64_t i = w->order[rank];
+        if (i == 0 || v[i].present == 0 || v[i].action < 0 || v[i].action > 1) continue;
+        int64_t target = v[i].target_lane + 1 - 2 * v[i].action;
+        if (gives_way(w, i, target, av_lane, seed, test, road, tables)) {
+            Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
+            double gap, rate;
+            v[i].action = 2 + worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
+        }
+    }
+}
+
+static void decide_bvs(
+    World *w, int64_t seed, int64_t test, int64_t av_lane, const Road *road, const Tables *tables
+) {
+    sort_by_x(w);
+    int64_t changes = all_naturalistic(w, seed, test, road, tables);
+    if (changes + (av_lane != w->v[0].target_lane) > 1) resolve_conflicts(w, av_lane, seed, test, road, tables);
+}
+
+#endif

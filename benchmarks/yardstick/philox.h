@@ -1,0 +1,37 @@
+/* src/cornerforge/_philox.py */
+#ifndef YARDSTICK_PHILOX_H
+#define YARDSTICK_PHILOX_H
+
+#include <math.h>
+#include <stdint.h>
+
+enum { PURPOSE_DECIDE = 1, PURPOSE_INITIAL = 2 };
+
+typedef struct {
+    uint64_t w[4];
+} Words;
+
+static inline Words block(int64_t seed, int64_t test, int64_t step, int64_t vehicle, int64_t purpose) {
+    const uint64_t low = 0xFFFFFFFFu, s = (uint64_t)seed, t = (uint64_t)test;
+    uint64_t c0 = t & low, c1 = t >> 32, c2 = (uint64_t)step, c3 = (uint64_t)vehicle | ((uint64_t)purpose << 16);
+    uint64_t k0 = s & low, k1 = s >> 32;
+    for (int round = 0; round < 10; round++) {
+        uint64_t p0 = 0xD2511F53u * c0, p1 = 0xCD9E8D57u * c2;
+        uint64_t n0 = (p1 >> 32) ^ c1 ^ k0, n2 = (p0 >> 32) ^ c3 ^ k1;
+        c0 = n0, c1 = p1 & low, c2 = n2, c3 = p0 & low;
+        k0 = (k0 + 0x9E3779B9u) & low;
+        k1 = (k1 + 0xBB67AE85u) & low;
+    }
+    return (Words){{c0, c1, c2, c3}};
+}
+
+static inline double uniform(uint64_t word) { return ((double)word + 0.5) * 2.3283064365386963e-10; }
+
+static inline void normal_pair(uint64_t word_a, uint64_t word_b, double *z_a, double *z_b) {
+    double radius = sqrt(-2.0 * log(uniform(word_a)));
+    double angle = 6.283185307179586 * uniform(word_b);
+    *z_a = radius * cos(angle);
+    *z_b = radius * sin(angle);
+}
+
+#endif

@@ -1,0 +1,213 @@
+/* src/cornerforge/sim/step.py, without recording. */
+#ifndef YARDSTICK_STEP_H
+#define YARDSTICK_STEP_H
+
+#include "decide.h"
+
+enum { SUBSTEPS = 10, UNSURE = 2 };
+#define DT 0.1
+#define FULL_STEERING_SPEED 5.0
+#define MAX_RELATIVE_GAIN 7.0
+
+static void move_vehicle(Vehicle *v, double held, const Road *road) {
+    double start = v->speed_held, a = v->acceleration, after = start + a * held;
+    if (after < 0.0) {
+        v->x = v->x_held - 0.5 * start * start / a;
+        after = 0.0;
+    } else if (after > road->max_speed) {
+        double until = (road->max_speed - start) / a;
+        v->x = v->x_held + 0.5 * (start + road->max_speed) * until + road->max_speed * (held - until);
+        after = road->max_speed;
+    } else {
+        v->x = v->x_held + 0.5 * (start + after) * held;
+    }
+    v->speed = after;
+    if (v->duration == 0.0) return;
+    double slow = after / FULL_STEERING_SPEED, pace = MIN(1.0, slow);
+    v->clock += DT * pace;
+    if (v->clock >= v->duration - 1e-9) {
+        v->y = lane_centre(v->target_lane, road->lane_width);
+        v->lateral_speed = 0.0;
+        v->heading = 0.0;
+        v->duration = 0.0;
+    } else {
+        v->y = path_position(v->c, v->clock);
+        v->lateral_speed = path_speed(v->c, v->clock) * pace;
+        if (after > 0.0) v->heading = atan(v->lateral_speed / after);
+    }
+    v->lanes = lane_bits(v->y, 0.5 * road->width, v->target_lane, road->lane_width);
+}
+
+static inline double lateral_reach(const World *w, int64_t i, const Road *road) {
+    if (i > 0 && w->v[i].duration == 0.0) return 0.0;
+    return road->lane_change_duration >= 2.0 ? road->lane_width : 2.0 * road->lane_width;
+}
+
+static int64_t find_pairs(const World *w, const Road *road, Pairs *pairs) {
+    const Vehicle *v = w->v;
+    const int64_t *order = w->order, n = w->info[N_VEHICLES];
+    int64_t found = 0;
+    double fastest = 0.0;
+    for (int64_t i = 0; i < n; i++)
+        if (v[i].present) fastest = MAX(fastest, v[i].speed);
+    for (int64_t rank = 0; rank < n; rank++) {
+        int64_t i = order[rank];
+        if (v[i].present == 0) continue;
+        double reach = lateral_reach(w, i, road), limit = road->length + 1.0 + MAX_RELATIVE_GAIN + fastest;
+        for (int64_t other = rank + 1; other < n; other++) {
+            int64_t j = order[other];
+            double dx = v[j].x - v[i].x;
+            if (dx > limit) break;
+            double faster = v[i].speed - v[j].speed;
+            if (v[j].present == 0 || dx > road->length + 1.0 + MAX_RELATIVE_GAIN + MAX(0.0, faster)) continue;
+            if (fabs(v[j].y - v[i].y) < road->width + 1.0 + reach + lateral_reach(w, j, road) &&
+                found < pairs->capacity) {
+                pairs->a[found] = MIN(i, j);
+                pairs->b[found] = MAX(i, j);
+                found++;
+            }
+        }
+    }
+    return found;
+}
+
+static inline double approach(const Vehicle *v, int64_t j) {
+    return fabs(v[j].speed - v[0].speed) + MAX_RELATIVE_GAIN;
+}
+
+static void watch_av_neighbours(const World *w, const Road *road, int64_t *is_watched) {
+    const Vehicle *v = w->v;
+    const int64_t n = w->info[N_VEHICLES];
+    for (int64_t lane = 0; lane < road->n_lanes; lane++) {
+        int64_t bit = (int64_t)1 << lane;
+        double lead_limit = SIGHT, rear_limit = SIGHT;
+        for (int64_t j = 1; j < n; j++) {
+            if (v[j].present && v[j].lanes == bit && is_watched[j] != UNSURE) {
+                double dx = v[j].x - v[0].x, change = approach(v, j);
+                if (dx > change) {
+                    double limit = dx + change;
+                    lead_limit = MIN(lead_limit, limit);
+                } else if (-dx > change) {
+                    double limit = change - dx;
+                    rear_limit = MIN(rear_limit, limit);
+                }
+            }
+        }
+        for (int64_t j = 1; j < n; j++) {
+            if (v[j].present && (v[j].lanes & bit)) {
+                double dx = v[j].x - v[0].x, change = approach(v, j);
+                if (is_watched[j] == 0 && -rear_limit - change <= dx && dx <= lead_limit + change) is_watched[j] = 1;
+            }
+        }
+    }
+}
+
+static void choose_current(World *w, Pairs *pairs, int64_t n_pairs, bool everybody, const Road *road) {
+    const Vehicle *v = w->v;
+    for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
+        pairs->is_watched[i] = everybody || v[i].duration > 0.0 ? UNSURE : 0;
+    pairs->is_watched[0] = 1;
+    for (int64_t k = 0; k < n_pairs; k++) {
+        pairs->is_watched[pairs->a[k]] = UNSURE;
+        pairs->is_watched[pairs->b[k]] = UNSURE;
+    }
+    if (!everybody) watch_av_neighbours(w, road, pairs->is_watched);
+    int64_t found = 0;
+    for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
+        if (pairs->is_watched[i] && v[i].present) w->current[found++] = i;
+    w->info[N_CURRENT] = found;
+}
+
+static bool touch(const World *w, int64_t a, int64_t b, const Road *road) {
+    const Vehicle *v = w->v;
+    if (v[a].present == 0 || v[b].present == 0) return false;
+    return boxes_overlap(&v[a], &v[b], road->length, road->width);
+}
+
+static void drop_absent(World *w) {
+    int64_t kept = 0;
+    for (int64_t k = 0; k < w->info[N_CURRENT]; k++)
+        if (w->v[w->current[k]].present) w->current[kept++] = w->current[k];
+    w->info[N_CURRENT] = kept;
+}
+
+static bool check_contacts(World *w, const Pairs *pairs, int64_t n_pairs, int64_t frame, const Road *road) {
+    int64_t *info = w->info;
+    for (int64_t k = 0; k < n_pairs; k++) {
+        int64_t a = pairs->a[k], b = pairs->b[k];
+        bool is_av = a == 0;
+        if (!is_av && (info[OUTCOME] != RUNNING || (info[CONTROLLED] != a && info[CONTROLLED] != b))) continue;
+        if (info[OUTCOME] != AV_CRASH && touch(w, a, b, road)) {
+            info[OUTCOME] = is_av ? AV_CRASH : BV_CRASH;
+            info[SLOT_A] = a;
+            info[SLOT_B] = b;
+            info[FRAME] = frame;
+        }
+    }
+    if (info[OUTCOME] != RUNNING) {
+        if (info[OUTCOME] == BV_CRASH) info[N_BV_CRASHES] += 1;
+        return true;
+    }
+    bool removed = false;
+    for (int64_t k = 0; k < n_pairs; k++) {
+        int64_t a = pairs->a[k], b = pairs->b[k];
+        if (a > 0 && touch(w, a, b, road)) {
+            info[N_BV_CRASHES] += 1;
+            w->v[a].present = 0;
+            w->v[b].present = 0;
+            removed = true;
+        }
+    }
+    if (removed) drop_absent(w);
+    return false;
+}
+
+static void av_acts(World *w, double command, int64_t lane, const Road *road) {
+    hold(&w->v[0], command);
+    if (lane != w->v[0].target_lane) start_lane_change(w, 0, lane, road);
+}
+
+static void move(World *w, int64_t substep, const Road *road) {
+    if (substep == SUBSTEPS - 1) all_current(w);
+    move_vehicle(&w->v[0], (double)(substep % road->av_substeps + 1) * DT, road);
+    double held = (double)(substep + 1) * DT;
+    for (int64_t k = 1; k < w->info[N_CURRENT]; k++) move_vehicle(&w->v[w->current[k]], held, road);
+}
+
+static void step_world(
+    World *w, int64_t seed, int64_t test, const Road *road, const Av *av, const Tables *tables,
+    const double *accelerations, Pairs *pairs
+) {
+    Vehicle *v = w->v;
+    int64_t *info = w->info, lane;
+    const int64_t n = info[N_VEHICLES], first_frame = SUBSTEPS * info[N_DECISIONS];
+    double command = av_decide(w, road, av, &lane);
+    decide_bvs(w, seed, test, lane, road, tables);
+    for (int64_t i = 1; i < n; i++)
+        if (v[i].present) apply_action(w, i, v[i].action, accelerations, road);
+    av_acts(w, command, lane, road);
+    int64_t n_pairs = find_pairs(w, road, pairs);
+    choose_current(w, pairs, n_pairs, av->mobil.politeness > 0.0, road);
+    info[N_DECISIONS] += 1;
+    for (int64_t substep = 0; substep < SUBSTEPS; substep++) {
+        if (substep > 0 && substep % road->av_substeps == 0) {
+            command = av_decide(w, road, av, &lane);
+            av_acts(w, command, lane, road);
+        }
+        move(w, substep, road);
+        int64_t frame = first_frame + substep + 1;
+        bool ends = check_contacts(w, pairs, n_pairs, frame, road);
+        if (!ends && v[0].x >= road->av_start + road->test_length) {
+            info[OUTCOME] = COMPLETED;
+            info[FRAME] = frame;
+            ends = true;
+        }
+        if (ends) return;
+    }
+    if (info[N_DECISIONS] >= road->max_decisions) {
+        info[OUTCOME] = TIME_UP;
+        info[FRAME] = first_frame + SUBSTEPS;
+    }
+}
+
+#endif

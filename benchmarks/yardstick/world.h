@@ -1,0 +1,69 @@
+/* State and constants of a world, laid out as in src/cornerforge/sim/world.py: the two work on the same memory. */
+#ifndef YARDSTICK_WORLD_H
+#define YARDSTICK_WORLD_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+/* Python's max(a, b) and min(a, b): the first unless the second is really larger (smaller). */
+#define MAX(a, b) ((b) > (a) ? (b) : (a))
+#define MIN(a, b) ((b) < (a) ? (b) : (a))
+
+typedef struct {
+    double x, y, speed, x_held, speed_held, lateral_speed, heading, acceleration, clock, duration;
+    double c[6];
+    int64_t target_lane, lanes, present, action;
+} Vehicle;
+
+enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, INFO_FIELDS };
+enum { RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP };
+
+typedef struct {
+    Vehicle *v;
+    int64_t *order, *current, *info;
+    int64_t slots;
+} World;
+
+typedef struct {
+    int64_t n_lanes;
+    double lane_width, length, width, max_speed, lane_change_duration, max_lateral_acceleration, test_length;
+    int64_t max_decisions;
+    double av_start, traffic_length;
+    int64_t av_substeps;
+} Road;
+
+typedef struct {
+    double max_acceleration, comfortable_braking, standstill_gap, time_gap, desired_speed, max_braking;
+} Idm;
+
+typedef struct {
+    double politeness, min_gain, max_imposed_braking;
+} Mobil;
+
+typedef struct {
+    Idm idm;
+    Mobil mobil;
+    int64_t sees_intentions;
+} Av;
+
+typedef struct {
+    const uint32_t *cut;
+    const float *lc_base, *lc_desire, *lc_accept;
+    double lc_desire_free, overlook, overlook_conflict;
+    const double *initial;
+} Tables;
+
+typedef struct {
+    int64_t *a, *b, *is_watched;
+    int64_t capacity;
+} Pairs;
+
+static void all_current(World *w) {
+    int64_t found = 0;
+    for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
+        if (w->v[i].present) w->current[found++] = i;
+    w->info[N_CURRENT] = found;
+}
+
+#endif

@@ -1,0 +1,134 @@
+"""The C yardstick against the Numba kernels: outcomes and final states, bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_built import setting_of
+from yardstick import COMPILER, Yardstick, has_compiler, same_outcomes
+
+from cornerforge.drivers.avs import AVS, av_named
+from cornerforge.ndd.model import NddModel, default_model_path, load_model
+from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.drive import Decisions, Outcomes, Setting, drive_range
+from cornerforge.sim.runner import _allocate_outcomes, drive_chunk
+from cornerforge.sim.statistics import NOBODY, allocate_counts
+from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording
+from cornerforge.sim.world import AV_CRASH, N_CURRENT, N_VEHICLES, World, allocate_worlds, n_slots
+from cornerforge.types import ODDS, Odd, odd_named
+
+pytestmark = pytest.mark.skipif(not has_compiler(), reason=f"no {COMPILER}")
+
+TESTS = 500
+"""Per setting: 2 lanes and 3, both AV parameter sets and the blind one, make 3,000."""
+
+
+@pytest.fixture(scope="module")
+def model() -> NddModel:
+    return load_model(default_model_path())
+
+
+@pytest.fixture(scope="module")
+def reckless(model: NddModel) -> NddModel:
+    """Drivers that change lanes often, overlook much and start at unlike speeds: every branch is taken."""
+    initial = replace(model.initial, rr_scale=3.0, min_ttc=8.0)
+    base = np.full(21, 0.1, dtype=np.float32)
+    return replace(model, lc_base=base, overlook=0.3, overlook_conflict=0.5, initial=initial)
+
+
+Drive = Callable[[int, int, int, World, Pairs, Outcomes], None]
+
+
+def in_numba(setting: Setting, slots: int) -> Drive:
+    """The kernels, called as the yardstick is."""
+    nothing = Decisions(np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0))
+    scratch, recording, counts = (
+        allocate_choice_scratch(setting.policy),
+        allocate_recording(0, slots),
+        allocate_counts(),
+    )
+
+    def drive(seed: int, first: int, count: int, world: World, pairs: Pairs, out: Outcomes) -> None:
+        batch = World(world.vehicles[None], world.order[None], world.current[None], world.info[None])
+        drive_range(seed, first, count, setting, batch, pairs, scratch, recording, nothing, counts, NOBODY, out)
+
+    return drive
+
+
+def final_state(world: World) -> tuple[bytes, ...]:
+    """All of a world that means something, as bytes."""
+    info = world.info
+    return (
+        world.vehicles[: info[N_VEHICLES]].tobytes(),
+        world.order[: info[N_VEHICLES]].tobytes(),
+        world.current[: info[N_CURRENT]].tobytes(),
+        info.tobytes(),
+    )
+
+
+def assert_equal_test_by_test(setting: Setting, odd: Odd, tests: int, seed: int = 5) -> tuple[int, int]:
+    """Drive tests one by one in both and compare bytes; returns the numbers of AV crashes and of BV-BV crashes."""
+    slots = n_slots(odd)
+    sides = [
+        (drive, World(*(part[0] for part in allocate_worlds(1, slots))), allocate_pairs(slots), _allocate_outcomes(1))
+        for drive in (in_numba(setting, slots), Yardstick(setting).drive_range)
+    ]
+    av_crashes = bv_crashes = 0
+    for test in range(tests):
+        for drive, world, pairs, out in sides:
+            drive(seed, test, 1, world, pairs, out)
+        (_, ours, _, our_outcome), (_, theirs, _, their_outcome) = sides
+        assert same_outcomes(our_outcome, their_outcome), f"test {test}: other outcomes"
+        assert final_state(ours) == final_state(theirs), f"test {test}: other final states"
+        av_crashes += int(our_outcome.code[0] == AV_CRASH)
+        bv_crashes += int(our_outcome.bv_crashes[0])
+    return av_crashes, bv_crashes
+
+
+@pytest.mark.parametrize("av", sorted(AVS))
+@pytest.mark.parametrize("lanes", [2, 3])
+def test_natural_traffic_is_the_same_bit_for_bit(model: NddModel, lanes: int, av: str) -> None:
+    odd = Odd(n_lanes=lanes)
+    assert_equal_test_by_test(setting_of(model, odd, av=av_named(av)), odd, TESTS)
+
+
+@pytest.mark.parametrize("name", sorted(ODDS))
+@pytest.mark.parametrize("av", sorted(AVS))
+def test_reckless_traffic_is_the_same_bit_for_bit(reckless: NddModel, name: str, av: str) -> None:
+    odd = replace(odd_named(name), n_lanes=4, traffic_length=700.0)
+    av_crashes, bv_crashes = assert_equal_test_by_test(setting_of(reckless, odd, av=av_named(av)), odd, 100)
+    assert av_crashes > 1, "nothing happened that is worth comparing"
+    assert bv_crashes > 10, "nothing happened that is worth comparing"
+
+
+def test_a_polite_av_is_the_same_bit_for_bit(model: NddModel) -> None:
+    av = av_named("idm-mobil")
+    polite = replace(av, mobil=replace(av.mobil, politeness=0.5))
+    assert_equal_test_by_test(setting_of(model, av=polite), Odd(), 100)
+
+
+def test_chunks_are_the_same(model: NddModel) -> None:
+    setting, slots = setting_of(model), n_slots(Odd())
+    ours, _ = drive_chunk(setting, slots, 3, 100, 200, False)
+    assert same_outcomes(ours, Yardstick(setting).drive_chunk(slots, 3, 100, 200))
+
+
+def test_the_comparison_sees_the_last_bit(model: NddModel) -> None:
+    # Negative control: an AV whose desired speed is one bit larger.
+    setting, slots = setting_of(model), n_slots(Odd())
+    idm = setting.av.idm
+    other = setting._replace(
+        av=setting.av._replace(idm=idm._replace(desired_speed=float(np.nextafter(idm.desired_speed, 99.0))))
+    )
+    ours, _ = drive_chunk(setting, slots, 3, 0, 300, False)
+    assert not same_outcomes(ours, Yardstick(other).drive_chunk(slots, 3, 0, 300))
+
+
+def test_other_settings_are_refused(model: NddModel) -> None:
+    with pytest.raises(ValueError, match="without an adversary"):
+        Yardstick(setting_of(model, adversary="uniform"))
+    with pytest.raises(ValueError, match="without an adversary"):
+        Yardstick(setting_of(model, idm_bvs=True))
