@@ -19,7 +19,7 @@ from folder_snapshot import snapshot
 
 from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, save_policy
-from cornerforge.cli import app, main
+from cornerforge.cli import _Bars, app, main
 from cornerforge.drivers.policy import n_weights
 
 run_module = importlib.import_module("cornerforge.pipeline.run")
@@ -233,6 +233,20 @@ def test_a_terminal_sees_progress_with_rate_and_standard_output_stays_clean() ->
     assert "2000/2000" in shown
     assert "/s" in shown
     assert on_a_terminal(*command, "--quiet")[1] == ""
+
+
+def test_one_bar_serves_a_stage_whose_note_changes_and_old_work_is_no_speed() -> None:
+    bars = _Bars(quiet=False)
+    bars._show = True
+    try:
+        for stage, done in (("rate (3 crashes)", 500.0), ("rate (3 crashes)", 500.0), ("rate (4 crashes)", 600.0)):
+            bars(stage, done, 1000.0)
+        assert bars._bars is not None
+        (bar,) = bars._bars.tasks
+        assert (bar.description, bar.completed, bar.total) == ("rate (4 crashes)", 600.0, 1000.0)
+        assert sum(sample.completed for sample in bar._progress) == 100.0, "what the speed is made of: this session"
+    finally:
+        bars.stop()
 
 
 # --- exit status 1 ---

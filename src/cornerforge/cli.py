@@ -92,11 +92,14 @@ class _Bars:
             )
             self._bars = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True))
             self._bars.start()
-        if stage != self._stage or self._task is None:
-            self._stage = stage
-            self._task = self._bars.add_task(stage, total=total, rate="")
+        name = stage.partition(" (")[0]  # what stands in brackets may change while a stage lasts
+        if name != self._stage or self._task is None:
+            self._stage = name
+            # Work done by an earlier session is no speed of this one.
+            self._task = self._bars.add_task(stage, total=total, completed=int(done), rate="")
         speed = self._bars.tasks[self._task].speed
-        self._bars.update(self._task, completed=done, total=total, rate=f"{speed:,.0f}/s" if speed else "")
+        text = f"{speed:,.0f}/s" if speed else ""
+        self._bars.update(self._task, description=stage, completed=done, total=total, rate=text)
 
     def stop(self) -> None:
         """Leave the bars as they are."""
@@ -340,22 +343,18 @@ def rate(
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Measure the AV's natural crash rate, without bias."""
+    """Measure the AV's natural crash rate, without bias; stopped at any moment, it goes on with --resume."""
     from cornerforge import pipeline
+    from cornerforge.pipeline.rate_text import rate_text
 
-    def text(r: dict[str, Any]) -> str:
-        width = r["relative_half_width"]
-        narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
-        lines = [_rate_text(r, f"{av}, natural traffic"), f"{r['av_crashes']:,} AV crashes, {narrow}"]
-        lines.append(f"{r['bv_crashes']:,} crashes between BVs; {r['seconds']:,.0f} s, digest {r['digest'][:16]}")
-        return "\n".join(lines)
-
+    if out is None and max_tests > 10_000_000 and not quiet:
+        typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)
     _run(
         lambda bars: pipeline.rate(
             method=method, av=av, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, lanes=lanes,
             odd=odd, model=model, seed=seed, threads=threads, progress=bars,
         ),
-        text, as_json=as_json, quiet=quiet,
+        lambda r: "\n".join([_rate_text(r, f"{av}, natural traffic"), *rate_text(r)]), as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 

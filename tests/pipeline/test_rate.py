@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +17,17 @@ import cornerforge
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.library import CaseLibrary
 from cornerforge.rates import binomial_interval
-from cornerforge.rates.monte_carlo import MonteCarlo, relative_half_width
+from cornerforge.rates.monte_carlo import Block, MonteCarlo, relative_half_width
 
 # Looks at nobody's intentions, on the paper's quick lane changes: it crashes often enough to be counted in a test.
 WORLD: dict[str, Any] = {"av": "idm-mobil-blind", "odd": "paper", "seed": 3}
+
+
+TIMING = {"seconds", "cpu_seconds", "tests_per_second"}
+
+
+def untimed(summary: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in summary.items() if key not in TIMING}
 
 
 @pytest.fixture(autouse=True)
@@ -43,8 +55,7 @@ def test_resuming_gives_what_an_unbroken_run_gives(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="--resume"):
         cornerforge.rate(**WORLD, max_tests=6_000, target_rhw=0.001, out=tmp_path / "parts")
     parts = cornerforge.rate(**WORLD, max_tests=6_000, target_rhw=0.001, out=tmp_path / "parts", resume=True)
-    timing = {"seconds", "tests_per_second"}
-    assert {k: v for k, v in parts.items() if k not in timing} == {k: v for k, v in whole.items() if k not in timing}
+    assert untimed(parts) == untimed(whole)
     ids = [CaseLibrary.open(tmp_path / name / "library").history()[0] for name in ("whole", "parts")]
     assert ids[0] == ids[1]
 
@@ -60,14 +71,16 @@ def test_it_stops_when_the_interval_is_narrow_enough() -> None:
 
 
 def test_counts_survive_their_file_and_refuse_another() -> None:
-    counts = MonteCarlo().plus(
-        tests=10, bv_crashes=1, world_steps=100, millimetres=4_000_000, seconds=1.5, crashed=(3, 7), digest="ab"
-    )
+    counts = MonteCarlo().plus(Block(10, 1, 100, 4_000_000, 1.5, 2.5, (3, 7), "ab"))
+    assert (counts.seconds, counts.cpu_seconds, counts.miles) == (1.5, 2.5, pytest.approx(2.4855, rel=1e-4))
     assert MonteCarlo.from_json(counts.to_json()) == counts
     with pytest.raises(FileFormatError):
         MonteCarlo.from_json({"tests": 3})
     with pytest.raises(FileFormatError, match="contradict"):
         MonteCarlo.from_json({**counts.to_json(), "av_crashes": 5})
+    for crashed in ([7, 3], [3, 3], [3, 10], [-1, 3]):
+        with pytest.raises(FileFormatError, match="contradict"):
+            MonteCarlo.from_json({**counts.to_json(), "crashed": crashed})
 
 
 @pytest.mark.parametrize(("name", "value"), [("max_tests", 0), ("target_rhw", 0.0), ("seed", -1), ("method", "magic")])
@@ -75,3 +88,109 @@ def test_bad_numbers_are_refused_before_anything_is_written(tmp_path: Path, name
     with pytest.raises(InputError, match=name):
         cornerforge.rate(**{**WORLD, "out": tmp_path / "r", name: value})
     assert not (tmp_path / "r").exists()
+
+
+def test_a_part_of_a_block_does_not_change_what_a_longer_run_gives(tmp_path: Path) -> None:
+    """3,000 tests are one block and a half; the run to 6,000 has the digest of one without the stop."""
+    whole = cornerforge.rate(**WORLD, max_tests=6_000, target_rhw=0.001)
+    part = cornerforge.rate(**WORLD, max_tests=3_000, target_rhw=0.001, out=tmp_path / "r")
+    assert (part["tests"], part["state"]) == (3_000, "max_tests")
+    assert json.loads((tmp_path / "r" / "counts.json").read_text())["tests"] == 2_000
+    assert untimed(cornerforge.rate(**WORLD, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r", resume=True)) == (
+        untimed(whole)
+    )
+    library = CaseLibrary.open(tmp_path / "r" / "library")
+    assert (len(library), library.tests, library.crashes) == (whole["av_crashes"], 6_000, whole["av_crashes"])
+
+
+def test_types_mechanisms_and_bv_miles_are_told(tmp_path: Path) -> None:
+    found = cornerforge.rate(**WORLD, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r")
+    n = found["av_crashes"]
+    assert sum(found["crash_types"].values()) == sum(found["mechanisms"].values()) == n
+    # this AV does not see who enters its target lane from two lanes over
+    assert found["mechanisms"]["same-lane-opposite-sides"] >= 0.8 * n
+    assert all(0 <= value <= n for value in found["crash_circumstances"].values())
+    assert json.loads((tmp_path / "r" / "rate.json").read_text()) == found
+    columns, rows = CaseLibrary.open(tmp_path / "r" / "library").query(
+        "select mechanism, count(*) from cases group by mechanism order by mechanism"
+    )
+    assert columns[0] == "mechanism"
+    assert dict(rows) == {name: count for name, count in found["mechanisms"].items() if count}
+    low, high = found["interval95_bv_crashes_per_bv_mile"]
+    assert low <= found["bv_crashes_per_bv_mile"] <= high
+    assert found["bv_miles"] == pytest.approx(6_000 * 9.2, rel=0.15)  # some 37 BVs for a quarter of a mile each
+    assert found["bv_miles_estimate"]["relative_error"] < 0.01
+
+
+def test_many_crashes_go_into_several_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_SHARD_CASES", 1)
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_STORE_SECONDS", 0.0)
+    found = cornerforge.rate(**WORLD, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r")
+    library = CaseLibrary.open(tmp_path / "r" / "library")
+    assert len(list((tmp_path / "r" / "library").glob("cases-*.parquet"))) == len(library) == found["av_crashes"]
+    assert library.finished
+
+
+def test_progress_tells_crashes_and_ends_at_the_total() -> None:
+    told: list[tuple[str, float, float]] = []
+    found = cornerforge.rate(
+        **WORLD, max_tests=6_000, target_rhw=0.001, progress=lambda *what: told.append((what[0], what[1], what[2]))
+    )
+    rates = [what for what in told if what[0].startswith("rate (")]
+    assert rates[0] == ("rate (0 crashes)", 0, 6_000)
+    assert rates[-1] == (f"rate ({found['av_crashes']} crashes)", 6_000, 6_000)
+    assert [done for _, done, _ in rates] == sorted(done for _, done, _ in rates)
+
+
+SCRIPT = """
+import importlib, sys
+module = importlib.import_module("cornerforge.pipeline.rate")
+module._BLOCK, module._STORE_SECONDS = 500, 1.0
+from cornerforge.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def stopped(out: Path, how: signal.Signals, blocks: int) -> tuple[int, str]:
+    """Start `rate` in a process of its own and stop it when some blocks are saved."""
+    command = f"rate --av idm-mobil-blind --odd paper --seed 3 --max-tests 10000000 --threads 1 --out {out} --resume"
+    process = subprocess.Popen([sys.executable, "-c", SCRIPT, *command.split()], stderr=subprocess.PIPE, text=True)
+    for _ in range(1200):
+        saved = out / "counts.json"
+        if saved.exists() and json.loads(saved.read_text())["tests"] >= 500 * blocks:
+            break
+        time.sleep(0.1)
+    process.send_signal(how)
+    _, text = process.communicate(timeout=60)
+    return process.returncode, text
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_BLOCK", 500)
+    out = tmp_path / "r"
+    assert stopped(out, signal.SIGKILL, 3)[0] == -signal.SIGKILL
+    kept = json.loads((out / "counts.json").read_text())["tests"]
+    status, text = stopped(out, signal.SIGINT, kept // 500 + 3)
+    assert (status, text.count("\n")) == (130, 1), text
+    stopped_at = json.loads((out / "rate.json").read_text())
+    assert stopped_at["state"] == "interrupted"
+    assert stopped_at["tests"] == json.loads((out / "counts.json").read_text())["tests"] >= kept + 1_500
+    tests = stopped_at["tests"] + 1_000
+    resumed = cornerforge.rate(**WORLD, max_tests=tests, target_rhw=0.001, out=out, resume=True)
+    assert untimed(resumed) == untimed(cornerforge.rate(**WORLD, max_tests=tests, target_rhw=0.001))
+    assert cornerforge.replay(out / "library", "all", check=True)["identical"]
+
+
+def test_the_text_for_people_names_what_dominates() -> None:
+    from cornerforge.pipeline.rate_text import rate_text
+
+    found = cornerforge.rate(**WORLD, max_tests=6_000, target_rhw=0.001)
+    text = "\n".join(rate_text(found))
+    for part in ("all tests are done", "per BV-mile", "sideswipe", "[same-lane-opposite-sides]", "core-hours"):
+        assert part in text
+    nothing = {**found, "av_crashes": 0, "relative_half_width": None, "bv_crashes_per_bv_mile": None}
+    assert "no crash yet" in rate_text(nothing)[0]
+    assert not [line for line in rate_text(nothing) if "Mechanisms" in line]

@@ -1,4 +1,4 @@
-"""Exact binomial intervals."""
+"""Exact intervals: binomial, Poisson, and of ratios of rates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from cornerforge.errors import InputError
-from cornerforge.rates import binomial_interval
+from cornerforge.rates import binomial_interval, poisson_interval, rate_ratio_interval
 
 
 @given(st.integers(1, 10**7), st.floats(0.0, 1.0), st.floats(0.5, 1.0 - 1e-6))
@@ -56,3 +56,63 @@ def test_no_crash_still_has_an_upper_bound_and_all_crashes_a_lower_one() -> None
 def test_numbers_out_of_range_are_refused(crashes: int, tests: int, confidence: float) -> None:
     with pytest.raises(InputError, match="out of range"):
         binomial_interval(crashes, tests, confidence)
+
+
+# --- Poisson means and ratios of rates ---
+
+
+@given(st.integers(0, 10**6), st.floats(0.5, 1.0 - 1e-6))
+def test_poisson_interval_is_that_of_the_chi_square_quantiles(count: int, confidence: float) -> None:
+    tail = 0.5 * (1.0 - confidence)
+    low = 0.0 if count == 0 else 0.5 * stats.chi2.ppf(tail, 2 * count)
+    expected = (low, 0.5 * stats.chi2.ppf(1.0 - tail, 2 * count + 2))
+    assert poisson_interval(count, confidence) == pytest.approx(expected, rel=1e-6)
+
+
+def poisson_coverage(interval: Callable[[int], tuple[float, float]], mean: float) -> float:
+    """Chance that the interval of a Poisson count holds its mean, by summing over all counts that matter."""
+    counts = range(int(mean + 12.0 * mean**0.5 + 30))
+    return float(sum(stats.poisson.pmf(k, mean) for k in counts if interval(k)[0] <= mean <= interval(k)[1]))
+
+
+def test_poisson_interval_covers_the_mean_at_least_as_often_as_it_says() -> None:
+    means = (1e-3, 0.5, 3.0, 20.5)
+    assert min(poisson_coverage(poisson_interval, mean) for mean in means) >= 0.95
+    narrow = min(poisson_coverage(lambda k: (k - 1.96 * k**0.5, k + 1.96 * k**0.5), mean) for mean in means)
+    assert narrow < 0.5  # negative control
+
+
+def ratio_coverage(mean: float, base_mean: float, confidence: float) -> float:
+    """Chance that the interval of the ratio of two Poisson counts (of equal exposure) holds mean / base_mean."""
+    held = 0.0
+    for a in range(40):
+        for b in range(40):
+            low, high = rate_ratio_interval(a, 1.0, b, 1.0, confidence)
+            if low <= mean / base_mean and (high is None or mean / base_mean <= high):
+                held += float(stats.poisson.pmf(a, mean) * stats.poisson.pmf(b, base_mean))
+    return held
+
+
+@pytest.mark.parametrize(("mean", "base_mean"), [(0.3, 5.0), (4.0, 4.0), (9.0, 2.0)])
+def test_ratio_interval_covers_the_ratio(mean: float, base_mean: float) -> None:
+    assert ratio_coverage(mean, base_mean, 0.95) >= 0.95 - 1e-9
+    assert ratio_coverage(mean, base_mean, 0.3) < 0.8  # negative control: a narrow one does not
+
+
+def test_ratio_interval_turns_round_and_scales() -> None:
+    low, high = rate_ratio_interval(12, 3e6, 5, 1e6)
+    turned_low, turned_high = rate_ratio_interval(5, 1e6, 12, 3e6)
+    assert high is not None
+    assert turned_high is not None
+    assert (turned_low, turned_high) == (pytest.approx(1.0 / high), pytest.approx(1.0 / low))
+    assert low < 0.8 < high
+    assert rate_ratio_interval(0, 1.0, 0, 1.0) == (0.0, None)
+    assert rate_ratio_interval(3, 1.0, 0, 1.0)[1] is None
+    assert rate_ratio_interval(0, 1.0, 3, 1.0)[0] == 0.0
+
+
+def test_negative_counts_and_exposures_are_refused() -> None:
+    with pytest.raises(InputError, match="count"):
+        poisson_interval(-1)
+    with pytest.raises(InputError, match="exposure"):
+        rate_ratio_interval(1, 0.0, 1, 1.0)

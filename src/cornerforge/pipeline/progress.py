@@ -8,7 +8,10 @@ __all__ = ["NO_PROGRESS", "Progress"]
 
 
 class Progress(Protocol):
-    """Called as `progress(stage, done, total)`, now and then, from one thread."""
+    """Called as `progress(stage, done, total)`, now and then, from one thread.
+
+    Text in brackets at the end of `stage`, such as "rate (3 crashes)", may change while the stage lasts.
+    """
 
     def __call__(self, stage: str, done: float, total: float) -> None:
         """Stage `stage` has done `done` of `total`."""

@@ -1,84 +1,172 @@
-"""`rate`: the AV's natural crash rate, with its exact interval; every finished block of tests is kept."""
+"""`rate`: the AV's natural crash rate, with its exact interval; every finished block of tests is kept.
+
+The output folder holds `counts.json` (whole blocks only, replaced after each), `library/` (all crashes, driven again)
+and `rate.json`. The counts lead: a kill at any moment loses the block in progress, and a resumed run drives again what
+the library lacks.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_in, check_integer, check_number
-from cornerforge.library import CaseLibrary, case_record
+from cornerforge.errors import CornerForgeError
+from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary
-from cornerforge.rates import binomial_interval
-from cornerforge.rates.monte_carlo import MonteCarlo, relative_half_width
-from cornerforge.sim.recorder import Recorder, scenario_digest
-from cornerforge.sim.runner import METRES_PER_MILE, Tally, crashed_tests, simulate_chunks, warm_up
+from cornerforge.rates import poisson_interval
+from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
+from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block
+from cornerforge.sim.recorder import scenario_digest
+from cornerforge.sim.runner import warm_up
 
 __all__ = ["rate"]
 
-_BLOCK = 65_536
-"""Tests between two saved states; the digest is a chain over blocks, so it is fixed."""
+_BLOCK = BLOCK
+_SHARD_CASES = 500
+_STORE_SECONDS = 600.0
+"""The library and `rate.json` are brought up to the counts so often: each time a shard, so not after every block."""
+_COLUMNS = ("test", "crash_type", "mechanism", "at_start", "rare_action", "overlooked")
+_ENOUGH_TO_FORESEE = 10
 
 
-def _drive_block(run: Experiment, first: int, tests: int, seed: int, threads: int) -> tuple[Tally, tuple[int, ...]]:
-    tally = Tally()
-    crashed: list[int] = []
-    for start, outcomes, counts in simulate_chunks(
-        run.setting, run.slots, seed=seed, first=first, tests=tests, threads=threads, chunk=2048
-    ):
-        tally.add(outcomes, counts)
-        crashed += crashed_tests(start, outcomes)
-    return tally, tuple(crashed)
+class _Keeper:
+    """Keeps crashes: in a library when there is a folder, else only what the tables need.
+
+    Args:
+        run, seed: The tests.
+        out: The output folder, or None.
+    """
+
+    def __init__(self, run: Experiment, seed: int, out: Path | None) -> None:
+        self._crashes = NaturalCrashes(run, seed)
+        self._studies: list[dict[str, Any]] = []
+        self._library: CaseLibrary | None = None
+        if out is not None:
+            identity = {**run.identity(seed), "cornerforge": version(), "code": code_hash()}
+            self._library = CaseLibrary.resume(out / "library", identity, run.odd)
+            if not (out / "library" / MODEL_FILE).exists():
+                save_model(run.model, out / "library" / MODEL_FILE)
+        self._next_test = 0 if self._library is None else self._library.next_test
+
+    def catch_up(self, counts: MonteCarlo, progress: Progress) -> None:
+        """Drive again and keep every crash of `counts` that is not kept yet."""
+        missing = [test for test in counts.crashed if test >= self._next_test]
+        pending: list[CaseRecord] = []
+        for done, test in enumerate(missing, start=1):
+            scenario, study = self._crashes.record(test)
+            if self._library is None:
+                self._studies.append({"test": test, **study.columns()})
+            else:
+                digest = scenario_digest(scenario)
+                pending.append(case_record(scenario, trajectory_digest=digest, extra=study.columns()))
+            if len(pending) >= _SHARD_CASES:
+                self._commit(pending, test + 1, len(counts.crashed) - len(missing) + done, test + 1)
+                pending = []
+            progress("record crashes", done, len(missing))
+        self._commit(pending, counts.tests, counts.av_crashes, counts.tests)
+
+    def _commit(self, pending: list[CaseRecord], next_test: int, crashes: int, tests: int) -> None:
+        if next_test > self._next_test and self._library is not None:
+            self._library.append(pending, next_test=next_test, tests=tests, crashes=crashes)
+        self._next_test = max(self._next_test, next_test)
+
+    def finish(self) -> None:
+        """Note in the library that the run reached what it was asked for."""
+        if self._library is not None:
+            self._library.finish()
+
+    def tables(self, tests: int) -> dict[str, Any]:
+        """Crash types, mechanisms and circumstances of the crashes in tests 0 .. `tests` - 1."""
+        rows = self._studies
+        if self._library is not None:
+            rows = self._library.scalars(_COLUMNS).to_pylist() if len(self._library) else []
+        return crash_tables(row for row in rows if row["test"] < tests)
 
 
-def _count(
-    run: Experiment,
-    counts: MonteCarlo,
-    save: Path | None,
-    *,
-    seed: int,
-    threads: int,
-    target: float,
-    max_tests: int,
-    progress: Progress,
-) -> MonteCarlo:
-    """Drive blocks until the interval is narrow enough or `max_tests` are done; saves after each block."""
-    while counts.tests < max_tests and not counts.is_enough(target):
-        start = time.perf_counter()
-        tests = min(_BLOCK, max_tests - counts.tests)
-        tally, crashed = _drive_block(run, counts.tests, tests, seed, threads)
-        counts = counts.plus(
-            tests=tests,
-            bv_crashes=tally.bv_crashes,
-            world_steps=tally.decisions,
-            millimetres=tally.millimetres,
-            seconds=time.perf_counter() - start,
-            crashed=crashed,
-            digest=tally.digest.hexdigest(),
-        )
-        if save is not None:
-            write_json(save, counts.to_json())
-        progress(f"rate ({counts.av_crashes} crashes)", counts.tests, max_tests)
-    return counts
+class _Session:
+    """One session of a run: drives blocks and keeps them, so that nothing but the block in progress can be lost.
 
+    Attributes:
+        counts: All tests so far; the last block may be a part of one.
+    """
 
-def _store(run: Experiment, counts: MonteCarlo, folder: Path, seed: int) -> None:
-    """Record every crash by driving its test again, into a library like any other."""
-    identity = {**run.identity(seed), "cornerforge": version(), "code": code_hash()}
-    library = CaseLibrary.resume(folder, identity, run.odd)
-    if not (folder / MODEL_FILE).exists():
-        save_model(run.model, folder / MODEL_FILE)
-    recorder = Recorder(run.setting, run.odd)
-    fresh = [recorder.record(seed, test) for test in counts.crashed if test >= library.next_test]
-    records = [case_record(scenario, trajectory_digest=scenario_digest(scenario)) for scenario in fresh]
-    if counts.tests > library.next_test:
-        library.append(records, next_test=counts.tests, tests=counts.tests, crashes=counts.av_crashes)
-    library.finish()
+    def __init__(
+        self, run: Experiment, seed: int, method: str, out: Path | None, *, threads: int, progress: Progress
+    ) -> None:
+        self._run, self._seed, self._method, self._out = run, seed, method, out
+        self._threads, self._progress = threads, progress
+        self.counts = MonteCarlo()
+        self._travel: BvTravel | None = None
+        self._keeper: _Keeper
+
+    def start(self, identity: dict[str, Any], *, resume: bool) -> None:
+        """Take up what the folder holds, and load the kernels."""
+        if self._out is not None:
+            save = self._out / "counts.json"
+            if open_output(self._out, identity, resume=resume) and save.exists():
+                self.counts = MonteCarlo.from_json(read_json_file(save))
+        self._keeper = _Keeper(self._run, self._seed, self._out)
+        warm_up(self._run.setting, self._run.slots)
+
+    def drive(self, target: float, max_tests: int) -> str:
+        """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""
+        stored = time.monotonic()
+        while not (enough := self.counts.is_enough(target)) and self.counts.tests < max_tests:
+            tests = min(_BLOCK, max_tests - self.counts.tests)
+            self._tell(target, max_tests, 0, 0)
+            block = drive_block(
+                self._run.setting,
+                self._run.slots,
+                seed=self._seed,
+                first=self.counts.tests,
+                tests=tests,
+                threads=self._threads,
+                tell=lambda done, crashes: self._tell(target, max_tests, done, crashes),
+            )
+            self.counts = self.counts.plus(block)
+            # A part of a block at the end is not saved: a later, longer run drives the whole block, so that its digest
+            # is that of a run without a break.
+            if self._out is not None and tests == _BLOCK:
+                write_json(self._out / "counts.json", self.counts.to_json())
+            if self._out is not None and time.monotonic() - stored >= _STORE_SECONDS:
+                self.store("running")
+                stored = time.monotonic()
+        return "target" if enough else "max_tests"
+
+    def _tell(self, target: float, max_tests: int, done: int, crashes: int) -> None:
+        """Report tests; the total is what the target will probably need, once there are crashes to foresee it by."""
+        total = max_tests
+        width = self.counts.half_width()
+        if width is not None and self.counts.av_crashes >= _ENOUGH_TO_FORESEE:
+            total = min(max_tests, round(self.counts.tests * (width / target) ** 2))
+        now = self.counts.tests + done
+        self._progress(f"rate ({self.counts.av_crashes + crashes} crashes)", now, max(total, now))
+
+    def store(self, state: str) -> dict[str, Any]:
+        """Bring library and `rate.json` up to the counts; returns the summary. `state` says why it is done now."""
+        # on the way no bar of its own: a long run would leave hundreds of them
+        self._keeper.catch_up(self.counts, NO_PROGRESS if state == "running" else self._progress)
+        if self._travel is None or self._travel.tests < SAMPLE_TESTS:
+            sample = min(SAMPLE_TESTS, self.counts.tests)
+            self._travel = bv_travel(
+                self._run.setting, self._run.slots, seed=self._seed, tests=sample, threads=self._threads
+            )
+        if state not in ("running", "interrupted"):
+            self._keeper.finish()
+        tables = self._keeper.tables(self.counts.tests)
+        summary = {**_summary(self._run, self.counts, self._travel, self._method), "state": state, **tables}
+        if self._out is not None:
+            write_json(self._out / "rate.json", summary)
+        return summary
 
 
 def rate(
@@ -104,7 +192,7 @@ def rate(
         target_rhw: Stop when half the exact 95 % interval is at most this share of the rate, 0.001 to 10.
         max_tests: Stop here at the latest.
         out: Folder for `rate.json`, the counts so far, and `library/` with all crashes; None keeps nothing.
-        resume: Go on with that folder.
+        resume: Go on with that folder, after an end, an interrupt or a kill.
         lanes, odd, model: The world, as for `simulate`.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
@@ -115,53 +203,52 @@ def rate(
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
+        KeyboardInterrupt: Interrupted; with `out`, library and `rate.json` are brought up to the whole blocks first.
     """
     check_in("method", method, ("mc",))
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("max_tests", max_tests, low=1, high=10**12)
     check_number("target_rhw", target_rhw, low=1e-3, high=10.0)
     run = experiment(av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model))
-    counts, save = MonteCarlo(), None
+    folder = None if out is None else Path(out)
+    session = _Session(run, seed, method, folder, threads=check_threads(threads), progress=progress)
     identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}
-    if out is not None:
-        save = Path(out) / "counts.json"
-        if open_output(Path(out), identity, resume=resume) and save.exists():
-            counts = MonteCarlo.from_json(read_json_file(save))
-    warm_up(run.setting, run.slots)
-    counts = _count(
-        run,
-        counts,
-        save,
-        seed=seed,
-        threads=check_threads(threads),
-        target=target_rhw,
-        max_tests=max_tests,
-        progress=progress,
-    )
-    summary = _summary(run, counts, method)
-    if out is not None:
-        _store(run, counts, Path(out) / "library", seed)
-        write_json(Path(out) / "rate.json", summary)
-        write_json(Path(out) / "provenance.json", provenance(identity, round(counts.seconds, 3)))
+    session.start(identity, resume=resume)
+    try:
+        summary = session.store(session.drive(target_rhw, max_tests))
+    except KeyboardInterrupt:
+        if folder is not None and session.counts.tests:
+            # An interrupt within a commit leaves a library that refuses a second writer; then the crash is safe there.
+            with contextlib.suppress(CornerForgeError):
+                session.store("interrupted")
+        raise
+    if folder is not None:
+        write_json(folder / "provenance.json", provenance(identity, summary["seconds"]))
     return summary
 
 
-def _summary(run: Experiment, counts: MonteCarlo, method: str) -> dict[str, Any]:
-    miles = counts.millimetres / 1000.0 / METRES_PER_MILE
-    low, high = binomial_interval(counts.av_crashes, counts.tests)
+def _summary(run: Experiment, counts: MonteCarlo, travel: BvTravel, method: str) -> dict[str, Any]:
+    bv_miles = travel.miles_per_test * counts.tests
+    per_mile = None if bv_miles == 0.0 else counts.bv_crashes / bv_miles
+    interval = None if bv_miles == 0.0 else [bound / bv_miles for bound in poisson_interval(counts.bv_crashes)]
     return {
         "method": method,
         "av": run.av.name,
         "odd": run.odd.name,
         "lanes": run.odd.n_lanes,
-        **rate_summary(counts.av_crashes, counts.tests, miles),
-        "relative_half_width": relative_half_width(low, high, counts.av_crashes / counts.tests),
+        **rate_summary(counts.av_crashes, counts.tests, counts.miles),
+        "relative_half_width": counts.half_width(),
         "av_crashes": counts.av_crashes,
         "bv_crashes": counts.bv_crashes,
         "bv_crashes_per_test": counts.bv_crashes / counts.tests,
+        "bv_crashes_per_bv_mile": per_mile,
+        "interval95_bv_crashes_per_bv_mile": interval,
+        "bv_miles": bv_miles,
+        "bv_miles_estimate": {"tests": travel.tests, "relative_error": travel.relative_error},
         "effective_sample_size": counts.tests,
         "acceleration": 1.0,
         "seconds": round(counts.seconds, 3),
+        "cpu_seconds": round(counts.cpu_seconds, 3),
         "tests_per_second": round(counts.tests / counts.seconds, 1) if counts.seconds else None,
         "digest": counts.digest,
     }

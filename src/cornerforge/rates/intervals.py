@@ -1,10 +1,10 @@
-"""Exact intervals of crash rates."""
+"""Exact intervals of crash rates, per test and per mile, and of their ratios."""
 
 from __future__ import annotations
 
 from cornerforge._checks import check_integer, check_number
 
-__all__ = ["binomial_interval"]
+__all__ = ["binomial_interval", "poisson_interval", "rate_ratio_interval"]
 
 
 def binomial_interval(crashes: int, tests: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -36,3 +36,67 @@ def binomial_interval(crashes: int, tests: int, confidence: float = 0.95) -> tup
     low = 0.0 if crashes == 0 else float(betaincinv(crashes, tests - crashes + 1, tail))
     high = 1.0 if crashes == tests else float(betaincinv(crashes + 1, tests - crashes, 1.0 - tail))
     return low, high
+
+
+def poisson_interval(count: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Exact (Garwood) interval of a Poisson mean: divide by the exposure, such as miles, for a rate.
+
+    Args:
+        count: Events seen, at least 0.
+        confidence: In (0, 1).
+
+    Returns:
+        Low and high; low is 0 with no event.
+
+    Raises:
+        InputError: A number is out of range.
+
+    Source: Garwood (1936), by the gamma distribution's quantiles.
+
+    >>> low, high = poisson_interval(0)
+    >>> low, round(high, 3)
+    (0.0, 3.689)
+    """
+    from scipy.special import gammaincinv
+
+    check_integer("count", count, low=0)
+    check_number("confidence", confidence, low=1e-9, high=1.0 - 1e-9)
+    tail = 0.5 * (1.0 - confidence)
+    low = 0.0 if count == 0 else float(gammaincinv(count, tail))
+    return low, float(gammaincinv(count + 1, 1.0 - tail))
+
+
+def rate_ratio_interval(
+    count: int, exposure: float, base_count: int, base_exposure: float, confidence: float = 0.95
+) -> tuple[float, float | None]:
+    """Exact interval of the ratio of two Poisson rates, (count / exposure) / (base_count / base_exposure).
+
+    Given the sum of both counts, the first is binomial; its Clopper-Pearson interval is turned into one of the ratio.
+    Counts that rise and fall together, as on common random numbers, make it too wide, never too narrow.
+
+    Args:
+        count, base_count: Events, at least 0.
+        exposure, base_exposure: What they are counted over (tests, miles), above 0, same unit.
+        confidence: In (0, 1).
+
+    Returns:
+        Low and high; high is None (no bound) where `base_count` is 0. Low is 0 where `count` is 0.
+
+    Raises:
+        InputError: A number is out of range.
+
+    Source: Przyborowski and Wilenski (1940).
+
+    >>> low, high = rate_ratio_interval(10, 1e6, 10, 1e6)
+    >>> round(low, 3), round(high, 3)
+    (0.374, 2.674)
+    """
+    check_integer("count", count, low=0)
+    check_integer("base_count", base_count, low=0)
+    check_number("exposure", exposure, low=1e-300, high=1e300)
+    check_number("base_exposure", base_exposure, low=1e-300, high=1e300)
+    if count + base_count == 0:
+        return 0.0, None
+    low, high = binomial_interval(count, count + base_count, confidence)
+    scale = base_exposure / exposure
+    return low / (1.0 - low) * scale, None if base_count == 0 else high / (1.0 - high) * scale

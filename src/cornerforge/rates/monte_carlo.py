@@ -1,16 +1,24 @@
-"""Natural crash rates by brute force: what a resumable count holds, and when it is enough."""
+"""Natural crash rates by brute force: blocks of tests, what a resumable count holds, and when it is enough."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from cornerforge.errors import FileFormatError
 from cornerforge.rates.intervals import binomial_interval
+from cornerforge.sim.drive import Setting
+from cornerforge.sim.runner import METRES_PER_MILE, Tally, crashed_tests, simulate_chunks
 
-__all__ = ["MonteCarlo", "relative_half_width"]
+__all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "relative_half_width"]
+
+BLOCK = 65_536
+"""Tests between two saved states. The digest is a chain over blocks of this size, so it must not change."""
+_CHUNK = 2048
 
 
 def relative_half_width(low: float, high: float, estimate: float) -> float | None:
@@ -23,13 +31,77 @@ def relative_half_width(low: float, high: float, estimate: float) -> float | Non
 
 
 @dataclass(frozen=True)
+class Block:
+    """What some tests in a row came to.
+
+    Attributes:
+        tests, bv_crashes, world_steps: Counts; `bv_crashes` counts contacts between two BVs.
+        millimetres: Distance that the AV drove [mm].
+        seconds, cpu_seconds: Wall-clock, and time on processors over all threads of this process [s].
+        crashed: Numbers of the tests in which the AV crashed, rising.
+        digest: SHA-256 over the outcomes.
+    """
+
+    tests: int
+    bv_crashes: int
+    world_steps: int
+    millimetres: int
+    seconds: float
+    cpu_seconds: float
+    crashed: tuple[int, ...]
+    digest: str
+
+
+def drive_block(
+    setting: Setting,
+    slots: int,
+    *,
+    seed: int,
+    first: int,
+    tests: int,
+    threads: int,
+    tell: Callable[[int, int], None] | None = None,
+) -> Block:
+    """Drive tests `first` .. `first` + `tests` - 1 of a seed.
+
+    Args:
+        setting, slots: The run and its vehicle slots per world.
+        seed, first, tests: Which tests.
+        threads: Pool size; does not change the result.
+        tell: Told the tests done and the AV crashes so far, about ten times a second.
+    """
+    start, cpu_start = time.perf_counter(), time.process_time()
+    tally = Tally()
+    crashed: list[int] = []
+    chunks = simulate_chunks(
+        setting, slots, seed=seed, first=first, tests=tests, threads=threads, chunk=min(_CHUNK, tests)
+    )
+    with contextlib.closing(chunks):  # an interrupt between two chunks must not leave the pool at work
+        for begin, outcomes, counts in chunks:
+            tally.add(outcomes, counts)
+            crashed += crashed_tests(begin, outcomes)
+            if tell is not None:
+                tell(tally.tests, len(crashed))
+    return Block(
+        tests=tests,
+        bv_crashes=tally.bv_crashes,
+        world_steps=tally.decisions,
+        millimetres=tally.millimetres,
+        seconds=time.perf_counter() - start,
+        cpu_seconds=time.process_time() - cpu_start,
+        crashed=tuple(crashed),
+        digest=tally.digest.hexdigest(),
+    )
+
+
+@dataclass(frozen=True)
 class MonteCarlo:
     """Counts of a brute-force run so far, over tests 0 .. `tests` - 1 of its seed.
 
     Attributes:
         tests, av_crashes, bv_crashes, world_steps: Counts; `bv_crashes` counts contacts between two BVs.
         millimetres: Distance that the AV drove [mm].
-        seconds: Wall-clock spent, over all sessions [s].
+        seconds, cpu_seconds: Wall-clock, and time on processors, over all sessions [s].
         crashed: Numbers of the tests in which the AV crashed, rising.
         digest: Chain of SHA-256: each block's digest hashed onto the chain before it; the same for any resume.
     """
@@ -40,40 +112,40 @@ class MonteCarlo:
     world_steps: int = 0
     millimetres: int = 0
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
     crashed: tuple[int, ...] = field(default=())
     digest: str = ""
 
-    def plus(
-        self,
-        *,
-        tests: int,
-        bv_crashes: int,
-        world_steps: int,
-        millimetres: int,
-        seconds: float,
-        crashed: tuple[int, ...],
-        digest: str,
-    ) -> MonteCarlo:
-        """The counts after one more block of tests."""
-        chain = hashlib.sha256((self.digest + digest).encode()).hexdigest()
+    def plus(self, block: Block) -> MonteCarlo:
+        """The counts after one more block, which must begin at test number `tests`."""
         return replace(
             self,
-            tests=self.tests + tests,
-            av_crashes=self.av_crashes + len(crashed),
-            bv_crashes=self.bv_crashes + bv_crashes,
-            world_steps=self.world_steps + world_steps,
-            millimetres=self.millimetres + millimetres,
-            seconds=self.seconds + seconds,
-            crashed=self.crashed + crashed,
-            digest=chain,
+            tests=self.tests + block.tests,
+            av_crashes=self.av_crashes + len(block.crashed),
+            bv_crashes=self.bv_crashes + block.bv_crashes,
+            world_steps=self.world_steps + block.world_steps,
+            millimetres=self.millimetres + block.millimetres,
+            seconds=self.seconds + block.seconds,
+            cpu_seconds=self.cpu_seconds + block.cpu_seconds,
+            crashed=self.crashed + block.crashed,
+            digest=hashlib.sha256((self.digest + block.digest).encode()).hexdigest(),
         )
+
+    @property
+    def miles(self) -> float:
+        """Distance that the AV drove [miles]."""
+        return self.millimetres / 1000.0 / METRES_PER_MILE
+
+    def half_width(self) -> float | None:
+        """Relative half-width of the exact 95 % interval; None without tests or crashes."""
+        if self.av_crashes == 0 or self.tests == 0:
+            return None
+        low, high = binomial_interval(self.av_crashes, self.tests)
+        return relative_half_width(low, high, self.av_crashes / self.tests)
 
     def is_enough(self, target: float) -> bool:
         """Is the relative half-width of the exact 95 % interval at most `target`?"""
-        if self.av_crashes == 0:
-            return False
-        low, high = binomial_interval(self.av_crashes, self.tests)
-        width = relative_half_width(low, high, self.av_crashes / self.tests)
+        width = self.half_width()
         return width is not None and width <= target
 
     def to_json(self) -> dict[str, Any]:
@@ -91,6 +163,8 @@ class MonteCarlo:
             counts = cls(**{**content, "crashed": tuple(content["crashed"])})
         except (TypeError, KeyError) as error:
             raise FileFormatError(f"These are not the counts of a rate estimate ({error}).") from error
-        if counts.av_crashes != len(counts.crashed) or counts.tests < counts.av_crashes:
+        rising = all(a < b for a, b in zip(counts.crashed, counts.crashed[1:], strict=False))
+        outside = counts.crashed != () and not 0 <= min(counts.crashed) <= max(counts.crashed) < counts.tests
+        if counts.av_crashes != len(counts.crashed) or not rising or outside:
             raise FileFormatError("The counts of this rate estimate contradict each other.")
         return counts

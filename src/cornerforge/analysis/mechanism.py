@@ -1,0 +1,236 @@
+"""How a crash of the AV came about, in plain categories, from its recording: what dominates a natural crash rate?
+
+A crash type says which faces met; a mechanism says who did what before. The rules read positions, target lanes and
+accelerations only, so they hold for any AV and any traffic. In this order (the first that fits names the crash):
+
+1. `follow-up`: two BVs had crashed into each other within 5 s before and 100 m of the AV.
+2. Both were changing lanes, at least partly at the same time: into one lane from the same side (`same-lane-same-side`)
+   or from opposite sides (`same-lane-opposite-sides`), or each into the lane that the other came from (`swap`).
+3. A front met a rear. The one in front or the one behind had moved into the other's path (`...-cut-in`, `...-change`),
+   or the one in front had braked hard (`...-braking`), or neither (`bv-rear`, `av-rear`).
+4. A side took part: who had moved into the other's path (`bv-side`, `av-side`); `other` if nobody had.
+
+A lane change counts while it lasts and for 3 s after; "moved into the path" means that when it began the two did not
+overlap laterally and it went towards the other. Both at once under 3 or 4: the one that began later. Hard braking:
+-3 m/s2 or less within 3 s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.analysis.contact import FRONT, REAR, find_contact
+from cornerforge.errors import InputError
+from cornerforge.types import FRAME_S, Scenario
+
+__all__ = ["AT_START_S", "MECHANISMS", "Mechanism", "contact_pose", "mechanism_of"]
+
+MECHANISMS: dict[str, str] = {
+    "follow-up": "follows a crash between two BVs close by",
+    "same-lane-same-side": "both enter the same lane from the same side",
+    "same-lane-opposite-sides": "both enter the same lane from opposite sides",
+    "swap": "each enters the lane that the other leaves",
+    "bv-rear-av-cut-in": "BV runs into the rear of an AV that changed lanes into its path",
+    "bv-rear-bv-change": "BV changes lanes into the AV's rear",
+    "bv-rear-av-braking": "BV runs into the rear of an AV that brakes hard",
+    "bv-rear": "BV runs into the rear of an AV that neither brakes hard nor changed lanes into its path",
+    "av-rear-bv-cut-in": "AV runs into the rear of a BV that changed lanes into its path",
+    "av-rear-av-change": "AV changes lanes into the BV's rear",
+    "av-rear-bv-braking": "AV runs into the rear of a BV that brakes hard",
+    "av-rear": "AV runs into the rear of a BV that neither brakes hard nor changed lanes into its path",
+    "bv-side": "BV changes lanes into the side of the AV",
+    "av-side": "AV changes lanes into the side of the BV",
+    "other": "none of these",
+}
+"""Name and meaning, in the order of the rules."""
+
+AT_START_S = 4.0
+"""A crash before this time [s] owes much to how tests begin: everybody decides at once, in traffic just drawn."""
+
+_FRAMES_PER_SECOND = round(1.0 / FRAME_S)
+_RECENT_S = 3.0
+_HARD_BRAKING = -3.0
+_FOLLOW_UP_S = 5.0
+_FOLLOW_UP_M = 100.0
+_SETTLED_M = 0.01
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """How one crash came about.
+
+    Attributes:
+        name: A key of `MECHANISMS`.
+        contact: "rear-end by AV", "rear-end by BV" or "side": which faces met.
+        at_start: The crash came less than 4 s after the start of the test.
+        av_changing: The AV changed lanes then, or had until 3 s before.
+        bv_changing: The same of the partner.
+        bv_start_after_av_s: When both did: the partner's lane change began so many seconds after the AV's (negative:
+            before); None otherwise.
+    """
+
+    name: str
+    contact: str
+    at_start: bool
+    av_changing: bool
+    bv_changing: bool
+    bv_start_after_av_s: float | None
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A vehicle's last lane change before contact: first frame, last frame, target lane, side (1 left, -1 right)."""
+
+    start: int
+    end: int
+    target: int
+    side: int
+
+
+def _crash_frame(scenario: Scenario) -> tuple[int, int]:
+    """Frame of the contact and column of the AV's partner.
+
+    Raises:
+        InputError: There is no crash of the AV, or the recording does not hold its contact.
+    """
+    crash = scenario.crash
+    name = f"{scenario.seed}:{scenario.test}"
+    if crash is None or crash.slot_a != 0:
+        raise InputError(f"Test {name} holds no crash of the AV; mechanisms are of AV crashes only.")
+    frame = round(crash.time / FRAME_S)
+    found = np.flatnonzero(scenario.slot == crash.slot_b)
+    if found.size != 1 or not 0 <= frame < len(scenario.x) or not scenario.present[frame, [0, found[0]]].all():
+        raise InputError(
+            f"Test {name}: the contact with slot {crash.slot_b} at {crash.time} s is not in the recording of "
+            f"{len(scenario.x)} frames."
+        )
+    return frame, int(found[0])
+
+
+def contact_pose(scenario: Scenario) -> NDArray[np.float64]:
+    """[x m, y m, speed m/s, heading rad] of the AV (0) and its partner (1) at contact, shape (2, 4).
+
+    Raises:
+        InputError: There is no crash of the AV, or the recording does not hold its contact.
+    """
+    frame, partner = _crash_frame(scenario)
+    pair = [0, partner]
+    columns = (scenario.x, scenario.y, scenario.speed, scenario.heading)
+    return np.stack([values[frame, pair] for values in columns], axis=-1).astype(np.float64)
+
+
+def mechanism_of(scenario: Scenario) -> Mechanism:
+    """Say how the AV's crash came about; the module's text states the rules.
+
+    Args:
+        scenario: Recording of a test that ended in a crash of the AV; vehicles more than 150 m away may be missing, as
+            in a case library.
+
+    Returns:
+        The mechanism. The mirrored scenario (left for right) gives the same.
+
+    Raises:
+        InputError: There is no crash of the AV, or the recording does not hold its contact.
+    """
+    frame, partner = _crash_frame(scenario)
+    av, bv = _last_change(scenario, frame, 0), _last_change(scenario, frame, partner)
+    contact = _contact_kind(scenario)
+    name = "follow-up" if _follows_bv_crash(scenario, frame) else _of_two_changes(av, bv)
+    if name is None:
+        entered_av = av is not None and _came_from_outside(scenario, av, 0, partner)
+        entered_bv = bv is not None and _came_from_outside(scenario, bv, partner, 0)
+        if entered_av and entered_bv and av is not None and bv is not None:
+            entered_av, entered_bv = av.start > bv.start, bv.start >= av.start
+        name = _of_contact(scenario, contact, frame, partner, entered_av, entered_bv)
+    difference = None if av is None or bv is None else round((bv.start - av.start) * FRAME_S, 1)
+    at_start = scenario.crash is not None and scenario.crash.time < AT_START_S
+    return Mechanism(name, contact, at_start, av is not None, bv is not None, difference)
+
+
+def _contact_kind(scenario: Scenario) -> str:
+    odd = scenario.odd
+    faces = find_contact(contact_pose(scenario)[None], odd.vehicle_length, odd.vehicle_width)
+    av, bv = int(faces.av_sector[0]), int(faces.bv_sector[0])
+    if (av, bv) == (FRONT, REAR):
+        return "rear-end by AV"
+    return "rear-end by BV" if (av, bv) == (REAR, FRONT) else "side"
+
+
+def _last_change(scenario: Scenario, frame: int, column: int) -> _Change | None:
+    """The lane change that a vehicle is in at a frame, or ended at most 3 s before; an abort is a change of its own.
+
+    Frames hold the target lane that was decided at them, so a change decided at the start shows in frame 0.
+    """
+    first = int(np.argmax(scenario.present[:, column]))
+    target = scenario.target_lane[: frame + 1, column].astype(np.int64)
+    away = (target + 0.5) * scenario.odd.lane_width - scenario.y[: frame + 1, column]
+    starts = np.flatnonzero(np.diff(target[first:]) != 0) + first + 1
+    if starts.size == 0 and abs(away[first]) <= _SETTLED_M:
+        return None
+    start = int(starts[-1]) if starts.size else first
+    settled = np.flatnonzero(np.abs(away[start:]) <= _SETTLED_M)
+    end = start + int(settled[0]) if settled.size else frame
+    if (frame - end) * FRAME_S > _RECENT_S:
+        return None
+    return _Change(start, end, int(target[start]), 1 if away[start] > 0.0 else -1)
+
+
+def _of_two_changes(av: _Change | None, bv: _Change | None) -> str | None:
+    """Rule 2: both change lanes at the same time; None if it does not fit."""
+    if av is None or bv is None or av.start > bv.end or bv.start > av.end:
+        return None
+    if av.target == bv.target:
+        return "same-lane-same-side" if av.side == bv.side else "same-lane-opposite-sides"
+    if av.side != bv.side and av.target - av.side == bv.target and bv.target - bv.side == av.target:
+        return "swap"
+    return None
+
+
+def _came_from_outside(scenario: Scenario, change: _Change, mover: int, other: int) -> bool:
+    """Did the mover, when its lane change began, stand clear of the other laterally and turn towards it?"""
+    start = change.start
+    towards = (scenario.y[start, other] - scenario.y[start, mover]) * change.side
+    return bool(scenario.present[start, other] and towards >= scenario.odd.vehicle_width)
+
+
+def _of_contact(
+    scenario: Scenario, contact: str, frame: int, partner: int, entered_av: bool, entered_bv: bool
+) -> str:  # fmt: skip
+    """Rules 3 and 4; at most one of the two `entered_...` is True."""
+    if contact == "side":
+        return "bv-side" if entered_bv else "av-side" if entered_av else "other"
+    by_bv = contact == "rear-end by BV"
+    who, front_name = ("bv-rear", "av") if by_bv else ("av-rear", "bv")
+    entered_front, entered_behind = (entered_av, entered_bv) if by_bv else (entered_bv, entered_av)
+    if entered_front:
+        return f"{who}-{front_name}-cut-in"
+    if entered_behind:
+        return "bv-rear-bv-change" if by_bv else "av-rear-av-change"
+    return f"{who}-{front_name}-braking" if _braked(scenario, frame, 0 if by_bv else partner) else who
+
+
+def _braked(scenario: Scenario, frame: int, column: int) -> bool:
+    """Did a vehicle brake at -3 m/s2 or harder within the 3 s before a frame?"""
+    first = max(0, frame - round(_RECENT_S * _FRAMES_PER_SECOND))
+    held = scenario.acceleration[first : max(frame, 1), column]
+    return bool(np.nanmin(held, initial=np.inf) <= _HARD_BRAKING)
+
+
+def _follows_bv_crash(scenario: Scenario, frame: int) -> bool:
+    """Did two BVs that touched vanish (so the simulator clears a BV-BV crash) within 5 s before and 100 m of the AV?"""
+    odd = scenario.odd
+    first = max(1, frame - round(_FOLLOW_UP_S * _FRAMES_PER_SECOND))
+    reach = odd.vehicle_length + odd.max_speed * FRAME_S  # what closing at full speed adds within the last frame
+    beside = odd.vehicle_width + 1.0
+    for t in range(first, frame + 1):
+        gone = np.flatnonzero(scenario.present[t - 1, 1:] & ~scenario.present[t, 1:]) + 1
+        x, y = scenario.x[t - 1, gone], scenario.y[t - 1, gone]
+        touched = (np.abs(x[:, None] - x) < reach) & (np.abs(y[:, None] - y) < beside)
+        np.fill_diagonal(touched, val=False)
+        near = np.abs(x - scenario.x[t - 1, 0]) <= _FOLLOW_UP_M
+        if (touched.any(axis=1) & near).any():
+            return True
+    return False

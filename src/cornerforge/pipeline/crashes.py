@@ -1,0 +1,96 @@
+"""Natural crashes driven again: recorded, classified, and summed up in tables."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from cornerforge.analysis.crash_types import CRASH_TYPES, classify_crashes
+from cornerforge.analysis.mechanism import MECHANISMS, contact_pose, mechanism_of
+from cornerforge.pipeline.setting import Experiment
+from cornerforge.rates.attention import action_chances, oversight
+from cornerforge.sim.recorder import Recorder
+from cornerforge.types import Scenario
+
+__all__ = ["CrashStudy", "NaturalCrashes", "crash_tables"]
+
+
+@dataclass(frozen=True)
+class CrashStudy:
+    """What is kept of one natural AV crash; also the extra columns of a library of natural crashes.
+
+    Attributes:
+        crash_type: A name of `CRASH_TYPES`.
+        mechanism: A key of `MECHANISMS`.
+        at_start: Less than 4 s after the start of the test.
+        rarest_chance: Smallest chance of an action of the crash partner in the last 5 s under the attentive model;
+            None if it decided nothing.
+        rare_action: That is below 1e-3.
+        overlooked: The partner began a lane change that more likely than not overlooked a neighbour.
+    """
+
+    crash_type: str
+    mechanism: str
+    at_start: bool
+    rarest_chance: float | None
+    rare_action: bool
+    overlooked: bool
+
+    def columns(self) -> dict[str, Any]:
+        """Name to value, as the library takes them."""
+        return asdict(self)
+
+
+class NaturalCrashes:
+    """Records and studies crashed tests of one run of natural traffic; serves one thread.
+
+    Args:
+        run: Natural traffic, no adversary.
+        seed: Of the tests.
+    """
+
+    def __init__(self, run: Experiment, seed: int) -> None:
+        self._run = run
+        self._seed = seed
+        self._recorder = Recorder(run.setting, run.odd)
+
+    def record(self, test: int) -> tuple[Scenario, CrashStudy]:
+        """Drive a test that is known to end in an AV crash again.
+
+        Raises:
+            InputError: It does not end so.
+        """
+        scenario = self._recorder.record(self._seed, test)
+        mechanism = mechanism_of(scenario)
+        odd, setting = self._run.odd, self._run.setting
+        kind = classify_crashes(contact_pose(scenario)[None], odd.vehicle_length, odd.vehicle_width).names[0]
+        assert scenario.crash is not None  # mechanism_of has looked
+        chances = action_chances(setting, self._run.slots, seed=self._seed, test=test, slot=scenario.crash.slot_b)
+        eyes = oversight(chances, scenario.crash.time, setting.tables.overlook)
+        return scenario, CrashStudy(
+            crash_type=kind,
+            mechanism=mechanism.name,
+            at_start=mechanism.at_start,
+            rarest_chance=eyes.rarest_chance,
+            rare_action=eyes.rare_action,
+            overlooked=eyes.overlooked,
+        )
+
+
+def crash_tables(studies: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Counts over crashes, zeros included: `crash_types`, `mechanisms`, and `crash_circumstances` (these overlap).
+
+    Args:
+        studies: `CrashStudy.columns` of each crash.
+    """
+    rows = list(studies)
+    types, mechanisms = Counter(row["crash_type"] for row in rows), Counter(row["mechanism"] for row in rows)
+    return {
+        "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
+        "mechanisms": {name: mechanisms[name] for name in MECHANISMS},
+        "crash_circumstances": {
+            name: sum(bool(row[name]) for row in rows) for name in ("at_start", "rare_action", "overlooked")
+        },
+    }

@@ -1,0 +1,123 @@
+"""Was it an oversight? The chance of each action of one vehicle in a test, with and without overlooking neighbours."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.errors import InputError
+from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.drive import Setting, world_row
+from cornerforge.sim.step import allocate_pairs, allocate_recording, step_world
+from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.world import CONTROLLED, N_DECISIONS, N_VEHICLES, OUTCOME, RUNNING, World, allocate_worlds
+from cornerforge.types import ACTION_RIGHT
+
+__all__ = ["LOOK_BACK_S", "RARE_ACTION", "ActionChances", "Oversight", "action_chances", "oversight"]
+
+RARE_ACTION = 1e-3
+"""An action with a smaller chance under the attentive model counts as rare."""
+LOOK_BACK_S = 5.0
+"""Decisions so long before a crash [s] are looked at; a lane change of the default ODD takes 4 s."""
+
+
+@dataclass(frozen=True)
+class ActionChances:
+    """One vehicle's actions in one test and their chances, decision by decision.
+
+    Attributes:
+        action: Index of the action, shape (K,); -1 where the vehicle is absent.
+        attentive: Its chance under the attentive model (nothing is overlooked), shape (K,); NaN where absent.
+        actual: Its chance under the model as it is, shape (K,); NaN where absent.
+    """
+
+    action: NDArray[np.int8]
+    attentive: NDArray[np.float64]
+    actual: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Oversight:
+    """What the chances say of the last seconds before a crash.
+
+    Attributes:
+        rarest_chance: Smallest chance of an action under the attentive model, in [0, 1]; 0 is "an attentive driver
+            never does that"; None without a decision.
+        rare_action: That is below 1e-3. Among five accelerations of 31 each, this happens by itself in about one of
+            a hundred; in a crash it says more.
+        overlooked: A lane change was begun that more likely than not came about by overlooking a neighbour.
+    """
+
+    rarest_chance: float | None
+    rare_action: bool
+    overlooked: bool
+
+
+def action_chances(setting: Setting, slots: int, *, seed: int, test: int, slot: int) -> ActionChances:
+    """Drive one natural test again and look up the chance of every action of the BV in `slot`.
+
+    A BV that wanted to change lanes but gave way to another one's simultaneous change shows the acceleration it took.
+
+    Args:
+        setting, slots: The run, without an adversary, and its vehicle slots per world.
+        seed, test: The test.
+        slot: A BV, at least 1.
+
+    Raises:
+        InputError: The run has an adversary, BVs that follow the IDM, or there is no such BV.
+    """
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("test", test, low=0, high=2**62)
+    if setting.adversary or setting.bv_model:
+        raise InputError("Chances of actions are those of natural traffic; this run has other drivers.")
+    world: World = world_row.py_func(allocate_worlds(1, slots), 0)  # type: ignore[attr-defined]
+    reset_world(world, seed, test, setting.road, setting.av, setting.tables.initial)
+    check_integer("slot", slot, low=1, high=int(world.info[N_VEHICLES]) - 1)
+    pairs, recording = allocate_pairs(slots), allocate_recording(0, slots)
+    p = allocate_choice_scratch(setting.policy).p
+    actions, rows = [], []
+    for _ in range(setting.road.max_decisions):
+        if world.info[OUTCOME] != RUNNING:
+            break
+        world.info[CONTROLLED] = -1
+        present = bool(world.vehicles["present"][slot])
+        chances = np.full((2, p.size), np.nan)
+        for row, overlook in enumerate((0.0, setting.tables.overlook) if present else ()):
+            action_probabilities(world, slot, overlook, setting.road, setting.tables, p)
+            chances[row] = p
+        step_world(world, seed, test, setting.bv_model, -1, setting.road, setting.av, setting.tables, pairs, recording)
+        action = int(world.vehicles["action"][slot]) if present else -1
+        actions.append(action)
+        rows.append(chances[:, action])
+    taken = np.array(rows, dtype=np.float64).reshape(int(world.info[N_DECISIONS]), 2)
+    return ActionChances(np.array(actions, dtype=np.int8), taken[:, 0], taken[:, 1])
+
+
+def oversight(chances: ActionChances, crash_time: float, overlook: float) -> Oversight:
+    """Judge the decisions of the last 5 s before a crash.
+
+    A lane change of attentive chance a and actual chance b > 0 was made with open eyes with probability
+    (1 - overlook)^2 a / b or more (exactly that with two neighbours in the target lane): below one half it counts as
+    overlooked.
+
+    Args:
+        chances: Of the crash partner.
+        crash_time: Of the contact [s], above 0; decisions are 1 s apart, the first at 0.
+        overlook: The model's chance to overlook a neighbour.
+    """
+    first = max(0, math.ceil(crash_time - LOOK_BACK_S))
+    last = min(math.ceil(crash_time), chances.action.size)
+    seen = np.arange(first, last)
+    seen = seen[chances.action[seen] >= 0]
+    if seen.size == 0:
+        return Oversight(None, rare_action=False, overlooked=False)
+    rarest = float(chances.attentive[seen].min())
+    changed = seen[chances.action[seen] <= ACTION_RIGHT]
+    open_eyes = (1.0 - overlook) ** 2 * chances.attentive[changed]
+    overlooked = bool((open_eyes < 0.5 * chances.actual[changed]).any())
+    return Oversight(rarest, rarest < RARE_ACTION, overlooked)

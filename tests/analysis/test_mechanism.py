@@ -1,0 +1,254 @@
+"""Mechanisms of crashes driven by hand, on every mirror image, and shifted along the road."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cornerforge.analysis.mechanism import MECHANISMS, contact_pose, mechanism_of
+from cornerforge.errors import InputError
+from cornerforge.geometry import boxes_overlap
+from cornerforge.types import Crash, Odd, Scenario
+
+FRAMES = 200
+CHANGE_S = 4.0
+
+
+@dataclass(frozen=True)
+class Driver:
+    """Keeps its speed, but for at most two lane changes (at a time, to a lane) and one braking (from, until, m/s2).
+
+    `drift` [m/s] is sideways motion without a target lane, such as a clumsy AV of a user might show.
+    """
+
+    x: float
+    lane: int
+    speed: float
+    changes: tuple[tuple[float, int], ...] = ()
+    braking: tuple[float, float, float] | None = None
+    gone_at: float | None = None
+    drift: float = 0.0
+
+
+def drive(driver: Driver) -> dict[str, np.ndarray]:
+    """Columns of a recording, 0.1 s apart."""
+    time = np.arange(FRAMES) * 0.1
+    acceleration = np.zeros(FRAMES)
+    if driver.braking is not None:
+        begin, end, level = driver.braking
+        acceleration[(time >= begin - 1e-9) & (time < end - 1e-9)] = level
+    speed = np.maximum(driver.speed + np.concatenate([[0.0], np.cumsum(acceleration)[:-1]]) * 0.1, 0.0)
+    x = driver.x + np.concatenate([[0.0], np.cumsum(speed)[:-1]]) * 0.1
+    y = 4.0 * driver.lane + 2.0 + driver.drift * time
+    target = np.full(FRAMES, driver.lane)
+    for begin, lane in driver.changes:
+        start = round(begin * 10)
+        s = np.clip((time[start:] - time[start]) / CHANGE_S, 0.0, 1.0)
+        y[start:] = y[start] + (4.0 * lane + 2.0 - y[start]) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        target[start:] = lane
+    heading = np.arctan2(np.gradient(y, 0.1), np.maximum(speed, 1.0))
+    there = np.ones(FRAMES, dtype=np.bool_) if driver.gone_at is None else time < driver.gone_at - 1e-9
+    return {
+        "x": x, "y": y, "speed": speed, "heading": heading, "acceleration": acceleration,
+        "target_lane": target, "present": there,
+    }  # fmt: skip
+
+
+def scenario_of(drivers: list[Driver], partner: int = 1, lanes: int = 4) -> Scenario:
+    """The drive of all until the AV (the first) touches `partner`."""
+    columns = [drive(driver) for driver in drivers]
+    stacked = {name: np.stack([column[name] for column in columns], axis=1) for name in columns[0]}
+    x, y, heading = stacked["x"], stacked["y"], stacked["heading"]
+    for frame in range(1, FRAMES):
+        a, b = ((x[frame, i], y[frame, i], heading[frame, i]) for i in (0, partner))
+        if boxes_overlap(*a, *b, 5.0, 2.0):
+            break
+    else:
+        raise AssertionError("these two do not touch")
+    cut = {name: values[: frame + 1] for name, values in stacked.items()}
+    decisions = -(-frame // 10)
+    return Scenario(
+        seed=0,
+        test=0,
+        odd=Odd(n_lanes=lanes),
+        slot=np.arange(len(drivers), dtype=np.int16),
+        x=cut["x"],
+        y=cut["y"],
+        speed=cut["speed"],
+        heading=cut["heading"],
+        acceleration=cut["acceleration"],
+        target_lane=np.where(cut["present"], cut["target_lane"], -1).astype(np.int8),
+        present=cut["present"],
+        action=np.full((decisions, len(drivers)), -1, dtype=np.int8),
+        critical_bv=np.full(decisions, -1, dtype=np.int16),
+        log_prob_nde=np.zeros(decisions),
+        crash=Crash(frame * 0.1, 0, partner),
+    )
+
+
+def mirrored(scenario: Scenario) -> Scenario:
+    """The same, left for right."""
+    lanes = scenario.odd.n_lanes
+    target = np.where(scenario.target_lane < 0, -1, lanes - 1 - scenario.target_lane).astype(np.int8)
+    return replace(scenario, y=4.0 * lanes - scenario.y, heading=-scenario.heading, target_lane=target)
+
+
+BESIDE = Driver(0.0, 1, 30.0)
+# name: drivers, mechanism, contact
+CASES: dict[str, tuple[list[Driver], str, str]] = {
+    "BV closes in from behind": ([Driver(0, 1, 25), Driver(-40, 1, 30)], "bv-rear", "rear-end by BV"),
+    "AV brakes hard": (
+        [Driver(0, 1, 30, braking=(3, 6, -4.0)), Driver(-15, 1, 30)], "bv-rear-av-braking", "rear-end by BV"
+    ),
+    "AV braked hard, but long ago": (
+        [Driver(0, 1, 30, braking=(0, 1, -4.0)), Driver(-30, 1, 30)], "bv-rear", "rear-end by BV"
+    ),
+    "AV brakes softly": (
+        [Driver(0, 1, 30, braking=(1, 8, -2.9)), Driver(-12, 1, 30)], "bv-rear", "rear-end by BV"
+    ),
+    "AV cuts in ahead of a faster BV": (
+        [Driver(0, 0, 25, ((1, 1),)), Driver(-46, 1, 35)], "bv-rear-av-cut-in", "rear-end by BV"
+    ),
+    "AV cut in ahead and brakes": (
+        [Driver(0, 0, 25, ((0, 1),), (2, 5, -4.0)), Driver(-40, 1, 30)], "bv-rear-av-cut-in", "rear-end by BV"
+    ),
+    "AV cut in long ago": (
+        [Driver(0, 0, 25, ((0, 1),)), Driver(-96, 1, 35)], "bv-rear", "rear-end by BV"
+    ),
+    "BV changes lanes behind": (
+        [Driver(0, 1, 25), Driver(-46, 0, 35, ((1, 1),))], "bv-rear-bv-change", "rear-end by BV"
+    ),
+    "BV hits an AV that leaves its lane": (
+        [Driver(0, 1, 25, ((2, 0),)), Driver(-26, 1, 35)], "bv-rear", "rear-end by BV"
+    ),
+    "AV closes in on a slow BV": ([Driver(0, 1, 30), Driver(40, 1, 25)], "av-rear", "rear-end by AV"),
+    "BV ahead brakes hard": (
+        [Driver(0, 1, 30), Driver(15, 1, 30, braking=(3, 6, -4.0))], "av-rear-bv-braking", "rear-end by AV"
+    ),
+    "BV cuts in ahead": (
+        [Driver(0, 1, 35), Driver(46, 0, 25, ((1, 1),))], "av-rear-bv-cut-in", "rear-end by AV"
+    ),
+    "AV changes lanes into a rear": (
+        [Driver(0, 0, 35, ((1, 1),)), Driver(46, 1, 25)], "av-rear-av-change", "rear-end by AV"
+    ),
+    "BV moves over into the AV beside it": ([BESIDE, Driver(1, 0, 30, ((1, 1),))], "bv-side", "side"),
+    "AV moves over into the BV beside it": ([Driver(0, 0, 30, ((1, 1),)), Driver(1, 1, 30)], "av-side", "side"),
+    "AV enters the lane that the BV is about to leave": (
+        [Driver(0, 0, 30, ((1, 1),)), Driver(1, 1, 30, ((2.5, 2),))], "av-side", "side"
+    ),
+    "both enter one lane from the same side, the BV faster": (
+        [Driver(0, 0, 25, ((0, 1),)), Driver(-20, 0, 33, ((0, 1),))], "same-lane-same-side", "rear-end by BV"
+    ),
+    "both enter one lane from the same side, the AV faster": (
+        [Driver(-20, 0, 33, ((0, 1),)), Driver(0, 0, 25, ((1, 1),))], "same-lane-same-side", "rear-end by AV"
+    ),
+    "both enter one lane from opposite sides": (
+        [Driver(0, 0, 30, ((0, 1),)), Driver(1, 2, 30, ((1, 1),))], "same-lane-opposite-sides", "side"
+    ),
+    "both enter one lane from opposite sides, one behind": (
+        [Driver(0, 0, 25, ((0, 1),)), Driver(-33, 2, 35, ((0, 1),))], "same-lane-opposite-sides", "rear-end by BV"
+    ),
+    "each enters the other's lane": (
+        [Driver(0, 1, 30, ((0, 2),)), Driver(1, 2, 30, ((0, 1),))], "swap", "side"
+    ),
+    "the AV aborts, back into a BV that has drawn level": (
+        [Driver(0, 1, 25, ((0, 2), (2.4, 1))), Driver(-16, 1, 30)], "av-side", "side"
+    ),
+    "the AV drifts out of its lane": ([Driver(0, 1, 30, drift=0.5), Driver(1, 2, 30)], "other", "side"),
+    "after a crash of two BVs ahead": (
+        [Driver(0, 1, 30, braking=(2, 6, -4.0)), Driver(-15, 1, 30),
+         Driver(60, 1, 25, gone_at=2.0), Driver(64, 1, 25, gone_at=2.0)], "follow-up", "rear-end by BV"
+    ),
+    "after a crash of two BVs far away": (
+        [Driver(0, 1, 30, braking=(2, 6, -4.0)), Driver(-15, 1, 30),
+         Driver(400, 1, 25, gone_at=2.0), Driver(404, 1, 25, gone_at=2.0)], "bv-rear-av-braking", "rear-end by BV"
+    ),
+    "after two BVs far from each other left the road": (
+        [Driver(0, 1, 30, braking=(2, 6, -4.0)), Driver(-15, 1, 30),
+         Driver(60, 1, 25, gone_at=2.0), Driver(-60, 1, 25, gone_at=2.0)], "bv-rear-av-braking", "rear-end by BV"
+    ),
+    "after a crash of two BVs long ago": (
+        [Driver(0, 1, 30, braking=(7, 11, -4.0)), Driver(-15, 1, 30),
+         Driver(60, 1, 25, gone_at=2.0), Driver(64, 1, 25, gone_at=2.0)], "bv-rear-av-braking", "rear-end by BV"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_crashes_driven_by_hand_and_their_mirror_images(name: str) -> None:
+    drivers, mechanism, contact = CASES[name]
+    scenario = scenario_of(drivers)
+    for image in (scenario, mirrored(scenario)):
+        found = mechanism_of(image)
+        assert (found.name, found.contact) == (mechanism, contact)
+
+
+def test_every_mechanism_is_driven_by_hand() -> None:
+    assert {mechanism for _, mechanism, _ in CASES.values()} == set(MECHANISMS)
+
+
+def test_what_is_said_beside_the_name() -> None:
+    found = mechanism_of(scenario_of([Driver(0, 0, 25, ((0, 1),)), Driver(-20, 0, 33, ((0.5, 1),))]))
+    assert (found.at_start, found.av_changing, found.bv_changing, found.bv_start_after_av_s) == (True, True, True, 0.5)
+    late = mechanism_of(scenario_of([Driver(0, 1, 25), Driver(-40, 1, 30)]))  # contact at 7 s
+    assert (late.at_start, late.av_changing, late.bv_changing, late.bv_start_after_av_s) == (False, False, False, None)
+
+
+@pytest.mark.parametrize(("contact_at", "at_start"), [(3.9, True), (4.0, True), (4.1, False)])
+def test_the_start_ends_at_four_seconds(contact_at: float, at_start: bool) -> None:
+    # closing at 10 m/s from 5 m more than `contact_at` needs; the boxes overlap in the frame after they touch
+    scenario = scenario_of([Driver(0, 1, 20), Driver(-5.0 - 10.0 * contact_at + 0.5, 1, 30)])
+    assert scenario.crash is not None
+    assert scenario.crash.time == pytest.approx(contact_at)
+    assert mechanism_of(scenario).at_start is (contact_at < 4.0) is (at_start and contact_at != 4.0)
+
+
+@given(st.sampled_from(sorted(CASES)), st.floats(-1e4, 1e4))
+def test_the_place_on_the_road_does_not_matter(name: str, shift: float) -> None:
+    drivers, mechanism, _ = CASES[name]
+    scenario = scenario_of(drivers)
+    assert mechanism_of(replace(scenario, x=scenario.x + round(shift))).name == mechanism
+
+
+@given(st.sampled_from(sorted(CASES)), st.permutations(range(3)))
+def test_the_order_of_background_vehicles_does_not_matter(name: str, order: list[int]) -> None:
+    drivers, mechanism, _ = CASES[name]
+    extra = [Driver(300.0, 3, 30.0)] * (4 - len(drivers))
+    bvs = [*drivers[1:], *extra]
+    shuffled = [bvs[i] for i in order]
+    scenario = scenario_of([drivers[0], *shuffled], partner=1 + order.index(0))
+    assert mechanism_of(scenario).name == mechanism
+
+
+def test_stored_precision_is_enough() -> None:
+    for drivers, mechanism, _ in CASES.values():
+        scenario = scenario_of(drivers)
+        small = {name: getattr(scenario, name).astype(np.float32) for name in ("x", "y", "speed", "heading")}
+        assert mechanism_of(replace(scenario, **small)).name == mechanism
+
+
+def test_a_vehicle_that_joins_late_did_not_change_lanes_by_that() -> None:
+    scenario = scenario_of([Driver(0, 1, 25), Driver(-40, 1, 30)])
+    present, target = scenario.present.copy(), scenario.target_lane.copy()
+    present[:50, 1], target[:50, 1] = False, -1
+    found = mechanism_of(replace(scenario, present=present, target_lane=target))
+    assert (found.name, found.bv_changing) == ("bv-rear", False)
+
+
+def test_the_pose_at_contact() -> None:
+    scenario = scenario_of([Driver(0, 1, 20), Driver(-14.5, 1, 30)])
+    assert contact_pose(scenario) == pytest.approx(np.array([[20.0, 6.0, 20.0, 0.0], [15.5, 6.0, 30.0, 0.0]]))
+
+
+def test_only_crashes_of_the_av_have_a_mechanism() -> None:
+    scenario = scenario_of([Driver(0, 1, 25), Driver(-40, 1, 30)])
+    for crash in (None, Crash(1.0, 1, 2)):
+        with pytest.raises(InputError, match="0:0 holds no crash of the AV"):
+            mechanism_of(replace(scenario, crash=crash))
+    for crash in (Crash(99.0, 0, 1), Crash(1.0, 0, 7)):
+        with pytest.raises(InputError, match="not in the recording"):
+            mechanism_of(replace(scenario, crash=crash))
