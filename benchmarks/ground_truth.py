@@ -1,0 +1,237 @@
+"""The ground truth of natural crash rates: long counts that go on where anybody stopped.
+
+    .venv/bin/python benchmarks/ground_truth.py --minutes 30 --write docs/results.md
+
+Counts whole blocks of tests for a fixed list of settings (`--list`), in order, from where the committed ledger and the
+working folder are. A stop at any moment (Ctrl-C, kill, end of `--minutes`) loses the block in progress; Ctrl-C and the
+end write the ledger too. Commit `benchmarks/ground_truth.json` and another machine goes on from it; counts of another
+model, AV, road, simulation code or seed are refused.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+from ground_truth_settings import SETTINGS, Setting, varied_model
+from ground_truth_tables import BEGIN, END, render, replace_block
+from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, write_ledger
+
+from cornerforge.errors import CornerForgeError, InputError
+from cornerforge.ndd.model import default_model_path, load_model, save_model
+from cornerforge.pipeline.crashes import NaturalCrashes
+from cornerforge.pipeline.output import write_text
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
+from cornerforge.rates.monte_carlo import BLOCK, Block, drive_block
+from cornerforge.sim.runner import warm_up
+
+SEED = 0
+LEDGER = Path(__file__).parent / "ground_truth.json"
+_SAY_SECONDS = 20.0
+
+
+@dataclass(frozen=True)
+class Session:
+    """How this session works.
+
+    Attributes:
+        out: Working folder: an entry of each setting after every block, and the models of the variations.
+        data: Trajectory files for variations that need a fit.
+        threads: Pool size; does not change the result.
+        until: Moment of `time.monotonic` at which no new block is begun.
+        most: Never more tests than this per setting, for a trial.
+        restart: Forget entries of other hashes.
+    """
+
+    out: Path
+    data: Sequence[Path]
+    threads: int
+    until: float
+    most: int | None
+    restart: bool
+
+    def wanted(self, setting: Setting) -> int:
+        return setting.tests if self.most is None else min(setting.tests, self.most)
+
+
+def prepare(setting: Setting, session: Session) -> tuple[Experiment, dict[str, Any]]:
+    """The run of a setting, and what must agree for its counts to mix."""
+    model = None
+    if setting.variation is not None:
+        varied = varied_model(load_model(default_model_path()), setting.variation, session.data)
+        model = session.out / "models" / f"{setting.name}.npz"
+        model.parent.mkdir(parents=True, exist_ok=True)
+        save_model(varied, model)
+    run = experiment(av=setting.av, lanes=setting.lanes, model=model)
+    return run, {**run.identity(SEED), "simulation": simulation_hash()}
+
+
+def take_up(setting: Setting, known: Entry | None, session: Session) -> tuple[Experiment, Entry]:
+    """The run of a setting and its entry so far, the further one of ledger and working folder.
+
+    Raises:
+        InputError: One of them was counted with something else.
+    """
+    run, identity = prepare(setting, session)
+    place = _place(setting, session)
+    sources = {f"The ledger's entry {setting.name}": known, str(place): _readable(place, session)}
+    return run, furthest(sources, identity, restart=session.restart)
+
+
+def _place(setting: Setting, session: Session) -> Path:
+    return session.out / f"{setting.name}.json"
+
+
+def count(setting: Setting, run: Experiment, entry: Entry, session: Session) -> Iterable[Entry]:
+    """Go on with one setting; yields its entry at the start and after every block.
+
+    Raises:
+        InputError: This machine computes other bits than the one that began.
+    """
+    yield entry
+    if entry.counts.tests >= session.wanted(setting) or time.monotonic() >= session.until:
+        return
+    warm_up(run.setting, run.slots)
+    if entry.counts.tests:
+        _check_bits(setting, run, entry, session)
+    if entry.travel is None:
+        travel = bv_travel(run.setting, run.slots, seed=SEED, tests=SAMPLE_TESTS, threads=session.threads)
+        entry = replace(entry, travel=travel)
+    crashes = NaturalCrashes(run, SEED)
+    while entry.counts.tests < session.wanted(setting) and time.monotonic() < session.until:
+        block = _block(run, entry.counts.tests, session)
+        if entry.counts.tests == 0:
+            entry = replace(entry, first_block=block.digest)
+        for test in block.crashed:
+            entry = entry.with_crash(test, crashes.record(test)[1])
+        entry = replace(entry, counts=entry.counts.plus(block))
+        write_text(_place(setting, session), entry.to_text() + "\n")
+        yield entry
+
+
+def _readable(place: Path, session: Session) -> Entry | None:
+    """The working folder's entry; what cannot be read counts as absent when starting anew."""
+    try:
+        return read_entry(place)
+    except CornerForgeError:
+        if not session.restart:
+            raise
+        return None
+
+
+def _block(run: Experiment, first: int, session: Session) -> Block:
+    return drive_block(run.setting, run.slots, seed=SEED, first=first, tests=BLOCK, threads=session.threads)
+
+
+def _check_bits(setting: Setting, run: Experiment, entry: Entry, session: Session) -> None:
+    """Drive the first block again: another processor or library might compute other bits, and hashes do not see it."""
+    if _block(run, 0, session).digest != entry.first_block:
+        raise InputError(
+            f"{setting.name}: tests 0 to {BLOCK - 1} come out otherwise on this machine than in the ledger, though all "
+            "hashes agree. Go on where it was counted, or begin the setting anew in another --ledger and --out."
+        )
+
+
+def work(chosen: Sequence[Setting], entries: dict[str, Entry], session: Session) -> None:
+    """Go on with all chosen settings, in order; `entries` is kept up to date, so that a stop loses nothing.
+
+    All are taken up before the first is driven: what is refused is refused at once, not after a night.
+    """
+    taken = [(setting, *take_up(setting, entries.get(setting.name), session)) for setting in chosen]
+    for setting, run, begun in taken:
+        said = 0.0
+        for entry in count(setting, run, begun, session):
+            if entry.counts.tests:
+                entries[setting.name] = entry
+            if time.monotonic() - said > _SAY_SECONDS:
+                said = time.monotonic()
+                _say(setting, entry, session)
+        _say(setting, entry, session)
+
+
+def _say(setting: Setting, entry: Entry, session: Session) -> None:
+    done, wanted, counts = entry.counts.tests, session.wanted(setting), entry.counts
+    speed = counts.tests / counts.seconds if counts.seconds else 0.0
+    left = max(0, wanted - done) / speed / 60.0 if speed else float("nan")
+    print(
+        f"{setting.name}: {done:,} of {wanted:,} tests, {counts.av_crashes} crashes, {counts.bv_crashes} between BVs; "
+        f"{speed:,.0f} tests/s, {left:.0f} min left",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Count natural crashes for a fixed list of settings.")
+    parser.add_argument("--list", action="store_true", help="name the settings and how far each is, and stop")
+    parser.add_argument("--only", action="append", metavar="NAME", help="this setting; * stands for any text")
+    parser.add_argument("--minutes", type=float, help="begin no block after this time; default: until all is done")
+    parser.add_argument("--threads", type=int, help="default: all cores; does not change results")
+    parser.add_argument("--tests", type=int, help="at most so many tests a setting, for a trial (whole blocks)")
+    parser.add_argument("--data", nargs="+", type=Path, default=[], help="trajectory files, for variations of the fit")
+    parser.add_argument("--out", type=Path, default=Path("out/ground-truth"), help="working folder")
+    parser.add_argument("--ledger", type=Path, default=LEDGER, help="the committed ledger")
+    parser.add_argument("--restart", action="store_true", help="forget counts of the chosen settings of other hashes")
+    parser.add_argument("--write", type=Path, metavar="PATH", help="replace the marked block of this document")
+    parsed = parser.parse_args(arguments)
+    patterns = parsed.only or ["*"]
+    parsed.chosen = [setting for setting in SETTINGS if any(fnmatch(setting.name, p) for p in patterns)]
+    if not parsed.chosen:
+        parser.error(f"no setting is named {' or '.join(patterns)}; --list names them.")
+    if (parsed.minutes is not None and parsed.minutes <= 0.0) or (parsed.tests is not None and parsed.tests < 1):
+        parser.error("--minutes and --tests must be above 0.")
+    text = parsed.write.read_text("utf-8") if parsed.write and parsed.write.is_file() else ""
+    if parsed.write and not 0 <= text.find(BEGIN) < text.find(END):
+        parser.error(f"{parsed.write} has no lines {BEGIN} and {END}; put them where the tables shall stand.")
+    return parsed
+
+
+def _without_data(chosen: Sequence[Setting], given: argparse.Namespace) -> list[Setting]:
+    """Leave out, with a word, settings that need a fit when no data are named and they were not asked for by name."""
+    needy = [s for s in chosen if s.variation is not None and s.variation.part == "fit" and not given.data]
+    if needy and not given.only:
+        print(f"left out without --data: {', '.join(s.name for s in needy)}", file=sys.stderr)
+        return [setting for setting in chosen if setting not in needy]
+    return list(chosen)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Work through a slice; returns the exit status, as the command line of cornerforge has it."""
+    given = _arguments(arguments)
+    try:
+        entries = read_ledger(given.ledger)
+        if given.list:
+            for setting in given.chosen:
+                done = entries[setting.name].counts.tests if setting.name in entries else 0
+                print(f"{setting.name:<32}{done:>14,} of {setting.tests:>12,} tests")
+            return 0
+        until = time.monotonic() + 60.0 * given.minutes if given.minutes else float("inf")
+        threads = check_threads(given.threads)
+        session = Session(given.out, given.data, threads, until, given.tests, given.restart)
+        status = 0
+        try:
+            work(_without_data(given.chosen, given), entries, session)
+        except KeyboardInterrupt:
+            print("interrupted; finished blocks are kept.", file=sys.stderr)
+            status = 130
+        finally:
+            write_ledger(given.ledger, entries)
+        block = render(entries, SETTINGS)
+        print(block)
+        if given.write:
+            write_text(given.write, replace_block(given.write.read_text("utf-8"), block))
+        return status
+    except CornerForgeError as error:
+        print(f"ground_truth: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

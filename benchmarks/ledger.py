@@ -1,0 +1,192 @@
+"""The ledger of the ground truth: what long counts came to so far, in one committed file from which anybody goes on.
+
+An entry holds all that tests 0 .. n-1 of a setting gave, and the hashes of what they were driven with: natural traffic
+of the same model, AV, road, simulation code and seed gives the same tests to the bit, so test n follows on any machine.
+Counts of different hashes never mix.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cornerforge
+from cornerforge.analysis.mechanism import MECHANISMS
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.pipeline.crashes import CrashStudy
+from cornerforge.pipeline.output import read_json_file, write_text
+from cornerforge.rates.exposure import BvTravel
+from cornerforge.rates.monte_carlo import MonteCarlo
+
+__all__ = ["SCHEMA", "Entry", "agree", "furthest", "read_entry", "read_ledger", "simulation_hash", "write_ledger"]
+
+SCHEMA = 1
+_SIMULATION = ("_jit.py", "_philox.py", "geometry.py", "types.py", "drivers/*.py", "sim/*.py")
+_NOT_NATURAL = ("policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py")
+"""Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
+_CRASH_COLUMNS = ("test", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked")
+
+
+def _skeleton(node: object) -> Iterator[str]:
+    """A syntax tree without places, comments and docstrings, and without what Python versions write differently."""
+    if isinstance(node, ast.AST):
+        yield type(node).__name__
+        for name, value in ast.iter_fields(node):
+            if value is None or value == []:
+                continue
+            yield f"{name}("
+            if name == "body" and isinstance(value, list):
+                value = [item for item in value if not _is_text(item)]
+            yield from _skeleton(value)
+            yield ")"
+    elif isinstance(node, list):
+        for item in node:
+            yield from _skeleton(item)
+    else:
+        yield repr(node)
+
+
+def _is_text(statement: ast.AST) -> bool:
+    """Is a statement a docstring, or a text that documents the constant above it?"""
+    return isinstance(statement, ast.Expr) and isinstance(getattr(statement.value, "value", None), str)
+
+
+def simulation_hash(package: Path | None = None) -> str:
+    """SHA-256 (first 16 hex digits) over the code that decides how natural traffic drives; comments do not count."""
+    package = package or Path(cornerforge.__file__).parent
+    digest = hashlib.sha256()
+    for pattern in _SIMULATION:
+        for path in sorted(package.glob(pattern)):
+            if path.name not in _NOT_NATURAL:
+                digest.update(f"{path.relative_to(package).as_posix()}\n".encode())
+                digest.update(" ".join(_skeleton(ast.parse(path.read_text(encoding="utf-8")))).encode())
+    return digest.hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one setting came to.
+
+    Attributes:
+        identity: Names and hashes of what was driven.
+        counts: Tests 0 .. n-1, whole blocks only.
+        first_block: Digest of block 0 alone: to see whether another machine computes the same bits.
+        travel: Distance of BVs, from a counted sample; None before the first block.
+        crashes: `CrashStudy` columns and `test` of every AV crash, in the order of the tests.
+    """
+
+    identity: dict[str, Any]
+    counts: MonteCarlo = field(default_factory=MonteCarlo)
+    first_block: str = ""
+    travel: BvTravel | None = None
+    crashes: tuple[dict[str, Any], ...] = ()
+
+    def with_crash(self, test: int, study: CrashStudy) -> Entry:
+        """This entry with one more crash described."""
+        columns = study.columns()
+        if columns["rarest_chance"] is not None:
+            columns["rarest_chance"] = float(f"{columns['rarest_chance']:.3g}")
+        return replace(self, crashes=(*self.crashes, {"test": test, **columns}))
+
+    def to_text(self) -> str:
+        """JSON with one line a crash, so that a diff of the file shows what came new."""
+        counts = {key: value for key, value in self.counts.to_json().items() if key != "crashed"}
+        for key in ("seconds", "cpu_seconds"):
+            counts[key] = round(counts[key], 1)
+        travel = None if self.travel is None else vars(self.travel)
+        parts = {"identity": self.identity, "counts": counts, "first_block": self.first_block, "bv_travel": travel}
+        lines = [f'"{name}": {json.dumps(value, allow_nan=False)}' for name, value in parts.items()]
+        rows = [json.dumps([crash[name] for name in _CRASH_COLUMNS]) for crash in self.crashes]
+        crashes = "[\n" + ",\n".join(rows) + "\n]" if rows else "[]"
+        lines += [f'"crash_columns": {json.dumps(_CRASH_COLUMNS)}', f'"crashes": {crashes}']
+        return "{\n" + ",\n".join(lines) + "\n}"
+
+
+def _entry(content: Mapping[str, Any], where: str) -> Entry:
+    try:
+        names = content["crash_columns"]
+        crashes = tuple(dict(zip(names, row, strict=True)) for row in content["crashes"])
+        travel = content["bv_travel"]
+        counts = MonteCarlo.from_json({**content["counts"], "crashed": [crash["test"] for crash in crashes]})
+        unknown = {crash["mechanism"] for crash in crashes} - set(MECHANISMS)
+        if unknown or tuple(names) != _CRASH_COLUMNS:
+            raise ValueError(f"unknown {unknown or names}")
+        return Entry(
+            dict(content["identity"]),
+            counts,
+            str(content["first_block"]),
+            None if travel is None else BvTravel(**travel),
+            crashes,
+        )
+    except (KeyError, TypeError, ValueError, FileFormatError) as error:
+        raise FileFormatError(f"{where} is no entry of a ledger of this version ({error}); remove it.") from error
+
+
+def read_ledger(path: Path) -> dict[str, Entry]:
+    """All entries of a ledger by the setting's name; none if there is no file.
+
+    Raises:
+        FileFormatError: It is damaged or of another schema.
+    """
+    if not path.exists():
+        return {}
+    content = read_json_file(path)
+    if content.get("schema") != SCHEMA or not isinstance(content.get("settings"), dict):
+        raise FileFormatError(f"{path} is no ledger of schema {SCHEMA}; choose another with --ledger.")
+    return {name: _entry(entry, f"{path}: {name}") for name, entry in content["settings"].items()}
+
+
+def write_ledger(path: Path, entries: Mapping[str, Entry]) -> None:
+    """Write a ledger whole, or not at all; settings in the order of their names."""
+    body = ",\n".join(f"{json.dumps(name)}: {entries[name].to_text()}" for name in sorted(entries))
+    write_text(path, f'{{"schema": {SCHEMA}, "settings": {{\n{body}\n}}}}\n')
+
+
+def read_entry(path: Path) -> Entry | None:
+    """One entry from a file of its own; None if there is none."""
+    return _entry(read_json_file(path), str(path)) if path.exists() else None
+
+
+def agree(entry: Entry, identity: Mapping[str, Any], where: str) -> None:
+    """Check that an entry was made with the same model, AV, road, code and seed.
+
+    Raises:
+        InputError: It was not; the message names all that differs.
+    """
+    keys = [key for key in {**entry.identity, **identity} if entry.identity.get(key) != identity.get(key)]
+    if keys:
+        differences = ", ".join(f"{key} {entry.identity.get(key)} (here {identity.get(key)})" for key in keys)
+        raise InputError(
+            f"{where} was counted with other {differences}. Such counts do not mix: "
+            "go back to that version, or begin this setting anew with --restart."
+        )
+
+
+def furthest(entries: Mapping[str, Entry | None], identity: Mapping[str, Any], *, restart: bool) -> Entry:
+    """The entry with the most tests among those of the same identity; a new one if there is none.
+
+    Args:
+        entries: By where they lie.
+        identity: What is to be driven now.
+        restart: Forget entries of another identity instead of refusing them.
+
+    Raises:
+        InputError: One is of another identity, and `restart` is False.
+    """
+    best = Entry(dict(identity))
+    for where, entry in entries.items():
+        if entry is None:
+            continue
+        try:
+            agree(entry, identity, where)
+        except InputError:
+            if not restart:
+                raise
+            continue
+        best = entry if entry.counts.tests > best.counts.tests else best
+    return best

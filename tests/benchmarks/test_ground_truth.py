@@ -1,0 +1,325 @@
+"""The ledger of the ground truth: it goes on, refuses to mix, and its models change one number only."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.ndd.model import NddModel, default_model_path, load_model
+from cornerforge.pipeline.crashes import CrashStudy
+from cornerforge.rates.exposure import BvTravel
+from cornerforge.rates.monte_carlo import Block, MonteCarlo
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS))
+
+import ground_truth  # noqa: E402
+from ground_truth_settings import SETTINGS, Setting, Variation, varied_model  # noqa: E402
+from ground_truth_tables import BEGIN, END, render, replace_block  # noqa: E402
+from ledger import (  # noqa: E402
+    Entry,
+    agree,
+    furthest,
+    read_entry,
+    read_ledger,
+    simulation_hash,
+    write_ledger,
+)
+
+IDENTITY = {"seed": 0, "av_hash": "a", "model_hash": "m", "simulation": "s"}
+
+
+def some_entry(blocks: int = 2, identity: dict[str, Any] | None = None) -> Entry:
+    """One crash in the third test of each block of 100."""
+    entry = Entry(IDENTITY if identity is None else identity, first_block="ab", travel=BvTravel(9.2, 0.003, 4096))
+    for k in range(blocks):
+        block = Block(100, 2, 1300, 40_000_000, 1.5, 2.5, (100 * k + 2,), f"digest {k}")
+        study = CrashStudy("sideswipe", "bv-side", k == 0, 1.23456e-7, True, True)
+        entry = replace(entry.with_crash(100 * k + 2, study), counts=entry.counts.plus(block))
+    return entry
+
+
+# --- the file ---
+
+
+def test_a_ledger_comes_back_as_it_was(tmp_path: Path) -> None:
+    entries = {"b": some_entry(3), "a": Entry({"seed": 0})}
+    write_ledger(tmp_path / "l.json", entries)
+    found = read_ledger(tmp_path / "l.json")
+    assert found == entries
+    assert found["b"].crashes[1] == {
+        "test": 102, "crash_type": "sideswipe", "mechanism": "bv-side", "at_start": False, "rarest_chance": 1.23e-7,
+        "rare_action": True, "overlooked": True,
+    }  # fmt: skip
+    first = (tmp_path / "l.json").read_bytes()
+    write_ledger(tmp_path / "l.json", found)
+    assert (tmp_path / "l.json").read_bytes() == first
+    json.loads(first)
+    assert first.decode().count("\n[") == 3, "a line for each crash"
+    write_ledger(tmp_path / "none.json", {})
+    assert read_ledger(tmp_path / "none.json") == {} == read_ledger(tmp_path / "missing.json")
+
+
+def test_damage_and_other_schemas_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "l.json"
+    write_ledger(path, {"x": some_entry()})
+    whole = json.loads(path.read_text())
+    entry = whole["settings"]["x"]
+    for spoiled in (
+        {**entry, "crashes": entry["crashes"][:1]},
+        {**entry, "counts": {"tests": 5}},
+        {**entry, "crashes": [[*row[:2], "sorcery", *row[3:]] for row in entry["crashes"]]},
+        {key: value for key, value in entry.items() if key != "identity"},
+    ):
+        path.write_text(json.dumps({"schema": 1, "settings": {"x": spoiled}}))
+        with pytest.raises(FileFormatError, match="x is no entry of a ledger"):
+            read_ledger(path)
+    path.write_text(json.dumps({**whole, "schema": 99}))
+    with pytest.raises(FileFormatError, match="schema 1"):
+        read_ledger(path)
+    assert read_entry(tmp_path / "absent.json") is None
+
+
+# --- going on ---
+
+
+def test_the_furthest_entry_of_the_same_hashes_is_taken() -> None:
+    short, long = some_entry(1), some_entry(4)
+    for order in ((short, long), (long, short), (None, long)):
+        assert furthest({"one": order[0], "two": order[1]}, IDENTITY, restart=False) is long
+    assert furthest({"one": None}, IDENTITY, restart=False).counts == MonteCarlo()
+
+
+@pytest.mark.parametrize("key", ["model_hash", "av_hash", "simulation", "seed"])
+def test_counts_of_other_hashes_are_refused_by_name(key: str) -> None:
+    other = {**IDENTITY, key: "other"}
+    with pytest.raises(InputError, match=f"two was counted with other {key}") as refused:
+        furthest({"one": some_entry(), "two": some_entry(3, other)}, IDENTITY, restart=False)
+    assert [name for name in IDENTITY if name != key and name in str(refused.value)] == []
+    assert furthest({"one": some_entry(), "two": some_entry(3, other)}, IDENTITY, restart=True).counts.tests == 200
+    agree(some_entry(), IDENTITY, "here")
+    with pytest.raises(InputError, match="new_key"):
+        agree(some_entry(), {**IDENTITY, "new_key": 1}, "here")
+
+
+def package_with(tmp_path: Path, name: str, code: str) -> Path:
+    package = tmp_path / name
+    (package / "sim").mkdir(parents=True)
+    (package / "sim" / "step.py").write_text(code)
+    (package / "cli.py").write_text(f"print({name!r})")
+    return package
+
+
+def test_only_what_decides_outcomes_changes_the_simulation_hash(tmp_path: Path) -> None:
+    def hashed(name: str, code: str) -> str:
+        return simulation_hash(package_with(tmp_path, name, code))
+
+    plain = hashed("a", '"""A."""\nX = 1\n\ndef f(a: int) -> int:\n    """Doc."""\n    return a + X\n')
+    assert hashed("b", 'X = 1  # why\n"""What."""\n\n\ndef f(a: int) -> int:\n    return a + X\n') == plain
+    assert hashed("c", "X = 2\n\ndef f(a: int) -> int:\n    return a + X\n") != plain
+    assert hashed("d", "X = 1\n\ndef f(a: int) -> int:\n    return a - X\n") != plain
+    assert len(simulation_hash()) == 16
+
+
+# --- really counting ---
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> Setting:
+    setting = Setting("blind", "idm-mobil-blind", 3, 12_000)
+    monkeypatch.setattr(ground_truth, "BLOCK", 3_000)
+    monkeypatch.setattr(ground_truth, "SAMPLE_TESTS", 256)
+    monkeypatch.setattr(ground_truth, "SETTINGS", (setting,))
+    return setting
+
+
+def run(tmp_path: Path, name: str, *more: str) -> int:
+    return ground_truth.main(
+        ["--threads", "1", "--out", str(tmp_path / name), "--ledger", str(tmp_path / f"{name}.json"), *more]
+    )
+
+
+def untimed(entry: Entry) -> Entry:
+    return replace(entry, counts=replace(entry.counts, seconds=0.0, cpu_seconds=0.0))
+
+
+def test_a_ledger_alone_is_enough_to_go_on(small: Setting, tmp_path: Path) -> None:
+    """Two sessions, the second on a machine that has the ledger only, give what one session gives."""
+    assert run(tmp_path, "whole") == 0
+    assert run(tmp_path, "first", "--tests", "5000") == 0  # two blocks
+    assert read_ledger(tmp_path / "first.json")[small.name].counts.tests == 6_000
+    (tmp_path / "second.json").write_bytes((tmp_path / "first.json").read_bytes())
+    assert run(tmp_path, "second") == 0
+    whole, second = (read_ledger(tmp_path / f"{name}.json")[small.name] for name in ("whole", "second"))
+    assert whole.counts.tests == 12_000
+    assert whole.counts.av_crashes == len(whole.crashes) > 0
+    assert untimed(second) == untimed(whole)
+    working = read_entry(tmp_path / "second" / "blind.json")
+    assert working is not None
+    assert untimed(working) == untimed(second)
+
+
+def test_a_stop_keeps_finished_blocks(small: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, calls = ground_truth.drive_block, []
+
+    def interrupted(*a: Any, **k: Any) -> Block:
+        calls.append(k["first"])
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return real(*a, **k)
+
+    monkeypatch.setattr(ground_truth, "drive_block", interrupted)
+    assert run(tmp_path, "r") == 130
+    assert read_ledger(tmp_path / "r.json")[small.name].counts.tests == 6_000
+    (tmp_path / "r.json").unlink()  # as after a kill: the working folder alone
+    assert run(tmp_path, "r") == 0
+    assert calls[3:] == [0, 6_000, 9_000], "the first block once more, to compare bits, then on"
+    assert read_ledger(tmp_path / "r.json")[small.name].counts.tests == 12_000
+
+
+def test_other_code_and_other_bits_are_refused(
+    small: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, "r", "--tests", "1") == 0
+    entry = read_ledger(tmp_path / "r.json")[small.name]
+    write_ledger(tmp_path / "bits.json", {small.name: replace(entry, first_block="00")})
+    assert run(tmp_path, "bits") == 2
+    assert "come out otherwise on this machine" in capsys.readouterr().err
+    monkeypatch.setattr(ground_truth, "simulation_hash", lambda: "other")
+    assert run(tmp_path, "r") == 2
+    text = capsys.readouterr().err
+    assert "simulation" in text
+    assert "--restart" in text
+    assert read_ledger(tmp_path / "r.json")[small.name] == entry, "nothing is lost by a refusal"
+    assert run(tmp_path, "r", "--tests", "1", "--restart") == 0
+    again = read_ledger(tmp_path / "r.json")[small.name]
+    assert (again.identity["simulation"], again.counts.tests) == ("other", 3_000)
+
+
+@pytest.mark.usefixtures("small")
+def test_tables_go_between_the_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"# Results\n{BEGIN}\nwhat was there\n{END}\nafter\n")
+    assert run(tmp_path, "r", "--tests", "1", "--write", str(page)) == 0
+    text = page.read_text()
+    assert text.startswith(f"# Results\n{BEGIN}\n")
+    assert text.endswith(f"{END}\nafter\n")
+    assert "| idm-mobil-blind, 3 lanes | 3,000 |" in text
+    assert "what was there" not in text
+    page.write_text("no marks")
+    with pytest.raises(SystemExit):
+        run(tmp_path, "r", "--write", str(page))
+    assert BEGIN in capsys.readouterr().err
+
+
+# --- tables ---
+
+
+def test_tables_hold_what_can_be_reckoned_by_hand() -> None:
+    base, varied = SETTINGS[0], next(s for s in SETTINGS if s.name == "model-overlook-10")
+    few, many = some_entry(1), some_entry(1)
+    many = replace(many, counts=replace(many.counts, tests=50))
+    text = render({base.name: few, varied.name: many}, SETTINGS)
+    assert "| idm-mobil, 3 lanes | 100 | 1 | 1.00e-02 (2.53e-04 to 5.45e-02) |" in text  # Clopper-Pearson, 1 of 100
+    assert "| sideswipe | 1 (100 %) |" in text
+    assert "| BV changes lanes into the side of the AV | 1 (100 %) |" in text
+    # 2 BV-BV crashes in 920 BV-miles
+    assert "2.17e-03 (2.63e-04 to 7.85e-03)" in text
+    # 1 of 50 against 1 of 100: ratio 2, and 1 of 2 has the interval 0.0126 to 0.9874
+    row = next(line for line in text.splitlines() if line.startswith("| overlook x 10 |"))
+    assert "2.00 (0.03 to 156.99)" in row
+    assert "`idm-mobil-2-lanes`" in text.splitlines()[-1]
+    assert render({}, SETTINGS).startswith("The ledger is empty")
+    assert replace_block(f"a{BEGIN}b{END}c", "new") == f"a{BEGIN}\nnew\n{END}c"
+
+
+def test_the_committed_ledger_can_be_read_and_names_settings_of_the_list() -> None:
+    entries = read_ledger(ground_truth.LEDGER)
+    assert set(entries) <= {setting.name for setting in SETTINGS}
+    assert math.isfinite(sum(entry.counts.seconds for entry in entries.values()))
+
+
+def test_the_list_is_the_one_that_was_asked_for() -> None:
+    names = [setting.name for setting in SETTINGS]
+    assert len(set(names)) == len(names)
+    wanted = {(s.av, s.lanes): s.tests for s in SETTINGS if s.variation is None}
+    assert wanted[("idm-mobil", 3)] >= 3e8
+    assert min(wanted[(av, n)] for av in ("idm-mobil", "idm-mobil-d2rl") for n in (2, 3)) >= 1e8
+    assert {("idm-mobil-blind", 2), ("idm-mobil-blind", 3)} < set(wanted)
+    factors = {name: {s.variation.factor for s in SETTINGS if s.variation and s.variation.field == name}
+               for name in ("overlook", "overlook_conflict", "prior_strength")}  # fmt: skip
+    assert factors["overlook"] == factors["overlook_conflict"] == {0.0, 0.5, 2.0, 10.0}
+    assert factors["prior_strength"] == {50.0, 1000.0}
+
+
+# --- models ---
+
+
+@pytest.fixture(scope="module")
+def model() -> NddModel:
+    return load_model(default_model_path())
+
+
+TABLES = ("following", "free", "lc_base", "lc_desire", "lc_accept_lead", "lc_accept_rear")
+
+
+def _difference(a: NddModel, b: NddModel, name: str) -> float:
+    """Largest difference of a table, as a share of its largest number."""
+    return float(np.abs(getattr(a, name) - getattr(b, name)).max() / getattr(b, name).max())
+
+
+VARIATIONS = {s.variation.field: s.variation for s in SETTINGS if s.variation and s.variation.part != "fit"}
+
+
+@pytest.mark.parametrize("field", VARIATIONS)
+def test_a_variation_moves_what_it_names_and_factor_one_moves_nothing(model: NddModel, field: str) -> None:
+    variation = VARIATIONS[field]
+    varied, same = varied_model(model, variation, []), varied_model(model, replace(variation, factor=1.0), [])
+    moved = {name for name in TABLES if _difference(varied, model, name) > 2e-3}
+    expected = {
+        "model": set(),
+        "safe": {"following"},
+        "law": {"following"},
+        "lane_change": {"lc_base"} if field == "rate" else {"lc_accept_lead", "lc_accept_rear"},
+    }[variation.part]
+    assert moved == expected
+    if variation.part == "model":
+        assert getattr(varied, field) == variation.factor * getattr(model, field)
+    for name in TABLES:
+        assert _difference(same, model, name) < 2e-3, name
+
+
+def test_data_stay_where_the_prior_is_changed(model: NddModel) -> None:
+    """Counts that the shipped rows hold are in the new rows too: share * new prior is all that is left without them."""
+    counted: Any = model.provenance["counted"]
+    place = int(np.argmax(counted["decisions"]))
+    state, n = np.unravel_index(counted["state"][place], model.following.shape[:3]), counted["decisions"][place]
+    varied = varied_model(model, Variation("safe", "response", 1.5), [])
+    strength = 200.0
+    chosen = model.following[state] > 1.5 * np.median(model.following[state])
+    assert varied.following[state].sum() == pytest.approx(1.0, abs=1e-5)
+    # nothing may fall below what n decisions alone give, spread over the bins that were chosen
+    assert varied.following[state][chosen].sum() >= n / (n + strength) * 0.5
+
+
+def test_a_model_without_provenance_is_not_varied(model: NddModel) -> None:
+    bare = replace(model, provenance={})
+    with pytest.raises(InputError, match="does not say"):
+        varied_model(bare, Variation("safe", "response", 2.0), [])
+    wrong: dict[str, Any] = {**model.provenance}
+    wrong["following"] = {**wrong["following"], "response": 1.0}
+    with pytest.raises(InputError, match="not what its provenance says"):
+        varied_model(replace(model, provenance=wrong), Variation("safe", "response", 2.0), [])
+    wrong["following"] = {**wrong["following"], "unheard_of": 1.0}
+    with pytest.raises(InputError, match="unheard_of"):
+        varied_model(replace(model, provenance=wrong), Variation("safe", "response", 2.0), [])
+    with pytest.raises(InputError, match="--data"):
+        varied_model(model, Variation("fit", "prior_strength", 50.0), [])
