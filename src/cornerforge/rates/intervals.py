@@ -89,7 +89,7 @@ def rate_ratio_interval(
 
     >>> low, high = rate_ratio_interval(10, 1e6, 10, 1e6)
     >>> round(low, 3), round(high, 3)
-    (0.374, 2.674)
+    (0.374, 2.677)
     """
     check_integer("count", count, low=0)
     check_integer("base_count", base_count, low=0)
