@@ -152,6 +152,10 @@ CASES: dict[str, tuple[list[Driver], str, str]] = {
     "both enter one lane from opposite sides, one behind": (
         [Driver(0, 0, 25, ((0, 1),)), Driver(-33, 2, 35, ((0, 1),))], "same-lane-opposite-sides", "rear-end by BV"
     ),
+    "both enter one lane from opposite sides, the AV gives way too late": (
+        [Driver(0, 2, 24, ((0, 1), (2.4, 2))), Driver(-37, 0, 35, ((0, 1),))],
+        "same-lane-opposite-sides", "rear-end by BV"
+    ),
     "each enters the other's lane": (
         [Driver(0, 1, 30, ((0, 2),)), Driver(1, 2, 30, ((0, 1),))], "swap", "side"
     ),

@@ -17,6 +17,7 @@ overlap laterally and it went towards the other. Both at once under 3 or 4: the 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,9 +137,10 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
     frame, partner = _crash_frame(scenario)
-    av, bv = _last_change(scenario, frame, 0), _last_change(scenario, frame, partner)
+    av_changes, bv_changes = _recent_changes(scenario, frame, 0), _recent_changes(scenario, frame, partner)
+    av, bv = next(iter(av_changes), None), next(iter(bv_changes), None)
     contact = _contact_kind(scenario)
-    name = "follow-up" if _follows_bv_crash(scenario, frame) else _of_two_changes(av, bv)
+    name = "follow-up" if _follows_bv_crash(scenario, frame) else _of_two_changes(av_changes, bv_changes)
     if name is None:
         entered_av = av is not None and _came_from_outside(scenario, av, 0, partner)
         entered_bv = bv is not None and _came_from_outside(scenario, bv, partner, 0)
@@ -159,33 +161,36 @@ def _contact_kind(scenario: Scenario) -> str:
     return "rear-end by BV" if (av, bv) == (REAR, FRONT) else "side"
 
 
-def _last_change(scenario: Scenario, frame: int, column: int) -> _Change | None:
-    """The lane change that a vehicle is in at a frame, or ended at most 3 s before; an abort is a change of its own.
+def _recent_changes(scenario: Scenario, frame: int, column: int) -> list[_Change]:
+    """Lane changes that a vehicle is in at a frame, or ended at most 3 s before, the newest first.
 
-    Frames hold the target lane that was decided at them, so a change decided at the start shows in frame 0.
+    One that is aborted ends where the next, back to where it came from, begins. Frames hold the target lane that was
+    decided at them, so a change decided at the start shows in frame 0.
     """
     first = int(np.argmax(scenario.present[:, column]))
     target = scenario.target_lane[: frame + 1, column].astype(np.int64)
     away = (target + 0.5) * scenario.odd.lane_width - scenario.y[: frame + 1, column]
-    starts = np.flatnonzero(np.diff(target[first:]) != 0) + first + 1
-    if starts.size == 0 and abs(away[first]) <= _SETTLED_M:
-        return None
-    start = int(starts[-1]) if starts.size else first
-    settled = np.flatnonzero(np.abs(away[start:]) <= _SETTLED_M)
-    end = start + int(settled[0]) if settled.size else frame
-    if (frame - end) * FRAME_S > _RECENT_S:
-        return None
-    return _Change(start, end, int(target[start]), 1 if away[start] > 0.0 else -1)
+    starts = (np.flatnonzero(np.diff(target[first:]) != 0) + first + 1).tolist()
+    if abs(away[first]) > _SETTLED_M:
+        starts.insert(0, first)
+    changes = []
+    for start, following in zip(starts, [*starts[1:], frame], strict=False):
+        settled = np.flatnonzero(np.abs(away[start : following + 1]) <= _SETTLED_M)
+        end = start + int(settled[0]) if settled.size else following
+        if (frame - end) * FRAME_S <= _RECENT_S:
+            changes.append(_Change(start, end, int(target[start]), 1 if away[start] > 0.0 else -1))
+    return changes[::-1]
 
 
-def _of_two_changes(av: _Change | None, bv: _Change | None) -> str | None:
+def _of_two_changes(av_changes: list[_Change], bv_changes: list[_Change]) -> str | None:
     """Rule 2: both change lanes at the same time; None if it does not fit."""
-    if av is None or bv is None or av.start > bv.end or bv.start > av.end:
-        return None
-    if av.target == bv.target:
-        return "same-lane-same-side" if av.side == bv.side else "same-lane-opposite-sides"
-    if av.side != bv.side and av.target - av.side == bv.target and bv.target - bv.side == av.target:
-        return "swap"
+    for av, bv in itertools.product(av_changes, bv_changes):
+        if av.start > bv.end or bv.start > av.end:
+            continue
+        if av.target == bv.target:
+            return "same-lane-same-side" if av.side == bv.side else "same-lane-opposite-sides"
+        if av.side != bv.side and av.target - av.side == bv.target and bv.target - bv.side == av.target:
+            return "swap"
     return None
 
 
