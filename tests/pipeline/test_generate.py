@@ -237,7 +237,10 @@ def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) ->
 
 
 def test_unknown_case_and_unknown_library(swerve_library: Path, tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError, match="Did you mean"):
+    last = max(CaseLibrary.open(swerve_library).scalars(["test"])["test"].to_pylist())
+    with pytest.raises(UnknownNameError, match=f'Did you mean "5:{last}"'):
+        pipeline.replay(swerve_library, f"5:{last}9")
+    with pytest.raises(UnknownNameError, match=f"Known: 5:{last}"):
         pipeline.replay(swerve_library, "5:999999")
     with pytest.raises(FileFormatError, match="no case library"):
         pipeline.replay(tmp_path / "none", "0:1")
