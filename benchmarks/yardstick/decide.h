@@ -172,6 +172,14 @@ static double side_chance(
     return chance;
 }
 
+static double return_chance(const World *w, int64_t i, double overlook, const Road *road, const Tables *tables) {
+    const Vehicle *v = &w->v[i];
+    int64_t old = lane_of(v->y, road->lane_width);
+    if (old == v->target_lane || side_chance(w, i, v->target_lane, 1.0, 0.0, road, tables) > 0.0) return 0.0;
+    if (side_chance(w, i, old, 1.0, 0.0, road, tables) == 0.0) return 0.0;
+    return 1.0 - overlook;
+}
+
 static int64_t decide_naturalistic(
     const World *w, int64_t rank, int64_t seed, int64_t test, const Road *road, const Tables *tables
 ) {
@@ -192,6 +200,8 @@ static int64_t decide_naturalistic(
             }
             if (lane > 0 && draw < left + side_chance(w, i, lane - 1, base, tables->overlook, road, tables)) return 1;
         }
+    } else if (uniform(words.w[0]) < return_chance(w, i, tables->overlook, road, tables)) {
+        return lane_of(v[i].y, road->lane_width) > v[i].target_lane ? 0 : 1;
     }
     return 2 + index;
 }
@@ -274,6 +284,7 @@ static void resolve_conflicts(
     for (int64_t rank = w->info[N_VEHICLES] - 1; rank >= 0; rank--) {
         int64_t i = w->order[rank];
         if (i == 0 || v[i].present == 0 || v[i].action < 0 || v[i].action > 1) continue;
+        if (v[i].duration > 0.0) continue;
         int64_t target = v[i].target_lane + 1 - 2 * v[i].action;
         if (gives_way(w, i, target, av_lane, seed, test, road, tables)) {
             Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
