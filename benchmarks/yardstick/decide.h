@@ -16,7 +16,7 @@ static void neighbours_in_lane(
     const int64_t bit = (int64_t)1 << lane;
     double best_lead = SIGHT, best_rear = SIGHT;
     *lead = *rear = -1;
-    for (int64_t k = 0; k < w->info[N_CURRENT]; k++) {
+    for (int64_t k = 0; k < w->info[N_SEEN]; k++) {
         int64_t j = w->current[k];
         if (j == i) continue;
         double dx = v[j].x - v[i].x;
@@ -71,7 +71,9 @@ static double lead_acceleration(const World *w, int64_t i, int64_t lanes, const 
     return command;
 }
 
-static double side_gain(const World *w, int64_t lane, double acceleration_now, const Road *road, const Av *av) {
+static double side_gain(
+    const World *w, int64_t lane, double acceleration_now, double needed, const Road *road, const Av *av
+) {
     const Vehicle *v = w->v;
     double speed = v[0].speed;
     double lead_gap = INFINITY, lead_speed = speed, rear_gap = INFINITY, rear_speed = speed, rear_now = 0.0;
@@ -81,6 +83,9 @@ static double side_gain(const World *w, int64_t lane, double acceleration_now, c
         lead_gap = v[lead].x - v[0].x - road->length;
         lead_speed = v[lead].speed;
     }
+    if (av->mobil.politeness == 0.0 &&
+        idm_acceleration(speed, lead_gap, lead_speed - speed, &av->idm) - acceleration_now <= needed)
+        return needed;
     if (rear >= 0) {
         rear_gap = v[0].x - v[rear].x - road->length;
         rear_speed = v[rear].speed;
@@ -115,9 +120,11 @@ static double av_decide(const World *w, const Road *road, const Av *av, int64_t 
         return command;
     }
     double best_gain = av->mobil.min_gain;
+    if (av->mobil.politeness == 0.0 && idm_acceleration(v[0].speed, INFINITY, 0.0, &av->idm) - command <= best_gain)
+        return command;
     for (int64_t side = 1; side >= -1; side -= 2) {
         if (0 <= now + side && now + side < road->n_lanes) {
-            double gain = side_gain(w, now + side, command, road, av);
+            double gain = side_gain(w, now + side, command, best_gain, road, av);
             if (gain > best_gain) {
                 best_gain = gain;
                 *lane = now + side;
@@ -127,12 +134,20 @@ static double av_decide(const World *w, const Road *road, const Av *av, int64_t 
     return command;
 }
 
+/* Row and random word in one number, larger than any action: the look-up is put off. */
+static inline int64_t draw_later(int64_t row, uint64_t word) { return (row + 1) << 32 | (int64_t)word; }
+
+static inline int64_t drawn(const Tables *tables, int64_t action) {
+    if (action <= 0xFFFFFFFF) return action;
+    return 2 + sample_row(tables->cut, (action >> 32) - 1, (uint64_t)action & 0xFFFFFFFFu);
+}
+
 static int64_t worst_follow(
     const World *w, int64_t rank, const Road *road, const Tables *tables, uint64_t word, double rounding, double *gap,
     double *rate
 ) {
     const Vehicle *v = w->v;
-    int64_t i = w->order[rank], wanted = v[i].lanes, index = -1;
+    int64_t i = w->order[rank], wanted = v[i].lanes, action = -1;
     *gap = INFINITY;
     *rate = 0.0;
     for (int64_t other = rank + 1; other < w->info[N_VEHICLES]; other++) {
@@ -141,17 +156,19 @@ static int64_t worst_follow(
         if (dx >= SIGHT) break;
         if (v[j].present == 0 || (v[j].lanes & wanted) == 0) continue;
         double here = dx - road->length, closing = v[j].speed - v[i].speed;
-        int64_t drawn = sample_row(tables->cut, following_row(v[i].speed, here, closing, rounding), word);
-        if (index < 0) {
+        int64_t later = draw_later(following_row(v[i].speed, here, closing, rounding), word);
+        if (action < 0) {
             *gap = here;
             *rate = closing;
-            index = drawn;
+            action = later;
+        } else {
+            int64_t before = drawn(tables, action), now = drawn(tables, later);
+            action = MIN(before, now);
         }
-        index = MIN(index, drawn);
         wanted &= ~v[j].lanes;
         if (wanted == 0) break;
     }
-    return index < 0 ? sample_row(tables->cut, free_row(v[i].speed), word) : index;
+    return action < 0 ? draw_later(free_row(v[i].speed), word) : action;
 }
 
 static double side_chance(
@@ -187,7 +204,7 @@ static int64_t decide_naturalistic(
     int64_t i = w->order[rank];
     Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
     double gap, rate;
-    int64_t index = worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
+    int64_t action = worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
     if (v[i].duration == 0.0) {
         double draw = uniform(words.w[0]);
         double base = lane_change_base(tables, v[i].speed, gap, rate);
@@ -203,7 +220,7 @@ static int64_t decide_naturalistic(
     } else if (uniform(words.w[0]) < return_chance(w, i, tables->overlook, road, tables)) {
         return lane_of(v[i].y, road->lane_width) > v[i].target_lane ? 0 : 1;
     }
-    return 2 + index;
+    return action;
 }
 
 static bool starts_into(const Vehicle *v, int64_t j, int64_t lane, int64_t av_lane) {
@@ -274,6 +291,7 @@ static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road
         v[i].action = decide_naturalistic(w, rank, seed, test, road, tables);
         if (v[i].action < 2) changes++;
     }
+    for (int64_t i = 1; i < w->info[N_VEHICLES]; i++) v[i].action = drawn(tables, v[i].action);
     return changes;
 }
 
@@ -289,7 +307,8 @@ static void resolve_conflicts(
         if (gives_way(w, i, target, av_lane, seed, test, road, tables)) {
             Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
             double gap, rate;
-            v[i].action = 2 + worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
+            int64_t action = worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
+            v[i].action = drawn(tables, action);
         }
     }
 }

@@ -4,7 +4,7 @@
 
 #include "decide.h"
 
-enum { SUBSTEPS = 10, UNSURE = 2 };
+enum { SUBSTEPS = 10, UNSURE = 1 };
 #define DT 0.1
 #define FULL_STEERING_SPEED 5.0
 #define MAX_RELATIVE_GAIN 7.0
@@ -47,13 +47,13 @@ static int64_t find_pairs(const World *w, const Road *road, Pairs *pairs) {
     const Vehicle *v = w->v;
     const int64_t *order = w->order, n = w->info[N_VEHICLES];
     int64_t found = 0;
-    double fastest = 0.0;
+    double slowest = road->max_speed;
     for (int64_t i = 0; i < n; i++)
-        if (v[i].present) fastest = MAX(fastest, v[i].speed);
+        if (v[i].present) slowest = MIN(slowest, v[i].speed);
     for (int64_t rank = 0; rank < n; rank++) {
         int64_t i = order[rank];
         if (v[i].present == 0) continue;
-        double reach = lateral_reach(w, i, road), limit = road->length + 1.0 + MAX_RELATIVE_GAIN + fastest;
+        double reach = lateral_reach(w, i, road), limit = road->length + 1.0 + MAX_RELATIVE_GAIN + (v[i].speed - slowest);
         for (int64_t other = rank + 1; other < n; other++) {
             int64_t j = order[other];
             double dx = v[j].x - v[i].x;
@@ -75,46 +75,58 @@ static inline double approach(const Vehicle *v, int64_t j) {
     return fabs(v[j].speed - v[0].speed) + MAX_RELATIVE_GAIN;
 }
 
-static void watch_av_neighbours(const World *w, const Road *road, int64_t *is_watched) {
+static void bound_av_neighbours(const World *w, Pairs *pairs, const Road *road) {
     const Vehicle *v = w->v;
-    const int64_t n = w->info[N_VEHICLES];
-    for (int64_t lane = 0; lane < road->n_lanes; lane++) {
-        int64_t bit = (int64_t)1 << lane;
-        double lead_limit = SIGHT, rear_limit = SIGHT;
-        for (int64_t j = 1; j < n; j++) {
-            if (v[j].present && v[j].lanes == bit && is_watched[j] != UNSURE) {
-                double dx = v[j].x - v[0].x, change = approach(v, j);
-                if (dx > change) {
-                    double limit = dx + change;
-                    lead_limit = MIN(lead_limit, limit);
-                } else if (-dx > change) {
-                    double limit = change - dx;
-                    rear_limit = MIN(rear_limit, limit);
-                }
-            }
-        }
-        for (int64_t j = 1; j < n; j++) {
-            if (v[j].present && (v[j].lanes & bit)) {
-                double dx = v[j].x - v[0].x, change = approach(v, j);
-                if (is_watched[j] == 0 && -rear_limit - change <= dx && dx <= lead_limit + change) is_watched[j] = 1;
+    for (int64_t lane = 0; lane < road->n_lanes; lane++) pairs->ahead[lane] = pairs->behind[lane] = SIGHT;
+    for (int64_t j = 1; j < w->info[N_VEHICLES]; j++) {
+        int64_t lane = v[j].target_lane;
+        if (v[j].present && pairs->is_watched[j] != UNSURE && v[j].lanes == (int64_t)1 << lane) {
+            double dx = v[j].x - v[0].x, change = approach(v, j);
+            if (dx > change) {
+                double limit = dx + change;
+                pairs->ahead[lane] = MIN(pairs->ahead[lane], limit);
+            } else if (-dx > change) {
+                double limit = change - dx;
+                pairs->behind[lane] = MIN(pairs->behind[lane], limit);
             }
         }
     }
 }
 
+static inline bool is_seen(const World *w, int64_t j, const Pairs *pairs, const Road *road) {
+    const Vehicle *v = w->v;
+    double dx = v[j].x - v[0].x, change = approach(v, j);
+    for (int64_t lane = 0; lane < road->n_lanes; lane++)
+        if ((v[j].lanes & ((int64_t)1 << lane)) && -pairs->behind[lane] - change <= dx &&
+            dx <= pairs->ahead[lane] + change)
+            return true;
+    return false;
+}
+
 static void choose_current(World *w, Pairs *pairs, int64_t n_pairs, bool everybody, const Road *road) {
     const Vehicle *v = w->v;
-    for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
-        pairs->is_watched[i] = everybody || v[i].duration > 0.0 ? UNSURE : 0;
-    pairs->is_watched[0] = 1;
+    const int64_t n = w->info[N_VEHICLES];
+    if (everybody) {
+        all_current(w);
+        return;
+    }
+    for (int64_t i = 0; i < n; i++) pairs->is_watched[i] = v[i].duration > 0.0 ? UNSURE : 0;
     for (int64_t k = 0; k < n_pairs; k++) {
         pairs->is_watched[pairs->a[k]] = UNSURE;
         pairs->is_watched[pairs->b[k]] = UNSURE;
     }
-    if (!everybody) watch_av_neighbours(w, road, pairs->is_watched);
-    int64_t found = 0;
-    for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
-        if (pairs->is_watched[i] && v[i].present) w->current[found++] = i;
+    bound_av_neighbours(w, pairs, road);
+    w->current[0] = 0;
+    int64_t found = 1;
+    for (int64_t j = 1; j < n; j++) {
+        if (v[j].present && is_seen(w, j, pairs, road)) {
+            pairs->is_watched[j] = 0;
+            w->current[found++] = j;
+        }
+    }
+    w->info[N_SEEN] = found;
+    for (int64_t j = 1; j < n; j++)
+        if (pairs->is_watched[j] && v[j].present) w->current[found++] = j;
     w->info[N_CURRENT] = found;
 }
 
@@ -125,10 +137,15 @@ static bool touch(const World *w, int64_t a, int64_t b, const Road *road) {
 }
 
 static void drop_absent(World *w) {
-    int64_t kept = 0;
-    for (int64_t k = 0; k < w->info[N_CURRENT]; k++)
-        if (w->v[w->current[k]].present) w->current[kept++] = w->current[k];
+    int64_t kept = 0, seen = 0;
+    for (int64_t k = 0; k < w->info[N_CURRENT]; k++) {
+        if (w->v[w->current[k]].present) {
+            w->current[kept++] = w->current[k];
+            if (k < w->info[N_SEEN]) seen = kept;
+        }
+    }
     w->info[N_CURRENT] = kept;
+    w->info[N_SEEN] = seen;
 }
 
 static bool check_contacts(World *w, const Pairs *pairs, int64_t n_pairs, int64_t frame, const Road *road) {

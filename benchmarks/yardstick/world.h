@@ -16,7 +16,7 @@ typedef struct {
     int64_t target_lane, lanes, present, action;
 } Vehicle;
 
-enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, INFO_FIELDS };
+enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN, INFO_FIELDS };
 enum { RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP };
 
 typedef struct {
@@ -56,6 +56,7 @@ typedef struct {
 
 typedef struct {
     int64_t *a, *b, *is_watched;
+    double *ahead, *behind;
     int64_t capacity;
 } Pairs;
 
@@ -64,6 +65,7 @@ static void all_current(World *w) {
     for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
         if (w->v[i].present) w->current[found++] = i;
     w->info[N_CURRENT] = found;
+    w->info[N_SEEN] = found;
 }
 
 #endif

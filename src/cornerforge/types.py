@@ -30,6 +30,9 @@ __all__ = [
 FRAME_S = 0.1
 """Length of one physics substep and of one recorded frame [s]."""
 
+MAX_LANES = 6
+"""Most lanes that an ODD may have."""
+
 N_ACTIONS = 33
 ACTION_LEFT = 0
 ACTION_RIGHT = 1
@@ -65,7 +68,7 @@ class Odd:
     """Physics substeps (0.1 s each) between two decisions of the AV; 10 means once a second, as the BVs."""
 
     def __post_init__(self) -> None:
-        check_integer("lanes", self.n_lanes, low=2, high=6)
+        check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
         check_number("odd.lane_width", self.lane_width, low=2.5, high=6.0, unit="m")
         check_number("odd.vehicle_length", self.vehicle_length, low=2.0, high=20.0, unit="m")
         check_number("odd.vehicle_width", self.vehicle_width, low=1.0, high=2.6, unit="m")

@@ -129,6 +129,6 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
     world = World(*(part[0] for part in batch))
     world.info[:] = 77
     reset_world(world, 5, 3, setting.road, setting.av, setting.tables.initial)
-    assert world.info.tolist() == [fresh.size, 0, -1, 0, 0, 0, 0, 0, fresh.size]
+    assert world.info.tolist() == [fresh.size, 0, -1, 0, 0, 0, 0, 0, fresh.size, fresh.size]
     assert world.info[CONTROLLED] == -1
     assert sorted(world.order[: fresh.size]) == list(range(fresh.size))

@@ -24,7 +24,7 @@ from cornerforge.drivers.naturalistic import (
     sample_row,
 )
 from cornerforge.geometry import lane_centre, lane_of, path_at, plan_path
-from cornerforge.sim.world import CONTROLLED, N_CURRENT, N_DECISIONS, N_VEHICLES, path_of
+from cornerforge.sim.world import CONTROLLED, N_CURRENT, N_DECISIONS, N_SEEN, N_VEHICLES, path_of
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -53,6 +53,8 @@ lengthwise [m]."""
 IDM_BVS = 1
 """Value of `bv_model` for BVs that follow the IDM without lane changes; 0 is the naturalistic model."""
 _SIDES = (1, -1)
+_WORD_BITS = 32
+_WORD_MASK = 0xFFFFFFFF
 
 
 @inlined_kernel
@@ -69,7 +71,7 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
     bit = 1 << lane
     best_lead = SIGHT
     best_rear = SIGHT
-    for k in range(info[N_CURRENT]):
+    for k in range(info[N_SEEN]):
         j = w.current[k]
         if j == i:
             continue
@@ -148,8 +150,8 @@ def _lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNu
 
 
 @inlined_kernel
-def _side_gain(w: World, lane: int, acceleration_now: float, road: RoadNumbers, av: AvNumbers) -> float:
-    """The AV's MOBIL gain [m/s2] of changing to `lane`."""
+def _side_gain(w: World, lane: int, acceleration_now: float, needed: float, road: RoadNumbers, av: AvNumbers) -> float:
+    """The AV's MOBIL gain [m/s2] of changing to `lane`, or `needed` where it is sure to be no more than that."""
     v = w.vehicles
     speed = v[0].speed
     lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, av.sees_intentions)
@@ -161,6 +163,10 @@ def _side_gain(w: World, lane: int, acceleration_now: float, road: RoadNumbers, 
     if lead >= 0:
         lead_gap = v[lead].x - v[0].x - road.length
         lead_speed = v[lead].speed
+    if av.mobil.politeness == 0.0:
+        own_after = idm_acceleration(speed, lead_gap, lead_speed - speed, av.idm)
+        if own_after - acceleration_now <= needed:
+            return needed
     if rear >= 0:
         rear_gap = v[0].x - v[rear].x - road.length
         rear_speed = v[rear].speed
@@ -198,10 +204,13 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
             return command, lane_of(v[0].y, road.lane_width)
         return command, lane
     best_gain = av.mobil.min_gain
+    # No lane is better than a free one: an AV that is hardly hindered need not look at the others.
+    if av.mobil.politeness == 0.0 and idm_acceleration(v[0].speed, np.inf, 0.0, av.idm) - command <= best_gain:
+        return command, lane
     best_lane = lane
     for side in _SIDES:
         if 0 <= lane + side < road.n_lanes:
-            gain = _side_gain(w, lane + side, command, road, av)
+            gain = _side_gain(w, lane + side, command, best_gain, road, av)
             if gain > best_gain:
                 best_gain = gain
                 best_lane = lane + side
@@ -209,23 +218,38 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
 
 
 @inlined_kernel
+def _draw_later(row: int, word: uint64) -> int:
+    """Row and random word in one number, which is larger than any action."""
+    return ((row + 1) << _WORD_BITS) | np.int64(word)
+
+
+@inlined_kernel
+def _drawn(tables: NddTables, action: int) -> int:
+    """The action itself, or that of a look-up put off by `_draw_later`."""
+    if action <= _WORD_MASK:
+        return action
+    return 2 + sample_row(tables.cut, (action >> _WORD_BITS) - 1, np.uint64(action & _WORD_MASK))
+
+
+@inlined_kernel
 def _worst_follow(
     w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64, rounding: float
 ) -> tuple[int, float, float]:
-    """Acceleration index of the vehicle at a rank behind its leads in all lanes that it occupies.
+    """Acceleration of the vehicle at a rank behind its leads in all lanes that it occupies.
 
     One random word, and one random rounding of the range rate, serve all leads, so the index is the smallest of the
     look-ups (a vehicle between two lanes minds both).
 
     Returns:
-        Index 0..30, gap [m] and range rate [m/s] to the nearest lead (+inf and 0 for none within sight).
+        Action 2..32, or `_draw_later` where one look-up decides; gap [m] and range rate [m/s] to the nearest lead
+        (+inf and 0 for none within sight).
     """
     v = w.vehicles
     order = w.order
     info = w.info
     i = order[rank]
     wanted = v[i].lanes
-    index = -1
+    action = -1
     nearest_gap = np.inf
     nearest_rate = 0.0
     for other in range(rank + 1, info[N_VEHICLES]):
@@ -237,18 +261,19 @@ def _worst_follow(
             continue
         gap = dx - road.length
         rate = v[j].speed - v[i].speed
-        drawn = sample_row(tables.cut, following_row(v[i].speed, gap, rate, rounding), word)
-        if index < 0:
+        later = _draw_later(following_row(v[i].speed, gap, rate, rounding), word)
+        if action < 0:
             nearest_gap = gap
             nearest_rate = rate
-            index = drawn
-        index = min(index, drawn)
+            action = later
+        else:
+            action = min(_drawn(tables, action), _drawn(tables, later))
         wanted &= ~v[j].lanes
         if wanted == 0:
             break
-    if index < 0:
-        index = sample_row(tables.cut, free_row(v[i].speed), word)
-    return index, nearest_gap, nearest_rate
+    if action < 0:
+        action = _draw_later(free_row(v[i].speed), word)
+    return action, nearest_gap, nearest_rate
 
 
 @inlined_kernel
@@ -288,13 +313,13 @@ def _return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables:
 
 @inlined_kernel
 def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> int:
-    """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE)."""
+    """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE), which may be put off."""
     v = w.vehicles
     order = w.order
     info = w.info
     i = order[rank]
     words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-    index, gap, rate = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
+    action, gap, rate = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
     if v[i].duration == 0.0:
         draw = uniform(words[0])
         base = lane_change_base(tables, v[i].speed, gap, rate)
@@ -309,7 +334,7 @@ def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNu
                 return 1
     elif uniform(words[0]) < _return_chance(w, i, tables.overlook, road, tables):
         return 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
-    return 2 + index
+    return action
 
 
 @kernel
@@ -528,7 +553,10 @@ def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvN
 def _all_naturalistic(
     w: World, seed: int, test: int, controlled_action: int, road: RoadNumbers, tables: NddTables
 ) -> int:
-    """Every BV draws its action; the controlled one takes `controlled_action`. Returns how many begin a lane change."""
+    """Every BV draws its action; the controlled one takes `controlled_action`. Returns how many begin a lane change.
+
+    Look-ups come last, all in one loop without branches: the processor then waits for the table once, not once a BV.
+    """
     v = w.vehicles
     controlled = w.info[CONTROLLED]
     changes = 0
@@ -540,6 +568,8 @@ def _all_naturalistic(
         v[i].action = action
         if action < 2:
             changes += 1
+    for i in range(1, w.info[N_VEHICLES]):
+        v[i].action = _drawn(tables, v[i].action)
     return changes
 
 
@@ -585,5 +615,5 @@ def _resolve_conflicts(w: World, av_lane: int, seed: int, test: int, road: RoadN
         target = v[i].target_lane + 1 - 2 * v[i].action
         if _gives_way(w, i, target, av_lane, seed, test, road, tables):
             words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-            index, _, _ = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
-            v[i].action = 2 + index
+            action, _, _ = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
+            v[i].action = _drawn(tables, action)

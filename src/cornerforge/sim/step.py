@@ -19,6 +19,7 @@ from cornerforge.sim.world import (
     N_BV_CRASHES,
     N_CURRENT,
     N_DECISIONS,
+    N_SEEN,
     N_VEHICLES,
     OUTCOME,
     RUNNING,
@@ -28,7 +29,7 @@ from cornerforge.sim.world import (
     all_current,
     path_of,
 )
-from cornerforge.types import ACCELERATIONS, FRAME_S
+from cornerforge.types import ACCELERATIONS, FRAME_S, MAX_LANES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,7 +48,7 @@ MAX_RELATIVE_GAIN = 7.0
 each other by at most this much more than at constant speeds in 1 s [m]."""
 
 
-UNSURE = 2
+UNSURE = 1
 """Mark of a vehicle that may leave its lane or the road within the second."""
 
 
@@ -56,13 +57,15 @@ class Pairs(NamedTuple):
 
     Attributes:
         a, b: Slots of each pair, a < b.
-        is_watched: Above 0 for slots whose state must be kept current within the second, (N,); UNSURE for those that
-            change lanes or may touch somebody.
+        is_watched: UNSURE for slots that change lanes or may touch somebody, else 0, (N,).
+        ahead, behind: How far off the AV's nearest vehicle of each lane is at most, (MAX_LANES,) [m].
     """
 
     a: NDArray[np.int64]
     b: NDArray[np.int64]
     is_watched: NDArray[np.int64]
+    ahead: NDArray[np.float64]
+    behind: NDArray[np.float64]
 
 
 FRAME_FIELDS = np.dtype(
@@ -82,7 +85,8 @@ FRAME_FIELDS = np.dtype(
 
 def allocate_pairs(slots: int) -> Pairs:
     """Scratch for worlds of so many slots."""
-    return Pairs(*(np.zeros(size * slots, dtype=np.int64) for size in (8, 8, 1)))
+    slots_of = (np.zeros(size * slots, dtype=np.int64) for size in (8, 8, 1))
+    return Pairs(*slots_of, np.zeros(MAX_LANES), np.zeros(MAX_LANES))
 
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
@@ -149,16 +153,16 @@ def _find_pairs(w: World, road: RoadNumbers, pairs: Pairs) -> int:
     info = w.info
     n = info[N_VEHICLES]
     found = 0
-    fastest = 0.0
+    slowest = road.max_speed
     for i in range(n):
         if v[i].present:
-            fastest = max(fastest, v[i].speed)
+            slowest = min(slowest, v[i].speed)
     for rank in range(n):
         i = order[rank]
         if v[i].present == 0:
             continue
         reach = _lateral_reach(w, i, road)
-        limit = road.length + 1.0 + MAX_RELATIVE_GAIN + fastest
+        limit = road.length + 1.0 + MAX_RELATIVE_GAIN + (v[i].speed - slowest)
         for other in range(rank + 1, n):
             j = order[other]
             dx = v[j].x - v[i].x
@@ -181,51 +185,65 @@ def _approach(v: NDArray[np.void], j: int) -> float:
 
 
 @inlined_kernel
-def _watch_av_neighbours(w: World, road: RoadNumbers, is_watched: NDArray[np.int64]) -> None:
-    """Mark every vehicle that can be the AV's nearest one ahead or behind in some lane within the coming second.
+def _bound_av_neighbours(w: World, pairs: Pairs, road: RoadNumbers) -> None:
+    """Bound how far ahead and behind the AV's nearest vehicle of each lane can be within the coming second.
 
-    In each lane the nearest vehicle that surely stays there, and ahead, bounds how far off a nearer one can be. Who
-    changes lanes or may crash (and be taken off the road) is not sure.
+    The nearest vehicle that surely stays in the lane, and surely ahead (or behind), is the bound. Who changes lanes or
+    may crash (and be taken off the road) is not sure.
     """
     v = w.vehicles
-    n = w.info[N_VEHICLES]
     for lane in range(road.n_lanes):
-        bit = 1 << lane
-        lead_limit = SIGHT
-        rear_limit = SIGHT
-        for j in range(1, n):
-            if v[j].present and v[j].lanes == bit and is_watched[j] != UNSURE:
-                dx = v[j].x - v[0].x
-                change = _approach(v, j)
-                if dx > change:
-                    lead_limit = min(lead_limit, dx + change)
-                elif -dx > change:
-                    rear_limit = min(rear_limit, change - dx)
-        for j in range(1, n):
-            if v[j].present and v[j].lanes & bit:
-                dx = v[j].x - v[0].x
-                change = _approach(v, j)
-                if is_watched[j] == 0 and -rear_limit - change <= dx <= lead_limit + change:
-                    is_watched[j] = 1
+        pairs.ahead[lane] = SIGHT
+        pairs.behind[lane] = SIGHT
+    for j in range(1, w.info[N_VEHICLES]):
+        lane = v[j].target_lane
+        if v[j].present and pairs.is_watched[j] != UNSURE and v[j].lanes == 1 << lane:
+            dx = v[j].x - v[0].x
+            change = _approach(v, j)
+            if dx > change:
+                pairs.ahead[lane] = min(pairs.ahead[lane], dx + change)
+            elif -dx > change:
+                pairs.behind[lane] = min(pairs.behind[lane], change - dx)
+
+
+@inlined_kernel
+def _is_seen(w: World, j: int, pairs: Pairs, road: RoadNumbers) -> bool:
+    """Can vehicle j be the AV's nearest one ahead or behind in some lane within the coming second?"""
+    v = w.vehicles
+    dx = v[j].x - v[0].x
+    change = _approach(v, j)
+    for lane in range(road.n_lanes):
+        if v[j].lanes & (1 << lane) and -pairs.behind[lane] - change <= dx <= pairs.ahead[lane] + change:
+            return True
+    return False
 
 
 @inlined_kernel
 def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road: RoadNumbers) -> None:
-    """List whose state is kept current: the AV, who may touch somebody, who changes lanes, whom the AV may look at."""
+    """List whose state is kept current: the AV and whom it may look at, then who may touch somebody or changes lanes."""
+    if everybody:
+        all_current(w)
+        return
     v = w.vehicles
     info = w.info
-    for i in range(info[N_VEHICLES]):
-        pairs.is_watched[i] = UNSURE if everybody or v[i].duration > 0.0 else 0
-    pairs.is_watched[0] = 1
+    n = info[N_VEHICLES]
+    for i in range(n):
+        pairs.is_watched[i] = UNSURE if v[i].duration > 0.0 else 0
     for k in range(n_pairs):
         pairs.is_watched[pairs.a[k]] = UNSURE
         pairs.is_watched[pairs.b[k]] = UNSURE
-    if not everybody:
-        _watch_av_neighbours(w, road, pairs.is_watched)
-    found = 0
-    for i in range(info[N_VEHICLES]):
-        if pairs.is_watched[i] and v[i].present:
-            w.current[found] = i
+    _bound_av_neighbours(w, pairs, road)
+    w.current[0] = 0
+    found = 1
+    for j in range(1, n):
+        if v[j].present and _is_seen(w, j, pairs, road):
+            pairs.is_watched[j] = 0
+            w.current[found] = j
+            found += 1
+    info[N_SEEN] = found
+    for j in range(1, n):
+        if pairs.is_watched[j] and v[j].present:
+            w.current[found] = j
             found += 1
     info[N_CURRENT] = found
 
@@ -243,11 +261,15 @@ def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
 def _drop_absent(w: World) -> None:
     """Take vehicles that are no longer there off the list of current ones."""
     kept = 0
+    seen = 0
     for k in range(w.info[N_CURRENT]):
         if w.vehicles[w.current[k]].present:
             w.current[kept] = w.current[k]
             kept += 1
+            if k < w.info[N_SEEN]:
+                seen = kept
     w.info[N_CURRENT] = kept
+    w.info[N_SEEN] = seen
 
 
 @inlined_kernel

@@ -70,9 +70,10 @@ class World(NamedTuple):
     Attributes:
         vehicles: (N,) of VEHICLE; slot 0 is the AV.
         order: Slots by rising x, int64 (N,), the first info[N_VEHICLES] entries.
-        current: Slots whose state is that of this moment, rising, int64 (N,), the first info[N_CURRENT] entries. At
-            decision times all that are present; within a second only those that somebody may touch or look at.
-        info: int64 (9,): see the index constants below.
+        current: Slots whose state is that of this moment, int64 (N,), the first info[N_CURRENT] entries: at decision
+            times all that are present, within a second only those that somebody may touch or look at. The AV is the
+            first; the first info[N_SEEN] are whom somebody may look at; both parts rise.
+        info: int64 (10,): see the index constants below.
     """
 
     vehicles: NDArray[np.void]
@@ -81,8 +82,10 @@ class World(NamedTuple):
     info: NDArray[np.int64]
 
 
-INFO_FIELDS = 9
-N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT = range(INFO_FIELDS)
+INFO_FIELDS = 10
+N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN = range(
+    INFO_FIELDS
+)
 
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
@@ -150,7 +153,7 @@ def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> 
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 9)."""
+    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 10)."""
     return World(
         np.zeros((n_worlds, slots), dtype=VEHICLE),
         np.zeros((n_worlds, slots), dtype=np.int64),
@@ -161,13 +164,14 @@ def allocate_worlds(n_worlds: int, slots: int) -> World:
 
 @inlined_kernel
 def all_current(w: World) -> None:
-    """Note that the state of every vehicle is that of this moment."""
+    """Note that the state of every vehicle is that of this moment, for all to see."""
     found = 0
     for i in range(w.info[N_VEHICLES]):
         if w.vehicles[i].present:
             w.current[found] = i
             found += 1
     w.info[N_CURRENT] = found
+    w.info[N_SEEN] = found
 
 
 @inlined_kernel
