@@ -220,7 +220,7 @@ def _is_seen(w: World, j: int, pairs: Pairs, road: RoadNumbers) -> bool:
 
 @inlined_kernel
 def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road: RoadNumbers) -> None:
-    """List whose state is kept current: the AV and whom it may look at, then who may touch somebody or changes lanes."""
+    """List whose state is kept current: AV, whom it may look at, then who may touch somebody or changes lanes."""
     if everybody:
         all_current(w)
         return
