@@ -85,8 +85,8 @@ FRAME_FIELDS = np.dtype(
 
 def allocate_pairs(slots: int) -> Pairs:
     """Scratch for worlds of so many slots."""
-    slots_of = (np.zeros(size * slots, dtype=np.int64) for size in (8, 8, 1))
-    return Pairs(*slots_of, np.zeros(MAX_LANES), np.zeros(MAX_LANES))
+    a, b, is_watched = (np.zeros(size * slots, dtype=np.int64) for size in (8, 8, 1))
+    return Pairs(a, b, is_watched, ahead=np.zeros(MAX_LANES), behind=np.zeros(MAX_LANES))
 
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
