@@ -220,7 +220,7 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
 @inlined_kernel
 def _draw_later(row: int, word: uint64) -> int:
     """Row and random word in one number, which is larger than any action."""
-    later: int = ((row + 1) << _WORD_BITS) | np.int64(word)
+    later: int = ((row + 1) << _WORD_BITS) | np.int64(word)  # type: ignore[assignment]
     return later
 
 
