@@ -19,7 +19,7 @@ from cornerforge.drivers.avs import AVS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.pipeline.setting import experiment
-from cornerforge.sim.decide import hold
+from cornerforge.sim.actions import hold
 from cornerforge.sim.step import allocate_pairs, allocate_recording, move_vehicle, step_world
 from cornerforge.sim.world import (
     CONTROLLED,

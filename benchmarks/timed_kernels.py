@@ -17,16 +17,19 @@ import numpy as np
 from cornerforge._philox import PURPOSE_DECIDE, block, uniform
 from cornerforge.drivers.naturalistic import following_row, free_row, sample_row
 from cornerforge.drivers.policy import best_action, q_values
-from cornerforge.sim.decide import apply_action, av_decide, decide_bvs, nearest_bv, neighbours_in_lane
+from cornerforge.sim.actions import apply_action
+from cornerforge.sim.av import av_decide
+from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.drive import world_row
+from cornerforge.sim.neighbours import nearest_bv, neighbours_in_lane
 from cornerforge.sim.observe import allowed_actions, observe
 from cornerforge.sim.step import (
     SUBSTEPS,
-    _av_acts,
     _check_contacts,
     _choose_current,
     _find_pairs,
     _move,
+    av_acts,
 )
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -123,7 +126,7 @@ def _timed_substeps(
     for substep in range(SUBSTEPS):
         if substep > 0 and substep % road.av_substeps == 0:
             command, lane = av_decide(w, road, setting.av)
-            _av_acts(w, command, lane, road)
+            av_acts(w, command, lane, road)
             since = _lap(ns, AV, since, clock)
         _move(w, substep, road)
         since = _lap(ns, MOVE, since, clock)
@@ -156,7 +159,7 @@ def _timed_step(
     for i in range(1, info[N_VEHICLES]):
         if v[i].present:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
-    _av_acts(w, command, lane, road)
+    av_acts(w, command, lane, road)
     since = _lap(ns, APPLY, since, clock)
     n_pairs = _find_pairs(w, road, pairs)
     _choose_current(w, pairs, n_pairs, False, road)

@@ -16,7 +16,7 @@ from highway_env.vehicle.behavior import IDMVehicle
 from cornerforge.drivers.avs import AVS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
-from cornerforge.sim.decide import av_decide
+from cornerforge.sim.av import av_decide
 from cornerforge.sim.world import (
     CONTROLLED,
     N_VEHICLES,

@@ -11,8 +11,8 @@ from cornerforge.drivers.avs import AvModel, av_named
 from cornerforge.drivers.naturalistic import NddTables, tables_of
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
 from cornerforge.ndd.model import NddModel
+from cornerforge.sim.actions import hold
 from cornerforge.sim.adversaries import ADVERSARIES
-from cornerforge.sim.decide import hold
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import (

@@ -1,4 +1,4 @@
-/* src/cornerforge/sim/decide.py: the built-in AV and naturalistic BVs. */
+/* src/cornerforge/sim/neighbours.py, actions.py, av.py and decide.py: the built-in AV and naturalistic BVs. */
 #ifndef YARDSTICK_DECIDE_H
 #define YARDSTICK_DECIDE_H
 

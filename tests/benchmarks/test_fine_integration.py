@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.drivers.avs import AVS
-from cornerforge.sim.decide import hold
+from cornerforge.sim.actions import hold
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import VEHICLE, road_numbers
 from cornerforge.types import ACCELERATIONS, Odd

@@ -15,19 +15,11 @@ from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.geometry import lane_centre
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.decide import (
-    SIGHT,
-    action_probabilities,
-    apply_action,
-    av_decide,
-    decide_bvs,
-    hold,
-    nearest_bv,
-    neighbours_in_lane,
-    sort_by_x,
-    start_lane_change,
-)
+from cornerforge.sim.actions import apply_action, hold, start_lane_change
+from cornerforge.sim.av import av_decide
+from cornerforge.sim.decide import action_probabilities, decide_bvs
 from cornerforge.sim.drive import Setting
+from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, sort_by_x
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import CONTROLLED, N_DECISIONS, World
 from cornerforge.types import ACCELERATIONS, Odd

@@ -5,7 +5,8 @@ import pytest
 from hand_built import Car, glide, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.decide import action_probabilities, start_lane_change
+from cornerforge.sim.actions import start_lane_change
+from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.observe import N_OBSERVATION, allowed_actions, observe
 from cornerforge.sim.world import World
 from cornerforge.types import Odd

@@ -11,7 +11,7 @@ from hand_built import Car, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim import statistics
-from cornerforge.sim.decide import start_lane_change
+from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import simulate, simulate_chunks
 from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_counts, count_choices, count_states

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cornerforge.drivers.avs import av_named
 from cornerforge.geometry import lane_bits
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.decide import start_lane_change
+from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording, step_world
 from cornerforge.sim.world import (

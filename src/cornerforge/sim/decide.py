@@ -1,4 +1,4 @@
-"""What every vehicle of a world decides, once a second for BVs: gather neighbours, ask the driver models, apply.
+"""What background vehicles decide, once a second: look around, ask the naturalistic model (or the IDM), give way.
 
 All BVs decide at the same time and independently (paper, "Problem formulation"): they see lanes and intentions as they
 were before this moment. The one exception, stated in docs/adr, is that a driver who starts into a lane minds who starts
@@ -14,8 +14,6 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_DECIDE, block, uniform
-from cornerforge.drivers.idm import idm_acceleration
-from cornerforge.drivers.mobil import mobil_gain
 from cornerforge.drivers.naturalistic import (
     accept_chance,
     following_row,
@@ -23,8 +21,10 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     sample_row,
 )
-from cornerforge.geometry import lane_centre, lane_of, path_at, plan_path
-from cornerforge.sim.world import CONTROLLED, N_CURRENT, N_DECISIONS, N_SEEN, N_VEHICLES, path_of
+from cornerforge.geometry import lane_of
+from cornerforge.sim.av import lead_acceleration
+from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.world import CONTROLLED, N_DECISIONS, N_VEHICLES
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -33,188 +33,12 @@ if TYPE_CHECKING:
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
 
-__all__ = [
-    "SIGHT",
-    "action_probabilities",
-    "apply_action",
-    "av_decide",
-    "decide_bvs",
-    "hold",
-    "nearest_bv",
-    "neighbours_in_lane",
-    "start_lane_change",
-]
+__all__ = ["IDM_BVS", "action_probabilities", "decide_bvs"]
 
-SIGHT = 200.0
-"""Vehicles further ahead or behind than this [m, centre to centre] are not seen by anyone."""
-CONFLICT_GAP = 10.0
-"""The AV gives way to a vehicle that enters its target lane from the far side when less than this lies between them
-lengthwise [m]."""
 IDM_BVS = 1
 """Value of `bv_model` for BVs that follow the IDM without lane changes; 0 is the naturalistic model."""
-_SIDES = (1, -1)
 _WORD_BITS = 32
 _WORD_MASK = 0xFFFFFFFF
-
-
-@inlined_kernel
-def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_intentions: int) -> tuple[int, int]:
-    """Nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
-
-    Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x
-    are ordered by slot.
-    """
-    v = w.vehicles
-    info = w.info
-    lead = -1
-    rear = -1
-    bit = 1 << lane
-    best_lead = SIGHT
-    best_rear = SIGHT
-    for k in range(info[N_SEEN]):
-        j = w.current[k]
-        if j == i:
-            continue
-        dx = v[j].x - v[i].x
-        if dx > best_lead or -dx > best_rear:
-            continue
-        if sees_intentions:
-            if v[j].lanes & bit == 0:
-                continue
-        elif lane_of(v[j].y, lane_width) != lane:
-            continue
-        if dx > 0.0 or (dx == 0.0 and j > i):
-            if dx < best_lead:
-                best_lead = dx
-                lead = j
-        elif -dx < best_rear:
-            best_rear = -dx
-            rear = j
-    return lead, rear
-
-
-@kernel
-def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> None:
-    """Plan the lateral path of slot i from where it is to the centre of `target_lane`."""
-    v = w.vehicles
-    acceleration = 0.0
-    speed = 0.0
-    if v[i].duration > 0.0:
-        _, speed, acceleration = path_at(path_of(v, i), v[i].clock)
-    v[i].target_lane = target_lane
-    v[i].clock = 0.0
-    path, duration = plan_path(
-        v[i].y,
-        speed,
-        acceleration,
-        lane_centre(target_lane, road.lane_width),
-        road.lane_change_duration,
-        road.max_lateral_acceleration,
-    )
-    v[i].duration = duration
-    v[i].c0, v[i].c1, v[i].c2, v[i].c3, v[i].c4, v[i].c5 = path
-    v[i].lanes |= 1 << target_lane
-
-
-@kernel
-def nearest_bv(w: World) -> int:
-    """Slot of the BV whose centre is nearest to the AV's; -1 when there is none (paper: the critical BV)."""
-    v = w.vehicles
-    info = w.info
-    best = -1
-    best_squared = np.inf
-    for j in range(1, info[N_VEHICLES]):
-        if v[j].present:
-            dx = v[j].x - v[0].x
-            dy = v[j].y - v[0].y
-            squared = dx * dx + dy * dy
-            if squared < best_squared:
-                best_squared = squared
-                best = j
-    return best
-
-
-@inlined_kernel
-def _lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNumbers) -> float:
-    """IDM acceleration of slot i behind the worst of its leads in all lanes of the bit mask."""
-    v = w.vehicles
-    speed = v[i].speed
-    command = idm_acceleration(speed, np.inf, 0.0, av.idm)
-    for lane in range(road.n_lanes):
-        if lanes & (1 << lane):
-            lead, _ = neighbours_in_lane(w, i, lane, road.lane_width, av.sees_intentions)
-            if lead >= 0:
-                gap = v[lead].x - v[i].x - road.length
-                command = min(command, idm_acceleration(speed, gap, v[lead].speed - speed, av.idm))
-    return command
-
-
-@inlined_kernel
-def _side_gain(w: World, lane: int, acceleration_now: float, needed: float, road: RoadNumbers, av: AvNumbers) -> float:
-    """The AV's MOBIL gain [m/s2] of changing to `lane`, or `needed` where it is sure to be no more than that."""
-    v = w.vehicles
-    speed = v[0].speed
-    lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, av.sees_intentions)
-    lead_gap = np.inf
-    lead_speed = speed
-    rear_gap = np.inf
-    rear_speed = speed
-    rear_now = 0.0
-    if lead >= 0:
-        lead_gap = v[lead].x - v[0].x - road.length
-        lead_speed = v[lead].speed
-    if av.mobil.politeness == 0.0:
-        own_after = idm_acceleration(speed, lead_gap, lead_speed - speed, av.idm)
-        if own_after - acceleration_now <= needed:
-            return needed
-    if rear >= 0:
-        rear_gap = v[0].x - v[rear].x - road.length
-        rear_speed = v[rear].speed
-        if av.mobil.politeness > 0.0:
-            rear_now = _lead_acceleration(w, rear, v[rear].lanes, road, av)
-    return mobil_gain(speed, acceleration_now, lead_gap, lead_speed, rear_gap, rear_speed, rear_now, av.idm, av.mobil)
-
-
-@kernel
-def _must_give_way(w: World, road: RoadNumbers) -> bool:
-    """Does another vehicle enter the AV's target lane from the far side while the AV's centre is in its old lane?"""
-    v = w.vehicles
-    info = w.info
-    target = v[0].target_lane
-    old = lane_of(v[0].y, road.lane_width)
-    if old == target:
-        return False
-    for k in range(info[N_CURRENT]):
-        j = w.current[k]
-        if j > 0 and v[j].target_lane == target:
-            other = lane_of(v[j].y, road.lane_width)
-            if other != target and other != old and abs(v[j].x - v[0].x) < road.length + CONFLICT_GAP:
-                return True
-    return False
-
-
-@inlined_kernel
-def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
-    """The built-in AV, IDM and MOBIL: acceleration [m/s2] and target lane. Reads the world, changes nothing."""
-    v = w.vehicles
-    command = _lead_acceleration(w, 0, v[0].lanes, road, av)
-    lane = v[0].target_lane
-    if v[0].duration > 0.0:
-        if av.sees_intentions and _must_give_way(w, road):
-            return command, lane_of(v[0].y, road.lane_width)
-        return command, lane
-    best_gain = av.mobil.min_gain
-    # No lane is better than a free one: an AV that is hardly hindered need not look at the others.
-    if av.mobil.politeness == 0.0 and idm_acceleration(v[0].speed, np.inf, 0.0, av.idm) - command <= best_gain:
-        return command, lane
-    best_lane = lane
-    for side in _SIDES:
-        if 0 <= lane + side < road.n_lanes:
-            gain = _side_gain(w, lane + side, command, best_gain, road, av)
-            if gain > best_gain:
-                best_gain = gain
-                best_lane = lane + side
-    return command, best_lane
 
 
 @inlined_kernel
@@ -344,7 +168,7 @@ def _idm_index(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
     v = w.vehicles
     order = w.order
     i = order[rank]
-    command = _lead_acceleration(w, i, v[i].lanes, road, av)
+    command = lead_acceleration(w, i, v[i].lanes, road, av)
     return max(0, min(30, math.floor((command + 4.0) * 5.0 + 0.5)))
 
 
@@ -488,55 +312,6 @@ def _gives_way(
     words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
     waits: bool = uniform(words[2]) >= tables.overlook_conflict + (1.0 - tables.overlook_conflict) * chance
     return waits
-
-
-@inlined_kernel
-def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
-    """Vehicle i holds an acceleration [m/s2] from now on."""
-    v[i].acceleration = acceleration
-    v[i].x_held = v[i].x
-    v[i].speed_held = v[i].speed
-
-
-@inlined_kernel
-def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
-    """Carry out an action index for slot i: 0 left, 1 right (speed held), 2.. acceleration.
-
-    A change against the running one returns to the lane it came from; one in its direction changes nothing.
-    A change that would leave the road is not carried out.
-    """
-    v = w.vehicles
-    if action >= 2:
-        hold(v, i, accelerations[action - 2])
-        return
-    hold(v, i, 0.0)
-    side = 1 - 2 * action
-    target = v[i].target_lane + side
-    if v[i].duration > 0.0:
-        running = 1 if v[i].c0 < lane_centre(v[i].target_lane, road.lane_width) else -1
-        if running == side:
-            return
-    if 0 <= target < road.n_lanes:
-        start_lane_change(w, i, target, road)
-
-
-@inlined_kernel
-def sort_by_x(w: World) -> None:
-    """Insertion sort of `order`; ties by slot. Traffic is nearly sorted, so this costs about one pass."""
-    v = w.vehicles
-    order = w.order
-    info = w.info
-    for rank in range(1, info[N_VEHICLES]):
-        i = order[rank]
-        x = v[i].x
-        place = rank
-        while place > 0:
-            before = order[place - 1]
-            if v[before].x < x or (v[before].x == x and before < i):
-                break
-            order[place] = before
-            place -= 1
-        order[place] = i
 
 
 @kernel

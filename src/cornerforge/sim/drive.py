@@ -9,7 +9,8 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.sim.adversaries import ChoiceScratch, choose_action
-from cornerforge.sim.decide import action_probabilities, nearest_bv
+from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe
 from cornerforge.sim.statistics import BV_TRAVEL_MM, Census, Counts, count_av, count_choices, count_states
 from cornerforge.sim.step import Pairs, step_world

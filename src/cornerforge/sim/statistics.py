@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import kernel
-from cornerforge.sim.decide import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.sim.world import N_BV_CRASHES, N_VEHICLES
 from cornerforge.types import ACCELERATIONS
 

@@ -9,7 +9,10 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
-from cornerforge.sim.decide import SIGHT, apply_action, av_decide, decide_bvs, hold, start_lane_change
+from cornerforge.sim.actions import apply_action, hold, start_lane_change
+from cornerforge.sim.av import av_decide
+from cornerforge.sim.decide import decide_bvs
+from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
@@ -37,7 +40,17 @@ if TYPE_CHECKING:
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
 
-__all__ = ["FRAME_FIELDS", "Pairs", "allocate_pairs", "allocate_recording", "move_vehicle", "step_world"]
+__all__ = [
+    "FRAME_FIELDS",
+    "Pairs",
+    "allocate_pairs",
+    "allocate_recording",
+    "av_acts",
+    "begin_second",
+    "move_on",
+    "move_vehicle",
+    "step_world",
+]
 
 SUBSTEPS = 10
 _DT = FRAME_S
@@ -328,7 +341,8 @@ def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
 
 
 @inlined_kernel
-def _av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
+def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
+    """The AV holds an acceleration [m/s2] from now on, and begins a change to `lane` if that is another."""
     v = w.vehicles
     hold(v, 0, command)
     if lane != v[0].target_lane:
@@ -347,6 +361,53 @@ def _move(w: World, substep: int, road: RoadNumbers) -> None:
         move_vehicle(v, w.current[k], held, road)
 
 
+@inlined_kernel
+def begin_second(
+    w: World, seed: int, test: int, bv_model: int, controlled_action: int, command: float, lane: int, everybody: bool,
+    road: RoadNumbers, av: AvNumbers, tables: NddTables, pairs: Pairs,
+) -> int:  # fmt: skip
+    """All BVs decide, everybody begins to act, the AV with `command` [m/s2] and target `lane`.
+
+    `everybody`: somebody outside the kernels looks at the vehicles within the second, so all are kept current.
+
+    Returns:
+        Number of pairs that can touch within the second, for `move_on`.
+    """
+    v = w.vehicles
+    decide_bvs(w, seed, test, bv_model, controlled_action, lane, road, av, tables)
+    for i in range(1, w.info[N_VEHICLES]):
+        if v[i].present:
+            apply_action(w, i, v[i].action, _ACCELERATIONS, road)
+    av_acts(w, command, lane, road)
+    n_pairs = _find_pairs(w, road, pairs)
+    # A polite AV asks how its follower would drive, hence sees through other vehicles' eyes too.
+    _choose_current(w, pairs, n_pairs, everybody or av.mobil.politeness > 0.0, road)
+    w.info[N_DECISIONS] += 1
+    return n_pairs
+
+
+@inlined_kernel
+def move_on(w: World, substep: int, pairs: Pairs, n_pairs: int, road: RoadNumbers, recording: NDArray[np.void]) -> bool:
+    """Move to the end of a substep (0..9) of the second begun, look for contacts; True when the test ends with it."""
+    info = w.info
+    first_frame = SUBSTEPS * (info[N_DECISIONS] - 1)
+    frame = first_frame + substep + 1
+    record_frame(w, frame - 1, recording)
+    _move(w, substep, road)
+    ends = _check_contacts(w, pairs, n_pairs, frame, road)
+    if not ends and w.vehicles[0].x >= road.av_start + road.test_length:
+        info[OUTCOME] = COMPLETED
+        info[FRAME] = frame
+        ends = True
+    if not ends and substep == SUBSTEPS - 1 and info[N_DECISIONS] >= road.max_decisions:
+        info[OUTCOME] = TIME_UP
+        info[FRAME] = frame
+        ends = True
+    if ends:
+        record_frame(w, frame, recording)
+    return ends
+
+
 @kernel
 def step_world(
     w: World, seed: int, test: int, bv_model: int, controlled_action: int, road: RoadNumbers, av: AvNumbers,
@@ -357,37 +418,12 @@ def step_world(
     Before the call info[CONTROLLED] names the BV that takes `controlled_action`, -1 for none. After a test that ends
     within the second only vehicles near the AV or in contact stand where they are then, unless it is recorded.
     """
-    v = w.vehicles
-    info = w.info
-    n = info[N_VEHICLES]
-    first_frame = SUBSTEPS * info[N_DECISIONS]
     command, lane = av_decide(w, road, av)
-    decide_bvs(w, seed, test, bv_model, controlled_action, lane, road, av, tables)
-    for i in range(1, n):
-        if v[i].present:
-            apply_action(w, i, v[i].action, _ACCELERATIONS, road)
-    _av_acts(w, command, lane, road)
-    n_pairs = _find_pairs(w, road, pairs)
-    # A polite AV asks how its follower would drive, hence sees through other vehicles' eyes too.
-    everybody = recording.shape[0] > first_frame or av.mobil.politeness > 0.0
-    _choose_current(w, pairs, n_pairs, everybody, road)
-    info[N_DECISIONS] += 1
+    recorded = recording.shape[0] > SUBSTEPS * w.info[N_DECISIONS]
+    n_pairs = begin_second(w, seed, test, bv_model, controlled_action, command, lane, recorded, road, av, tables, pairs)
     for substep in range(SUBSTEPS):
         if substep > 0 and substep % road.av_substeps == 0:
             command, lane = av_decide(w, road, av)
-            _av_acts(w, command, lane, road)
-        record_frame(w, first_frame + substep, recording)
-        _move(w, substep, road)
-        frame = first_frame + substep + 1
-        ends = _check_contacts(w, pairs, n_pairs, frame, road)
-        if not ends and v[0].x >= road.av_start + road.test_length:
-            info[OUTCOME] = COMPLETED
-            info[FRAME] = frame
-            ends = True
-        if ends:
-            record_frame(w, frame, recording)
+            av_acts(w, command, lane, road)
+        if move_on(w, substep, pairs, n_pairs, road, recording):
             return
-    if info[N_DECISIONS] >= road.max_decisions:
-        info[OUTCOME] = TIME_UP
-        info[FRAME] = first_frame + SUBSTEPS
-        record_frame(w, first_frame + SUBSTEPS, recording)

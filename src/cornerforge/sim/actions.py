@@ -1,0 +1,70 @@
+"""What a decision changes about a vehicle: the acceleration that it holds, the lateral path that it begins."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.geometry import lane_centre, path_at, plan_path
+from cornerforge.sim.world import path_of
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = ["apply_action", "hold", "start_lane_change"]
+
+
+@kernel
+def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> None:
+    """Plan the lateral path of slot i from where it is to the centre of `target_lane`."""
+    v = w.vehicles
+    acceleration = 0.0
+    speed = 0.0
+    if v[i].duration > 0.0:
+        _, speed, acceleration = path_at(path_of(v, i), v[i].clock)
+    v[i].target_lane = target_lane
+    v[i].clock = 0.0
+    path, duration = plan_path(
+        v[i].y,
+        speed,
+        acceleration,
+        lane_centre(target_lane, road.lane_width),
+        road.lane_change_duration,
+        road.max_lateral_acceleration,
+    )
+    v[i].duration = duration
+    v[i].c0, v[i].c1, v[i].c2, v[i].c3, v[i].c4, v[i].c5 = path
+    v[i].lanes |= 1 << target_lane
+
+
+@inlined_kernel
+def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
+    """Vehicle i holds an acceleration [m/s2] from now on."""
+    v[i].acceleration = acceleration
+    v[i].x_held = v[i].x
+    v[i].speed_held = v[i].speed
+
+
+@inlined_kernel
+def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
+    """Carry out an action index for slot i: 0 left, 1 right (speed held), 2.. acceleration.
+
+    A change against the running one returns to the lane it came from; one in its direction changes nothing.
+    A change that would leave the road is not carried out.
+    """
+    v = w.vehicles
+    if action >= 2:
+        hold(v, i, accelerations[action - 2])
+        return
+    hold(v, i, 0.0)
+    side = 1 - 2 * action
+    target = v[i].target_lane + side
+    if v[i].duration > 0.0:
+        running = 1 if v[i].c0 < lane_centre(v[i].target_lane, road.lane_width) else -1
+        if running == side:
+            return
+    if 0 <= target < road.n_lanes:
+        start_lane_change(w, i, target, road)

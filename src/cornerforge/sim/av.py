@@ -1,0 +1,107 @@
+"""The built-in AVs: how the AV under test decides, as often as its ODD lets it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.idm import idm_acceleration
+from cornerforge.drivers.mobil import mobil_gain
+from cornerforge.geometry import lane_of
+from cornerforge.sim.neighbours import neighbours_in_lane
+from cornerforge.sim.world import N_CURRENT
+
+if TYPE_CHECKING:
+    from cornerforge.sim.world import AvNumbers, RoadNumbers, World
+
+__all__ = ["av_decide", "lead_acceleration"]
+
+CONFLICT_GAP = 10.0
+"""The AV gives way to a vehicle that enters its target lane from the far side when less than this lies between them
+lengthwise [m]."""
+_SIDES = (1, -1)
+
+
+@inlined_kernel
+def lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNumbers) -> float:
+    """IDM acceleration of slot i behind the worst of its leads in all lanes of the bit mask."""
+    v = w.vehicles
+    speed = v[i].speed
+    command = idm_acceleration(speed, np.inf, 0.0, av.idm)
+    for lane in range(road.n_lanes):
+        if lanes & (1 << lane):
+            lead, _ = neighbours_in_lane(w, i, lane, road.lane_width, av.sees_intentions)
+            if lead >= 0:
+                gap = v[lead].x - v[i].x - road.length
+                command = min(command, idm_acceleration(speed, gap, v[lead].speed - speed, av.idm))
+    return command
+
+
+@inlined_kernel
+def _side_gain(w: World, lane: int, acceleration_now: float, needed: float, road: RoadNumbers, av: AvNumbers) -> float:
+    """The AV's MOBIL gain [m/s2] of changing to `lane`, or `needed` where it is sure to be no more than that."""
+    v = w.vehicles
+    speed = v[0].speed
+    lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, av.sees_intentions)
+    lead_gap = np.inf
+    lead_speed = speed
+    rear_gap = np.inf
+    rear_speed = speed
+    rear_now = 0.0
+    if lead >= 0:
+        lead_gap = v[lead].x - v[0].x - road.length
+        lead_speed = v[lead].speed
+    if av.mobil.politeness == 0.0:
+        own_after = idm_acceleration(speed, lead_gap, lead_speed - speed, av.idm)
+        if own_after - acceleration_now <= needed:
+            return needed
+    if rear >= 0:
+        rear_gap = v[0].x - v[rear].x - road.length
+        rear_speed = v[rear].speed
+        if av.mobil.politeness > 0.0:
+            rear_now = lead_acceleration(w, rear, v[rear].lanes, road, av)
+    return mobil_gain(speed, acceleration_now, lead_gap, lead_speed, rear_gap, rear_speed, rear_now, av.idm, av.mobil)
+
+
+@kernel
+def _must_give_way(w: World, road: RoadNumbers) -> bool:
+    """Does another vehicle enter the AV's target lane from the far side while the AV's centre is in its old lane?"""
+    v = w.vehicles
+    info = w.info
+    target = v[0].target_lane
+    old = lane_of(v[0].y, road.lane_width)
+    if old == target:
+        return False
+    for k in range(info[N_CURRENT]):
+        j = w.current[k]
+        if j > 0 and v[j].target_lane == target:
+            other = lane_of(v[j].y, road.lane_width)
+            if other != target and other != old and abs(v[j].x - v[0].x) < road.length + CONFLICT_GAP:
+                return True
+    return False
+
+
+@inlined_kernel
+def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
+    """The built-in AV, IDM and MOBIL: acceleration [m/s2] and target lane. Reads the world, changes nothing."""
+    v = w.vehicles
+    command = lead_acceleration(w, 0, v[0].lanes, road, av)
+    lane = v[0].target_lane
+    if v[0].duration > 0.0:
+        if av.sees_intentions and _must_give_way(w, road):
+            return command, lane_of(v[0].y, road.lane_width)
+        return command, lane
+    best_gain = av.mobil.min_gain
+    # No lane is better than a free one: an AV that is hardly hindered need not look at the others.
+    if av.mobil.politeness == 0.0 and idm_acceleration(v[0].speed, np.inf, 0.0, av.idm) - command <= best_gain:
+        return command, lane
+    best_lane = lane
+    for side in _SIDES:
+        if 0 <= lane + side < road.n_lanes:
+            gain = _side_gain(w, lane + side, command, best_gain, road, av)
+            if gain > best_gain:
+                best_gain = gain
+                best_lane = lane + side
+    return command, best_lane

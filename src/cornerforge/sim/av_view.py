@@ -1,0 +1,88 @@
+"""What the AV under test sees of a world: one array in SI units, the same for every AV that is not a formula.
+
+Row 0 is the AV, the other rows are the vehicles nearest to it along the road, nearest first, within sight (200 m centre
+to centre); rows without a vehicle are 0. Columns:
+
+| column | row 0, the AV | other rows |
+| --- | --- | --- |
+| 0 | 1 | 1; 0 where there is no vehicle |
+| 1 | distance left to drive in this test [m] | centre ahead (+) or behind (-) of the AV's [m] |
+| 2 | centre's distance from the right edge of the road [m] | centre to the left (+) or right (-) of the AV's [m] |
+| 3 | speed along the road [m/s] | the same |
+| 4 | lateral speed, to the left positive [m/s] | the same |
+| 5 | acceleration that it holds along the road [m/s2] | the same |
+| 6 | lane that it keeps or changes to, 0 the rightmost | the same: what its indicator says |
+| 7 | 1 while it changes lanes, else 0 | the same |
+
+Perception is taken as perfect, as in the paper ("only decisions are tested").
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge._jit import kernel
+from cornerforge.sim.neighbours import SIGHT
+from cornerforge.sim.world import N_VEHICLES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = ["AV_VIEW_VERSION", "VIEW_COLUMNS", "VIEW_ROWS", "view_of_av"]
+
+AV_VIEW_VERSION = 1
+"""Raised whenever the meaning of an entry changes."""
+VIEW_ROWS = 13
+VIEW_COLUMNS = 8
+
+
+@kernel
+def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
+    """Slots of the vehicles nearest to the AV along the road, nearest first, into `found`; returns their number."""
+    v = w.vehicles
+    count = 0
+    for j in range(1, w.info[N_VEHICLES]):
+        distance = abs(v[j].x - v[0].x)
+        if v[j].present == 0 or distance >= SIGHT:
+            continue
+        place = count
+        while place > 0 and abs(v[found[place - 1]].x - v[0].x) > distance:
+            if place < found.size:
+                found[place] = found[place - 1]
+            place -= 1
+        if place < found.size:
+            found[place] = j
+            count = min(count + 1, found.size)
+    return count
+
+
+@kernel
+def view_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+    """The AV's view, into `out`.
+
+    Args:
+        w: The world; the state of every vehicle must be that of this moment (`begin_second` with `everybody`).
+        road: Constants.
+        found: Scratch, int64 (VIEW_ROWS - 1,).
+        out: float32 (VIEW_ROWS, VIEW_COLUMNS), as the head of this module says.
+    """
+    v = w.vehicles
+    for row in range(VIEW_ROWS):
+        for column in range(VIEW_COLUMNS):
+            out[row, column] = 0.0
+    for row in range(1 + _nearest_along(w, found)):
+        j = 0 if row == 0 else found[row - 1]
+        out[row, 0] = 1.0
+        out[row, 1] = v[j].x - v[0].x
+        out[row, 2] = v[j].y - v[0].y
+        out[row, 3] = v[j].speed
+        out[row, 4] = v[j].lateral_speed
+        out[row, 5] = v[j].acceleration
+        out[row, 6] = v[j].target_lane
+        out[row, 7] = 1.0 if v[j].duration > 0.0 else 0.0
+    out[0, 1] = road.av_start + road.test_length - v[0].x
+    out[0, 2] = v[0].y

@@ -1,0 +1,92 @@
+"""Who is near whom in a world."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.geometry import lane_of
+from cornerforge.sim.world import N_SEEN, N_VEHICLES
+
+if TYPE_CHECKING:
+    from cornerforge.sim.world import World
+
+__all__ = ["SIGHT", "nearest_bv", "neighbours_in_lane", "sort_by_x"]
+
+SIGHT = 200.0
+"""Vehicles further ahead or behind than this [m, centre to centre] are not seen by anyone."""
+
+
+@inlined_kernel
+def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_intentions: int) -> tuple[int, int]:
+    """Nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
+
+    Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x
+    are ordered by slot.
+    """
+    v = w.vehicles
+    info = w.info
+    lead = -1
+    rear = -1
+    bit = 1 << lane
+    best_lead = SIGHT
+    best_rear = SIGHT
+    for k in range(info[N_SEEN]):
+        j = w.current[k]
+        if j == i:
+            continue
+        dx = v[j].x - v[i].x
+        if dx > best_lead or -dx > best_rear:
+            continue
+        if sees_intentions:
+            if v[j].lanes & bit == 0:
+                continue
+        elif lane_of(v[j].y, lane_width) != lane:
+            continue
+        if dx > 0.0 or (dx == 0.0 and j > i):
+            if dx < best_lead:
+                best_lead = dx
+                lead = j
+        elif -dx < best_rear:
+            best_rear = -dx
+            rear = j
+    return lead, rear
+
+
+@kernel
+def nearest_bv(w: World) -> int:
+    """Slot of the BV whose centre is nearest to the AV's; -1 when there is none (paper: the critical BV)."""
+    v = w.vehicles
+    info = w.info
+    best = -1
+    best_squared = np.inf
+    for j in range(1, info[N_VEHICLES]):
+        if v[j].present:
+            dx = v[j].x - v[0].x
+            dy = v[j].y - v[0].y
+            squared = dx * dx + dy * dy
+            if squared < best_squared:
+                best_squared = squared
+                best = j
+    return best
+
+
+@inlined_kernel
+def sort_by_x(w: World) -> None:
+    """Insertion sort of `order`; ties by slot. Traffic is nearly sorted, so this costs about one pass."""
+    v = w.vehicles
+    order = w.order
+    info = w.info
+    for rank in range(1, info[N_VEHICLES]):
+        i = order[rank]
+        x = v[i].x
+        place = rank
+        while place > 0:
+            before = order[place - 1]
+            if v[before].x < x or (v[before].x == x and before < i):
+                break
+            order[place] = before
+            place -= 1
+        order[place] = i
