@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
+from cornerforge.adversary.learner import DqnLearner
 from cornerforge.adversary.replay import allocate_transitions
-from cornerforge.adversary.train import _epsilon, _Learner, _learning_rate
+from cornerforge.adversary.train import _epsilon, _learning_rate
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.sim.drive import Transitions
 
@@ -77,7 +78,7 @@ def corridor(allowed: tuple[int, ...]) -> Transitions:
 
 
 def learned_q(allowed: tuple[int, ...]) -> np.ndarray:
-    learner = _Learner(SMALL, seed=0)
+    learner = DqnLearner(SMALL, seed=0)
     learner.memory.add(corridor(allowed))
     for learning_rate in (3e-3, 1e-3, 1e-4):
         learner.learn(500, learning_rate)
@@ -107,7 +108,7 @@ def test_learner_knows_one_batch_by_heart(seed: int) -> None:
     batch.action[:] = rng.integers(0, 33, 64)
     batch.reward[:] = rng.integers(-1, 2, 64)
     batch.end[:] = True
-    learner = _Learner(replace(SMALL, width=64), seed=0)
+    learner = DqnLearner(replace(SMALL, width=64), seed=0)
     learner.memory.add(batch)
     before = learner.learn(1, 1e-3)
     after = learner.learn(800, 1e-3)
@@ -116,7 +117,7 @@ def test_learner_knows_one_batch_by_heart(seed: int) -> None:
 
 
 def test_targets_are_cut_to_what_a_return_can_be() -> None:
-    learner = _Learner(SMALL, seed=0)
+    learner = DqnLearner(SMALL, seed=0)
     batch = allocate_transitions(64)
     batch.reward[:] = 50.0
     batch.end[:] = True
@@ -128,7 +129,7 @@ def test_targets_are_cut_to_what_a_return_can_be() -> None:
 
 def test_making_a_learner_leaves_the_users_random_numbers_alone() -> None:
     before = torch.get_rng_state()
-    _Learner(SMALL, seed=0)
+    DqnLearner(SMALL, seed=0)
     assert torch.equal(before, torch.get_rng_state())
 
 
