@@ -15,96 +15,126 @@ from numpy.typing import NDArray
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.replay import ReplayMemory
 from cornerforge.errors import MissingExtraError
-from cornerforge.sim.drive import Transitions
 
 try:
     import torch
 
+    from cornerforge.adversary.dueling import Adam, DuelingNet, Pass, Sgd
     from cornerforge.adversary.q_network import QNetwork, flat_weights
 except ImportError as error:
     raise MissingExtraError("torch", "learn") from error
 
 __all__ = ["DqnLearner", "below"]
 
+_LARGEST_NORM = 10.0
+"""Gradients are cut to this Euclidean length."""
+
 
 class DqnLearner:
-    """Double DQN with a target network (van Hasselt et al. 2016); targets are cut to [-1, 1]."""
+    """Double DQN with a target network (van Hasselt et al. 2016); targets are cut to [-1, 1].
+
+    PyTorch should be set to one thread by the caller: more gain nothing on networks this small, and results would
+    depend on how many there are.
+
+    Args:
+        config: Hyperparameters; the network's inputs decide how long an observation is.
+        seed: Of the initial weights and of what is drawn from the memory.
+
+    Attributes:
+        memory: Add transitions here.
+        updates: Gradient steps so far.
+    """
 
     def __init__(self, config: TrainConfig, seed: int) -> None:
         self._config = config
+        shape = config.network
         with torch.random.fork_rng():
             torch.manual_seed(seed)
-            self.online = QNetwork(config.network)
-            self._target = QNetwork(config.network)
-        self._target.load_state_dict(self.online.state_dict())
-        parameters = self.online.parameters()
-        self._optimiser: torch.optim.Optimizer
-        if config.optimiser == "adam":
-            self._optimiser = torch.optim.Adam(parameters, lr=config.learning_rate, eps=1e-5, foreach=True)
-        else:
-            self._optimiser = torch.optim.SGD(parameters, lr=config.learning_rate)
+            weights = torch.from_numpy(flat_weights(QNetwork(shape)))
+        self._online = DuelingNet(shape, weights)
+        self._target = DuelingNet(shape, weights.clone())
+        self._gradient = DuelingNet(shape, torch.zeros_like(weights))
+        self._optimiser = (Adam if config.optimiser == "adam" else Sgd)(weights.numel())
         self._rng = np.random.Generator(np.random.Philox(seed))
-        self.memory = ReplayMemory(config.replay_size)
+        self.memory = ReplayMemory(config.replay_size, shape.n_inputs)
         self.updates = 0
+        self._now, self._online_next, self._target_next = (Pass(shape, config.batch) for _ in range(3))
+        self._slope = torch.zeros_like(self._now.q)
+        self._batch = self.memory.room(config.batch)
+        self._tensors = tuple(torch.from_numpy(array) for array in self._batch)
 
     def weights(self) -> NDArray[np.float32]:
         """A copy of the online network in the layout of `drivers.policy.PolicyNumbers`, float32 (n_weights,)."""
-        return flat_weights(self.online)
+        copy: NDArray[np.float32] = self._online.flat.numpy().copy()
+        return copy
+
+    def q(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Q of all actions as the online network has it, float32 (B, 33), for float32 (B, n_inputs)."""
+        room = Pass(self._online.shape, len(observation))
+        values: NDArray[np.float32] = room.forward(self._online, torch.from_numpy(observation)).numpy()
+        return values
 
     def learn(self, n_updates: int, learning_rate: float) -> float:
-        """Make so many gradient steps on replayed batches; returns the last loss."""
-        for group in self._optimiser.param_groups:
-            group["lr"] = learning_rate
+        """Make so many gradient steps on replayed batches; returns the last loss (0 for no step).
+
+        The memory must hold at least one transition.
+        """
         loss = 0.0
-        for _ in range(n_updates):
-            batch = self.memory.sample(self._rng.integers(0, self.memory.size, self._config.batch))
-            loss = self._update(batch)
+        for k in range(n_updates):
+            self.memory.sample(self._rng.integers(0, self.memory.size, self._config.batch), self._batch)
+            cut, apart = self._differentiate()
+            if k == n_updates - 1:
+                loss = float((cut * (apart - 0.5 * cut)).mean())  # Huber's
+            self._optimiser.step(self._online.flat, self._gradient.flat, learning_rate)
             self.updates += 1
             if self.updates % self._config.target_update == 0:
-                self._target.load_state_dict(self.online.state_dict())
+                self._target.flat.copy_(self._online.flat)
         return loss
 
-    def _update(self, batch: Transitions) -> float:
-        observation, action, reward, end, following, allowed = (torch.from_numpy(a) for a in batch)
-        with torch.no_grad():
-            masked = self.online(following).masked_fill(~allowed, -torch.inf)
-            best = masked.argmax(dim=1, keepdim=True)
-            value = self._target(following).gather(1, best).squeeze(1)
-            goal = reward + self._config.discount * torch.where(end, torch.zeros_like(value), value)
-            goal = goal.clamp(-1.0, 1.0)
-        q = self.online(observation).gather(1, action.unsqueeze(1)).squeeze(1)
-        loss = torch.nn.functional.smooth_l1_loss(q, goal)
-        self._optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.online.parameters(), 10.0)
-        self._optimiser.step()
-        return float(loss.detach())
+    def _differentiate(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Gradient of the Huber loss on the drawn batch, cut to its longest; also the errors cut to 1, and uncut."""
+        observation, action, reward, end, following, allowed = self._tensors
+        masked = self._online_next.forward(self._online, following).masked_fill_(~allowed, -torch.inf)
+        best = masked.argmax(dim=1, keepdim=True)
+        value = self._target_next.forward(self._target, following).gather(1, best).squeeze(1).masked_fill_(end, 0.0)
+        goal = value.mul_(self._config.discount).add_(reward).clamp_(-1.0, 1.0)
+        column = action.unsqueeze(1)
+        apart = self._now.forward(self._online, observation).gather(1, column).squeeze(1).sub_(goal)
+        cut = apart.clamp(-1.0, 1.0)
+        self._slope.zero_().scatter_(1, column, (cut / len(cut)).unsqueeze(1))
+        self._now.backward(self._online, self._slope, self._gradient)
+        gradient = self._gradient.flat
+        gradient.mul_((_LARGEST_NORM / (torch.linalg.vector_norm(gradient) + 1e-6)).clamp_(max=1.0))
+        return cut, apart
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Both networks, what the optimiser remembers, and the replay memory, by name."""
+        """Both networks, what the optimiser remembers, and the replay memory, by name; views."""
         found = {f"replay.{name}": array for name, array in self.memory.state().items()}
-        for kind, network in (("online", self.online), ("target", self._target)):
-            found |= {f"{kind}.{name}": tensor.numpy() for name, tensor in network.state_dict().items()}
-        for index, memory in self._optimiser.state_dict()["state"].items():
-            tensors = {name: item for name, item in memory.items() if isinstance(item, torch.Tensor)}
-            found |= {f"optimiser.{index}.{name}": tensor.numpy() for name, tensor in tensors.items()}
-        return found
+        found |= {"online": self._online.flat.numpy(), "target": self._target.flat.numpy()}
+        return found | {f"optimiser.{name}": tensor.numpy() for name, tensor in self._optimiser.arrays().items()}
 
     def values(self) -> dict[str, Any]:
         """What is not an array, JSON-compatible."""
-        return {"updates": self.updates, "place": self.memory.place, "rng": _plain(self._rng.bit_generator.state)}
+        return {
+            "updates": self.updates,
+            "steps": self._optimiser.steps,
+            "place": self.memory.place,
+            "rng": _plain(self._rng.bit_generator.state),
+        }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Take over what `arrays` and `values` gave."""
+        """Take over what `arrays` and `values` gave.
+
+        Raises:
+            KeyError, ValueError: Something is missing or does not fit.
+        """
         self.memory.restore(below("replay", arrays), values["place"])
-        for kind, network in (("online", self.online), ("target", self._target)):
-            network.load_state_dict({name: torch.from_numpy(a) for name, a in below(kind, arrays).items()})
-        memories: dict[int, dict[str, torch.Tensor]] = {}
-        for name, array in below("optimiser", arrays).items():
-            index, _, key = name.partition(".")
-            # A copy in memory that PyTorch allocated: the file's may lie unaligned.
-            memories.setdefault(int(index), {})[key] = torch.from_numpy(array).clone()
-        self._optimiser.load_state_dict(self._optimiser.state_dict() | {"state": memories})
+        for name, ours in self.arrays().items():
+            if not name.startswith("replay."):
+                if arrays[name].shape != ours.shape:
+                    raise ValueError(f"{name} has shape {arrays[name].shape}, not {ours.shape}")
+                ours[...] = arrays[name]
+        self._optimiser.steps = values["steps"]
         self._rng.bit_generator.state = _unplain(values["rng"])
         self.updates = values["updates"]
 
