@@ -28,9 +28,10 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
-from cornerforge.sim.drive import Setting, Transitions, collect, start_worlds
+from cornerforge.sim.drive import N_FINISHED, History, Setting, Transitions, collect, start_worlds
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.rewards import RewardNumbers, reward_numbers
+from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds
 from cornerforge.types import N_ACTIONS
 
@@ -49,7 +50,10 @@ _POINT_EVERY = 50
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One point of the training curve, over the tests that ended since the point before (while exploring)."""
+    """One point of the training curve, over the tests that ended since the point before (while exploring).
+
+    `paid_per_test` is the share of tests in which the reward was +1: with the reward `crash` that of all AV crashes.
+    """
 
     decisions: int
     seconds: float
@@ -58,6 +62,7 @@ class CurvePoint:
     loss: float | None
     tests: int
     crashes_per_test: float | None
+    paid_per_test: float | None
 
 
 @dataclass
@@ -74,8 +79,9 @@ class TrainResult:
 class _Actor:
     """The worlds that produce transitions."""
 
-    def __init__(self, setting: Setting, slots: int, n: int, seed: int) -> None:
+    def __init__(self, setting: Setting, slots: int, n: int, reward: RewardNumbers, seed: int) -> None:
         self._setting = setting
+        self._reward = reward
         self._seed = seed
         self._worlds = allocate_worlds(n, slots)
         self._tests = np.arange(TRAINING_TESTS, TRAINING_TESTS + n, dtype=np.int64)
@@ -84,7 +90,14 @@ class _Actor:
         self._pairs = allocate_pairs(slots)
         self._recording = allocate_recording(0, slots)
         self._scratch = allocate_choice_scratch(setting.policy)
-        self.finished = np.zeros(3, dtype=np.int64)
+        decisions = setting.road.max_decisions
+        self._history = History(
+            np.zeros((n, decisions), dtype=np.int16),
+            np.zeros((n, decisions), dtype=np.int8),
+            allocate_worlds(1, slots),
+            allocate_recording(SUBSTEPS * decisions + 1, slots),
+        )
+        self.finished = np.zeros(N_FINISHED, dtype=np.int64)
         start_worlds(seed, self._tests, setting, self._worlds, self._scratch, self._observation, self._allowed)
 
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
@@ -98,10 +111,12 @@ class _Actor:
             self._tests,
             epsilon,
             setting,
+            self._reward,
             self._worlds,
             self._pairs,
             self._scratch,
             self._recording,
+            self._history,
             self._observation,
             self._allowed,
             out,
@@ -120,6 +135,8 @@ class _Actor:
             "tests": self._tests,
             "observation": self._observation,
             "allowed": self._allowed,
+            "bvs": self._history.bv,
+            "actions": self._history.action,
             "finished": self.finished,
         }
 
@@ -191,9 +208,9 @@ class _Training:
         shape, weights = config.network, self._learner.weights()
         numbers = PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
         hostile = setting._replace(adversary=ADVERSARIES["policy"], policy=numbers)
-        self._actor = _Actor(hostile, slots, config.worlds, seed)
+        self._actor = _Actor(hostile, slots, config.worlds, reward_numbers(config.reward, config.delay_s), seed)
         self._buffer = allocate_transitions(config.worlds)
-        self._seen = np.zeros(3, dtype=np.int64)
+        self._seen = np.zeros(N_FINISHED, dtype=np.int64)
         self._loss: float | None = None
         self.result = TrainResult(weights, 0, 0, 0.0)
 
@@ -212,12 +229,14 @@ class _Training:
     def add_point(self) -> CurvePoint:
         """Close the running point of the curve."""
         result, finished = self.result, self._actor.finished
-        tests, crashes = (int(n) for n in (finished - self._seen)[:2])
+        tests, crashes, _, paid = (int(n) for n in finished - self._seen)
         self._seen[:] = finished
-        rate = crashes / tests if tests else None
+        rate, paid_rate = (crashes / tests, paid / tests) if tests else (None, None)
         epsilon = round(_epsilon(self._config, result.decisions - self._config.worlds), 4)
         seconds = round(result.seconds, 3)
-        point = CurvePoint(result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate)
+        point = CurvePoint(
+            result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate, paid_rate
+        )
         result.curve.append(point)
         return point
 
