@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from types import FrameType
 from typing import Any
 
@@ -45,7 +45,10 @@ __all__ = ["TRAINING_TESTS", "CurvePoint", "TrainResult", "train_adversary"]
 TRAINING_TESTS = 1 << 40
 """Number of the first training test; evaluation and generation use tests far from these."""
 _POINT_EVERY = 50
-"""Iterations between two points of the training curve."""
+"""Iterations between two points of the training curve, at first."""
+_MOST_POINTS = 1000
+"""When the curve has so many points, pairs of them become one, and points come half as often: a long training does not
+drown in them."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,19 @@ class TrainResult:
     updates: int
     seconds: float
     curve: list[CurvePoint] = field(default_factory=list)
+
+
+def _joined(first: CurvePoint, second: CurvePoint) -> CurvePoint:
+    """Two neighbouring points as one."""
+    tests = first.tests + second.tests
+
+    def share(name: str) -> float | None:
+        paid = [p.tests * getattr(p, name) for p in (first, second) if p.tests]
+        return sum(paid) / tests if tests else None
+
+    return replace(
+        second, tests=tests, crashes_per_test=share("crashes_per_test"), paid_per_test=share("paid_per_test")
+    )
 
 
 class _Actor:
@@ -216,6 +232,7 @@ class _Training:
         self._buffer = allocate_transitions(config.worlds)
         self._seen = np.zeros(N_FINISHED, dtype=np.int64)
         self._loss: float | None = None
+        self.point_every = _POINT_EVERY
         self.result = TrainResult(weights, 0, 0, 0.0)
 
     def iterate(self, pool: ThreadPoolExecutor, threads: int, share_of_time: float) -> None:
@@ -242,6 +259,9 @@ class _Training:
             result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate, paid_rate
         )
         result.curve.append(point)
+        if len(result.curve) == _MOST_POINTS:
+            result.curve[:] = [_joined(*pair) for pair in zip(result.curve[::2], result.curve[1::2], strict=True)]
+            self.point_every *= 2
         return point
 
     def finish(self) -> TrainResult:
@@ -259,6 +279,7 @@ class _Training:
             "decisions": result.decisions,
             "seconds": result.seconds,
             "loss": self._loss,
+            "point_every": self.point_every,
             "curve": [asdict(point) for point in result.curve],
             "learner": self._learner.values(),
         }
@@ -271,6 +292,7 @@ class _Training:
         self._learner.restore(below("learner", saved.arrays), values["learner"])
         self._seen[:] = saved.arrays["seen"]
         self._loss = values["loss"]
+        self.point_every = values["point_every"]
         self.result.decisions = values["decisions"]
         self.result.seconds = values["seconds"]
         self.result.curve = [CurvePoint(**point) for point in values["curve"]]
@@ -331,7 +353,7 @@ def _train(
             result.seconds = time.perf_counter() - start
             last = iteration == iterations - 1 or (max_seconds is not None and result.seconds >= max_seconds)
             try:
-                if last or (iteration + 1) % _POINT_EVERY == 0:
+                if last or (iteration + 1) % training.point_every == 0:
                     point = training.add_point()
                     if progress is not None:
                         progress(point)
