@@ -16,14 +16,28 @@ from cornerforge._jit import inlined_kernel
 if TYPE_CHECKING:
     from numpy import uint64
 
-__all__ = ["PURPOSE_DECIDE", "PURPOSE_EXPLORE", "PURPOSE_INITIAL", "block", "normal_pair", "philox4x32", "uniform"]
+__all__ = [
+    "PURPOSE_ACT",
+    "PURPOSE_CAST",
+    "PURPOSE_DECIDE",
+    "PURPOSE_EXPLORE",
+    "PURPOSE_INITIAL",
+    "block",
+    "normal_pair",
+    "philox4x32",
+    "uniform",
+]
 
 PURPOSE_DECIDE = 1
 """A vehicle's decision: 4 words = lateral, acceleration, conflict, spare."""
 PURPOSE_INITIAL = 2
 """Traffic at the start."""
 PURPOSE_EXPLORE = 3
-"""The learning adversary's exploration and stochastic acting: 2 words used."""
+"""The learning adversary's exploration, and the plain adversaries: 2 words used."""
+PURPOSE_ACT = 4
+"""A policy that acts at random by its values: 1 word used."""
+PURPOSE_CAST = 5
+"""Which policy of a mixture drives a test: 1 word used, step and vehicle 0."""
 
 # Trap: in Numba uint64 mixed with a signed integer becomes float64, so every constant here is np.uint64.
 _M0 = np.uint64(0xD2511F53)

@@ -17,7 +17,7 @@ from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
-from cornerforge.sim.adversaries import ADVERSARIES
+from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST
 
 if TYPE_CHECKING:
     from cornerforge.adversary.train import CurvePoint, TrainResult
@@ -51,6 +51,7 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
     identity = {
         "seed": seed,
         "bounded": run.bounded,
+        "budget": run.budget,
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
         **{f"train.{name}": value for name, value in asdict(config).items()},
@@ -70,7 +71,7 @@ def learn(
     progress: Progress = NO_PROGRESS,
     checkpoint: CheckpointFile | None = None,
 ) -> tuple[Policy, TrainResult]:
-    """Train on an experiment (its `bounded` says with which mask), or go on with what the checkpoint holds."""
+    """Train on an experiment (`bounded` and `budget` give its mask), or go on with what the checkpoint holds."""
     from cornerforge.adversary.train import train_adversary
 
     def report(point: CurvePoint) -> None:
@@ -89,7 +90,7 @@ def learn(
         progress=report,
         checkpoint=checkpoint,
     )
-    policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed))
+    policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed), run.budget)
     return policy, result
 
 
@@ -109,8 +110,8 @@ def measure_baselines(
     """Crash rates of the plain adversaries under the run's mask, on the same evaluation tests."""
     rates = []
     for name in BASELINES:
-        setting = run.setting._replace(adversary=ADVERSARIES[name], bounded=int(run.bounded))
-        plain = replace(run, setting=setting, bv=name, policy=None)
+        setting = run.setting._replace(adversary=ADVERSARIES[name], bounded=int(run.bounded), cast=NO_CAST)
+        plain = replace(run, setting=setting, bv=name, policies=(), acting="greedy")
         rates.append({"name": name, **evaluate(plain, tests=tests, seed=seed, threads=threads, progress=progress)})
     return rates
 
@@ -121,6 +122,7 @@ def train(
     av: str = "idm-mobil",
     preset: str = "fast",
     bounded: bool = False,
+    budget: float | None = None,
     decisions: int | None = None,
     minutes: float | None = None,
     resume: bool = False,
@@ -139,6 +141,8 @@ def train(
         av: AV to learn on.
         preset: "fast" or "paper".
         bounded: Only actions that the naturalistic model calls possible.
+        budget: Likelihood budget of a test [nats], 0 or more; implies `bounded`. By so much, in all, may the
+            log-probability of its actions fall short of the likeliest actions'.
         decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights.
         minutes: Stop after this time [min]; the result then depends on the machine's speed.
         resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
@@ -165,8 +169,9 @@ def train(
     if minutes is not None:
         check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
     run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded
-    )
+        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded,
+        budget=budget,
+    )  # fmt: skip
     check_new_file(path, overwrite=resume)
     checkpoint = checkpoint_beside(path, run, config, seed)
     check_new_file(checkpoint.path, overwrite=True)
@@ -198,7 +203,8 @@ def train(
         "updates": policy.about["updates"],
         "seconds": round(seconds, 3),
         "preset": preset,
-        "bounded": bounded,
+        "bounded": run.bounded,
+        "budget": run.budget,
         **rate,
         "baselines": measure_baselines(run, tests=tests, seed=seed, threads=threads, progress=progress),
         "policy_hash": policy_hash(policy),
@@ -213,10 +219,11 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
     Raises:
         OutputError: It is another one.
     """
-    found = {**policy.about, "bounded": policy.bounded}
+    found = {**policy.about, "bounded": policy.bounded, "budget": policy.budget}
     wanted = {
         "seed": seed,
         "bounded": run.bounded,
+        "budget": run.budget,
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
         "train": asdict(config),
