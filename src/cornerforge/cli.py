@@ -353,6 +353,77 @@ def analyse(
 
 
 @app.command()
+def plausibility(
+    out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
+    budget: Annotated[
+        list[float] | None,
+        typer.Option(help="Likelihood budget [nats]; may be given again. 2, 5, 10, 20, 40.", show_default=False),
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Training seeds per budget.")] = 3,
+    decisions: Annotated[
+        int | None, typer.Option(help="Length of a training; the fast preset's by default.", show_default=False)
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Evaluation tests of each policy.")] = 8192,
+    av: Av = "idm-mobil",
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.plausibility import BUDGETS_NATS, plausibility_text
+
+    _run(
+        lambda bars: pipeline.plausibility(
+            out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, av=av,
+            resume=resume, lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        plausibility_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def variety(
+    libraries: Annotated[
+        list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
+    ] = None,
+    policy: Annotated[
+        list[Path] | None,
+        typer.Option(help="Policy file instead of libraries; may be given again.", show_default=False),
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Tests for each way to generate.")] = 4096,
+    acting: Annotated[str, typer.Option(help="How to act at random: softmax or softmax:T.")] = "softmax",
+    av: Av = "idm-mobil",
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    budget: Budget = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.variety import variety_text
+
+    _run(
+        lambda bars: pipeline.variety(
+            libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, av=av, lanes=lanes, odd=odd,
+            model=model, budget=budget, seed=seed, threads=threads, progress=bars,
+        ),
+        variety_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
 def rate(
     method: Annotated[str, typer.Option(help="mc: plain Monte Carlo.")] = "mc",
     av: Av = "idm-mobil",

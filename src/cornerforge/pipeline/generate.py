@@ -26,7 +26,7 @@ from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.runner import warm_up
 
-__all__ = ["fill_library", "generate", "store_tests"]
+__all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
 
 _SHARD_CASES = 1000
 _COMMIT_SECONDS = 20.0
@@ -103,6 +103,18 @@ class _Harvest:
 
     def __exit__(self, *_: object) -> None:
         self.pool.shutdown(cancel_futures=True)
+
+
+def harvest_tests(
+    run: Experiment, seed: int, first: int, tests: int, threads: int
+) -> Generator[tuple[int, Harvested], None, None]:
+    """Drive tests in a thread pool and yield (tests done, cases of a range of tests), in test order; nothing is stored.
+
+    Results do not depend on `threads`.
+    """
+    with _Harvest(run, seed, threads) as harvest, contextlib.closing(harvest.chunks(first, tests)) as chunks:
+        for harvested in chunks:
+            yield harvested.first - first + harvested.outcomes.code.size, harvested
 
 
 class _Filler:
