@@ -20,7 +20,7 @@ import numpy as np
 from cornerforge.drivers.idm import IdmNumbers
 from cornerforge.drivers.mobil import MobilNumbers
 from cornerforge.sim.drive import Outcomes
-from cornerforge.sim.runner import _allocate_outcomes
+from cornerforge.sim.runner import allocate_outcomes
 from cornerforge.sim.step import Pairs, allocate_pairs
 from cornerforge.sim.world import INFO_FIELDS, VEHICLE, RoadNumbers, World, allocate_worlds
 from cornerforge.types import ACCELERATIONS
@@ -132,7 +132,7 @@ class Yardstick:
     def __init__(self, setting: Setting) -> None:
         if setting.bv_model != 0 or setting.adversary != 0:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
-        if VEHICLE.itemsize != 160 or INFO_FIELDS != 10 or setting.tables.cut.shape[1] != 32:
+        if VEHICLE.itemsize != 160 or INFO_FIELDS != 11 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a world or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
         self._kept = (setting, ACCELERATIONS)  # what the pointers below point to
@@ -157,7 +157,7 @@ class Yardstick:
 
     def drive_chunk(self, slots: int, seed: int, first: int, count: int) -> Outcomes:
         """As `sim.runner.drive_chunk`: with buffers of its own."""
-        out = _allocate_outcomes(count)
+        out = allocate_outcomes(count)
         world = World(*(part[0] for part in allocate_worlds(1, slots)))
         self.drive_range(seed, first, count, world, allocate_pairs(slots), out)
         return out

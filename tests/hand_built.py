@@ -14,6 +14,7 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import hold
 from cornerforge.sim.adversaries import ADVERSARIES
 from cornerforge.sim.drive import Setting
+from cornerforge.sim.observe import budget_units
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import (
     CONTROLLED,
@@ -50,6 +51,7 @@ def setting_of(
     bounded: bool = False,
     idm_bvs: bool = False,
     policy: PolicyNumbers = NO_POLICY,
+    budget: float | None = None,
 ) -> Setting:
     """A run as the kernels take it; a model's tables are prepared once (kept with it, so that its id stays its own)."""
     if id(model) not in _tables:
@@ -63,6 +65,7 @@ def setting_of(
         adversary=ADVERSARIES[adversary or "nobody"],
         bounded=int(bounded),
         policy=policy,
+        budget=budget_units(budget) if bounded else 0,
     )
 
 

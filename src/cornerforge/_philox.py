@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from numpy import uint64
 
 __all__ = [
+    "PURPOSE_ACT",
+    "PURPOSE_CAST",
     "PURPOSE_DECIDE",
     "PURPOSE_EXPLORE",
     "PURPOSE_GUIDE",
@@ -32,7 +34,11 @@ PURPOSE_DECIDE = 1
 PURPOSE_INITIAL = 2
 """Traffic at the start."""
 PURPOSE_EXPLORE = 3
-"""The learning adversary's exploration and stochastic acting: 2 words used."""
+"""The learning adversary's exploration, and the plain adversaries: 2 words used."""
+PURPOSE_ACT = 4
+"""A policy that acts at random by its values: 1 word used."""
+PURPOSE_CAST = 5
+"""Which policy of a mixture drives a test: 1 word used, step and vehicle 0."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
 

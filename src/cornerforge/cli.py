@@ -39,6 +39,15 @@ Lanes = Annotated[int | None, typer.Option(help="Lanes, 2 to 6; 3 by default.", 
 OddName = Annotated[str, typer.Option("--odd", help="default (4 s lane change), swift (2.5 s) or paper (1 s).")]
 Model = Annotated[Path | None, typer.Option(help="Naturalistic model; the shipped one by default.", show_default=False)]
 Bounded = Annotated[bool, typer.Option("--bounded", help="Only actions that the naturalistic model calls possible.")]
+Budget = Annotated[
+    float | None,
+    typer.Option(
+        help="Likelihood budget of a test [nats], such as 5: how far the actions may fall short of the likeliest ones. "
+        "Implies --bounded.",
+        show_default=False,
+    ),
+]
+Acting = Annotated[str, typer.Option(help="How a policy acts: greedy, or softmax:T to draw by exp(Q / T).")]
 DataFormat = Annotated[
     str | None,
     typer.Option(
@@ -184,12 +193,22 @@ def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     av: Av = "idm-mobil",
     bv: Annotated[
-        str, typer.Option(help="Background vehicles: nde, idm, uniform, lane-changer, swerve, or a policy file.")
-    ] = "nde",
+        list[str] | None,
+        typer.Option(
+            help="Background vehicles: nde (default), idm, uniform, lane-changer, swerve, or a policy file; several "
+            "policies: each test draws one.",
+            show_default=False,
+        ),
+    ] = None,
+    policy: Annotated[
+        list[Path] | None, typer.Option(help="The same as --bv FILE; may be given again.", show_default=False)
+    ] = None,
     lanes: Lanes = None,
     odd: OddName = "default",
     model: Model = None,
     bounded: Bounded = False,
+    budget: Budget = None,
+    acting: Acting = "greedy",
     stats: Annotated[bool, typer.Option("--stats", help="Add distributions over all background vehicles.")] = False,
     out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
     resume: Resume = False,
@@ -202,9 +221,11 @@ def simulate(
     """Drive tests and count crashes; they are stored only with --out."""
     from cornerforge import pipeline
 
+    drivers = [*(bv or []), *map(str, policy or [])] or ["nde"]
+
     def text(r: dict[str, Any]) -> str:
         lines = [
-            _rate_text(r, f"{av}, {bv}"),
+            _rate_text(r, f"{av}, {' + '.join(drivers)}"),
             f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
             f"{r['tests_per_second']:,.0f} tests/s, {r['world_steps_per_second']:,.0f} world-steps/s; "
             f"digest {r['digest'][:16]}",
@@ -221,8 +242,8 @@ def simulate(
 
     _run(
         lambda bars: pipeline.simulate(
-            tests=tests, av=av, bv=bv, lanes=lanes, odd=odd, model=model, bounded=bounded, stats=stats, out=out,
-            resume=resume, seed=seed, threads=threads, progress=bars,
+            tests=tests, av=av, bv=drivers, lanes=lanes, odd=odd, model=model, bounded=bounded, budget=budget,
+            acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads, progress=bars,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
@@ -238,6 +259,7 @@ def train(
         str, typer.Option(help="Crashes that are paid for: crash (all), striking or avoidable.")
     ] = "crash",
     delay: Annotated[float, typer.Option(help="Seconds that the AV has to react, in avoidable.")] = 1.0,
+    budget: Budget = None,
     decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
     minutes: Annotated[
         float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
@@ -262,9 +284,9 @@ def train(
 
     _run(
         lambda bars: pipeline.train(
-            out=out, av=av, preset=preset, bounded=bounded, reward=reward, delay=delay, decisions=decisions,
-            minutes=minutes, resume=resume, lanes=lanes, odd=odd, model=model, tests=tests, seed=seed, threads=threads,
-            progress=bars,
+            out=out, av=av, preset=preset, bounded=bounded, budget=budget, reward=reward, delay=delay,
+            decisions=decisions, minutes=minutes, resume=resume, lanes=lanes, odd=odd, model=model, tests=tests,
+            seed=seed, threads=threads, progress=bars,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
@@ -272,7 +294,13 @@ def train(
 
 @app.command()
 def generate(
-    policy: Annotated[str, typer.Option(help="Policy file, or uniform, lane-changer, swerve.", show_default=False)],
+    policy: Annotated[
+        list[str],
+        typer.Option(
+            help="Policy file, or uniform, lane-changer, swerve. Given again: each test draws one of the policies.",
+            show_default=False,
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="Library to fill.", show_default=False)],
     cases: Annotated[int, typer.Option(help="How many cases.")] = 1_000,
     av: Av = "idm-mobil",
@@ -281,6 +309,8 @@ def generate(
     odd: OddName = "default",
     model: Model = None,
     bounded: Bounded = False,
+    budget: Budget = None,
+    acting: Acting = "greedy",
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -293,7 +323,7 @@ def generate(
     _run(
         lambda bars: pipeline.generate(
             policy=policy, cases=cases, out=out, av=av, resume=resume, lanes=lanes, odd=odd, model=model,
-            bounded=bounded, seed=seed, threads=threads, progress=bars,
+            bounded=bounded, budget=budget, acting=acting, seed=seed, threads=threads, progress=bars,
         ),
         lambda r: _rate_text(r, f"{r['cases']:,} cases in {r['library']}"), as_json=as_json, quiet=quiet,
     )  # fmt: skip
@@ -332,6 +362,77 @@ def analyse(
     _run(
         lambda bars: pipeline.analyse(library, steps=steps, out=out, seed=seed, progress=bars),
         text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def plausibility(
+    out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
+    budget: Annotated[
+        list[float] | None,
+        typer.Option(help="Likelihood budget [nats]; may be given again. 2, 5, 10, 20, 40.", show_default=False),
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Training seeds per budget.")] = 3,
+    decisions: Annotated[
+        int | None, typer.Option(help="Length of a training; the fast preset's by default.", show_default=False)
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Evaluation tests of each policy.")] = 8192,
+    av: Av = "idm-mobil",
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.plausibility import BUDGETS_NATS, plausibility_text
+
+    _run(
+        lambda bars: pipeline.plausibility(
+            out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, av=av,
+            resume=resume, lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        plausibility_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def variety(
+    libraries: Annotated[
+        list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
+    ] = None,
+    policy: Annotated[
+        list[Path] | None,
+        typer.Option(help="Policy file instead of libraries; may be given again.", show_default=False),
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Tests for each way to generate.")] = 4096,
+    acting: Annotated[str, typer.Option(help="How to act at random: softmax or softmax:T.")] = "softmax",
+    av: Av = "idm-mobil",
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    budget: Budget = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.variety import variety_text
+
+    _run(
+        lambda bars: pipeline.variety(
+            libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, av=av, lanes=lanes, odd=odd,
+            model=model, budget=budget, seed=seed, threads=threads, progress=bars,
+        ),
+        variety_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,10 @@ def test_round_trip(policy: Policy, tmp_path: Path) -> None:
     assert policy_hash(loaded) == policy_hash(policy)
     assert policy_numbers(loaded).weights.dtype == np.float32
     assert [entry.name for entry in path.parent.iterdir()] == ["p.safetensors"]
+    assert loaded.budget is None
+    save_policy(replace(policy, budget=4.5), path)
+    assert load_policy(path).budget == 4.5
+    save_policy(policy, path)
     first = path.read_bytes()
     save_policy(loaded, path)
     assert path.read_bytes() == first
@@ -52,7 +57,8 @@ def test_the_hash_is_of_what_decides_how_it_acts(policy: Policy) -> None:
         policy_hash(Policy(changed, SHAPE, True, policy.about)),
         policy_hash(Policy(policy.weights, SHAPE, False, policy.about)),
     }
-    assert len(hashes) == 3
+    hashes |= {policy_hash(replace(policy, budget=budget)) for budget in (0.0, 5.0, 6.0)}
+    assert len(hashes) == 6
     assert policy_hash(Policy(policy.weights, SHAPE, True, {})) == policy_hash(policy)
 
 
@@ -83,6 +89,10 @@ DAMAGES = {
     "header a list": (lambda p: save({"weights": parts(p)[0]}, metadata={"cornerforge": "[]"}), "no JSON object"),
     "newer schema": (lambda p: changed_header(p, schema_version=2), "schema version 2"),
     "other observation": (lambda p: changed_header(p, observation_version=99), "observation version 99"),
+    "older observation": (lambda p: changed_header(p, observation_version=1), "Train it again"),
+    "negative budget": (lambda p: changed_header(p, budget=-1.0), "budget"),
+    "budget a text": (lambda p: changed_header(p, budget="much"), "budget"),
+    "budget without a bound": (lambda p: changed_header(p, bounded=False, budget=3.0), "bounded adversary only"),
     "fewer inputs": (lambda p: changed_header(p, network=NETWORK | {"n_inputs": 39}), "39 entries"),
     "unknown layer": (lambda p: changed_header(p, network=NETWORK | {"n_heads": 4}), "n_heads"),
     "giant network": (lambda p: changed_header(p, network=NETWORK | {"width": 10**9}), "width"),

@@ -14,8 +14,8 @@ from yardstick import COMPILER, Yardstick, has_compiler, same_outcomes
 from cornerforge.drivers.avs import AVS, av_named
 from cornerforge.ndd.model import NddModel, default_model_path, load_model
 from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Decisions, Outcomes, Setting, drive_range
-from cornerforge.sim.runner import _allocate_outcomes, drive_chunk
+from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_range
+from cornerforge.sim.runner import allocate_outcomes, drive_chunk
 from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording
 from cornerforge.sim.world import AV_CRASH, N_CURRENT, N_VEHICLES, World, allocate_worlds, n_slots
@@ -45,7 +45,7 @@ Drive = Callable[[int, int, int, World, Pairs, Outcomes], None]
 
 def in_numba(setting: Setting, slots: int) -> Drive:
     """The kernels, called as the yardstick is."""
-    nothing = Decisions(np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0))
+    nothing = allocate_decisions(0, slots)
     scratch, recording, counts = (
         allocate_choice_scratch(setting.policy),
         allocate_recording(0, slots),
@@ -88,7 +88,7 @@ def assert_equal_test_by_test(setting: Setting, odd: Odd, tests: int, seed: int 
     """Drive tests one by one in both and compare bytes; returns what happened in them."""
     slots = n_slots(odd)
     sides = [
-        (drive, World(*(part[0] for part in allocate_worlds(1, slots))), allocate_pairs(slots), _allocate_outcomes(1))
+        (drive, World(*(part[0] for part in allocate_worlds(1, slots))), allocate_pairs(slots), allocate_outcomes(1))
         for drive in (in_numba(setting, slots), Yardstick(setting).drive_range)
     ]
     av_crashes = bv_crashes = returns = 0

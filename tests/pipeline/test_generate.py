@@ -8,16 +8,22 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 from folder_snapshot import snapshot
 
 from cornerforge import pipeline
+from cornerforge.adversary.config import PRESETS
+from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
+from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.pipeline.setting import experiment
+from cornerforge.sim.adversaries import cast_index
 from cornerforge.sim.recorder import Recorder
 
 generate_module = importlib.import_module("cornerforge.pipeline.generate")  # the attribute of that name is the function
@@ -143,8 +149,8 @@ def test_rare_crashes_are_committed_by_the_clock(tmp_path: Path, monkeypatch: py
             seen.append((done, CaseLibrary.open(tmp_path / "library").next_test))
 
     pipeline.simulate(tests=3000, bv="uniform", out=tmp_path / "library", progress=watch)
-    assert seen[0] == (512, 0)
-    assert seen[1] == (1024, 512)
+    assert seen[0] == (128, 0)
+    assert seen[1] == (256, 128)
     pipeline.simulate(tests=3000, bv="uniform", out=tmp_path / "other")
     assert table(tmp_path / "library").equals(table(tmp_path / "other"))
 
@@ -156,6 +162,7 @@ def test_rare_crashes_are_committed_by_the_clock(tmp_path: Path, monkeypatch: py
         ({"policy": "lane-changer"}, "bv"),
         ({"odd": "swift"}, "odd"),
         ({"bounded": True}, "bounded"),
+        ({"budget": 3.0}, "bounded"),
     ],
 )
 def test_a_library_of_another_run_is_refused_by_name_and_untouched(
@@ -185,7 +192,19 @@ def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path)
 
 @pytest.mark.parametrize(
     "arguments",
-    [{"cases": 0}, {"seed": -1}, {"threads": 0}, {"policy": "nde"}, {"policy": "swerv"}, {"av": "none"}, {"lanes": 1}],
+    [
+        {"cases": 0},
+        {"seed": -1},
+        {"threads": 0},
+        {"policy": "nde"},
+        {"policy": "swerv"},
+        {"av": "none"},
+        {"lanes": 1},
+        {"budget": -1.0},
+        {"budget": float("nan")},
+        {"acting": "softmax"},
+        {"policy": ["swerve", "uniform"]},
+    ],
 )
 def test_wrong_arguments_make_no_library(arguments: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError):
@@ -212,6 +231,85 @@ def test_a_policys_cases_happen_again(some_policy: Path, tmp_path: Path) -> None
     pipeline.generate(policy=some_policy, cases=3, out=tmp_path / "library", odd="paper", seed=2)
     (tmp_path / "library").rename(tmp_path / "moved")
     assert pipeline.replay(tmp_path / "moved", "all", check=True)["identical"] is True
+
+
+def more_policies(folder: Path, n: int, **changes: object) -> list[Path]:
+    """Policy files with random weights, each another."""
+    shape = PRESETS["fast"].network
+    paths = []
+    for k in range(n):
+        weights = np.random.default_rng(100 + k).normal(0.0, 0.1, n_weights(shape)).astype(np.float32)
+        paths.append(folder / f"random-{k}.safetensors")
+        save_policy(replace(Policy(weights, shape, False, {}), **changes), paths[-1])  # type: ignore[arg-type]
+    return paths
+
+
+def column(library: Path, name: str) -> list[object]:
+    values: list[object] = CaseLibrary.open(library).scalars([name])[name].to_pylist()
+    return values
+
+
+def test_a_mixture_says_which_policy_drove_and_happens_again(tmp_path: Path) -> None:
+    policies = more_policies(tmp_path, 3)
+    library = tmp_path / "library"
+    pipeline.generate(policy=policies, cases=40, out=library, odd="paper", acting="softmax:0.2", seed=2)
+    hashes = [policy_hash(load_policy(path)) for path in policies]
+    tests = column(library, "test")
+    assert column(library, "policy") == [hashes[cast_index(2, test, 3)] for test in tests]  # type: ignore[arg-type]
+    assert len(set(column(library, "policy"))) == 3
+    assert all(value < 0.0 for value in column(library, "log_prob_policy"))  # type: ignore[operator]
+    for path in policies:
+        path.unlink()
+    assert pipeline.replay(library, "all", check=True)["identical"] is True
+    one = {name: CaseLibrary.open(library).identity[name] for name in ("policies", "acting", "bv", "budget")}
+    assert one == {"policies": 3, "acting": "softmax:0.2", "bv": "policy", "budget": None}
+
+
+def test_a_test_of_a_mixture_is_that_of_its_policy_alone(tmp_path: Path) -> None:
+    policies = more_policies(tmp_path, 2)
+    pipeline.simulate(bv=policies, tests=300, out=tmp_path / "both", odd="paper", seed=2)
+    digests = dict(zip(column(tmp_path / "both", "test"), column(tmp_path / "both", "trajectory_digest"), strict=True))
+    found = {}
+    for k, path in enumerate(policies):
+        pipeline.simulate(bv=[path], tests=300, out=tmp_path / str(k), odd="paper", seed=2)
+        alone = tmp_path / str(k)
+        for test, digest in zip(column(alone, "test"), column(alone, "trajectory_digest"), strict=True):
+            if cast_index(2, test, 2) == k:  # type: ignore[arg-type]
+                found[test] = digest
+    assert len(found) > 5
+    assert found == digests
+
+
+def test_acting_at_random_is_another_library_and_greedy_has_no_doubt(some_policy: Path, tmp_path: Path) -> None:
+    for name, acting in (("greedy", "greedy"), ("soft", "softmax:0.05"), ("again", "softmax:0.05")):
+        pipeline.generate(policy=some_policy, cases=20, out=tmp_path / name, odd="paper", acting=acting)
+    assert set(column(tmp_path / "greedy", "log_prob_policy")) == {0.0}
+    assert column(tmp_path / "soft", "trajectory_digest") == column(tmp_path / "again", "trajectory_digest")
+    assert column(tmp_path / "soft", "trajectory_digest") != column(tmp_path / "greedy", "trajectory_digest")
+    with pytest.raises(InputError, match="acting is"):
+        pipeline.generate(
+            policy=some_policy, cases=30, out=tmp_path / "soft", odd="paper", acting="softmax:0.06", resume=True
+        )
+
+
+@pytest.mark.parametrize("budget", [0.0, 3.0, 15.0])
+def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
+    found = pipeline.simulate(bv="lane-changer", budget=budget, tests=4000, out=tmp_path / "library")
+    assert found["tests"] == 4000
+    shortfall = column(tmp_path / "library", "shortfall_nats")
+    assert all(0.0 <= value <= budget for value in shortfall)  # type: ignore[operator]
+    assert set(column(tmp_path / "library", "n_implausible")) <= {0}
+    if budget == 15.0:
+        assert max(shortfall) > 3.0  # type: ignore[type-var]
+        assert pipeline.replay(tmp_path / "library", "all", check=True)["identical"] is True
+
+
+def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
+    (policy,) = more_policies(tmp_path, 1, bounded=True, budget=20.0)
+    own, tighter = (experiment(bv=policy, budget=budget) for budget in (None, 2.0))
+    assert (own.bounded, own.budget, own.setting.budget) == (True, 20.0, 20_000_001)
+    assert (tighter.bounded, tighter.budget, tighter.setting.budget) == (True, 2.0, 2_000_001)
+    assert own.identity(0)["policy_hash"] != tighter.identity(0)["policy_hash"]
 
 
 def test_one_case(swerve_library: Path) -> None:

@@ -51,6 +51,18 @@ def test_summary_and_file_agree(trained: tuple[Path, dict[str, object]]) -> None
     assert [entry.name for entry in path.parent.iterdir()] == ["p.safetensors"]
 
 
+def test_a_budget_is_stored_and_kept_to(tmp_path: Path) -> None:
+    path = tmp_path / "p.safetensors"
+    summary = pipeline.train(out=path, budget=4.0, decisions=600, tests=200, seed=4)
+    assert (summary["bounded"], summary["budget"]) == (True, 4.0)
+    policy = load_policy(path)
+    assert (policy.bounded, policy.budget) == (True, 4.0)
+    again = pipeline.train(out=path, budget=4.0, decisions=600, tests=200, seed=4, resume=True)
+    assert again["kept"] is True
+    with pytest.raises(OutputError, match="another budget"):
+        pipeline.train(out=path, budget=5.0, decisions=600, seed=4, resume=True)
+
+
 def test_a_policy_is_not_overwritten(trained: tuple[Path, dict[str, object]]) -> None:
     path, _ = trained
     before = snapshot(path.parent)
@@ -73,6 +85,7 @@ def test_resume_keeps_the_policy_of_the_same_command(trained: tuple[Path, dict[s
     [
         ({"seed": 5}, "seed"),
         ({"bounded": True}, "bounded"),
+        ({"budget": 5.0}, "bounded"),
         ({"decisions": 9}, "train"),
         ({"lanes": 4}, "odd"),
         ({"reward": "striking"}, "train"),
@@ -139,6 +152,7 @@ def test_without_resume_an_unfinished_training_is_not_overwritten(stopped: Path)
 @pytest.mark.parametrize(
     ("changes", "named"),
     [({"seed": 5}, "seed = 4, not 5"), ({"bounded": True}, "bounded = False, not True"),
+     ({"budget": 3.0}, "bounded = False, not True"),
      ({"decisions": 9}, r"train\.decisions = 30000, not 9"), ({"lanes": 4}, r"odd\.n_lanes = 3, not 4"),
      ({"preset": "paper"}, r"train\.preset = 'fast', not 'paper'")],
 )  # fmt: skip
@@ -175,7 +189,7 @@ def test_a_kill_between_policy_and_checkpoint_leaves_no_checkpoint_for_long(
 @pytest.mark.parametrize(
     "arguments",
     [{"decisions": 0}, {"minutes": 0.0}, {"minutes": float("nan")}, {"preset": "fats"}, {"seed": -1}, {"av": "x"},
-     {"reward": "crush"}, {"delay": -1.0},
+     {"reward": "crush"}, {"delay": -1.0}, {"budget": -1.0}, {"budget": float("nan")}, {"budget": 1e9},
      {"tests": 0}, {"threads": 0}],
 )  # fmt: skip
 def test_wrong_arguments_make_nothing(arguments: dict[str, object], tmp_path: Path) -> None:

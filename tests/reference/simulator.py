@@ -43,6 +43,7 @@ class Simulator:
     adversary: str | None = None
     bounded: bool = False
     idm_bvs: bool = False
+    budget: float | None = None
     tables: Naturalistic = field(init=False)
 
     def __post_init__(self) -> None:
@@ -152,8 +153,8 @@ class Simulator:
         steps = [b - a for a, b in zip([0.0, *cumulative], cumulative, strict=False)]
         return [left, right, *(keep * step for step in steps)]
 
-    def allowed(self, world: World, bv: Vehicle) -> list[Action]:
-        """Actions that the adversary may take."""
+    def allowed(self, world: World, bv: Vehicle, left: int | None) -> list[Action]:
+        """Actions that the adversary may take; `left` of its budget in millionths of a nat, None: no limit."""
         lane = bv.target_lane
         running = bv.running_side(self.odd)
         allowed = set(range(2, 33))
@@ -164,7 +165,14 @@ class Simulator:
         if self.bounded:
             possible = self.probabilities(world, bv, overlook=0.0)
             allowed = {action for action in allowed if possible[action] > 0.0}
+            if left is not None:
+                allowed = {action for action in allowed if self.price(possible, action) <= left}
         return sorted(allowed)
+
+    @staticmethod
+    def price(chances: list[float], action: Action) -> int:
+        """How much less likely an action is than the likeliest, in millionths of a nat, rounded up."""
+        return math.ceil((math.log(max(chances)) - math.log(chances[action])) * 1e6)
 
 
 @dataclass
@@ -177,6 +185,11 @@ class _Test:
     drive: Drive = field(default_factory=Drive)
     step: int = 0
     controlled: Vehicle | None = None
+    budget_left: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.simulator.budget is not None:
+            self.budget_left = round(self.simulator.budget * 1e6)
 
     def run(self) -> Drive:
         odd = self.simulator.odd
@@ -222,7 +235,11 @@ class _Test:
         simulator, world = self.simulator, self.world
         if simulator.adversary is not None and bv is self.controlled:
             adversary = ADVERSARIES[simulator.adversary]
-            return adversary(world, bv, simulator.allowed(world, bv), draws(self.stream, self.step, bv.slot))
+            allowed = simulator.allowed(world, bv, self.budget_left)
+            action = adversary(world, bv, allowed, draws(self.stream, self.step, bv.slot))
+            if self.budget_left is not None:
+                self.budget_left -= simulator.price(simulator.probabilities(world, bv, overlook=0.0), action)
+            return action
         if simulator.idm_bvs:
             command = simulator.idm_behind_all(world, bv)
             return 2 + min(max(math.floor((command + 4.0) * 5.0 + 0.5), 0), 30)

@@ -6,7 +6,15 @@ from hand_built import Car, world_of
 from statistical_bounds import l1_bound, l1_distance
 
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, n_weights
-from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch, choose_action
+from cornerforge.sim.adversaries import (
+    ADVERSARIES,
+    allocate_choice_scratch,
+    cast_index,
+    cast_member,
+    cast_of,
+    choose_action,
+    sample_action,
+)
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.world import World
 
@@ -109,3 +117,73 @@ def test_choices_of_another_vehicle_are_other_draws() -> None:
         [choose_action(world, slot, uniform, 0.0, 9, k, NO_POLICY, scratch) for k in range(50)] for slot in (1, 2)
     ]
     assert chosen[0] != chosen[1]
+
+
+# Policies that act at random, and mixtures
+
+
+def valued_policy(values: np.ndarray) -> PolicyNumbers:
+    """Q differs from `values` by the same number for all actions, whatever is seen."""
+    shape = NetworkShape(N_OBSERVATION, 1, 0, 1)
+    weights = np.zeros(n_weights(shape), dtype=np.float32)
+    weights[-33:] = values
+    return PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
+
+
+@pytest.mark.parametrize("allowed", [list(range(33)), [0, 1, 5, 30], [17]])
+@pytest.mark.parametrize("temperature", [0.0, 0.1, 1.0])
+def test_a_policy_draws_by_its_values_among_the_allowed(allowed: list[int], temperature: float) -> None:
+    # H0: independent draws with P(a) proportional to exp(Q / T); n = 50,000 sees an L1 error of 0.04.
+    values = np.random.default_rng(3).uniform(0.0, 1.0, 33).astype(np.float32)
+    policy = valued_policy(values)
+    world = world_of(WORLD)
+    scratch = allocate_choice_scratch(policy)
+    scratch.allowed[allowed] = True
+    expected = np.zeros(33)
+    q = values[allowed].astype(np.float64)
+    if temperature == 0.0:
+        expected[allowed[int(q.argmax())]] = 1.0
+    else:
+        weights = np.exp((q - q.max()) / temperature)
+        expected[allowed] = weights / weights.sum()
+    counts = np.zeros(33, dtype=np.int64)
+    for test in range(N):
+        action, log_prob = sample_action(world, 1, temperature, 9, test, policy, scratch)
+        counts[action] += 1
+        assert log_prob == pytest.approx(np.log(expected[action]), abs=1e-5)
+    bound = l1_bound(33, N, comparisons=9)
+    assert l1_distance(counts, expected) <= bound
+    if temperature > 0.0 and len(allowed) == 33:  # negative control: another temperature
+        other = np.exp((values.astype(np.float64) - values.max()) / (1.5 * temperature))
+        assert l1_distance(counts, other / other.sum()) > bound
+
+
+def test_an_action_far_worse_is_never_drawn_and_nothing_overflows() -> None:
+    policy = valued_policy(np.linspace(-1e6, 1e6, 33).astype(np.float32))
+    scratch = allocate_choice_scratch(policy)
+    scratch.allowed[:30] = True
+    found = {sample_action(world_of(WORLD), 1, 1e-4, 9, test, policy, scratch) for test in range(100)}
+    assert found == {(29, 0.0)}
+
+
+def test_each_test_of_a_mixture_draws_its_policy_alike() -> None:
+    # H0: independent, uniform over 3; n = 50,000 sees an L1 error of 0.03.
+    drawn = np.array([cast_index(4, test, 3) for test in range(N)])
+    bound = l1_bound(3, N, comparisons=2)
+    assert l1_distance(np.bincount(drawn, minlength=3), np.full(3, 1.0 / 3.0)) <= bound
+    pairs = np.bincount(3 * drawn[:-1] + drawn[1:], minlength=9)  # neighbours know nothing of each other
+    assert l1_distance(pairs, np.full(9, 1.0 / 9.0)) <= 2.0 * l1_bound(9, N // 2)
+    assert l1_distance(np.bincount(drawn, minlength=3), np.array([0.4, 0.3, 0.3])) > bound  # negative control
+    assert {cast_index(4, test, 1) for test in range(50)} == {0}
+    assert [cast_index(5, test, 3) for test in range(50)] != drawn[:50].tolist()
+
+
+def test_a_mixture_holds_its_policies_whole() -> None:
+    policies = [constant_policy(favourite) for favourite in (3, 12, 30)]
+    cast = cast_of(policies, [False, True, True], [0, 0, 7])
+    for index, policy in enumerate(policies):
+        # As Python: a view that a kernel gives out would come back as the whole array.
+        member = cast_member.py_func(cast, index)  # type: ignore[attr-defined]
+        np.testing.assert_array_equal(member.weights, policy.weights)
+        assert member[1:] == policy[1:]
+    assert cast.members[:, 6].tolist() == [0, 1, 8]

@@ -7,8 +7,15 @@ from hand_built import Car, glide, setting_of, world_of
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.decide import action_probabilities
-from cornerforge.sim.observe import N_OBSERVATION, allowed_actions, observe
-from cornerforge.sim.world import World
+from cornerforge.sim.observe import (
+    N_OBSERVATION,
+    UNITS_PER_NAT,
+    allowed_actions,
+    budget_units,
+    observe,
+    spend_budget,
+)
+from cornerforge.sim.world import BUDGET_LEFT, World
 from cornerforge.types import Odd
 
 ROAD = Odd(n_lanes=4)
@@ -30,7 +37,7 @@ def mask(model: NddModel, world: World, bv: int, *, bounded: bool = False) -> np
 def test_entries_by_hand(model: NddModel) -> None:
     world = world_of([Car(500.0, 1, 32.0), Car(510.0, 3, 27.0), Car(530.0, 3, 31.0), Car(100.0, 0, 30.0)])
     world.vehicles["acceleration"][0] = -2.0
-    own = [0.35, 0.2, 0, 0, -0.5, 1, 1, -0.3, 0, 0, 0, 1, 0.2, 1.0, 2.0, -0.5, 2, 0, 0, 0]
+    own = [0.35, 0.2, 0, 0, -0.5, 1, 1, -0.3, 0, 0, 0, 1, 0.2, 1.0, 2.0, -0.5, 2, 0, 0, 0, 1]
     near = [0.4, 0, 0.4, 0, 1]
     far = [-3.0, -3.0, 0.3, -3, 1]  # 410 m behind: clipped
     np.testing.assert_allclose(seen(model, world, 1), [*own, *near, *far, *([0.0] * 10)], rtol=1e-6)
@@ -66,7 +73,7 @@ def test_the_four_nearest_others_nearest_first(model: NddModel, seed: int) -> No
         for row, (_, c) in zip(expected, others, strict=False):
             row[:] = [(c.x - bv.x) / 50.0, c.lane - bv.lane, (c.speed - bv.speed) / 10.0, c.lane - bv.lane, 1.0]
         entries = seen(model, world_of(cars), 1)
-        np.testing.assert_allclose(entries[20:].reshape(4, 5), expected, atol=1e-5)
+        np.testing.assert_allclose(entries[21:].reshape(4, 5), expected, atol=1e-5)
         assert np.isfinite(entries).all()
 
 
@@ -96,3 +103,60 @@ def test_bounded_mask_is_what_an_attentive_driver_may_do(model: NddModel, lead_g
     action_probabilities(world, 1, setting.tables.overlook, setting.road, setting.tables, p)
     assert (p[0] > 0.0) == (lead_gap > 6.7)  # nearer, nobody begins a lane change behind a leader 2 m/s slower
     assert bounded.any()
+
+
+# Likelihood budget
+
+
+def shortfalls(model: NddModel, world: World) -> np.ndarray:
+    """ln P(likeliest) - ln P(action) of slot 1 for an attentive driver; inf where it is impossible."""
+    setting = setting_of(model, ROAD)
+    p = np.zeros(33)
+    action_probabilities(world, 1, 0.0, setting.road, setting.tables, p)
+    with np.errstate(divide="ignore"):
+        return np.log(p.max()) - np.log(p)
+
+
+def behind(lead_gap: float) -> World:
+    return world_of([Car(0.0, 0, 30.0), Car(400.0, 1, 30.0), Car(405.0 + lead_gap, 1, 28.0), Car(401.0, 2, 30.0)])
+
+
+@pytest.mark.parametrize("lead_gap", [3.0, 20.0, 80.0, 300.0])
+@pytest.mark.parametrize("budget", [0.0, 0.5, 3.0, 7.0, 1000.0])
+def test_a_budget_allows_what_it_can_pay_for(model: NddModel, lead_gap: float, budget: float) -> None:
+    world = behind(lead_gap)
+    cost = shortfalls(model, world)
+    world.info[BUDGET_LEFT] = budget_units(budget)
+    allowed = mask(model, world, 1, bounded=True)
+    assert allowed[cost.argmin()]  # the likeliest costs nothing
+    near = np.abs(cost - budget) < 2.0 / UNITS_PER_NAT  # costs are rounded up
+    np.testing.assert_array_equal(allowed[~near], (cost <= budget)[~near])
+    world.info[BUDGET_LEFT] = 0
+    np.testing.assert_array_equal(mask(model, world, 1, bounded=True), np.isfinite(cost))
+
+
+@pytest.mark.parametrize("lead_gap", [20.0, 300.0])
+def test_an_action_costs_by_how_much_less_likely_it_is(model: NddModel, lead_gap: float) -> None:
+    world = behind(lead_gap)
+    setting = setting_of(model, ROAD)
+    cost = shortfalls(model, world)
+    for action in np.flatnonzero(np.isfinite(cost)):
+        for budget in (5.0, 40.0):
+            world.info[BUDGET_LEFT] = budget_units(budget)
+            spend_budget(world, 1, action, setting.road, setting.tables, np.zeros(33))
+            left = (world.info[BUDGET_LEFT] - 1) / UNITS_PER_NAT
+            assert left == pytest.approx(max(0.0, budget - cost[action]), abs=1.1 / UNITS_PER_NAT)
+    assert len(set(np.round(cost[np.isfinite(cost)], 3))) > 5
+    world.info[BUDGET_LEFT] = 0  # no limit stays no limit
+    spend_budget(world, 1, int(np.flatnonzero(np.isfinite(cost))[0]), setting.road, setting.tables, np.zeros(33))
+    assert world.info[BUDGET_LEFT] == 0
+
+
+@pytest.mark.parametrize(("budget", "entry"), [(None, 1.0), (0.0, 0.0), (2.5, 0.25), (10.0, 1.0), (50.0, 1.0)])
+def test_the_rest_of_the_budget_is_seen(model: NddModel, budget: float | None, entry: float) -> None:
+    world = behind(20.0)
+    before = seen(model, world, 1)
+    world.info[BUDGET_LEFT] = budget_units(budget)
+    after = seen(model, world, 1)
+    assert after[20] == pytest.approx(entry)
+    np.testing.assert_array_equal(np.delete(after, 20), np.delete(before, 20))

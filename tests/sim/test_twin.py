@@ -35,6 +35,7 @@ class Case:
     bounded: bool
     idm_bvs: bool
     reckless: bool
+    budget: float | None
 
     @property
     def test(self) -> int:
@@ -42,7 +43,13 @@ class Case:
 
     def setting(self, model: NddModel) -> Setting:
         return setting_of(
-            model, self.odd, av=self.av, adversary=self.adversary, bounded=self.bounded, idm_bvs=self.idm_bvs
+            model,
+            self.odd,
+            av=self.av,
+            adversary=self.adversary,
+            bounded=self.bounded,
+            idm_bvs=self.idm_bvs,
+            budget=self.budget,
         )
 
 
@@ -77,6 +84,7 @@ def case(number: int) -> Case:
         bounded=bool(rng.random() < 0.4),
         idm_bvs=bool(rng.random() < 0.15),
         reckless=bool(rng.random() < 0.5),
+        budget=float(rng.choice([1.0, 4.0, 12.0])) if rng.random() < 0.5 else None,
     )
 
 
@@ -109,7 +117,10 @@ def assert_same(drive: Drive, scenario: Scenario) -> None:
 def compare(case: Case, model: NddModel) -> Drive:
     """Drive one test with both simulators; also through the bulk path that keeps only outcomes."""
     av = AvDriver(case.av.idm, case.av.mobil, case.av.sees_intentions)
-    drive = Simulator(case.odd, model, av, case.adversary, case.bounded, case.idm_bvs).drive(case.number, case.test)
+    simulator = Simulator(
+        case.odd, model, av, case.adversary, case.bounded, case.idm_bvs, case.budget if case.bounded else None
+    )
+    drive = simulator.drive(case.number, case.test)
     setting = case.setting(model)
     assert_same(drive, Recorder(setting, case.odd).record(case.number, case.test))
     out, _ = drive_chunk(setting, n_slots(case.odd), case.number, case.test, 1, False)

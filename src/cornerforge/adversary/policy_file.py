@@ -14,13 +14,25 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
+from cornerforge._checks import check_number
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
 
-__all__ = ["POLICY_SCHEMA", "Policy", "load_policy", "policy_hash", "policy_numbers", "save_policy"]
+__all__ = [
+    "MAX_BUDGET",
+    "POLICY_SCHEMA",
+    "Policy",
+    "check_budget",
+    "load_policy",
+    "policy_hash",
+    "policy_numbers",
+    "save_policy",
+]
 
 POLICY_SCHEMA = 1
+MAX_BUDGET = 1e6
+"""Far above what a test can spend [nats]; a larger one is a mistake for "no limit"."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +44,28 @@ class Policy:
         shape: The network.
         bounded: It learned with the NDD-bounded mask and acts with it.
         about: How it was made: preset, hyperparameters, seed, ODD, AV and model hashes, curve; JSON-compatible.
+        budget: Likelihood budget of a test [nats] that it learned and acts with, 0 to `MAX_BUDGET`; None: no limit.
+            Only where it is bounded.
     """
 
     weights: NDArray[np.float32]
     shape: NetworkShape
     bounded: bool
     about: Mapping[str, object]
+    budget: float | None = None
+
+
+def check_budget(budget: float | None, *, bounded: bool) -> float | None:
+    """A likelihood budget [nats] if it is one; None: no limit.
+
+    Raises:
+        InputError: It is out of range, or limits nothing because the adversary is not bounded.
+    """
+    if budget is None:
+        return None
+    if not bounded:
+        raise InputError(f"budget = {budget} limits a bounded adversary only; bound it, or leave the budget out.")
+    return check_number("budget", budget, low=0.0, high=MAX_BUDGET, unit="nats")
 
 
 def policy_numbers(policy: Policy) -> PolicyNumbers:
@@ -49,7 +77,8 @@ def policy_numbers(policy: Policy) -> PolicyNumbers:
 def policy_hash(policy: Policy) -> str:
     """SHA-256 (first 16 hex digits) over what decides how it acts: shape, mask and weights."""
     s = policy.shape
-    head = f"{OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {policy.bounded}"
+    mask = f"{policy.bounded} {policy.budget}"
+    head = f"{OBSERVATION_VERSION} {s.n_inputs} {s.n_shared} {s.n_stream} {s.width} {mask}"
     return hashlib.sha256(head.encode() + policy.weights.astype("<f4").tobytes()).hexdigest()[:16]
 
 
@@ -64,6 +93,7 @@ def save_policy(policy: Policy, path: Path) -> None:
         "observation_version": OBSERVATION_VERSION,
         "network": asdict(policy.shape),
         "bounded": policy.bounded,
+        "budget": policy.budget,
         "about": dict(policy.about),
     }
     part = path.with_name(path.name + ".part")
@@ -100,9 +130,10 @@ def load_policy(path: Path) -> Policy:
             weights = file.get_tensor("weights")
         _check_versions(header, path)
         shape = NetworkShape(**header["network"])
-        policy = Policy(
-            np.ascontiguousarray(weights, dtype=np.float32), shape, bool(header["bounded"]), header["about"]
-        )
+        bounded = bool(header["bounded"])
+        budget = check_budget(header["budget"], bounded=bounded)
+        # A copy: what the file gives may not be writable, which kernels would take for another type.
+        policy = Policy(np.array(weights, dtype=np.float32), shape, bounded, header["about"], budget)
     except (SafetensorError, OSError, KeyError, TypeError, json.JSONDecodeError, InputError) as error:
         raise FileFormatError(
             f"Policy file {path} is damaged or no policy ({type(error).__name__}: {error})."

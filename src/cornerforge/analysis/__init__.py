@@ -8,6 +8,7 @@ from __future__ import annotations
 from cornerforge.analysis.analyse import Analysis, Cluster, analyse
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, CrashTypes, classify_crashes
 from cornerforge.analysis.features import Features, crash_features
+from cornerforge.analysis.variety import Variety, crash_cells, unseen_chance, variety_of
 
 __all__ = [
     "CRASH_TYPES",
@@ -16,7 +17,11 @@ __all__ = [
     "Cluster",
     "CrashTypes",
     "Features",
+    "Variety",
     "analyse",
     "classify_crashes",
+    "crash_cells",
     "crash_features",
+    "unseen_chance",
+    "variety_of",
 ]

@@ -13,22 +13,14 @@ from numpy.typing import NDArray
 from cornerforge.errors import InputError
 from cornerforge.library.schema import HISTORY_SHAPE, check_extra_name
 from cornerforge.metrics.ttc import ttc
+from cornerforge.sim.harvest import MAX_ACCELERATION, MAX_BRAKING, MAX_LATERAL_ACCELERATION, NEAR_M, TOLERANCE
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
 __all__ = ["NEAR_M", "CaseRecord", "Scalar", "case_record"]
 
 Scalar: TypeAlias = bool | int | float | str | None
 
-NEAR_M = 150.0
-"""Vehicles that come this near to the AV along the road [m] are stored."""
-
 _FRAMES_PER_SECOND = round(1.0 / FRAME_S)
-# Limits of a passenger car on a dry road: about 0.87 g braking, and the ODD's default bound across the road.
-_MAX_BRAKING = 8.5
-_MAX_ACCELERATION = 4.0
-_MAX_LATERAL_ACCELERATION = 4.0
-# Differences of recorded frames are averages, so they exceed a bound only by rounding.
-_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -142,9 +134,9 @@ def _peaks(scenario: Scenario, frame: int, partner: int) -> dict[str, Scalar]:
         found[f"{who}_max_acceleration_mps2"] = acceleration
         found[f"{who}_max_braking_mps2"] = braking
         found[f"{who}_max_lateral_acceleration_mps2"] = lateral
-        plausible &= (acceleration or 0.0) <= _MAX_ACCELERATION + _TOLERANCE
-        plausible &= (braking or 0.0) <= _MAX_BRAKING + _TOLERANCE
-        plausible &= (lateral or 0.0) <= _MAX_LATERAL_ACCELERATION + _TOLERANCE
+        plausible &= (acceleration or 0.0) <= MAX_ACCELERATION + TOLERANCE
+        plausible &= (braking or 0.0) <= MAX_BRAKING + TOLERANCE
+        plausible &= (lateral or 0.0) <= MAX_LATERAL_ACCELERATION + TOLERANCE
     found["physically_plausible"] = bool(plausible)
     return found
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -13,32 +16,76 @@ from cornerforge.library.manifest import Shard, StoredFile, replace_file, shard_
 from cornerforge.library.record import CaseRecord
 from cornerforge.library.tables import ROW_GROUP, cases_table, parquet_bytes, tracks_table
 
-__all__ = ["DamagedShardWarning", "ShardReader", "write_shard"]
+__all__ = ["DamagedShardWarning", "EncodedShard", "ShardReader", "encode_shard", "encode_tables", "write_shard"]
 
 
 class DamagedShardWarning(UserWarning):
     """A file of a shard is missing or not what was written; its cases are left out."""
 
 
-def write_shard(folder: Path, index: int, cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> Shard:
-    """Write the two files of a shard; it counts only when a manifest that lists it is committed.
+@dataclass(frozen=True)
+class EncodedShard:
+    """A shard in memory, ready to be written.
+
+    Attributes:
+        cases: How many.
+        seeds: Of the cases, as a set; one in a sound library.
+        first_test, last_test: Its ends.
+        ascending: Each test is larger than the one before.
+        extra: The caller's own columns, name to a key of `schema.EXTRA_TYPES`.
+        contents: The two files.
+        sha256: Theirs, hex.
+    """
+
+    cases: int
+    seeds: frozenset[int]
+    first_test: int
+    last_test: int
+    ascending: bool
+    extra: Mapping[str, str]
+    contents: tuple[memoryview, memoryview]
+    sha256: tuple[str, str]
+
+
+def encode_tables(cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str]) -> EncodedShard:
+    """Pack tables for `CaseLibrary.append_shard`; slow, but without the GIL, so that threads may do it.
 
     Args:
-        folder: Of the library.
-        index: Of the shard, which names its files.
-        cases: At least one.
+        cases: Rows of `schema.CASES` and the caller's own columns, at least one.
+        tracks: As many rows of `schema.TRACKS`, of the same cases.
         extra: The caller's own columns, name to a key of `schema.EXTRA_TYPES`.
+    """
+    # In one piece, so that the bytes do not depend on how the rows came together.
+    tables = (cases.combine_chunks(), tracks.combine_chunks())
+    contents = (parquet_bytes(tables[0]), parquet_bytes(tables[1], ROW_GROUP))
+    hashes = [hashlib.sha256(content).hexdigest() for content in contents]
+    tests = cases.column("test").to_numpy()
+    seeds = frozenset(np.unique(cases.column("seed").to_numpy()).tolist())
+    ascending = bool((np.diff(tests) > 0).all())
+    ends = int(tests[0]), int(tests[-1])
+    return EncodedShard(len(tests), seeds, *ends, ascending, dict(extra), contents, (hashes[0], hashes[1]))
+
+
+def encode_shard(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> EncodedShard:
+    """Pack at least one record.
+
+    Raises:
+        InputError: A record's own columns are not those of `extra`.
+    """
+    return encode_tables(cases_table(cases, extra), tracks_table(cases), extra)
+
+
+def write_shard(folder: Path, index: int, shard: EncodedShard) -> Shard:
+    """Write the two files of a shard; it counts only when a manifest that lists it is committed.
 
     Raises:
         OutputError: The folder cannot be written.
-        InputError: A record's own columns are not those of `extra`.
     """
-    contents = (parquet_bytes(cases_table(cases, extra)), parquet_bytes(tracks_table(cases), ROW_GROUP))
-    files = [StoredFile.of(name, content) for name, content in zip(shard_names(index), contents, strict=True)]
-    for file, content in zip(files, contents, strict=True):
-        replace_file(folder / file.name, content)
-    first, last = (int(record.case_id.partition(":")[2]) for record in (cases[0], cases[-1]))
-    return Shard(len(cases), first, last, *files)
+    files = []
+    for name, content, sha256 in zip(shard_names(index), shard.contents, shard.sha256, strict=True):
+        replace_file(folder / name, content)
+        files.append(StoredFile(name, content.nbytes, sha256))
+    return Shard(shard.cases, shard.first_test, shard.last_test, *files)
 
 
 class ShardReader:

@@ -28,7 +28,7 @@ from cornerforge.library.manifest import (
 from cornerforge.library.query import run_sql
 from cornerforge.library.record import CaseRecord
 from cornerforge.library.schema import CASES, HISTORY_SHAPE, arrow_schema
-from cornerforge.library.shards import ShardReader, write_shard
+from cornerforge.library.shards import EncodedShard, ShardReader, encode_shard, write_shard
 from cornerforge.library.tables import ROW_GROUP, extra_kinds, restore
 from cornerforge.types import Odd, Scenario
 
@@ -187,19 +187,50 @@ class CaseLibrary:
             InputError: Cases or progress do not continue the library.
             OutputError: It cannot be written, is open for reading only, or another process wrote to it.
         """
-        old = self._manifest
-        check_integer("next_test", next_test, low=old.next_test)
-        check_integer("tests", tests, low=old.tests)
-        check_integer("crashes", crashes, low=old.crashes)
+        self._check_progress(next_test, tests, crashes)
         self._check_writable()
         self._check_continues(cases, next_test)
+        extra = self._manifest.extra
+        shard = encode_shard(cases, extra_kinds(cases[0]) if extra is None else extra) if cases else None
+        self._append(shard, next_test, tests, crashes)
+
+    def append_shard(self, shard: EncodedShard | None, *, next_test: int, tests: int, crashes: int) -> None:
+        """The same with cases that are packed already (`shards.encode_tables`), of this library's ODD; None: none.
+
+        Raises:
+            InputError: Cases or progress do not continue the library, or the caller's own columns are others.
+            OutputError: It cannot be written, is open for reading only, or another process wrote to it.
+        """
+        self._check_progress(next_test, tests, crashes)
+        self._check_writable()
+        if shard is not None:
+            in_order = shard.ascending and self.next_test <= shard.first_test <= shard.last_test < next_test
+            if shard.seeds != {self._manifest.run["seed"]} or not in_order:
+                raise InputError(
+                    f"Cases of tests {shard.first_test} to {shard.last_test} of seeds {sorted(shard.seeds)} do not "
+                    f"continue the library {self._path}; they must ascend in [{self.next_test}, {next_test})."
+                )
+            if self._manifest.extra is not None and dict(self._manifest.extra) != dict(shard.extra):
+                raise InputError(
+                    f"The cases have the extra columns {dict(shard.extra)}, this library has "
+                    f"{dict(self._manifest.extra)}; all cases need the same columns of the same types."
+                )
+        self._append(shard, next_test, tests, crashes)
+
+    def _append(self, shard: EncodedShard | None, next_test: int, tests: int, crashes: int) -> None:
+        old = self._manifest
         shards, extra = old.shards, old.extra
-        if cases:
-            extra = extra_kinds(cases[0]) if extra is None else extra
-            shards = (*shards, write_shard(self._path, len(shards), cases, extra))
+        if shard is not None:
+            extra = dict(shard.extra)
+            shards = (*shards, write_shard(self._path, len(shards), shard))
         self._commit(
             replace(old, shards=shards, extra=extra, next_test=next_test, tests=tests, crashes=crashes, finished=False)
         )
+
+    def _check_progress(self, next_test: int, tests: int, crashes: int) -> None:
+        check_integer("next_test", next_test, low=self.next_test)
+        check_integer("tests", tests, low=self.tests)
+        check_integer("crashes", crashes, low=self.crashes)
 
     def finish(self) -> None:
         """Note that the run reached what it was asked for. A later `append` takes it back.

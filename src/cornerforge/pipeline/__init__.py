@@ -5,12 +5,14 @@ from __future__ import annotations
 from cornerforge.pipeline.cases import analyse, query, replay
 from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
+from cornerforge.pipeline.plausibility import plausibility
 from cornerforge.pipeline.rate import rate
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.show import ndd_show
 from cornerforge.pipeline.simulate import simulate
 from cornerforge.pipeline.train import train
 from cornerforge.pipeline.validate import ndd_validate
+from cornerforge.pipeline.variety import variety
 
 __all__ = [
     "analyse",
@@ -19,10 +21,12 @@ __all__ = [
     "ndd_import",
     "ndd_show",
     "ndd_validate",
+    "plausibility",
     "query",
     "rate",
     "replay",
     "run",
     "simulate",
     "train",
+    "variety",
 ]

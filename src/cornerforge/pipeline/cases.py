@@ -13,7 +13,7 @@ from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library import CaseLibrary, StoredCase
-from cornerforge.pipeline.generate import MODEL_FILE, POLICY_FILE
+from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash, open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
@@ -22,7 +22,7 @@ from cornerforge.types import Scenario
 
 __all__ = ["analyse", "query", "replay"]
 
-_NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "policy_hash")
+_NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
 _TRACKS = ("x", "y", "speed", "heading", "acceleration")
 
 
@@ -98,15 +98,19 @@ def _experiment_of(cases: CaseLibrary) -> Experiment:
     missing = [name for name in _NEEDED if name not in identity]
     if missing:
         raise FileFormatError(f"The library {cases.path} does not say its {missing[0]}, so it cannot be driven again.")
-    has_policy = identity["policy_hash"] is not None
+    budget = identity["budget"]
+    policies = [load_policy(cases.path / policy_file(index)) for index in range(int(str(identity["policies"])))]
     run = experiment(
         av=str(identity["av"]),
         odd=str(identity["odd"]),
         lanes=int(str(identity["lanes"])),
         model=cases.path / MODEL_FILE,
         bv=str(identity["bv"]),
-        policy=load_policy(cases.path / POLICY_FILE) if has_policy else None,
+        policy=policies or None,
         bounded=bool(identity["bounded"]),
+        # Policies bring their budgets, which need not be the same.
+        budget=None if budget is None or policies else float(budget),
+        acting=str(identity["acting"]),
     )
     for key, value in run.identity(int(str(identity["seed"]))).items():
         if identity.get(key) != value:

@@ -4,36 +4,54 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections import deque
+from collections.abc import Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 
+import pyarrow as pa
+
 from cornerforge._checks import check_integer
-from cornerforge.adversary.policy_file import save_policy
+from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import CornerForgeError, InputError, OutputError
-from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library import CaseLibrary
+from cornerforge.library.harvester import Harvested, Harvester, extra_columns
+from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
-from cornerforge.sim.recorder import Recorder, scenario_digest
-from cornerforge.sim.runner import crashed_tests, simulate_chunks, warm_up
+from cornerforge.sim.runner import warm_up
 
-__all__ = ["fill_library", "generate", "store_tests"]
+__all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
 
 _SHARD_CASES = 1000
 _COMMIT_SECONDS = 20.0
 _MAX_TESTS_PER_CASE = 100_000
-POLICY_FILE = "policy.safetensors"
+_MAX_PACKING = 2
+_CHUNK, _CHUNK_NATURAL = 128, 512
 MODEL_FILE = "model.npz"
+
+
+def policy_file(index: int) -> str:
+    """Name of a policy beside a library, by its place in the mixture.
+
+    >>> policy_file(0), policy_file(1)
+    ('policy.safetensors', 'policy-1.safetensors')
+    """
+    return "policy.safetensors" if index == 0 else f"policy-{index}.safetensors"
 
 
 def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> CaseLibrary:
     """Start or take up the library of a run and put the policy and model that its replays need beside it."""
     identity = {**run.identity(seed), "cornerforge": version(), "code": code_hash()}
     library = (CaseLibrary.resume if resume else CaseLibrary.create)(out, identity, run.odd)
-    if run.policy is not None and not (out / POLICY_FILE).exists():
-        save_policy(run.policy, out / POLICY_FILE)
+    for index, policy in enumerate(run.policies):
+        if not (out / policy_file(index)).exists():
+            save_policy(policy, out / policy_file(index))
     try:
         if not (out / MODEL_FILE).exists():
             save_model(run.model, out / MODEL_FILE)
@@ -42,34 +60,117 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
     return library
 
 
-class _Filler:
-    """Records crashes in the order of their tests and commits them shard by shard."""
+class _Harvest:
+    """Drives tests in a thread pool and gives them in test order; the pool packs shards too."""
 
-    def __init__(self, run: Experiment, library: CaseLibrary, seed: int) -> None:
-        self._library = library
-        self._recorder = Recorder(run.setting, run.odd)
+    def __init__(self, run: Experiment, seed: int, threads: int) -> None:
+        self._run = run
         self._seed = seed
-        self._pending: list[CaseRecord] = []
+        self._threads = threads
+        self._policies = [policy_hash(policy) for policy in run.policies]
+        self._idle: SimpleQueue[Harvester] = SimpleQueue()
+        self.pool = ThreadPoolExecutor(threads)
+        self.extra = extra_columns(with_policy=bool(self._policies))
+
+    def _one(self, first: int, count: int) -> Harvested:
+        try:
+            harvester = self._idle.get_nowait()
+        except Empty:
+            harvester = Harvester(self._run.setting, self._run.slots, self._policies)
+        harvested = harvester.harvest(self._seed, first, count)
+        self._idle.put(harvester)
+        return harvested
+
+    def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
+        """Ranges of tests with their cases. Results do not depend on the number of threads or the ranges' size."""
+        # Of an adversary most tests are cases, and cases fill memory; natural crashes are rare.
+        chunk = _CHUNK_NATURAL if self._run.setting.adversary == 0 else _CHUNK
+        starts = iter(range(first, first + tests, chunk))
+        pending: deque[Future[Harvested]] = deque()
+        try:
+            while True:
+                while len(pending) < 2 * self._threads and (start := next(starts, None)) is not None:
+                    pending.append(self.pool.submit(self._one, start, min(chunk, first + tests - start)))
+                if not pending:
+                    return
+                yield pending.popleft().result()
+        finally:
+            for future in pending:
+                future.cancel()
+
+    def __enter__(self) -> _Harvest:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.pool.shutdown(cancel_futures=True)
+
+
+def harvest_tests(
+    run: Experiment, seed: int, first: int, tests: int, threads: int
+) -> Generator[tuple[int, Harvested], None, None]:
+    """Drive tests in a thread pool and yield (tests done, cases of a range of tests), in test order; nothing is stored.
+
+    Results do not depend on `threads`.
+    """
+    with _Harvest(run, seed, threads) as harvest, contextlib.closing(harvest.chunks(first, tests)) as chunks:
+        for harvested in chunks:
+            yield harvested.first - first + harvested.outcomes.code.size, harvested
+
+
+class _Filler:
+    """Cuts cases into shards, has them packed in the pool, and commits them one after the other."""
+
+    def __init__(self, library: CaseLibrary, harvest: _Harvest) -> None:
+        self._library = library
+        self._harvest = harvest
+        self._cases: list[pa.Table] = []
+        self._tracks: list[pa.Table] = []
+        self._loose = 0
+        self._packing: deque[tuple[Future[EncodedShard], int, int]] = deque()
         self._committed_at = time.monotonic()
+        self.crashes = library.crashes
+        """Crashes taken so far, committed or not."""
 
-    @property
-    def crashes(self) -> int:
-        """Crashes stored so far, committed or not."""
-        return self._library.crashes + len(self._pending)
+    def take(self, harvested: Harvested, most: int | None) -> int:
+        """Take the cases of a range of tests, `most` at most; returns the first test that is not done."""
+        tests = harvested.tests if most is None else harvested.tests[:most]
+        done = 0
+        while done < tests.size:
+            part = min(tests.size - done, _SHARD_CASES - self._loose)
+            self._cases.append(harvested.cases.slice(done, part))
+            self._tracks.append(harvested.tracks.slice(done, part))
+            self._loose += part
+            self.crashes += part
+            done += part
+            if self._loose == _SHARD_CASES:
+                self._pack(int(tests[done - 1]) + 1)
+        self._commit_packed(wait_beyond=_MAX_PACKING)
+        if most is not None and tests.size == most:
+            return int(tests[-1]) + 1
+        return harvested.first + harvested.outcomes.code.size
 
-    def record(self, test: int) -> None:
-        """Drive a crashed test again, recording; a full shard is committed."""
-        scenario = self._recorder.record(self._seed, test)
-        self._pending.append(case_record(scenario, trajectory_digest=scenario_digest(scenario)))
-        if len(self._pending) >= _SHARD_CASES:
-            self.commit(test + 1)
+    def _pack(self, next_test: int) -> None:
+        cases, tracks = pa.concat_tables(self._cases), pa.concat_tables(self._tracks)
+        future = self._harvest.pool.submit(encode_tables, cases, tracks, self._harvest.extra)
+        self._packing.append((future, next_test, self.crashes))
+        self._cases, self._tracks, self._loose = [], [], 0
+
+    def _commit_packed(self, *, wait_beyond: int) -> None:
+        """Commit what is packed, in order; wait while more shards than that are under way."""
+        while self._packing and (self._packing[0][0].done() or len(self._packing) > wait_beyond):
+            future, next_test, crashes = self._packing[0]
+            shard = future.result()
+            self._library.append_shard(shard, next_test=next_test, tests=next_test, crashes=crashes)
+            self._packing.popleft()
+            self._committed_at = time.monotonic()
 
     def commit(self, next_test: int) -> None:
-        """Store what is recorded; all tests below `next_test` are done."""
-        if next_test == self._library.next_test:
-            return
-        self._library.append(self._pending, next_test=next_test, tests=next_test, crashes=self.crashes)
-        self._pending = []
+        """Store all that was taken; all tests below `next_test` are done."""
+        if self._loose:
+            self._pack(next_test)
+        self._commit_packed(wait_beyond=0)
+        if next_test != self._library.next_test:
+            self._library.append_shard(None, next_test=next_test, tests=next_test, crashes=self.crashes)
         self._committed_at = time.monotonic()
 
     def commit_if_due(self, next_test: int) -> None:
@@ -78,12 +179,14 @@ class _Filler:
             self.commit(next_test)
 
     def rescue(self) -> None:
-        """Keep what is recorded when the work is interrupted."""
-        if self._pending:
-            # An interrupt within a commit leaves a library that is ahead of this object and refuses to be written
-            # twice; then the cases are safe already.
-            with contextlib.suppress(CornerForgeError):
-                self.commit(int(self._pending[-1].case_id.partition(":")[2]) + 1)
+        """Keep what was taken when the work is interrupted."""
+        # An interrupt within a commit leaves a library that is ahead of this object and refuses to be written
+        # twice; then the cases are safe already.
+        with contextlib.suppress(CornerForgeError):
+            if self._loose:
+                self.commit(int(self._cases[-1].column("test")[-1].as_py()) + 1)
+            else:
+                self._commit_packed(wait_beyond=0)
 
 
 def fill_library(
@@ -116,12 +219,13 @@ def fill_library(
     warm_up(run.setting, run.slots)
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
-    filler = _Filler(run, library, seed)
-    try:
-        _fill(run, filler, library.next_test, seed, cases, tests, n_threads, progress, stage)
-    except KeyboardInterrupt:
-        filler.rescue()
-        raise
+    with _Harvest(run, seed, n_threads) as harvest:
+        filler = _Filler(library, harvest)
+        try:
+            _fill(harvest, filler, library.next_test, cases, tests, progress, stage)
+        except KeyboardInterrupt:
+            filler.rescue()
+            raise
     library.finish()
     seconds = time.perf_counter() - start
     write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))
@@ -129,25 +233,16 @@ def fill_library(
 
 
 def _fill(
-    run: Experiment, filler: _Filler, first: int, seed: int, cases: int | None, tests: int | None, threads: int,
-    progress: Progress, stage: str,
-) -> None:  # fmt: skip
+    harvest: _Harvest, filler: _Filler, first: int, cases: int | None, tests: int | None, progress: Progress, stage: str
+) -> None:
     """Drive from test `first` on until there are enough cases or tests; everything is committed then."""
     if cases is not None and filler.crashes >= cases:
         return
     last = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
     next_test = first
-    chunks = simulate_chunks(
-        run.setting, run.slots, seed=seed, first=first, tests=max(0, last - first), threads=threads
-    )
-    with contextlib.closing(chunks):
-        for start, outcomes, _ in chunks:
-            next_test = start + outcomes.code.size
-            for test in crashed_tests(start, outcomes):
-                filler.record(test)
-                if filler.crashes == cases:
-                    next_test = test + 1
-                    break
+    with contextlib.closing(harvest.chunks(first, max(0, last - first))) as chunks:
+        for harvested in chunks:
+            next_test = filler.take(harvested, None if cases is None else cases - filler.crashes)
             done, target = (next_test, last) if cases is None else (filler.crashes, cases)
             progress(stage, done, target)
             if filler.crashes == cases:
@@ -196,7 +291,7 @@ def store_tests(
 
 def generate(
     *,
-    policy: Path | str,
+    policy: Path | str | Sequence[Path | str],
     cases: int,
     out: Path | str,
     av: str = "idm-mobil",
@@ -205,6 +300,8 @@ def generate(
     odd: str = "default",
     model: Path | str | None = None,
     bounded: bool = False,
+    budget: float | None = None,
+    acting: str = "greedy",
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
@@ -212,13 +309,16 @@ def generate(
     """Fill a case library with crashes that an adversary makes.
 
     Args:
-        policy: Policy file of `train`, or the name of a plain adversary.
+        policy: Policy file of `train`, or the name of a plain adversary; several files: each test is driven by one of
+            these policies, drawn at random.
         cases: How many, at least 1.
         out: The library's folder; must be new unless `resume`.
         av: AV under test.
         resume: Go on where an earlier call, or its kill, stopped.
         lanes, odd, model: The world, as for `simulate`.
         bounded: Keep a plain adversary to what the naturalistic model calls possible; a policy brings its own answer.
+        budget: Likelihood budget of a test [nats]; implies `bounded`, and goes before what a policy brings.
+        acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
         seed: Of the tests, 0 or more.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
@@ -232,8 +332,9 @@ def generate(
     check_integer("cases", cases, low=1, high=10**8)
     check_integer("seed", seed, low=0, high=2**63 - 1)
     run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=str(policy), bounded=bounded
-    )
+        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=policy, bounded=bounded,
+        budget=budget, acting=acting,
+    )  # fmt: skip
     if run.bv in ("nde", "idm"):
         raise InputError(
             f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB"

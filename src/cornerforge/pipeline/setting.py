@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from cornerforge._checks import check_integer
-from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, policy_numbers
+from cornerforge._checks import check_integer, check_number
+from cornerforge.adversary.policy_file import Policy, check_budget, load_policy, policy_hash, policy_numbers
 from cornerforge.drivers.avs import AvModel, av_hash, av_named
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.output import config_hash
-from cornerforge.sim.adversaries import ADVERSARIES
+from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST, cast_of
 from cornerforge.sim.decide import IDM_BVS
 from cornerforge.sim.drive import Setting
+from cornerforge.sim.observe import budget_units
 from cornerforge.sim.runner import default_threads
 from cornerforge.sim.world import av_numbers, n_slots, road_numbers
 from cornerforge.types import Odd, odd_named
 
-__all__ = ["Experiment", "check_threads", "experiment"]
+__all__ = ["TEMPERATURE", "Experiment", "check_threads", "experiment", "temperature_of"]
+
+TEMPERATURE = 0.05
+"""Of `softmax` without a number, in units of Q: actions of nearly equal chance to crash are taken nearly as often."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +36,10 @@ class Experiment:
     Attributes:
         odd, av, model: The world.
         bv: How BVs drive: "nde", "idm", a plain adversary's name, or "policy".
-        bounded: The NDD-bounded mask is on.
-        policy: The adversary's policy when `bv` is "policy".
+        bounded: The NDD-bounded mask is on (in a mixture: for every policy).
+        policies: The adversary's policies when `bv` is "policy"; each test is driven by one of them.
+        budget: Likelihood budget of a test [nats]; None: no limit, or not the same for all policies.
+        acting: How policies act: "greedy" or "softmax:T".
         setting: The kernels' form of all this.
         slots: Vehicle slots per world.
     """
@@ -41,9 +49,16 @@ class Experiment:
     model: NddModel
     bv: str
     bounded: bool
-    policy: Policy | None
+    policies: tuple[Policy, ...]
+    budget: float | None
+    acting: str
     setting: Setting
     slots: int
+
+    @property
+    def policy(self) -> Policy | None:
+        """The (first) policy, None where none drives."""
+        return self.policies[0] if self.policies else None
 
     def identity(self, seed: int) -> dict[str, str | int | float | bool | None]:
         """What names a test together with its number: seed, names, and hashes of settings, model, policy and AV."""
@@ -56,9 +71,20 @@ class Experiment:
             "model_hash": model_hash(self.model),
             "bv": self.bv,
             "bounded": self.bounded,
-            "policy_hash": None if self.policy is None else policy_hash(self.policy),
+            "budget": self.budget,
+            "acting": self.acting,
+            "policies": len(self.policies),
+            "policy_hash": _joint_hash(self.policies),
             # Last: where two runs differ, messages name the first key, and a setting says more than its hash.
-            "config_hash": config_hash({"odd": asdict(self.odd), "bv": self.bv, "bounded": self.bounded}),
+            "config_hash": config_hash(
+                {
+                    "odd": asdict(self.odd),
+                    "bv": self.bv,
+                    "bounded": self.bounded,
+                    "budget": self.budget,
+                    "acting": self.acting,
+                }
+            ),
         }
 
 
@@ -71,15 +97,66 @@ def check_threads(threads: int | None) -> int:
     return default_threads() if threads is None else check_integer("threads", threads, low=1, high=1024)
 
 
+def _joint_hash(policies: Sequence[Policy]) -> str | None:
+    """Hash of a policy, or of a mixture in its order; None for none."""
+    hashes = [policy_hash(policy) for policy in policies]
+    if len(hashes) <= 1:
+        return hashes[0] if hashes else None
+    return hashlib.sha256(" ".join(hashes).encode()).hexdigest()[:16]
+
+
+def temperature_of(acting: str) -> float:
+    """Temperature of a way to act: 0 for "greedy", T for "softmax:T" (units of Q), `TEMPERATURE` for "softmax".
+
+    Raises:
+        UnknownNameError: It is neither.
+        InputError: T is not a number in [0.0001, 100].
+
+    >>> temperature_of("greedy"), temperature_of("softmax:0.2")
+    (0.0, 0.2)
+    """
+    name, colon, number = acting.partition(":")
+    if name not in ("greedy", "softmax") or (name == "greedy" and colon):
+        raise UnknownNameError("way to act", acting, ("greedy", "softmax", "softmax:T"))
+    if name == "greedy":
+        return 0.0
+    if not colon:
+        return TEMPERATURE
+    try:
+        temperature = float(number)
+    except ValueError as error:
+        raise InputError(f"acting = {acting!r}: {number!r} is no number; write for example softmax:0.1.") from error
+    return check_number("temperature", temperature, low=1e-4, high=100.0)
+
+
+def _load_policies(bv: Sequence[str], known: Sequence[str]) -> tuple[Policy, ...]:
+    """The policies that files hold.
+
+    Raises:
+        UnknownNameError, InputError: A name is no file of a policy.
+        FileFormatError: A file is missing, damaged or of another version.
+    """
+    policies = []
+    for name in bv:
+        if name in known:
+            raise InputError(f"A mixture is of policy files; {name} is none. Leave it out, or give it alone.")
+        if not (name.endswith(".safetensors") or Path(name).exists()):
+            raise UnknownNameError("driver of background vehicles", name, (*known, "FILE.safetensors"))
+        policies.append(load_policy(Path(name)))
+    return tuple(policies)
+
+
 def experiment(
     *,
     av: str = "idm-mobil",
     odd: str = "default",
     lanes: int | None = None,
     model: Path | None = None,
-    bv: str = "nde",
-    policy: Policy | None = None,
+    bv: str | Path | Sequence[str | Path] = "nde",
+    policy: Policy | Sequence[Policy] | None = None,
     bounded: bool = False,
+    budget: float | None = None,
+    acting: str = "greedy",
 ) -> Experiment:
     """Put a run together.
 
@@ -88,9 +165,13 @@ def experiment(
         odd: Name of an ODD.
         lanes: Number of lanes, 2 to 6; None for the ODD's own.
         model: Model file; None for the one that ships with the package.
-        bv: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or the path of a policy file.
-        policy: A policy in memory instead of a path in `bv`.
+        bv: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or the path of a policy file; several
+            paths: each test is driven by one of these policies, drawn at random.
+        policy: One or more policies in memory instead of paths in `bv`.
         bounded: Mask actions that the naturalistic model calls impossible; a policy brings its own answer.
+        budget: Likelihood budget of a test [nats], 0 or more; it implies `bounded`, and goes before what a policy
+            brings. None: no limit, or the policy's own.
+        acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
 
     Raises:
         UnknownNameError, InputError: A name or number is not known or out of range.
@@ -101,28 +182,45 @@ def experiment(
         road = replace(road, n_lanes=lanes)
     av_model = av_named(av)
     ndd = load_model(default_model_path() if model is None else model)
+    bounded = bounded or budget is not None
+    budget = check_budget(budget, bounded=bounded)
     known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))
-    if policy is None and bv not in known:
-        if not (bv.endswith(".safetensors") or Path(bv).exists()):
-            raise UnknownNameError("driver of background vehicles", bv, (*known, "FILE.safetensors"))
-        policy = load_policy(Path(bv))
+    names = [str(name) for name in ([bv] if isinstance(bv, (str, Path)) else bv)]
+    policies: tuple[Policy, ...] = ()
     if policy is not None:
-        bv, bounded = "policy", policy.bounded
-    if bounded and bv in ("nde", "idm"):
-        raise InputError(f"bounded needs an adversary; {bv} has none. Train one with: cornerforge train --bounded")
+        policies = (policy,) if isinstance(policy, Policy) else tuple(policy)
+    elif len(names) != 1 or names[0] not in known:
+        policies = _load_policies(names, known)
+    driver = "policy" if policies else names[0]
+    if policies:
+        if budget is not None:
+            policies = tuple(replace(p, bounded=True, budget=budget) for p in policies)
+        bounded = all(p.bounded for p in policies)
+        budget = policies[0].budget if len({p.budget for p in policies}) == 1 else None
+    if bounded and driver in ("nde", "idm"):
+        raise InputError(f"bounded needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
     if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
         raise InputError(
             f"The model {model} calls no acceleration impossible anywhere, so bounded would exclude nothing; fit one "
             "with: cornerforge ndd fit (it cuts what lies beyond its spread to 0), or leave out --bounded."
         )
-    code = 0 if bv in ("nde", "idm") else ADVERSARIES[bv]
+    temperature = temperature_of(acting)
+    if temperature > 0.0 and not policies:
+        raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
+    numbers = [policy_numbers(p) for p in policies]
     setting = Setting(
-        road_numbers(road),
-        av_numbers(av_model.idm, av_model.mobil, sees_intentions=av_model.sees_intentions),
-        tables_of(ndd),
-        IDM_BVS if bv == "idm" else 0,
-        code,
-        int(bounded),
-        NO_POLICY if policy is None else policy_numbers(policy),
+        road=road_numbers(road),
+        av=av_numbers(av_model.idm, av_model.mobil, sees_intentions=av_model.sees_intentions),
+        tables=tables_of(ndd),
+        bv_model=IDM_BVS if driver == "idm" else 0,
+        adversary=0 if driver in ("nde", "idm") else ADVERSARIES[driver],
+        bounded=int(bounded),
+        policy=max(numbers, key=lambda p: p.width) if numbers else NO_POLICY,
+        budget=budget_units(budget),
+        temperature=temperature,
+        cast=NO_CAST
+        if len(policies) < 2
+        else cast_of(numbers, [p.bounded for p in policies], [budget_units(p.budget) for p in policies]),
     )
-    return Experiment(road, av_model, ndd, bv, bounded, policy, setting, n_slots(road))
+    spoken = "greedy" if temperature == 0.0 else f"softmax:{temperature:g}"
+    return Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road))

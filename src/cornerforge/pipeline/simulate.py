@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -100,11 +101,13 @@ def simulate(
     *,
     tests: int,
     av: str = "idm-mobil",
-    bv: str = "nde",
+    bv: str | Path | Sequence[str | Path] = "nde",
     lanes: int | None = None,
     odd: str = "default",
     model: Path | str | None = None,
     bounded: bool = False,
+    budget: float | None = None,
+    acting: str = "greedy",
     stats: bool = False,
     out: Path | str | None = None,
     resume: bool = False,
@@ -117,11 +120,14 @@ def simulate(
     Args:
         tests: How many tests (drives of 400 m), at least 1.
         av: Name of the AV under test.
-        bv: How background vehicles drive: "nde", "idm", a plain adversary's name, or a policy file.
+        bv: How background vehicles drive: "nde", "idm", a plain adversary's name, or a policy file; several files:
+            each test is driven by one of these policies, drawn at random.
         lanes: 2 to 6; None for the ODD's own.
         odd: "default", "swift" or "paper".
         model: Naturalistic model file; None for the shipped one.
         bounded: Keep a plain adversary to what the naturalistic model calls possible.
+        budget: Likelihood budget of a test [nats]; implies `bounded`, and goes before what a policy brings.
+        acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
         stats: Add distributions over all BVs at decision times.
         out: Library that the crashes go to.
         resume: Go on with that library.
@@ -137,7 +143,10 @@ def simulate(
     """
     check_integer("tests", tests, low=1, high=10**12)
     check_integer("seed", seed, low=0, high=2**63 - 1)
-    run = experiment(av=av, bv=bv, lanes=lanes, odd=odd, model=None if model is None else Path(model), bounded=bounded)
+    run = experiment(
+        av=av, bv=bv, lanes=lanes, odd=odd, model=None if model is None else Path(model), bounded=bounded,
+        budget=budget, acting=acting,
+    )  # fmt: skip
     if out is not None:
         from cornerforge.pipeline.generate import store_tests
 

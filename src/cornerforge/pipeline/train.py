@@ -18,7 +18,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary
 from cornerforge.rates import binomial_interval
-from cornerforge.sim.adversaries import ADVERSARIES
+from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
@@ -55,6 +55,7 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
     identity = {
         "seed": seed,
         "bounded": run.bounded,
+        "budget": run.budget,
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
         **{f"train.{name}": value for name, value in asdict(config).items()},
@@ -74,7 +75,7 @@ def learn(
     progress: Progress = NO_PROGRESS,
     checkpoint: CheckpointFile | None = None,
 ) -> tuple[Policy, TrainResult]:
-    """Train on an experiment (its `bounded` says with which mask), or go on with what the checkpoint holds."""
+    """Train on an experiment (`bounded` and `budget` give its mask), or go on with what the checkpoint holds."""
     from cornerforge.adversary.train import train_adversary
 
     def report(point: CurvePoint) -> None:
@@ -93,7 +94,7 @@ def learn(
         progress=report,
         checkpoint=checkpoint,
     )
-    policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed))
+    policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed), run.budget)
     return policy, result
 
 
@@ -159,8 +160,11 @@ def measure_baselines(
     rates = []
     for name in ("nobody", *BASELINES):
         for bounded in (False,) if name == "nobody" else (False, True):
-            setting = run.setting._replace(adversary=ADVERSARIES[name], bounded=int(bounded))
-            plain = replace(run, setting=setting, bv=name, bounded=bounded, policy=None)
+            budget = run.setting.budget if bounded else 0
+            setting = run.setting._replace(
+                adversary=ADVERSARIES[name], bounded=int(bounded), budget=budget, temperature=0.0, cast=NO_CAST
+            )
+            plain = replace(run, setting=setting, bv=name, bounded=bounded, policies=(), acting="greedy")
             rate = evaluate(plain, tests=tests, seed=seed, delay_s=delay_s, threads=threads, progress=progress)
             rates.append({"name": f"{name}, bounded" if bounded else name, "bounded": bounded, **rate})
     return rates
@@ -174,6 +178,7 @@ def train(
     bounded: bool = False,
     reward: str = "crash",
     delay: float = 1.0,
+    budget: float | None = None,
     decisions: int | None = None,
     minutes: float | None = None,
     resume: bool = False,
@@ -197,6 +202,8 @@ def train(
         bounded: Only actions that the naturalistic model calls possible.
         reward: Which crashes of the AV are paid for: a name of `sim.rewards.REWARDS`.
         delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
+        budget: Likelihood budget of a test [nats], 0 or more; implies `bounded`. By so much, in all, may the
+            log-probability of its actions fall short of the likeliest actions'.
         decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights.
         minutes: Stop after this time [min], and let the learning rate fall over it; the result then depends on the
             machine's speed. With `decisions` too, what comes first ends it.
@@ -226,8 +233,9 @@ def train(
         if decisions is None:
             config = replace(config, decisions=10**12)  # the time alone ends it
     run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded
-    )
+        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded,
+        budget=budget,
+    )  # fmt: skip
     check_new_file(path, overwrite=resume)
     checkpoint = checkpoint_beside(path, run, config, seed)
     check_new_file(checkpoint.path, overwrite=True)
@@ -261,7 +269,8 @@ def train(
         "updates": policy.about["updates"],
         "seconds": round(seconds, 3),
         "preset": preset,
-        "bounded": bounded,
+        "bounded": run.bounded,
+        "budget": run.budget,
         "reward": reward,
         "delay_s": delay,
         **rate,
@@ -278,10 +287,11 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
     Raises:
         OutputError: It is another one.
     """
-    found = {**policy.about, "bounded": policy.bounded}
+    found = {**policy.about, "bounded": policy.bounded, "budget": policy.budget}
     wanted = {
         "seed": seed,
         "bounded": run.bounded,
+        "budget": run.budget,
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
         "train": asdict(config),

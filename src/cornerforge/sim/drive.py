@@ -9,17 +9,29 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_GUIDE, block, uniform
-from cornerforge.sim.adversaries import SWERVE, UNIFORM, ChoiceScratch, choose_action
+from cornerforge.sim.adversaries import (
+    NO_CAST,
+    POLICY,
+    SWERVE,
+    UNIFORM,
+    Cast,
+    ChoiceScratch,
+    cast_index,
+    cast_member,
+    choose_action,
+    sample_action,
+)
 from cornerforge.sim.braking import is_avoidable
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.neighbours import nearest_bv
-from cornerforge.sim.observe import allowed_actions, observe
+from cornerforge.sim.observe import allowed_actions, observe, spend_budget
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.sim.statistics import BV_TRAVEL_MM, Census, Counts, count_av, count_choices, count_states
 from cornerforge.sim.step import Pairs, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     AV_CRASH,
+    BUDGET_LEFT,
     BV_CRASH,
     CONTROLLED,
     FRAME,
@@ -50,6 +62,7 @@ __all__ = [
     "Outcomes",
     "Setting",
     "Transitions",
+    "allocate_decisions",
     "collect",
     "drive_range",
     "drive_test",
@@ -67,7 +80,10 @@ class Setting(NamedTuple):
         bv_model: 0 naturalistic, 1 IDM.
         adversary: Code of `ADVERSARIES` for the BV nearest to the AV; 0 nobody.
         bounded: 1 for the NDD-bounded mask.
-        policy: The adversary's network.
+        policy: The adversary's network; of a mixture, the widest, for the size of scratch.
+        budget: Likelihood budget of a test (`observe.budget_units`); 0 no limit. Needs `bounded`.
+        temperature: At which a policy draws its actions; 0 for the best.
+        cast: The mixture of policies, each with its own mask and budget; empty for none.
     """
 
     road: RoadNumbers
@@ -77,6 +93,9 @@ class Setting(NamedTuple):
     adversary: int
     bounded: int
     policy: PolicyNumbers
+    budget: int = 0
+    temperature: float = 0.0
+    cast: Cast = NO_CAST
 
 
 class Outcomes(NamedTuple):
@@ -92,11 +111,29 @@ class Outcomes(NamedTuple):
 
 
 class Decisions(NamedTuple):
-    """Record of the decisions of one test: actions (K, N), controlled slot (K,), log-probability under the NDE (K,)."""
+    """Record of the decisions of one test.
+
+    Attributes:
+        action: Of every vehicle, (K, N).
+        controlled: Slot of the critical BV, (K,); -1 for none.
+        log_prob: Natural log of the probability of its action under the NDE, (K,); 0 for none.
+        shortfall: By how much the log-probability of its action for an attentive driver falls short of the likeliest
+            action's, (K,), at least 0, +inf where it is impossible; 0 for none.
+        log_prob_policy: Natural log of the probability of its action under the policy, (K,); 0 without one.
+    """
 
     action: NDArray[np.int8]
     controlled: NDArray[np.int16]
     log_prob: NDArray[np.float64]
+    shortfall: NDArray[np.float64]
+    log_prob_policy: NDArray[np.float64]
+
+
+def allocate_decisions(n: int, slots: int) -> Decisions:
+    """Room for n decisions; 0 records nothing."""
+    return Decisions(
+        np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int16), np.zeros(n), np.zeros(n), np.zeros(n)
+    )
 
 
 class Transitions(NamedTuple):
@@ -130,6 +167,31 @@ N_FINISHED = 4
 
 
 @kernel
+def _start(w: World, seed: int, test: int, budget: int, setting: Setting) -> None:
+    """Put a world at the start of a test, with its likelihood budget."""
+    reset_world(w, seed, test, setting.road, setting.av, setting.tables.initial)
+    w.info[BUDGET_LEFT] = budget
+
+
+@kernel
+def _record_choice(
+    bv: int, step: int, action: int, log_prob_policy: float, s: ChoiceScratch, decisions: Decisions
+) -> None:
+    """Note how likely the critical BV's action was; `s.p` and `s.attentive` hold the chances before anybody moved."""
+    decisions.log_prob[step] = 0.0
+    decisions.shortfall[step] = 0.0
+    decisions.log_prob_policy[step] = log_prob_policy
+    if bv >= 0:
+        p = s.p[action]
+        decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
+        most = 0.0
+        for a in range(33):
+            most = max(most, s.attentive[a])
+        p = s.attentive[action]
+        decisions.shortfall[step] = math.log(most) - math.log(p) if p > 0.0 else math.inf
+
+
+@kernel
 def drive_test(
     w: World, seed: int, test: int, setting: Setting, pairs: Pairs, s: ChoiceScratch,
     recording: NDArray[np.void], decisions: Decisions, counts: Counts, census: Census,
@@ -140,8 +202,13 @@ def drive_test(
     setting has an adversary.
     """
     road, av, tables, bv_model = setting.road, setting.av, setting.tables, setting.bv_model
-    adversary, bounded, policy = setting.adversary, setting.bounded, setting.policy
-    reset_world(w, seed, test, road, av, tables.initial)
+    adversary, bounded, policy, budget = setting.adversary, setting.bounded, setting.policy, setting.budget
+    if setting.cast.members.shape[0] > 0:
+        index = cast_index(seed, test, setting.cast.members.shape[0])
+        policy = cast_member(setting.cast, index)
+        bounded = min(1, setting.cast.members[index, 6])
+        budget = max(0, setting.cast.members[index, 6] - 1)
+    _start(w, seed, test, budget, setting)
     travel = 0.0
     for step in range(road.max_decisions):
         if w.info[OUTCOME] != RUNNING:
@@ -149,18 +216,23 @@ def drive_test(
         recorded = step < decisions.controlled.size
         action = -1
         bv = -1
+        log_prob_policy = 0.0
         w.info[CONTROLLED] = -1
         if adversary > 0 or recorded:
             bv = nearest_bv(w)
         if adversary > 0 and bv >= 0:
             w.info[CONTROLLED] = bv
-            if adversary == 1:
-                observe(w, bv, road, s.found, s.observation)
             allowed_actions(w, bv, bounded, road, tables, s.p, s.allowed)
-            action = choose_action(w, bv, adversary, 0.0, seed, test, policy, s)
+            if adversary == POLICY:
+                observe(w, bv, road, s.found, s.observation)
+                action, log_prob_policy = sample_action(w, bv, setting.temperature, seed, test, policy, s)
+            else:
+                action = choose_action(w, bv, adversary, 0.0, seed, test, policy, s)
+            spend_budget(w, bv, action, road, tables, s.p)
         if recorded and bv >= 0:
             # The tables must see the state before anybody moves; the action of a natural driver is known only after it.
             action_probabilities(w, bv, tables.overlook, road, tables, s.p)
+            action_probabilities(w, bv, 0.0, road, tables, s.attentive)
         counting = census.on and census.first <= step < census.until
         crashes = w.info[N_BV_CRASHES]
         if counting:
@@ -171,10 +243,7 @@ def drive_test(
             count_choices(w, crashes, road, counts)
         if recorded:
             decisions.controlled[step] = bv
-            decisions.log_prob[step] = 0.0
-            if bv >= 0:
-                p = s.p[w.vehicles[bv].action]
-                decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
+            _record_choice(bv, step, w.vehicles[bv].action, log_prob_policy, s, decisions)
             for i in range(w.info[N_VEHICLES]):
                 decisions.action[step, i] = w.vehicles[i].action
     if census.on:
@@ -238,10 +307,10 @@ def start_worlds(
     n = tests.size
     for b in range(n):
         w = world_row(worlds, b)
-        reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+        _start(w, seed, tests[b], setting.budget, setting)
         while not _prepare(w, setting, s, observation[b], allowed[b]):
             tests[b] += n
-            reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+            _start(w, seed, tests[b], setting.budget, setting)
 
 
 @kernel
@@ -379,6 +448,7 @@ def collect(
             action = _guided_action(w, epsilon, seed, tests[b], setting, s)
         else:
             action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
+        spend_budget(w, w.info[CONTROLLED], action, setting.road, setting.tables, s.p)
         history.bv[b, w.info[N_DECISIONS]] = w.info[CONTROLLED]
         history.action[b, w.info[N_DECISIONS]] = action
         step_world(
@@ -395,8 +465,8 @@ def collect(
             finished[2] += code == BV_CRASH
             finished[3] += code == AV_CRASH and out.reward[b] > 0.0
             tests[b] += n
-            reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+            _start(w, seed, tests[b], setting.budget, setting)
             while not _prepare(w, setting, s, observation[b], allowed[b]):
                 tests[b] += n
-                reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
+                _start(w, seed, tests[b], setting.budget, setting)
         _copy_view(observation[b], allowed[b], out.next_observation[b], out.next_allowed[b])

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_centre
 from cornerforge.sim.decide import action_probabilities
-from cornerforge.sim.world import N_VEHICLES
+from cornerforge.sim.world import BUDGET_LEFT, N_VEHICLES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,11 +18,23 @@ if TYPE_CHECKING:
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.sim.world import RoadNumbers, World
 
-__all__ = ["N_OBSERVATION", "OBSERVATION_VERSION", "allowed_actions", "observe"]
+__all__ = [
+    "N_OBSERVATION",
+    "OBSERVATION_VERSION",
+    "UNITS_PER_NAT",
+    "allowed_actions",
+    "budget_units",
+    "observe",
+    "spend_budget",
+    "surprise",
+]
 
-OBSERVATION_VERSION = 1
-"""Raised whenever the meaning of an entry changes; stored with every policy."""
-_N_OWN = 20
+OBSERVATION_VERSION = 2
+"""Raised whenever the meaning of an entry changes; stored with every policy. 2: the likelihood budget's rest."""
+UNITS_PER_NAT = 1_000_000
+"""A budget is counted in whole numbers, so that sums are exact and do not depend on their order."""
+_NATS_SHOWN = 10.0
+_N_OWN = 21
 _N_OTHERS = 4
 _PER_OTHER = 5
 N_OBSERVATION = _N_OWN + _N_OTHERS * _PER_OTHER
@@ -63,8 +76,9 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     Own part: remaining test length / 400 m; AV: (speed - 30) / 10, offset from its target lane / 4 m, lateral speed /
     2, acceleration / 4, lanes free to its left and right (0 or 1); BV: the same without acceleration; relative BV - AV:
     dx / 50 and dx / 10 (clipped to +-3), dy / 4, speed difference / 10, target lanes' difference, lengthwise overlap
-    (0 or 1). Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed difference / 10 to the BV,
-    target lane minus BV's, and 1; all 0 where there is none.
+    (0 or 1); whether the BV, and the AV, changes lanes (0 or 1); what is left of the likelihood budget / 10 nats, at
+    most 1, and 1 without a budget. Then for each of the 4 vehicles nearest to the BV: dx / 50, dy / 4 and speed
+    difference / 10 to the BV, target lane minus BV's, and 1; all 0 where there is none.
 
     Args:
         w: The world.
@@ -97,6 +111,8 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[17] = 1.0 if abs(dx) < road.length else 0.0
     out[18] = 1.0 if v[bv].duration > 0.0 else 0.0
     out[19] = 1.0 if v[0].duration > 0.0 else 0.0
+    left = w.info[BUDGET_LEFT]
+    out[20] = min(1.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
     for k in range(_nearest_others(w, bv, found)):
         j = found[k]
         place = _N_OWN + _PER_OTHER * k
@@ -121,7 +137,8 @@ def allowed_actions(
 
     Unbounded: all but lane changes that leave the road or repeat the running one. Bounded (paper, equation 12):
     besides, only actions of positive probability for an attentive naturalistic driver; overlooking a neighbour does
-    not count as possible.
+    not count as possible. With a budget (info[BUDGET_LEFT] > 0) besides only those whose surprise it can still pay for;
+    the likeliest action costs nothing, so there always is one.
 
     Args:
         w: The world.
@@ -147,3 +164,57 @@ def allowed_actions(
         action_probabilities(w, bv, 0.0, road, tables, p)
         for a in range(33):
             allowed[a] = allowed[a] and p[a] > 0.0
+        left = w.info[BUDGET_LEFT]
+        if left > 0:
+            most = _largest(p)
+            for a in range(33):
+                allowed[a] = allowed[a] and surprise(p[a], most) < left
+
+
+@kernel
+def _largest(p: NDArray[np.float64]) -> float:
+    most = 0.0
+    for a in range(33):
+        most = max(most, p[a])
+    return most
+
+
+@inlined_kernel
+def surprise(p: float, most: float) -> int:
+    """How much less likely an action is than the likeliest, ln(most / p), in units of the budget, rounded up.
+
+    Args:
+        p: Probability of the action, above 0.
+        most: That of the likeliest.
+
+    Returns:
+        0 for the likeliest.
+    """
+    return math.ceil((math.log(most) - math.log(p)) * UNITS_PER_NAT)  # most / p may overflow
+
+
+@kernel
+def spend_budget(w: World, bv: int, action: int, road: RoadNumbers, tables: NddTables, p: NDArray[np.float64]) -> None:
+    """Take what an allowed action costs from the world's likelihood budget, if it has one; call it before the step.
+
+    Args:
+        w: The world at the moment of the decision.
+        bv: Slot of the controlled BV.
+        action: Its choice, one that `allowed_actions` allows.
+        road: Constants.
+        tables: The naturalistic model.
+        p: Scratch, float64 (33,).
+    """
+    info = w.info
+    if info[BUDGET_LEFT] > 1:  # 1: nothing is left, so the action is the likeliest
+        action_probabilities(w, bv, 0.0, road, tables, p)
+        info[BUDGET_LEFT] = max(1, info[BUDGET_LEFT] - surprise(p[action], _largest(p)))
+
+
+def budget_units(budget: float | None) -> int:
+    """A budget [nats] as info[BUDGET_LEFT] holds it at the start of a test; None: no limit.
+
+    >>> budget_units(None), budget_units(0.0), budget_units(2.5)
+    (0, 1, 2500001)
+    """
+    return 0 if budget is None else round(budget * UNITS_PER_NAT) + 1

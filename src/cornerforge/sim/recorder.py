@@ -8,7 +8,7 @@ import numpy as np
 
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Decisions, Setting, drive_test, world_row
+from cornerforge.sim.drive import Setting, allocate_decisions, drive_test, world_row
 from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import (
@@ -57,9 +57,7 @@ class Recorder:
         self._pairs = allocate_pairs(slots)
         self._scratch = allocate_choice_scratch(setting.policy)
         self._recording = allocate_recording(SUBSTEPS * decisions + 1, slots)
-        self._decisions = Decisions(
-            np.zeros((decisions, slots), dtype=np.int8), np.zeros(decisions, dtype=np.int16), np.zeros(decisions)
-        )
+        self._decisions = allocate_decisions(decisions, slots)
         self._counts = allocate_counts()
 
     def record(self, seed: int, test: int) -> Scenario:

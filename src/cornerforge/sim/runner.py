@@ -13,12 +13,20 @@ import numpy as np
 
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Decisions, Outcomes, Setting, drive_range
+from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_range
 from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
 from cornerforge.sim.step import allocate_pairs, allocate_recording
 from cornerforge.sim.world import AV_CRASH, allocate_worlds
 
-__all__ = ["Tally", "crashed_tests", "default_threads", "simulate", "simulate_chunks", "warm_up"]
+__all__ = [
+    "Tally",
+    "allocate_outcomes",
+    "crashed_tests",
+    "default_threads",
+    "simulate",
+    "simulate_chunks",
+    "warm_up",
+]
 
 METRES_PER_MILE = 1609.344
 _CHUNK = 512
@@ -79,7 +87,8 @@ def default_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _allocate_outcomes(n: int) -> Outcomes:
+def allocate_outcomes(n: int) -> Outcomes:
+    """Room for the outcomes of n tests."""
     return Outcomes(
         np.zeros(n, dtype=np.uint8),
         np.zeros(n, dtype=np.int32),
@@ -96,9 +105,9 @@ def drive_chunk(
 ) -> tuple[Outcomes, Counts]:
     """Drive `count` tests from `first` on; releases the GIL for all of it."""
     census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
-    out = _allocate_outcomes(count)
+    out = allocate_outcomes(count)
     counts = allocate_counts(slots)
-    no_decisions = Decisions(np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0))
+    no_decisions = allocate_decisions(0, slots)
     drive_range(
         seed,
         first,

@@ -73,7 +73,7 @@ class World(NamedTuple):
         current: Slots whose state is that of this moment, int64 (N,), the first info[N_CURRENT] entries: at decision
             times all that are present, within a second only those that somebody may touch or look at. The AV is the
             first; the first info[N_SEEN] are whom somebody may look at; both parts rise.
-        info: int64 (10,): see the index constants below.
+        info: int64 (11,): see the index constants below.
     """
 
     vehicles: NDArray[np.void]
@@ -82,10 +82,11 @@ class World(NamedTuple):
     info: NDArray[np.int64]
 
 
-INFO_FIELDS = 10
-N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN = range(
-    INFO_FIELDS
+INFO_FIELDS = 11
+N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN, BUDGET_LEFT = (
+    range(INFO_FIELDS)
 )
+"""BUDGET_LEFT: what is left of the adversary's likelihood budget, in millionths of a nat, plus 1; 0: no limit."""
 
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
@@ -153,7 +154,7 @@ def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> 
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 10)."""
+    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 11)."""
     return World(
         np.zeros((n_worlds, slots), dtype=VEHICLE),
         np.zeros((n_worlds, slots), dtype=np.int64),

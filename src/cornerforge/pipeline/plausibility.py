@@ -1,0 +1,240 @@
+"""`plausibility`: what an adversary can do within a likelihood budget; yield against plausibility, plotted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cornerforge._checks import check_integer
+from cornerforge.adversary.config import TrainConfig, preset_named
+from cornerforge.adversary.policy_file import check_budget, policy_hash, save_policy
+from cornerforge.errors import InputError
+from cornerforge.ndd.drawing import BLUE, GREY, ORANGE, check_matplotlib, new_figure, png_of
+from cornerforge.pipeline.generate import harvest_tests
+from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json, writing
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
+from cornerforge.rates import binomial_interval
+from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.drive import allocate_decisions, drive_range
+from cornerforge.sim.runner import allocate_outcomes
+from cornerforge.sim.statistics import NOBODY, allocate_counts
+from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.world import allocate_worlds
+
+__all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]
+
+BUDGETS_NATS = (2.0, 5.0, 10.0, 20.0, 40.0)
+_NATURAL_TESTS = 500
+
+
+def plausibility(
+    *,
+    out: Path | str,
+    budgets: Sequence[float] = BUDGETS_NATS,
+    seeds: int = 3,
+    decisions: int | None = None,
+    tests: int = 8192,
+    av: str = "idm-mobil",
+    lanes: int | None = None,
+    odd: str = "default",
+    model: Path | str | None = None,
+    resume: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Train one adversary per budget and training seed, with no budget (the paper's mask), and with no mask at all.
+
+    Args:
+        out: Folder for the policies, `plausibility.json` and `plausibility.png`; must be new or empty unless `resume`.
+        budgets: Likelihood budgets of a test [nats].
+        seeds: Training seeds per budget: `seed`, `seed` + 1, ...
+        decisions: Length of each training; None for that of preset `fast`.
+        tests: Evaluation tests of each policy.
+        av, lanes, odd, model: The world, as for `simulate`.
+        resume: Keep policies that are finished.
+        seed: The first training seed, and that of the tests.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge plausibility --json` prints. `rows`: one per budget, from the tightest to no budget
+        (None, `bounded` true) and no mask (None, false), each with `runs` (one per training seed: `crashes_per_test`,
+        `interval95`, where they are counted `avoidable_per_test`, and, over the test's controlled decisions of all
+        crashes, `log_prob_per_decision` (None where an action was impossible), `shortfall_per_test` and
+        `implausible_per_test`). `natural`: log-probability per decision and shortfall per test of natural drivers.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right.
+    """
+    check_matplotlib()
+    check_integer("seeds", seeds, low=1, high=1000)
+    check_integer("tests", tests, low=1, high=10**8)
+    check_integer("seed", seed, low=0, high=2**32 - 1)
+    for nats in budgets:
+        check_budget(nats, bounded=True)
+    if len(set(budgets)) != len(budgets):
+        raise InputError(f"budgets = {list(budgets)} names one twice; give each once.")
+    config = preset_named("fast")
+    if decisions is not None:
+        config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
+    world = {"av": av, "odd": odd, "lanes": lanes, "model": None if model is None else Path(model)}
+    natural = experiment(**world)  # type: ignore[arg-type]
+    folder = Path(out)
+    identity = {
+        **natural.identity(seed),
+        "budgets": " ".join(f"{budget:g}" for budget in sorted(budgets)),
+        "decisions": config.decisions,
+        "seeds": seeds,
+        "tests": tests,
+        "cornerforge": version(),
+        "code": code_hash(),
+    }
+    open_output(folder, identity, resume=resume)
+    n_threads = check_threads(threads)
+    masks: list[tuple[float | None, bool]] = [(budget, True) for budget in sorted(budgets)]
+    masks += [(None, True), (None, False)]
+    rows = []
+    for budget, bounded in masks:
+        run = experiment(**world, bv="uniform", bounded=bounded, budget=budget)  # type: ignore[arg-type]
+        runs = [
+            _one(folder, run, config, seed + k, seed, tests, n_threads, progress, world)
+            for k in range(seeds)
+        ]  # fmt: skip
+        rows.append({"budget": budget, "bounded": bounded, "runs": runs})
+    result = {"rows": rows, "natural": _natural(natural, seed), "out": str(folder), "tests": tests}
+    write_json(folder / "plausibility.json", result)
+    _draw(folder / "plausibility.png", result)
+    write_json(folder / "provenance.json", provenance(identity, 0.0))
+    return result
+
+
+def _one(
+    folder: Path, run: Experiment, config: TrainConfig, train_seed: int, seed: int, tests: int, threads: int,
+    progress: Progress, world: dict[str, Any],
+) -> dict[str, Any]:  # fmt: skip
+    """Train and measure one policy; kept in a file of its own."""
+    mask = "unbounded" if not run.bounded else "bounded" if run.budget is None else f"{run.budget:g}"
+    done = folder / f"{mask}-{train_seed}.json"
+    if done.exists():
+        return read_json_file(done)
+    policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
+    save_policy(policy, folder / f"{mask}-{train_seed}.safetensors")
+    hostile = experiment(**world, policy=policy)
+    found = {
+        "train_seed": train_seed,
+        "decisions": result.decisions,
+        "seconds": round(result.seconds, 3),
+        "policy_hash": policy_hash(policy),
+        **evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress),
+        **_likelihood(hostile, tests, seed, threads, progress),
+    }
+    write_json(done, found)
+    return found
+
+
+def _likelihood(run: Experiment, tests: int, seed: int, threads: int, progress: Progress) -> dict[str, Any]:
+    """How plausible the adversary's part is in the crashes of the evaluation tests."""
+    names = ("log_prob_nde", "n_decisions", "shortfall_nats", "n_implausible")
+    parts: list[np.ndarray[Any, Any]] = []
+    for done, harvested in harvest_tests(run, seed, EVALUATION_TESTS, tests, threads):
+        columns = [harvested.cases.column(name).to_numpy().astype(np.float64) for name in names]
+        parts.append(np.stack(columns))
+        progress("plausibility", done, tests)
+    log_prob, decisions, shortfall, implausible = np.concatenate(parts, axis=1)
+    if decisions.size == 0:
+        return dict.fromkeys(("log_prob_per_decision", "shortfall_per_test", "implausible_per_test"))
+    return {
+        "log_prob_per_decision": None if np.isnan(log_prob).any() else float(log_prob.sum() / decisions.sum()),
+        "shortfall_per_test": float(shortfall.mean()),
+        "implausible_per_test": float(implausible.mean()),
+    }
+
+
+def _natural(run: Experiment, seed: int) -> dict[str, float]:
+    """The same of natural drivers: the BV nearest to the AV in each second, over whole tests."""
+    setting, slots = run.setting, run.slots
+    most = setting.road.max_decisions
+    decisions = allocate_decisions(most, slots)
+    out, count = allocate_outcomes(1), 0
+    log_prob = shortfall = 0.0
+    for test in range(EVALUATION_TESTS, EVALUATION_TESTS + _NATURAL_TESTS):
+        drive_range(
+            seed, test, 1, setting, allocate_worlds(1, slots), allocate_pairs(slots),
+            allocate_choice_scratch(setting.policy), allocate_recording(0, slots), decisions, allocate_counts(),
+            NOBODY, out,
+        )  # fmt: skip
+        n = int(out.decisions[0])
+        count += n
+        log_prob += float(decisions.log_prob[:n].sum())
+        # A natural driver may overlook a neighbour, which is impossible for an attentive one.
+        falls = decisions.shortfall[:n]
+        shortfall += float(falls[np.isfinite(falls)].sum())
+    return {
+        "tests": _NATURAL_TESTS,
+        "log_prob_per_decision": log_prob / count,
+        "shortfall_per_test": shortfall / _NATURAL_TESTS,
+    }
+
+
+def _worst(row: dict[str, Any], name: str) -> float | None:
+    values = [run.get(name) for run in row["runs"]]
+    return None if any(value is None for value in values) else min(values)
+
+
+def _draw(path: Path, result: dict[str, Any]) -> None:
+    """Yield of every policy against its plausibility; those without a mask have no finite place on the axis."""
+    figure, (panel,) = new_figure(1, 1, 6.4, 4.2)
+    for name, label, colour, marker in (
+        ("crashes_per_test", "crashes", BLUE, "o"),
+        ("avoidable_per_test", "avoidable by braking", ORANGE, "s"),
+    ):
+        points = [
+            (run["log_prob_per_decision"], run[name], row["budget"])
+            for row in result["rows"]
+            for run in row["runs"]
+            if run.get("log_prob_per_decision") is not None and run.get(name) is not None
+        ]
+        if not points:
+            continue
+        panel.plot([p[0] for p in points], [p[1] for p in points], marker, color=colour, label=label, alpha=0.7)
+        for x, y, budget in points if name == "crashes_per_test" else ():
+            text = "no budget" if budget is None else f"{budget:g}"
+            panel.annotate(text, (x, y), textcoords="offset points", xytext=(4, 4), fontsize=7)
+    panel.axvline(result["natural"]["log_prob_per_decision"], color=GREY, linestyle=":", label="natural drivers")
+    panel.set_xlabel("mean log-probability per controlled decision in crashes [nats]")
+    panel.set_ylabel("per test")
+    panel.set_ylim(bottom=0.0)
+    panel.legend(fontsize=8)
+    with writing(path) as part:
+        part.write_bytes(png_of(figure))
+
+
+def plausibility_text(result: dict[str, Any]) -> str:
+    """One line per budget, with the worst seed's lower limit."""
+    lines = [
+        f"natural drivers: {result['natural']['log_prob_per_decision']:.2f} nats per decision, shortfall "
+        f"{result['natural']['shortfall_per_test']:.1f} nats per test"
+    ]
+    for row in result["rows"]:
+        budget = "no budget" if row["budget"] is None else f"{row['budget']:g} nats"
+        name = budget if row["bounded"] else "unbounded"
+        rate = min(row["runs"], key=lambda run: run["crashes_per_test"])
+        low = binomial_interval(round(rate["crashes_per_test"] * rate["tests"]), rate["tests"])[0]
+        line = f"{name:>10}: {rate['crashes_per_test']:.4f} crashes per test "
+        line += f"(worst of {len(row['runs'])}; at least {low:.4f})"
+        if (avoidable := _worst(row, "avoidable_per_test")) is not None:
+            line += f", {avoidable:.4f} avoidable"
+        if (log_prob := _worst(row, "log_prob_per_decision")) is not None:
+            line += f"; {log_prob:.2f} nats per decision"
+        if rate["shortfall_per_test"] is not None:
+            line += f", shortfall {rate['shortfall_per_test']:.1f} per crash"
+            line += f", {rate['implausible_per_test']:.1f} impossible decisions per crash"
+        lines.append(line)
+    return "\n".join(lines)

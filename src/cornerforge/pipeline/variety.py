@@ -1,0 +1,134 @@
+"""`variety`: how many kinds of crash libraries hold, or ways to generate them would give at equal tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.errors import InputError
+from cornerforge.library import CaseLibrary
+from cornerforge.library.schema import HISTORY_SHAPE
+from cornerforge.pipeline.generate import harvest_tests
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.rates import binomial_interval
+from cornerforge.types import Odd
+
+__all__ = ["VARIETY_TESTS", "variety"]
+
+VARIETY_TESTS = (1 << 41) + (1 << 40)
+"""Number of the first test that ways to generate are compared on: far from those of training and evaluation."""
+
+
+def variety(
+    *,
+    libraries: Sequence[Path | str] = (),
+    policies: Sequence[Path | str] = (),
+    tests: int = 4096,
+    acting: str = "softmax",
+    av: str = "idm-mobil",
+    lanes: int | None = None,
+    odd: str = "default",
+    model: Path | str | None = None,
+    budget: float | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Kinds of crash in libraries, or in what policies make on the same tests: greedy, at random, and mixed.
+
+    Args:
+        libraries: Folders; each is a row.
+        policies: Policy files. Rows: each greedy, each at random; with two and more also all mixed, both ways.
+        tests: Per row of policies.
+        acting: How to act at random, "softmax" or "softmax:T".
+        av, lanes, odd, model, budget: The world of the policies, as for `generate`.
+        seed: Of the tests and of the bootstrap.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge variety --json` prints: `rows`, each with `name`, `tests`, `av_crashes`,
+        `crashes_per_test`, `interval95` and the entries of `analysis.variety.Variety` (None where nothing crashed).
+
+    Raises:
+        CornerForgeError: Input or files are not right.
+    """
+    check_integer("tests", tests, low=1, high=10**8)
+    check_integer("seed", seed, low=0, high=2**32 - 1)
+    if bool(libraries) == bool(policies):
+        raise InputError("Give either libraries or policies: cornerforge variety LIB..., or --policy FILE...")
+    if libraries:
+        rows = [_library_row(Path(path), seed) for path in libraries]
+        return {"rows": rows}
+    if acting == "greedy":
+        raise InputError("Greedy acting is shown anyway; give how to act at random: --acting softmax:0.1")
+    ways = [([name], way) for name in policies for way in ("greedy", acting)]
+    if len(policies) > 1:
+        ways += [(list(policies), way) for way in ("greedy", acting)]
+    rows = []
+    for names, way in ways:
+        run = experiment(
+            av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=[str(name) for name in names],
+            budget=budget, acting=way,
+        )  # fmt: skip
+        what = names[0] if len(names) == 1 else f"mixture of {len(names)}"
+        rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, check_threads(threads), progress))
+    return {"rows": rows, "first_test": VARIETY_TESTS}
+
+
+def _row(name: str, tests: int, crashes: int, pose: NDArray[np.float64], odd: Odd, seed: int) -> dict[str, Any]:
+    from cornerforge.analysis.variety import crash_cells, variety_of
+
+    low, high = binomial_interval(crashes, tests) if tests else (0.0, 1.0)
+    row: dict[str, Any] = {
+        "name": name,
+        "tests": tests,
+        "av_crashes": crashes,
+        "crashes_per_test": crashes / tests if tests else None,
+        "interval95": [low, high],
+    }
+    if len(pose) == 0:
+        return row | dict.fromkeys(("cases", "filled"), 0) | {"entropy": None, "effective": None, "cells": {}}
+    cell, names = crash_cells(pose, vehicle_length=odd.vehicle_length, vehicle_width=odd.vehicle_width)
+    return row | variety_of(cell, names, seed=seed).to_json()
+
+
+def _library_row(path: Path, seed: int) -> dict[str, Any]:
+    library = CaseLibrary.open(path)
+    history = library.history()[1]
+    return _row(str(path), library.tests, library.crashes, history[:, 0], library.odd, seed)
+
+
+def _generated_row(
+    run: Experiment, name: str, tests: int, seed: int, threads: int, progress: Progress
+) -> dict[str, Any]:
+    poses = []
+    for done, harvested in harvest_tests(run, seed, VARIETY_TESTS, tests, threads):
+        flat = harvested.cases.column("history").combine_chunks().flatten().to_numpy()
+        poses.append(flat.reshape(-1, *HISTORY_SHAPE)[:, 0].astype(np.float64))
+        progress(f"variety ({name})", done, tests)
+    pose = np.concatenate(poses)
+    return _row(name, tests, len(pose), pose, run.odd, seed)
+
+
+def variety_text(result: dict[str, Any]) -> str:
+    """The rows as text, with the fullest cells of each."""
+    lines = []
+    for row in result["rows"]:
+        yielded = "" if row["crashes_per_test"] is None else f"{row['crashes_per_test']:.3f} crashes per test; "
+        lines.append(f"{row['name']}: {yielded}{row['cases']:,} cases in {row['filled']} cells")
+        if row["cases"]:
+            low, high = row["entropy_interval95"]
+            lines[-1] += (
+                f" (of {row['possible']}), entropy {row['entropy']:.2f} nats ({low:.2f} to {high:.2f}), "
+                f"as varied as {row['effective']:.1f} equal cells; next case of a new kind: {row['unseen']:.2%}"
+            )
+            fullest = list(row["cells"].items())[:5]
+            lines.append("    " + ", ".join(f"{name} {n:,}" for name, n in fullest))
+    return "\n".join(lines)

@@ -1,0 +1,162 @@
+"""What the kernel puts into columns is what `case_record` makes of a recording, value by value."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hand_built import setting_of
+
+from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
+from cornerforge.errors import InputError
+from cornerforge.library import CaseLibrary, case_record
+from cornerforge.library.harvester import Harvested, Harvester, extra_columns
+from cornerforge.library.shards import encode_tables
+from cornerforge.library.tables import cases_table, tracks_table
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim.drive import Setting
+from cornerforge.sim.harvest import CRASHED, DRIVEN
+from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.recorder import Recorder, scenario_digest
+from cornerforge.sim.runner import drive_chunk
+from cornerforge.sim.world import n_slots
+from cornerforge.types import ODDS, Odd
+
+SUMS = {"log_prob_nde"}  # NumPy adds in another order
+
+
+def random_policy() -> PolicyNumbers:
+    shape = NetworkShape(N_OBSERVATION, 2, 1, 32)
+    weights = np.random.default_rng(0).normal(0.0, 0.3, n_weights(shape)).astype(np.float32)
+    return PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
+
+
+def run_of(model: NddModel, kind: str, odd: Odd) -> Setting:
+    adversary = kind.removeprefix("bounded ")
+    return setting_of(model, odd, adversary=adversary, bounded=adversary != kind, policy=random_policy())
+
+
+def same(found: pa.Table, expected: pa.Table) -> None:
+    assert found.schema.equals(expected.schema)
+    for name in expected.column_names:
+        if name in SUMS:
+            ours, theirs = (np.array(t.column(name).to_pylist(), dtype=float) for t in (found, expected))
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+        else:
+            assert repr(found.column(name).to_pylist()) == repr(expected.column(name).to_pylist()), name
+
+
+@pytest.mark.parametrize(
+    ("kind", "odd"),
+    [
+        ("swerve", "default"),
+        ("lane-changer", "swift"),
+        ("uniform", "paper"),
+        ("policy", "default"),
+        ("swerve", "paper"),
+    ],
+)
+def test_columns_are_those_of_the_slow_way(kind: str, odd: str, reckless: NddModel) -> None:
+    road = ODDS[odd]
+    setting = run_of(reckless, kind, road)
+    harvester = Harvester(setting, n_slots(road))
+    harvested = harvester.harvest(3, 10, 200)
+    out, _ = drive_chunk(setting, n_slots(road), 3, 10, 200, False)
+    for ours, theirs in zip(harvested.outcomes, out, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(harvested.tests, 10 + np.flatnonzero(out.code == 2))
+    assert harvested.tests.size >= 3
+    recorder = Recorder(setting, road)
+    scenarios = [recorder.record(3, test) for test in harvested.tests.tolist()]
+    records = [case_record(s, trajectory_digest=scenario_digest(s)) for s in scenarios]
+    same(harvested.cases.drop_columns(list(harvester.extra)), cases_table(records, {}))
+    same(harvested.tracks, tracks_table(records))
+
+
+def test_vehicles_that_go_are_absent_in_the_columns_too(reckless: NddModel) -> None:
+    road = Odd(n_lanes=3)
+    setting = setting_of(reckless, road, adversary="uniform")
+    harvested = Harvester(setting, n_slots(road)).harvest(1, 0, 1500)
+    assert any(not all(row) for row in harvested.tracks.column("present").to_pylist())
+    recorder = Recorder(setting, road)
+    scenarios = [recorder.record(1, test) for test in harvested.tests.tolist()]
+    same(harvested.tracks, tracks_table([case_record(s, trajectory_digest="") for s in scenarios]))
+
+
+def test_recording_at_once_or_again_gives_the_same(reckless: NddModel) -> None:
+    road = Odd()
+    setting = run_of(reckless, "swerve", road)
+    found = []
+    for crashed in (0, 10**9):  # as if no test, or every one, had crashed before
+        harvester = Harvester(setting, n_slots(road))
+        harvester._harvest.filled[DRIVEN] = 10**9
+        harvester._harvest.filled[CRASHED] = crashed
+        found.append(harvester.harvest(3, 0, 150))
+    assert_equal(*found)
+
+
+def assert_equal(a: Harvested, b: Harvested) -> None:
+    for ours, theirs in ((a.cases, b.cases), (a.tracks, b.tracks)):
+        assert ours.schema.equals(theirs.schema)
+        assert repr(ours.to_pylist()) == repr(theirs.to_pylist())  # NaN equals NaN there
+
+
+def test_a_full_buffer_changes_nothing(reckless: NddModel) -> None:
+    """More crashes than the buffers hold, in one range or in many."""
+    road = Odd()
+    setting = run_of(reckless, "swerve", road)
+    whole = Harvester(setting, n_slots(road)).harvest(3, 0, 300)
+    assert whole.tests.size > 128
+    harvester = Harvester(setting, n_slots(road))
+    parts = [harvester.harvest(3, first, 25) for first in range(0, 300, 25)]
+    cases = pa.concat_tables([part.cases for part in parts])
+    tracks = pa.concat_tables([part.tracks for part in parts])
+    assert_equal(whole, replace(whole, cases=cases, tracks=tracks))
+
+
+def test_shortfalls_add_up(model: NddModel) -> None:
+    """Within the support nothing is implausible, and the mode alone falls short of nothing."""
+    road = Odd()
+    for budget in (1, 2_000_001, 0):
+        setting = run_of(model, "bounded swerve", road)._replace(budget=budget)
+        harvester = Harvester(setting, n_slots(road))
+        cases = pa.concat_tables([harvester.harvest(3, first, 500).cases for first in range(0, 6000, 500)])
+        shortfall = np.array(cases.column("shortfall_nats").to_pylist())
+        assert set(cases.column("n_implausible").to_pylist()) <= {0}
+        assert (shortfall >= 0.0).all()
+        if budget:
+            assert (shortfall <= (budget - 1) / 1e6).all()
+        else:
+            assert len(shortfall) > 10
+            assert shortfall.max() > 2.0
+    free = Harvester(run_of(model, "swerve", road), n_slots(road)).harvest(3, 0, 100).cases
+    assert max(free.column("n_implausible").to_pylist()) > 0
+
+
+def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: Path) -> None:
+    road = Odd()
+    harvested = Harvester(run_of(reckless, "swerve", road), n_slots(road)).harvest(7, 100, 40)
+    assert harvested.tests.size > 4
+    extra = extra_columns(with_policy=False)
+    library = CaseLibrary.create(tmp_path / "library", {"seed": 7}, road)
+    whole = encode_tables(harvested.cases, harvested.tracks, extra)
+    back = np.arange(harvested.tests.size)[::-1]
+    turned = encode_tables(harvested.cases.take(back), harvested.tracks.take(back), extra)
+    for shard, next_test in ((whole, 110), (turned, 140)):
+        with pytest.raises(InputError, match="do not continue"):
+            library.append_shard(shard, next_test=next_test, tests=next_test, crashes=50)
+    library.append_shard(whole, next_test=140, tests=140, crashes=50)
+    with pytest.raises(InputError, match="do not continue"):
+        library.append_shard(whole, next_test=150, tests=150, crashes=60)
+    other = encode_tables(
+        harvested.cases.drop_columns(["n_implausible"]), harvested.tracks, {"shortfall_nats": "float"}
+    )
+    later = replace(other, first_test=140, last_test=145)
+    with pytest.raises(InputError, match="extra columns"):
+        library.append_shard(later, next_test=150, tests=150, crashes=60)
+    assert len(library) == harvested.tests.size
+    stored = library.scenario(f"7:{harvested.tests[2]}")
+    assert stored.scenario.crash is not None
