@@ -68,6 +68,8 @@ def case(number: int) -> Case:
         sees_intentions=bool(rng.random() < 0.6),
         mobil=replace(av.mobil, politeness=float(rng.choice([0.0, 0.5]))),
     )
+    # A draw of its own, so that the other choices are those of the time when all AVs were plain.
+    av = replace(av, kind=str(np.random.default_rng([number, 1]).choice(["plain", "plain", "watchful", "cautious"])))
     adversary = ADVERSARIES[number % 4]
     return Case(
         number,
@@ -78,6 +80,11 @@ def case(number: int) -> Case:
         idm_bvs=bool(rng.random() < 0.15),
         reckless=bool(rng.random() < 0.5),
     )
+
+
+def driver_of(av: AvModel) -> AvDriver:
+    """The same AV for the slow simulator."""
+    return AvDriver(av.idm, av.mobil, av.sees_intentions, av.kind, av.rss)
 
 
 def column(drive: Drive, name: str) -> np.ndarray:
@@ -108,7 +115,7 @@ def assert_same(drive: Drive, scenario: Scenario) -> None:
 
 def compare(case: Case, model: NddModel) -> Drive:
     """Drive one test with both simulators; also through the bulk path that keeps only outcomes."""
-    av = AvDriver(case.av.idm, case.av.mobil, case.av.sees_intentions)
+    av = driver_of(case.av)
     drive = Simulator(case.odd, model, av, case.adversary, case.bounded, case.idm_bvs).drive(case.number, case.test)
     setting = case.setting(model)
     assert_same(drive, Recorder(setting, case.odd).record(case.number, case.test))
@@ -167,7 +174,7 @@ def test_the_cases_are_worth_comparing(model: NddModel, reckless: NddModel) -> N
 def test_the_comparison_sees_the_last_bit(model: NddModel) -> None:
     # negative control
     chosen = case(0)
-    av = AvDriver(chosen.av.idm, chosen.av.mobil, chosen.av.sees_intentions)
+    av = driver_of(chosen.av)
     drive = Simulator(chosen.odd, model, av).drive(0, 0)
     scenario = Recorder(setting_of(model, chosen.odd, av=chosen.av), chosen.odd).record(0, 0)
     assert_same(drive, scenario)

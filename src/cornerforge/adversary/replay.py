@@ -15,14 +15,14 @@ from cornerforge.types import N_ACTIONS
 __all__ = ["ReplayMemory", "allocate_transitions"]
 
 
-def allocate_transitions(n: int) -> Transitions:
-    """Room for n transitions."""
+def allocate_transitions(n: int, n_inputs: int = N_OBSERVATION) -> Transitions:
+    """Room for n transitions of so many numbers seen."""
     return Transitions(
-        np.zeros((n, N_OBSERVATION), dtype=np.float32),
+        np.zeros((n, n_inputs), dtype=np.float32),
         np.zeros(n, dtype=np.int64),
         np.zeros(n, dtype=np.float32),
         np.zeros(n, dtype=np.bool_),
-        np.zeros((n, N_OBSERVATION), dtype=np.float32),
+        np.zeros((n, n_inputs), dtype=np.float32),
         np.zeros((n, N_ACTIONS), dtype=np.bool_),
     )
 
@@ -32,11 +32,12 @@ class ReplayMemory:
 
     Args:
         capacity: How many, at least 1.
+        n_inputs: Numbers in an observation.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, n_inputs: int = N_OBSERVATION) -> None:
         self.capacity = capacity
-        self.arrays = allocate_transitions(capacity)
+        self.arrays = allocate_transitions(capacity, n_inputs)
         self.size = 0
         self.place = 0
 

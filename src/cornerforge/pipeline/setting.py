@@ -7,17 +7,18 @@ from pathlib import Path
 
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, policy_numbers
-from cornerforge.drivers.avs import AvModel, av_hash, av_named
+from cornerforge.drivers.avs import AvModel, av_hash
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
+from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.output import config_hash
 from cornerforge.sim.adversaries import ADVERSARIES
 from cornerforge.sim.decide import IDM_BVS
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.runner import default_threads
-from cornerforge.sim.world import av_numbers, n_slots, road_numbers
+from cornerforge.sim.world import n_slots, numbers_of_av, road_numbers
 from cornerforge.types import Odd, odd_named
 
 __all__ = ["Experiment", "check_threads", "experiment"]
@@ -84,7 +85,7 @@ def experiment(
     """Put a run together.
 
     Args:
-        av: Name of a built-in AV.
+        av: Name of a built-in AV, or the file of one that `train-av` made.
         odd: Name of an ODD.
         lanes: Number of lanes, 2 to 6; None for the ODD's own.
         model: Model file; None for the one that ships with the package.
@@ -99,7 +100,7 @@ def experiment(
     road = odd_named(odd)
     if lanes is not None:
         road = replace(road, n_lanes=lanes)
-    av_model = av_named(av)
+    av_model = av_of(av)
     ndd = load_model(default_model_path() if model is None else model)
     known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))
     if policy is None and bv not in known:
@@ -113,7 +114,7 @@ def experiment(
     code = 0 if bv in ("nde", "idm") else ADVERSARIES[bv]
     setting = Setting(
         road_numbers(road),
-        av_numbers(av_model.idm, av_model.mobil, sees_intentions=av_model.sees_intentions),
+        numbers_of_av(av_model),
         tables_of(ndd),
         IDM_BVS if bv == "idm" else 0,
         code,
