@@ -11,9 +11,10 @@ PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py examples/*.py)
 LINTED := src tests $(SCRIPTS)
 MODEL := src/cornerforge/ndd/default_model.npz
+RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format bench model golden clean-cache clean
+.PHONY: help setup demo test test-slow check format bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -48,6 +49,9 @@ bench: $(BENCH) ## measure speeds (benchmarks/run.py), in an environment of its 
 model: $(SETUP) ## fit the default naturalistic model again from DATA="FILES" (see docs/design.md); same data, same bytes
 	@test -n "$(wildcard $(DATA))" || { echo "No data at $(DATA); say where it is: make model DATA='my/data/*.gz'"; exit 1; }
 	@$(BIN)/cornerforge ndd fit $(sort $(wildcard $(DATA))) --format ngsim --out $(MODEL)
+
+rl-av: $(SETUP) ## train the built-in AV `rl` again; same seed, same weights
+	@$(BIN)/cornerforge train-av --out $(RL_AV) --overwrite --tests 200000
 
 golden: $(SETUP) ## write the checked-in expectations (golden files) again; read the diff and say why in the commit
 	@$(BIN)/python -m pytest -q -m golden --write-golden

@@ -71,7 +71,7 @@ class _World(ctypes.Structure):
 
 
 class _Pairs(ctypes.Structure):
-    _fields_ = [*((name, ctypes.c_void_p) for name in Pairs._fields), ("capacity", _INT)]
+    _fields_ = [*((name, ctypes.c_void_p) for name in Pairs._fields[:-1]), ("capacity", _INT)]  # last: a learned AV's
 
 
 class _Outcomes(ctypes.Structure):
@@ -132,6 +132,8 @@ class Yardstick:
     def __init__(self, setting: Setting) -> None:
         if setting.bv_model != 0 or setting.adversary != 0:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
+        if setting.av.kind != 0:
+            raise ValueError("The yardstick drives a plain AV, IDM and MOBIL.")
         if VEHICLE.itemsize != 160 or INFO_FIELDS != 11 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a world or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
@@ -151,7 +153,7 @@ class Yardstick:
     def drive_range(self, seed: int, first: int, count: int, world: World, pairs: Pairs, out: Outcomes) -> None:
         """As `sim.drive.drive_range`; `world` is one world, without a leading axis. Releases the GIL."""
         w = _World(*(_address(part) for part in world), world.vehicles.size)
-        p = _Pairs(*(_address(part) for part in pairs), pairs.a.size)
+        p = _Pairs(*(_address(part) for part in pairs[:-1]), pairs.a.size)
         o = _Outcomes(*(_address(part) for part in out))
         self._drive(seed, first, count, *(ctypes.byref(part) for part in (self._setting, w, p, o)))
 

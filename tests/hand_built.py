@@ -23,7 +23,7 @@ from cornerforge.sim.world import (
     World,
     all_current,
     allocate_worlds,
-    av_numbers,
+    numbers_of_av,
     road_numbers,
 )
 from cornerforge.types import Odd
@@ -59,7 +59,7 @@ def setting_of(
     av = av or av_named("idm-mobil")
     return Setting(
         road=road_numbers(odd or Odd()),
-        av=av_numbers(av.idm, av.mobil, sees_intentions=av.sees_intentions),
+        av=numbers_of_av(av),
         tables=_tables[id(model)][1],
         bv_model=int(idm_bvs),
         adversary=ADVERSARIES[adversary or "nobody"],

@@ -292,6 +292,45 @@ def train(
     )  # fmt: skip
 
 
+@app.command("train-av")
+def train_av(
+    out: Annotated[Path, typer.Option(help="AV file to write, .safetensors; --av takes it.", show_default=False)],
+    decisions: Annotated[int | None, typer.Option(help="Seconds of driving to learn from.", show_default=False)] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Tests in natural traffic to measure it on.")] = 20_000,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Train an AV to drive in natural and hostile traffic."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        return "\n".join(
+            [
+                _rate_text(r, "Natural traffic"),
+                f"Mean speed {r['mean_speed']:.1f} m/s",
+                f"{r['decisions']:,} s of driving in {r['seconds']:.0f} s; AV: {r['out']}",
+            ]
+        )
+
+    _run(
+        lambda bars: pipeline.train_av(
+            out=out, decisions=decisions, minutes=minutes, tests=tests, overwrite=overwrite, lanes=lanes, odd=odd,
+            model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
 @app.command()
 def generate(
     policy: Annotated[
@@ -538,7 +577,7 @@ def avs(
 
     _run(
         lambda bars: {"avs": [{"name": m.name, "about": m.about} for m in AVS.values()]},  # noqa: ARG005
-        lambda r: "\n".join(f"{a['name']:<18}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet,
+        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 

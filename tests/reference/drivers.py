@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
+from cornerforge.drivers.rss import RssParams
 from cornerforge.ndd.model import NddModel
 
 __all__ = ["AvDriver", "Naturalistic", "Row"]
@@ -18,11 +19,13 @@ __all__ = ["AvDriver", "Naturalistic", "Row"]
 
 @dataclass(frozen=True)
 class AvDriver:
-    """IDM and MOBIL with their parameters."""
+    """IDM and MOBIL with their parameters, and what other kinds of AV make of them."""
 
     idm: IdmParams
     mobil: MobilParams
     sees_intentions: bool
+    kind: str = "plain"
+    rss: RssParams = field(default_factory=RssParams)
 
     def desired_gap(self, speed: float, range_rate: float) -> float:
         """The IDM's s*."""
@@ -59,6 +62,33 @@ class AvDriver:
         if rear is not None:
             gain += self.mobil.politeness * (rear_after - rear_now)
         return gain
+
+    def rss_ahead(self, speed: float, lead_speed: float) -> float:
+        """Safe distance behind a lead."""
+        p = self.rss
+        path = speed * p.response_time + 0.5 * p.max_acceleration * p.response_time * p.response_time
+        reached = speed + p.response_time * p.max_acceleration
+        path = path + reached * reached / (2.0 * p.min_braking)
+        return max(0.0, path - lead_speed * lead_speed / (2.0 * p.lead_braking))
+
+    def rss_behind(self, rear_speed: float, speed: float) -> float:
+        """Safe distance of a driver behind the AV."""
+        p = self.rss
+        path = (
+            rear_speed * p.rear_response_time + 0.5 * p.rear_acceleration * p.rear_response_time * p.rear_response_time
+        )
+        reached = rear_speed + p.rear_response_time * p.rear_acceleration
+        path = path + reached * reached / (2.0 * p.rear_braking)
+        return max(0.0, path - speed * speed / (2.0 * p.lead_braking))
+
+    def proper_response(self, speed: float, gap: float, lead_speed: float) -> float:
+        """Acceleration that RSS allows at most behind a lead."""
+        if gap >= self.rss_ahead(speed, lead_speed):
+            return math.inf
+        if gap <= 0.0:
+            return -8.0
+        stop = speed * speed / (2.0 * (gap + lead_speed * lead_speed / (2.0 * self.rss.lead_braking)))
+        return -min(max(stop, self.rss.min_braking), 8.0)
 
 
 @dataclass(frozen=True)

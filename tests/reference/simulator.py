@@ -15,7 +15,7 @@ from reference.world import SIGHT, Vehicle, World, start
 
 __all__ = ["Drive", "Simulator"]
 
-CONFLICT_GAP = 10.0
+CONFLICT_GAP, BESIDE = 10.0, 2.0
 COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = 1, 2, 3, 4
 Action = int
 
@@ -67,17 +67,84 @@ class Simulator:
 
     def av_wish(self, world: World) -> tuple[float, int]:
         """The AV's acceleration and target lane."""
+        av, kind = world.av, self.av.kind
+        if kind == "plain":
+            return self.plain_wish(world)
+        command, lane = self.plain_wish(world) if kind == "watchful" else self.cautious_wish(world)
+        centre_lane = math.floor(av.y / self.odd.lane_width)
+        if av.path is not None and centre_lane != av.target_lane:
+            unwelcome = self._someone_enters_too(world, centre_lane) or self.refuses(world, av.target_lane)
+            return command, centre_lane if unwelcome and not self.somebody_beside(world, centre_lane) else lane
+        rivals = [
+            bv
+            for bv in world.bvs()
+            if bv.target_lane == av.target_lane != math.floor(bv.y / self.odd.lane_width)
+            and abs(bv.x - av.x) < self.odd.vehicle_length + BESIDE
+        ]
+        return self.evasion(world, min(rivals, key=lambda bv: abs(bv.x - av.x)), command) if rivals else (command, lane)
+
+    def evasion(self, world: World, rival: Vehicle, command: float) -> tuple[float, int]:
+        """Away from one who comes in beside the AV, or let it in, or go ahead of it."""
+        av = world.av
+        from_left = math.floor(rival.y / self.odd.lane_width) > av.target_lane
+        away = av.target_lane + (-1 if from_left else 1)
+        if av.path is None and away in range(self.odd.n_lanes) and not self.refuses(world, away):
+            return command, away
+        if rival.x >= av.x - 0.5 * self.odd.vehicle_length:
+            return min(command, -self.av.idm.max_braking), av.target_lane
+        return self.av.idm.max_acceleration if command >= 0.0 else command, av.target_lane
+
+    def cautious_wish(self, world: World) -> tuple[float, int]:
+        """As the plain one, but at RSS distances."""
+        av = world.av
+        command = self.idm_behind_all(world, av)
+        for lane in av.lanes & set(range(self.odd.n_lanes)):
+            lead, _ = world.neighbours(av, lane)
+            if lead is not None:
+                command = min(command, self.av.proper_response(av.speed, world.gap(lead, av), lead.speed))
+        return command, av.target_lane if av.path is not None else self._best_lane(world, command)
+
+    def somebody_beside(self, world: World, lane: int) -> bool:
+        """Does the nearest vehicle ahead or behind in a lane overlap the AV lengthwise?"""
+        lead, rear = world.neighbours(world.av, lane)
+        gaps = [world.gap(lead, world.av)] if lead is not None else []
+        gaps += [world.gap(world.av, rear)] if rear is not None else []
+        return min(gaps, default=math.inf) <= 0.0
+
+    def refuses(self, world: World, lane: int) -> bool:
+        """Would an AV that is not plain rather not be in that lane?"""
+        av = world.av
+        if self.somebody_beside(world, lane):
+            return True
+        lead, rear = world.neighbours(av, lane)
+        if self.av.kind == "cautious":
+            near = lead is not None and world.gap(lead, av) < self.av.rss_ahead(av.speed, lead.speed)
+            return near or (rear is not None and world.gap(av, rear) < self.av.rss_behind(rear.speed, av.speed))
+        states = [(av, lead, world.gap(lead, av))] if lead is not None else []
+        states += [(rear, av, world.gap(av, rear))] if rear is not None else []
+        states.append((av, av, math.inf))
+        return any(
+            self.av.follow(behind.speed, gap, ahead.speed - behind.speed) < -self.av.mobil.max_imposed_braking
+            for behind, ahead, gap in states
+        )
+
+    def plain_wish(self, world: World) -> tuple[float, int]:
+        """IDM and MOBIL."""
         av = world.av
         command = self.idm_behind_all(world, av)
         if av.path is not None:
             old = math.floor(av.y / self.odd.lane_width)
             return command, old if self.av.sees_intentions and self._someone_enters_too(world, old) else av.target_lane
+        return command, self._best_lane(world, command)
+
+    def _best_lane(self, world: World, command: float) -> int:
+        av = world.av
         best, best_gain = av.target_lane, self.av.mobil.min_gain
         for lane in (av.target_lane + 1, av.target_lane - 1):
             gain = self._side_gain(world, lane, command) if 0 <= lane < self.odd.n_lanes else None
-            if gain is not None and gain > best_gain:
+            if gain is not None and gain > best_gain and not (self.av.kind == "cautious" and self.refuses(world, lane)):
                 best, best_gain = lane, gain
-        return command, best
+        return best
 
     def _side_gain(self, world: World, lane: int, now: float) -> float | None:
         av = world.av

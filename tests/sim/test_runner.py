@@ -74,7 +74,7 @@ def test_a_recording_ends_as_the_bulk_run_does(setting: Setting) -> None:
 
 
 @pytest.mark.parametrize("odd", ["default", "swift", "paper"])
-@pytest.mark.parametrize("av", ["idm-mobil", "idm-mobil-blind"])
+@pytest.mark.parametrize("av", ["idm-mobil", "idm-mobil-blind", "idm-mobil-watchful", "rss-cautious"])
 @pytest.mark.parametrize("adversary", [None, "lane-changer", "swerve"])
 def test_moving_only_who_matters_changes_nothing(odd: str, av: str, adversary: str | None, reckless: NddModel) -> None:
     """A recording moves everybody in every substep, a bulk run only who may touch somebody or be looked at."""

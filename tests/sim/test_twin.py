@@ -75,6 +75,8 @@ def case(number: int) -> Case:
         sees_intentions=bool(rng.random() < 0.6),
         mobil=replace(av.mobil, politeness=float(rng.choice([0.0, 0.5]))),
     )
+    # A draw of its own, so that the other choices are those of the time when all AVs were plain.
+    av = replace(av, kind=str(np.random.default_rng([number, 1]).choice(["plain", "plain", "watchful", "cautious"])))
     adversary = ADVERSARIES[number % 4]
     return Case(
         number,
@@ -86,6 +88,11 @@ def case(number: int) -> Case:
         reckless=bool(rng.random() < 0.5),
         budget=float(rng.choice([1.0, 4.0, 12.0])) if rng.random() < 0.5 else None,
     )
+
+
+def driver_of(av: AvModel) -> AvDriver:
+    """The same AV for the slow simulator."""
+    return AvDriver(av.idm, av.mobil, av.sees_intentions, av.kind, av.rss)
 
 
 def column(drive: Drive, name: str) -> np.ndarray:
@@ -116,7 +123,7 @@ def assert_same(drive: Drive, scenario: Scenario) -> None:
 
 def compare(case: Case, model: NddModel) -> Drive:
     """Drive one test with both simulators; also through the bulk path that keeps only outcomes."""
-    av = AvDriver(case.av.idm, case.av.mobil, case.av.sees_intentions)
+    av = driver_of(case.av)
     simulator = Simulator(
         case.odd, model, av, case.adversary, case.bounded, case.idm_bvs, case.budget if case.bounded else None
     )
@@ -178,7 +185,7 @@ def test_the_cases_are_worth_comparing(model: NddModel, reckless: NddModel) -> N
 def test_the_comparison_sees_the_last_bit(model: NddModel) -> None:
     # negative control
     chosen = case(0)
-    av = AvDriver(chosen.av.idm, chosen.av.mobil, chosen.av.sees_intentions)
+    av = driver_of(chosen.av)
     drive = Simulator(chosen.odd, model, av).drive(0, 0)
     scenario = Recorder(setting_of(model, chosen.odd, av=chosen.av), chosen.odd).record(0, 0)
     assert_same(drive, scenario)

@@ -3,26 +3,60 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_in
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
+from cornerforge.drivers.policy import NetworkShape
+from cornerforge.drivers.rss import RssParams
 from cornerforge.errors import UnknownNameError
 
-__all__ = ["AVS", "AvModel", "av_hash", "av_named"]
+__all__ = ["AVS", "AV_KINDS", "AvModel", "AvNetwork", "av_hash", "av_named"]
+
+AV_KINDS = {"plain": 0, "watchful": 1, "cautious": 2, "learned": 3}
+"""How an AV decides, and the number by which kernels know it (docs/adr/0009-built-in-avs.md).
+
+plain: IDM and MOBIL. watchful: besides, it watches both sides while it changes lanes, and evades who comes into its
+lane beside it. cautious: it keeps RSS distances. learned: a Q-network.
+"""
+
+
+@dataclass(frozen=True)
+class AvNetwork:
+    """What a learned AV has learned.
+
+    Attributes:
+        shape: The network.
+        weights: Flat, in the layout of `drivers.policy.PolicyNumbers`, float32 (n_weights,).
+        features_version: Which observation it learned on (`sim.av_features.AV_FEATURES_VERSION`).
+    """
+
+    shape: NetworkShape
+    weights: NDArray[np.float32] = field(repr=False, compare=False)
+    features_version: int
 
 
 @dataclass(frozen=True)
 class AvModel:
-    """An AV that follows the IDM and changes lanes after MOBIL.
+    """A built-in AV: IDM and MOBIL, or one of those that are made of them, or a network.
 
     Attributes:
         name: What the command line calls it.
         about: One line for people.
-        idm, mobil: Parameters.
+        idm, mobil: Parameters; those of the IDM also say how near to its lead the AV starts a test.
         sees_intentions: It takes a vehicle that is entering a lane for one that is in it, and gives way to one that
         enters its
             own target lane from the other side; False is the plain model, which goes by lane centres.
+        kind: One of `AV_KINDS`.
+        rss: Safe distances, for the cautious kind.
+        network: For the learned kind; None until its file is read (`pipeline.av_file`).
+
+    Raises:
+        UnknownNameError: There is no such kind.
     """
 
     name: str
@@ -30,6 +64,12 @@ class AvModel:
     idm: IdmParams
     mobil: MobilParams
     sees_intentions: bool = True
+    kind: str = "plain"
+    rss: RssParams = field(default_factory=RssParams)
+    network: AvNetwork | None = None
+
+    def __post_init__(self) -> None:
+        check_in("av.kind", self.kind, tuple(AV_KINDS))
 
 
 _D2RL = IdmParams(
@@ -53,6 +93,27 @@ AVS: dict[str, AvModel] = {
             MobilParams(),
             False,
         ),
+        AvModel(
+            "idm-mobil-watchful",
+            "idm-mobil that watches both sides while changing lanes, and evades who cuts in beside it",
+            IdmParams(),
+            MobilParams(),
+            kind="watchful",
+        ),
+        AvModel(
+            "rss-cautious",
+            "keeps RSS distances ahead, and to both neighbours when it changes lanes; brakes with up to 8 m/s2",
+            IdmParams(),
+            MobilParams(),
+            kind="cautious",
+        ),
+        AvModel(
+            "rl",
+            "a Q-network that `cornerforge train-av` trained; decides twice a second",
+            IdmParams(),
+            MobilParams(),
+            kind="learned",
+        ),
     )
 }
 """All built-in AVs."""
@@ -71,5 +132,12 @@ def av_named(name: str) -> AvModel:
 
 def av_hash(model: AvModel) -> str:
     """SHA-256 (first 16 hex digits) over what decides how it drives; its name and description left out."""
-    numbers = (*astuple(model.idm), *astuple(model.mobil), model.sees_intentions)
+    numbers: tuple[object, ...] = (*astuple(model.idm), *astuple(model.mobil), model.sees_intentions)
+    if model.kind != "plain":  # the hash of a plain one is that of versions that knew no other
+        numbers += (model.kind,)
+    if model.kind == "cautious":
+        numbers += astuple(model.rss)
+    if model.kind == "learned" and model.network is not None:
+        weights = hashlib.sha256(model.network.weights.astype("<f4").tobytes()).hexdigest()
+        numbers += (*astuple(model.network.shape), model.network.features_version, weights)
     return hashlib.sha256(repr(numbers).encode()).hexdigest()[:16]

@@ -11,6 +11,7 @@ from cornerforge.pipeline.run import run
 from cornerforge.pipeline.show import ndd_show
 from cornerforge.pipeline.simulate import simulate
 from cornerforge.pipeline.train import train
+from cornerforge.pipeline.train_av import train_av
 from cornerforge.pipeline.validate import ndd_validate
 from cornerforge.pipeline.variety import variety
 
@@ -28,5 +29,6 @@ __all__ = [
     "run",
     "simulate",
     "train",
+    "train_av",
     "variety",
 ]

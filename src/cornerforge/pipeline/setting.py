@@ -9,18 +9,19 @@ from pathlib import Path
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.policy_file import Policy, check_budget, load_policy, policy_hash, policy_numbers
-from cornerforge.drivers.avs import AvModel, av_hash, av_named
+from cornerforge.drivers.avs import AvModel, av_hash
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
+from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.output import config_hash
 from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST, cast_of
 from cornerforge.sim.decide import IDM_BVS
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.observe import budget_units
 from cornerforge.sim.runner import default_threads
-from cornerforge.sim.world import av_numbers, n_slots, road_numbers
+from cornerforge.sim.world import n_slots, numbers_of_av, road_numbers
 from cornerforge.types import Odd, odd_named
 
 __all__ = ["TEMPERATURE", "Experiment", "check_threads", "experiment", "temperature_of"]
@@ -161,7 +162,7 @@ def experiment(
     """Put a run together.
 
     Args:
-        av: Name of a built-in AV.
+        av: Name of a built-in AV, or the file of one that `train-av` made.
         odd: Name of an ODD.
         lanes: Number of lanes, 2 to 6; None for the ODD's own.
         model: Model file; None for the one that ships with the package.
@@ -180,7 +181,7 @@ def experiment(
     road = odd_named(odd)
     if lanes is not None:
         road = replace(road, n_lanes=lanes)
-    av_model = av_named(av)
+    av_model = av_of(av)
     ndd = load_model(default_model_path() if model is None else model)
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
@@ -210,7 +211,7 @@ def experiment(
     numbers = [policy_numbers(p) for p in policies]
     setting = Setting(
         road=road_numbers(road),
-        av=av_numbers(av_model.idm, av_model.mobil, sees_intentions=av_model.sees_intentions),
+        av=numbers_of_av(av_model),
         tables=tables_of(ndd),
         bv_model=IDM_BVS if driver == "idm" else 0,
         adversary=0 if driver in ("nde", "idm") else ADVERSARIES[driver],

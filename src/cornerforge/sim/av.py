@@ -1,4 +1,4 @@
-"""The built-in AVs: how the AV under test decides, as often as its ODD lets it."""
+"""The plain built-in AV: how IDM and MOBIL decide, as often as the ODD lets them (other kinds: `av_kinds.py`)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cornerforge.sim.world import N_CURRENT
 if TYPE_CHECKING:
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
 
-__all__ = ["av_decide", "lead_acceleration"]
+__all__ = ["av_decide", "lead_acceleration", "must_give_way", "side_gain"]
 
 CONFLICT_GAP = 10.0
 """The AV gives way to a vehicle that enters its target lane from the far side when less than this lies between them
@@ -40,7 +40,7 @@ def lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNum
 
 
 @inlined_kernel
-def _side_gain(w: World, lane: int, acceleration_now: float, needed: float, road: RoadNumbers, av: AvNumbers) -> float:
+def side_gain(w: World, lane: int, acceleration_now: float, needed: float, road: RoadNumbers, av: AvNumbers) -> float:
     """The AV's MOBIL gain [m/s2] of changing to `lane`, or `needed` where it is sure to be no more than that."""
     v = w.vehicles
     speed = v[0].speed
@@ -66,7 +66,7 @@ def _side_gain(w: World, lane: int, acceleration_now: float, needed: float, road
 
 
 @kernel
-def _must_give_way(w: World, road: RoadNumbers) -> bool:
+def must_give_way(w: World, road: RoadNumbers) -> bool:
     """Does another vehicle enter the AV's target lane from the far side while the AV's centre is in its old lane?"""
     v = w.vehicles
     info = w.info
@@ -85,12 +85,12 @@ def _must_give_way(w: World, road: RoadNumbers) -> bool:
 
 @inlined_kernel
 def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
-    """The built-in AV, IDM and MOBIL: acceleration [m/s2] and target lane. Reads the world, changes nothing."""
+    """The plain built-in AV, IDM and MOBIL: acceleration [m/s2] and target lane. Reads the world, changes nothing."""
     v = w.vehicles
     command = lead_acceleration(w, 0, v[0].lanes, road, av)
     lane = v[0].target_lane
     if v[0].duration > 0.0:
-        if av.sees_intentions and _must_give_way(w, road):
+        if av.sees_intentions and must_give_way(w, road):
             return command, lane_of(v[0].y, road.lane_width)
         return command, lane
     best_gain = av.mobil.min_gain
@@ -100,7 +100,7 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
     best_lane = lane
     for side in _SIDES:
         if 0 <= lane + side < road.n_lanes:
-            gain = _side_gain(w, lane + side, command, best_gain, road, av)
+            gain = side_gain(w, lane + side, command, best_gain, road, av)
             if gain > best_gain:
                 best_gain = gain
                 best_lane = lane + side

@@ -10,7 +10,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
-from cornerforge.sim.av import av_decide
+from cornerforge.sim.av_kinds import AvScratch, allocate_av_scratch, built_in_av_decides, sees_everybody
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.world import (
@@ -72,6 +72,7 @@ class Pairs(NamedTuple):
         a, b: Slots of each pair, a < b.
         is_watched: UNSURE for slots that change lanes or may touch somebody, else 0, (N,).
         ahead, behind: How far off the AV's nearest vehicle of each lane is at most, (MAX_LANES,) [m].
+        av: Scratch of the AV.
     """
 
     a: NDArray[np.int64]
@@ -79,6 +80,7 @@ class Pairs(NamedTuple):
     is_watched: NDArray[np.int64]
     ahead: NDArray[np.float64]
     behind: NDArray[np.float64]
+    av: AvScratch
 
 
 FRAME_FIELDS = np.dtype(
@@ -99,7 +101,7 @@ FRAME_FIELDS = np.dtype(
 def allocate_pairs(slots: int) -> Pairs:
     """Scratch for worlds of so many slots."""
     a, b, is_watched = (np.zeros(size * slots, dtype=np.int64) for size in (8, 8, 1))
-    return Pairs(a, b, is_watched, ahead=np.zeros(MAX_LANES), behind=np.zeros(MAX_LANES))
+    return Pairs(a, b, is_watched, ahead=np.zeros(MAX_LANES), behind=np.zeros(MAX_LANES), av=allocate_av_scratch())
 
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
@@ -380,8 +382,7 @@ def begin_second(
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
     n_pairs = _find_pairs(w, road, pairs)
-    # A polite AV asks how its follower would drive, hence sees through other vehicles' eyes too.
-    _choose_current(w, pairs, n_pairs, everybody or av.mobil.politeness > 0.0, road)
+    _choose_current(w, pairs, n_pairs, everybody or sees_everybody(av), road)
     w.info[N_DECISIONS] += 1
     return n_pairs
 
@@ -418,12 +419,12 @@ def step_world(
     Before the call info[CONTROLLED] names the BV that takes `controlled_action`, -1 for none. After a test that ends
     within the second only vehicles near the AV or in contact stand where they are then, unless it is recorded.
     """
-    command, lane = av_decide(w, road, av)
+    command, lane = built_in_av_decides(w, 0, road, av, pairs.av)
     recorded = recording.shape[0] > SUBSTEPS * w.info[N_DECISIONS]
     n_pairs = begin_second(w, seed, test, bv_model, controlled_action, command, lane, recorded, road, av, tables, pairs)
     for substep in range(SUBSTEPS):
         if substep > 0 and substep % road.av_substeps == 0:
-            command, lane = av_decide(w, road, av)
+            command, lane = built_in_av_decides(w, substep, road, av, pairs.av)
             av_acts(w, command, lane, road)
         if move_on(w, substep, pairs, n_pairs, road, recording):
             return

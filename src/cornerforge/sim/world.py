@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel
+from cornerforge.drivers.avs import AV_KINDS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
+from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
+from cornerforge.drivers.rss import RssNumbers
 from cornerforge.geometry import Path
 from cornerforge.types import Odd
 
@@ -24,6 +27,7 @@ __all__ = [
     "allocate_worlds",
     "av_numbers",
     "n_slots",
+    "numbers_of_av",
     "path_of",
     "road_numbers",
 ]
@@ -123,6 +127,9 @@ class AvNumbers(NamedTuple):
     idm: IdmNumbers
     mobil: MobilNumbers
     sees_intentions: int
+    kind: int
+    rss: RssNumbers
+    network: PolicyNumbers
 
 
 def n_slots(odd: Odd) -> int:
@@ -149,8 +156,24 @@ def road_numbers(odd: Odd) -> RoadNumbers:
 
 
 def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> AvNumbers:
-    """Constants of the built-in AV for the kernels."""
-    return AvNumbers(IdmNumbers(*astuple(idm)), MobilNumbers(*astuple(mobil)), int(sees_intentions))
+    """Constants of a plain AV, IDM and MOBIL, for the kernels."""
+    return numbers_of_av(AvModel("", "", idm, mobil, sees_intentions))
+
+
+def numbers_of_av(model: AvModel) -> AvNumbers:
+    """Constants of a built-in AV for the kernels; a learned AV without its network drives nowhere but can be built."""
+    network = NO_POLICY
+    if model.network is not None:
+        s = model.network.shape
+        network = PolicyNumbers(model.network.weights, s.n_inputs, s.n_shared, s.n_stream, s.width)
+    return AvNumbers(
+        IdmNumbers(*astuple(model.idm)),
+        MobilNumbers(*astuple(model.mobil)),
+        int(model.sees_intentions),
+        AV_KINDS[model.kind],
+        RssNumbers(*astuple(model.rss)),
+        network,
+    )
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:

@@ -1,0 +1,203 @@
+"""How the AV learns to drive: the adversary's learner, with the AV's worlds in place of the adversary's.
+
+Natural traffic, mixed with hostile BVs so that it meets danger often enough to learn from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer, check_number
+from cornerforge.adversary.config import TrainConfig
+from cornerforge.adversary.replay import allocate_transitions
+from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_in
+from cornerforge.drivers.avs import AV_KINDS
+from cornerforge.drivers.policy import NetworkShape, PolicyNumbers
+from cornerforge.errors import InputError
+from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
+from cornerforge.sim.av_features import N_AV_FEATURES
+from cornerforge.sim.av_kinds import DECIDES_EVERY, LEARNED_WIDTH
+from cornerforge.sim.drive import N_FINISHED, Setting, Transitions
+from cornerforge.sim.drive_av import AV_DECISIONS, AvReward, collect_av, start_av_worlds
+from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.world import allocate_worlds
+from cornerforge.types import N_ACTIONS
+
+__all__ = ["AV_TRAINING", "AvTrainConfig", "train_av"]
+
+
+@dataclass(frozen=True)
+class AvTrainConfig(TrainConfig):
+    """`TrainConfig` for the AV. A decision is a second of one world here: two decisions of the AV.
+
+    Attributes:
+        progress, acceleration, lane_change, nearness, time_gap: See `sim.drive_av.AvReward`.
+        hostile: Adversaries of one test in so many, by turns: name, and whether it is NDD-bounded. "nobody" is natural
+            traffic.
+
+    Raises:
+        InputError: A value is out of range, or the network is wider than the kernels take.
+    """
+
+    progress: float = 0.01
+    acceleration: float = 0.002
+    lane_change: float = 0.004
+    nearness: float = 0.02
+    time_gap: float = field(default=1.0, metadata={"unit": "s"})
+    hostile: tuple[tuple[str, bool], ...] = (("nobody", False),)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("progress", "acceleration", "lane_change", "nearness"):
+            check_number(f"train.{name}", getattr(self, name), low=0.0, high=1.0)
+        check_number("train.time_gap", self.time_gap, low=0.1, high=10.0, unit="s")
+        if self.width > LEARNED_WIDTH:
+            raise InputError(f"train.width = {self.width}: a learned AV's layers are at most {LEARNED_WIDTH} wide.")
+
+    @property
+    def network(self) -> NetworkShape:
+        """Shape of the Q-network."""
+        return NetworkShape(N_AV_FEATURES, self.n_shared, self.n_stream, self.width)
+
+    @property
+    def av_reward(self) -> AvReward:
+        """Weights of the reward for the kernels."""
+        return AvReward(self.progress, self.acceleration, self.lane_change, self.nearness, self.time_gap)
+
+    @property
+    def mix(self) -> NDArray[np.int64]:
+        """`hostile` for the kernels, int64 (M, 2)."""
+        return np.array([(ADVERSARIES[name], int(bounded)) for name, bounded in self.hostile], dtype=np.int64)
+
+
+AV_TRAINING = AvTrainConfig(
+    preset="av",
+    optimiser="adam",
+    learning_rate=1e-3,
+    final_learning_rate=2e-5,
+    batch=512,
+    replay_size=600_000,
+    replay_start=16_384,
+    epsilon_start=1.0,
+    epsilon_end=0.03,
+    epsilon_decisions=200_000,
+    target_update=500,
+    decisions_per_update=64,
+    worlds=512,
+    decisions=1_000_000,
+    n_shared=2,
+    n_stream=1,
+    width=64,
+    discount=0.97,
+    hostile=(
+        *(("nobody", False),) * 5,
+        ("lane-changer", True),
+        ("uniform", True),
+        ("lane-changer", False),
+    ),
+)
+"""What the shipped `rl` was trained with (`make rl-av`)."""
+
+
+class _Actor:
+    """The worlds in which the AV drives."""
+
+    def __init__(self, setting: Setting, slots: int, config: AvTrainConfig, seed: int) -> None:
+        n = config.worlds
+        self._setting = setting
+        self._seed = seed
+        self._mix = config.mix
+        self._reward = config.av_reward
+        self._worlds = allocate_worlds(n, slots)
+        self._tests = np.arange(TRAINING_TESTS, TRAINING_TESTS + n, dtype=np.int64)
+        self._observation = np.zeros((n, N_AV_FEATURES), dtype=np.float32)
+        self._allowed = np.zeros((n, N_ACTIONS), dtype=np.bool_)
+        self._pairs = allocate_pairs(slots)
+        self._recording = allocate_recording(0, slots)
+        self._scratch = allocate_choice_scratch(setting.policy)
+        self._out = allocate_transitions(AV_DECISIONS * n, N_AV_FEATURES)
+        self.finished = np.zeros(N_FINISHED, dtype=np.int64)
+        start_av_worlds(seed, self._tests, setting, self._worlds, self._pairs, self._observation, self._allowed)
+
+    def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:  # noqa: ARG002
+        """One second of every world with the given weights."""
+        av = self._setting.av
+        rows = collect_av(
+            self._seed,
+            self._tests,
+            epsilon,
+            self._setting._replace(av=av._replace(network=av.network._replace(weights=weights))),
+            self._mix,
+            self._reward,
+            self._worlds,
+            self._pairs,
+            self._scratch,
+            self._recording,
+            self._observation,
+            self._allowed,
+            self._out,
+            self.finished,
+        )
+        return Transitions._make(part[:rows] for part in self._out)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything that `act` changes and needs again, by name; views, the vehicles as bytes."""
+        worlds = self._worlds
+        return {
+            "vehicles": worlds.vehicles.view(np.uint8),
+            "order": worlds.order,
+            "current": worlds.current,
+            "info": worlds.info,
+            "tests": self._tests,
+            "observation": self._observation,
+            "allowed": self._allowed,
+            "finished": self.finished,
+        }
+
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `arrays` gave."""
+        for name, ours in self.arrays().items():
+            ours[...] = saved[name]
+
+
+def train_av(
+    setting: Setting,
+    slots: int,
+    config: AvTrainConfig = AV_TRAINING,
+    *,
+    seed: int = 0,
+    threads: int = 2,
+    max_seconds: float | None = None,
+    progress: Callable[[CurvePoint], None] | None = None,
+) -> TrainResult:
+    """Learn to drive: a dueling double DQN on `sim.av_features`, paid as `AvReward` says.
+
+    Args:
+        setting: The run; its adversary is replaced by `config.hostile`, its AV keeps only its IDM and MOBIL parameters
+            (with them it explores, and starts a test at their desired gap).
+        slots: Vehicle slots per world.
+        config: Hyperparameters; `config.decisions` says how many seconds to drive, rounded up to whole iterations.
+        seed: Names tests, exploration, initial weights and replay draws.
+        threads: 1 acts and learns by turns, more do both at once; the result is the same.
+        max_seconds: Stop earlier after this time [s]; then the result depends on the machine's speed.
+        progress: Called with each new point of the curve, whose crashes count hostile tests too.
+
+    Returns:
+        Final weights and the training curve.
+
+    Raises:
+        InputError: The seed is out of range.
+    """
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+
+    def worlds(network: PolicyNumbers) -> _Actor:
+        av = setting.av._replace(kind=AV_KINDS["learned"], network=network)
+        road = setting.road._replace(av_substeps=DECIDES_EVERY)
+        return _Actor(setting._replace(av=av, road=road, adversary=0), slots, config, seed)
+
+    return train_in(worlds, config, seed, threads, max_seconds, progress, None)

@@ -1,0 +1,107 @@
+"""Files of learned AVs: a network and what it was trained for, in safetensors (no pickle, no PyTorch needed)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
+from cornerforge.drivers.policy import NetworkShape, n_weights
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.pipeline.output import writing
+from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
+from cornerforge.sim.av_kinds import LEARNED_WIDTH
+
+__all__ = ["AV_FILE_SCHEMA", "av_of", "load_av", "rl_av_path", "save_av"]
+
+AV_FILE_SCHEMA = 1
+_KEY = "cornerforge_av"
+
+
+def rl_av_path() -> Path:
+    """The learned AV that ships with the package."""
+    return Path(__file__).parent.parent / "drivers" / "rl_av.safetensors"
+
+
+def av_of(name: str) -> AvModel:
+    """A built-in AV by its name, or a learned one by its file (`.safetensors`); with all that it needs to drive.
+
+    Raises:
+        UnknownNameError: There is no built-in AV of that name.
+        FileFormatError: The file is missing, damaged, or no learned AV of this version.
+    """
+    if name.endswith(".safetensors"):
+        return load_av(Path(name))
+    model = av_named(name)
+    return replace(load_av(rl_av_path()), name=name, about=model.about) if model.kind == "learned" else model
+
+
+def save_av(network: AvNetwork, about: Mapping[str, Any], path: Path) -> None:
+    """Write a learned AV whole, or not at all.
+
+    Args:
+        network: What it learned.
+        about: How it was made, JSON-compatible.
+        path: Where to.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    header = {
+        "schema_version": AV_FILE_SCHEMA,
+        "features_version": network.features_version,
+        "network": asdict(network.shape),
+        "about": dict(about),
+    }
+    content = save({"weights": network.weights}, metadata={_KEY: json.dumps(header, sort_keys=True)})
+    with writing(path) as part:
+        part.write_bytes(content)
+
+
+def load_av(path: Path) -> AvModel:
+    """Read a learned AV; its name is the path, its IDM and MOBIL parameters are those of `rl`.
+
+    Raises:
+        FileFormatError: Missing, damaged, no learned AV, of another schema, or made for another observation.
+    """
+    if not path.is_file():
+        raise FileFormatError(f"No AV file {path}; make one with: cornerforge train-av --out {path}")
+    try:
+        with safe_open(path, framework="numpy") as file:
+            text = (file.metadata() or {}).get(_KEY)
+            if text is None:
+                raise FileFormatError(f"{path} is a safetensors file but no learned AV of cornerforge.")
+            header = json.loads(text)
+            _check_versions(header, path)
+            shape = NetworkShape(**header["network"])
+            weights = np.ascontiguousarray(file.get_tensor("weights"), dtype=np.float32)
+        about = header["about"].get("about", "a learned AV")
+    except (SafetensorError, OSError, KeyError, TypeError, AttributeError, ValueError, InputError) as error:
+        raise FileFormatError(f"AV file {path} is damaged or no AV ({type(error).__name__}: {error}).") from error
+    if shape.n_inputs != N_AV_FEATURES or shape.width > LEARNED_WIDTH or weights.shape != (n_weights(shape),):
+        raise FileFormatError(f"AV file {path} is damaged: its weights do not fit its network.")
+    if not np.isfinite(weights).all():
+        raise FileFormatError(f"AV file {path} is damaged: weights are not finite.")
+    network = AvNetwork(shape, weights, AV_FEATURES_VERSION)
+    return replace(AVS["rl"], name=str(path), about=str(about), network=network)
+
+
+def _check_versions(header: Mapping[str, Any], path: Path) -> None:
+    """Refuse files of other versions by name.
+
+    Raises:
+        FileFormatError: The file is of another schema or for another observation.
+    """
+    for key, ours in (("schema_version", AV_FILE_SCHEMA), ("features_version", AV_FEATURES_VERSION)):
+        if header[key] != ours:
+            raise FileFormatError(
+                f"AV file {path} has {key} {header[key]}; this cornerforge reads {ours}. "
+                f"Train it again: cornerforge train-av --out {path}"
+            )

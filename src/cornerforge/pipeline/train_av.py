@@ -1,0 +1,108 @@
+"""`train-av`: teach an AV to drive, and measure how often it crashes in natural traffic that it never saw."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from cornerforge._checks import check_integer, check_number
+from cornerforge.drivers.avs import AvNetwork, av_hash
+from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.av_file import load_av, save_av
+from cornerforge.pipeline.output import check_new_file, code_hash, version
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import check_threads, experiment
+from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
+from cornerforge.pipeline.train import EVALUATION_TESTS
+from cornerforge.sim.av_features import AV_FEATURES_VERSION
+
+__all__ = ["train_av"]
+
+
+def train_av(
+    *,
+    out: Path | str,
+    decisions: int | None = None,
+    minutes: float | None = None,
+    lanes: int | None = None,
+    odd: str = "default",
+    model: Path | str | None = None,
+    tests: int = 20_000,
+    overwrite: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Train an AV (dueling double DQN) and write it; `--av OUT` then drives it.
+
+    Args:
+        out: AV file, `.safetensors`; must not exist unless `overwrite`.
+        decisions: Seconds of driving to learn from; None for the default. Same seed and decisions, same weights.
+        minutes: Stop after this time [min]; the result then depends on the machine's speed.
+        lanes, odd, model: The world, as for `simulate`.
+        tests: Tests in natural traffic to measure it on.
+        overwrite: Replace what is there.
+        seed: 0 or more.
+        threads: None for all cores; does not change the weights.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge train-av --json` prints.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right, or PyTorch is missing.
+    """
+    from cornerforge.adversary.train import CurvePoint
+    from cornerforge.adversary.train_av import AV_TRAINING
+    from cornerforge.adversary.train_av import train_av as learn
+
+    path = Path(out)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("tests", tests, low=1, high=10**9)
+    config = AV_TRAINING
+    if decisions is not None:
+        config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
+    if minutes is not None:
+        check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
+    check_new_file(path, overwrite=overwrite)
+    ndd = None if model is None else Path(model)
+    run = experiment(odd=odd, lanes=lanes, model=ndd)
+    max_seconds = None if minutes is None else 60.0 * minutes
+
+    def report(point: CurvePoint) -> None:
+        if max_seconds is None:
+            progress("train", point.decisions, config.decisions)
+        else:
+            progress("train", min(point.seconds, max_seconds), max_seconds)
+
+    result = learn(
+        run.setting, run.slots, config, seed=seed, threads=check_threads(threads), max_seconds=max_seconds,
+        progress=report,
+    )  # fmt: skip
+    network = AvNetwork(config.network, result.weights, AV_FEATURES_VERSION)
+    about = {
+        "cornerforge": version(),
+        "code": code_hash(),
+        "train": asdict(config),
+        "seed": seed,
+        "odd": asdict(run.odd),
+        "model_hash": model_hash(run.model),
+        "decisions": result.decisions,
+        "updates": result.updates,
+        "curve": [asdict(point) | {"seconds": None} for point in result.curve],  # times would make bytes differ
+    }
+    save_av(network, about, path)
+    trained = experiment(av=str(path), odd=odd, lanes=lanes, model=ndd)
+    tally, _ = simulate_experiment(
+        trained, tests=tests, seed=seed, first=EVALUATION_TESTS, threads=threads, progress=progress, stage="evaluate"
+    )
+    return {
+        "decisions": result.decisions,
+        "updates": result.updates,
+        "seconds": round(result.seconds, 3),
+        **rate_summary(tally.av_crashes, tally.tests, tally.miles),
+        "mean_speed": round(tally.millimetres / 1000.0 / tally.decisions, 3),
+        "av_hash": av_hash(load_av(path)),
+        "out": str(path),
+    }

@@ -1,0 +1,114 @@
+"""What the learned AV makes of its view: the view of `av_view.py`, sorted by lane and scaled to order 1.
+
+Lanes count from the one that the AV keeps or changes to. A vehicle stands in all lanes that its body touches and in
+the one that it changes to. Entries, float32 (N_AV_FEATURES,):
+
+- The AV: distance left in the test / 400 m; (speed - 30) / 10; offset from its target lane / 4 m; lateral speed / 2;
+  acceleration / 4; whether there is a lane to the left, to the right (0 or 1); whether it changes lanes; 1.
+- Then for each of its lane, the left one, the right one, first ahead, then behind, of the nearest vehicle in view:
+  1; bumper-to-bumper distance / 50 (at most 3, at least -0.1); 10 m / (10 m + that distance, if positive); speed minus
+  the AV's / 10; closing speed / distance [1/s], distances under 1 m count as 1 m, at most 2; centre to the left of the
+  AV's / 4; lateral speed / 2; acceleration / 4. All 0 where there is none.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.geometry import lane_bits, lane_centre
+from cornerforge.sim.av_view import VIEW_ROWS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = ["AV_FEATURES_VERSION", "N_AV_FEATURES", "av_actions_allowed", "av_features", "av_order"]
+
+AV_FEATURES_VERSION = 1
+"""Raised whenever the meaning of an entry changes; stored with every learned AV."""
+_N_OWN = 9
+_PER_OTHER = 8
+_LANES = (0, 1, -1)
+N_AV_FEATURES = _N_OWN + 2 * len(_LANES) * _PER_OTHER
+
+
+@inlined_kernel
+def _describe(view: NDArray[np.float32], row: int, length: float, place: int, out: NDArray[np.float32]) -> None:
+    """The entries of one vehicle."""
+    dx = view[row, 1]
+    gap = abs(dx) - length
+    rate = view[row, 3] - view[0, 3]
+    closing = -rate if dx >= 0.0 else rate
+    out[place] = 1.0
+    out[place + 1] = min(3.0, max(-0.1, gap / 50.0))
+    out[place + 2] = 10.0 / (10.0 + max(0.0, gap))
+    out[place + 3] = rate / 10.0
+    out[place + 4] = min(2.0, max(0.0, closing / max(1.0, gap)))
+    out[place + 5] = view[row, 2] / 4.0
+    out[place + 6] = view[row, 4] / 2.0
+    out[place + 7] = view[row, 5] / 4.0
+
+
+@kernel
+def av_features(view: NDArray[np.float32], road: RoadNumbers, out: NDArray[np.float32]) -> None:
+    """The learned AV's observation, into `out`.
+
+    Args:
+        view: What `view_of_av` gave, float32 (13, 8).
+        road: Constants.
+        out: float32 (N_AV_FEATURES,), as the head of this module says.
+    """
+    for k in range(out.size):
+        out[k] = 0.0
+    target = int(view[0, 6])
+    out[0] = view[0, 1] / 400.0
+    out[1] = (view[0, 3] - 30.0) / 10.0
+    out[2] = (view[0, 2] - lane_centre(target, road.lane_width)) / 4.0
+    out[3] = view[0, 4] / 2.0
+    out[4] = view[0, 5] / 4.0
+    out[5] = 1.0 if target + 1 < road.n_lanes else 0.0
+    out[6] = 1.0 if target > 0 else 0.0
+    out[7] = view[0, 7]
+    out[8] = 1.0
+    for row in range(1, VIEW_ROWS):
+        if view[row, 0] == 0.0:
+            return
+        bits = lane_bits(view[0, 2] + view[row, 2], 0.5 * road.width, int(view[row, 6]), road.lane_width)
+        place = _N_OWN if view[row, 1] >= 0.0 else _N_OWN + _PER_OTHER
+        for relative in _LANES:
+            lane = target + relative
+            # Rows come nearest first.
+            if lane >= 0 and bits & (1 << lane) and out[place] == 0.0:
+                _describe(view, row, road.length, place, out)
+            place += 2 * _PER_OTHER
+
+
+@kernel
+def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) -> None:
+    """Which actions the learned AV may take, into `allowed`, bool (33,).
+
+    All but lane changes that leave the road or repeat the running one.
+    """
+    v = w.vehicles
+    for a in range(33):
+        allowed[a] = True
+    lane = v[0].target_lane
+    allowed[0] = lane + 1 < road.n_lanes
+    allowed[1] = lane > 0
+    if v[0].duration > 0.0:
+        if v[0].c0 < lane_centre(lane, road.lane_width):
+            allowed[0] = False
+        else:
+            allowed[1] = False
+
+
+@kernel
+def av_order(w: World, action: int, accelerations: NDArray[np.float64]) -> tuple[float, int]:
+    """Acceleration [m/s2] and target lane of the AV for an allowed action: 0 left, 1 right (speed held), 2.. those."""
+    lane = w.vehicles[0].target_lane
+    if action >= 2:
+        return accelerations[action - 2], lane
+    return 0.0, lane + 1 - 2 * action

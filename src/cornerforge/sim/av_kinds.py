@@ -1,0 +1,253 @@
+"""The built-in AVs that are not plain IDM and MOBIL: one that watches both sides, a cautious one, a learned one.
+
+What each does and why is in docs/adr/0009-built-in-avs.md.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.avs import AV_KINDS
+from cornerforge.drivers.mobil import NO_CHANGE, mobil_gain
+from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.drivers.rss import rss_braking, rss_distance
+from cornerforge.geometry import lane_of
+from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
+from cornerforge.sim.av_features import N_AV_FEATURES, av_actions_allowed, av_features, av_order
+from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
+from cornerforge.sim.neighbours import neighbours_in_lane
+from cornerforge.sim.world import N_CURRENT
+from cornerforge.types import ACCELERATIONS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import AvNumbers, RoadNumbers, World
+
+__all__ = ["LEARNED_WIDTH", "AvScratch", "allocate_av_scratch", "built_in_av_decides", "sees_everybody"]
+
+BESIDE = 2.0
+"""A vehicle is beside the AV when their boxes overlap lengthwise, or would if one were this much longer [m]."""
+LEARNED_WIDTH = 128
+"""No layer of a learned AV's network is wider."""
+DECIDES_EVERY = 5
+"""Substeps (0.1 s) between two decisions of the learned AV."""
+_PLAIN, _WATCHFUL, _CAUTIOUS, _LEARNED = (
+    AV_KINDS["plain"],
+    AV_KINDS["watchful"],
+    AV_KINDS["cautious"],
+    AV_KINDS["learned"],
+)
+_ACCELERATIONS = ACCELERATIONS
+_SIDES = (1, -1)
+
+
+class AvScratch(NamedTuple):
+    """Scratch of a learned AV, for one decision at a time."""
+
+    found: NDArray[np.int64]
+    seen: NDArray[np.float32]
+    features: NDArray[np.float32]
+    allowed: NDArray[np.bool_]
+    layers: NDArray[np.float32]
+    q: NDArray[np.float32]
+
+
+def allocate_av_scratch() -> AvScratch:
+    """Scratch for any built-in AV."""
+    return AvScratch(
+        np.zeros(VIEW_ROWS - 1, dtype=np.int64),
+        np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
+        np.zeros(N_AV_FEATURES, dtype=np.float32),
+        np.zeros(33, dtype=np.bool_),
+        np.zeros((4, LEARNED_WIDTH), dtype=np.float32),
+        np.zeros(33, dtype=np.float32),
+    )
+
+
+@inlined_kernel
+def sees_everybody(av: AvNumbers) -> bool:
+    """Does the AV look at more than its nearest neighbours in each lane?
+
+    A polite one asks how its follower would drive, hence sees through other vehicles' eyes too.
+    """
+    return av.kind == _LEARNED or av.mobil.politeness > 0.0
+
+
+@inlined_kernel
+def _gaps(w: World, lane: int, road: RoadNumbers) -> tuple[float, float, float, float]:
+    """Gap [m] and speed [m/s] of the AV's neighbours in a lane, ahead and behind; +inf and its own for none."""
+    v = w.vehicles
+    lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, 1)
+    lead_gap = np.inf
+    lead_speed = v[0].speed
+    rear_gap = np.inf
+    rear_speed = v[0].speed
+    if lead >= 0:
+        lead_gap = v[lead].x - v[0].x - road.length
+        lead_speed = v[lead].speed
+    if rear >= 0:
+        rear_gap = v[0].x - v[rear].x - road.length
+        rear_speed = v[rear].speed
+    return lead_gap, lead_speed, rear_gap, rear_speed
+
+
+@kernel
+def _is_refused(w: World, lane: int, road: RoadNumbers, av: AvNumbers) -> bool:
+    """May the AV not be in a lane beside its own: by MOBIL's safety, or for the cautious kind by RSS distances?"""
+    lead_gap, lead_speed, rear_gap, rear_speed = _gaps(w, lane, road)
+    speed = w.vehicles[0].speed
+    if av.kind != _CAUTIOUS:
+        gain = mobil_gain(speed, 0.0, lead_gap, lead_speed, rear_gap, rear_speed, 0.0, av.idm, av.mobil)
+        return gain == NO_CHANGE
+    p = av.rss
+    if lead_gap <= 0.0 or rear_gap <= 0.0:
+        return True
+    ahead = rss_distance(speed, lead_speed, p.response_time, p.max_acceleration, p.min_braking, p.lead_braking)
+    behind = rss_distance(rear_speed, speed, p.rear_response_time, p.rear_acceleration, p.rear_braking, p.lead_braking)
+    return lead_gap < ahead or rear_gap < behind
+
+
+@kernel
+def _turns_back(w: World, road: RoadNumbers, av: AvNumbers) -> bool:
+    """Does the AV, which changes lanes, return to the lane that its centre is still in?
+
+    When the target lane is refused now, or somebody enters it from the far side; not into a vehicle beside it.
+    """
+    v = w.vehicles
+    old = lane_of(v[0].y, road.lane_width)
+    target = v[0].target_lane
+    if old == target or not (must_give_way(w, road) or _is_refused(w, target, road, av)):
+        return False
+    lead_gap, _, rear_gap, _ = _gaps(w, old, road)
+    return lead_gap > 0.0 and rear_gap > 0.0
+
+
+@kernel
+def _comes_in_beside(w: World, road: RoadNumbers) -> int:
+    """Slot of the nearest vehicle beside the AV that changes to the AV's lane and has its centre in another; -1: none.
+
+    The AV's lane is the one that it keeps or changes to.
+    """
+    v = w.vehicles
+    lane = v[0].target_lane
+    found = -1
+    nearest = road.length + BESIDE
+    for k in range(w.info[N_CURRENT]):
+        j = w.current[k]
+        if j > 0 and v[j].target_lane == lane and lane_of(v[j].y, road.lane_width) != lane:
+            distance = abs(v[j].x - v[0].x)
+            if distance < nearest:
+                nearest = distance
+                found = j
+    return found
+
+
+@kernel
+def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
+    """What the AV does about a vehicle that comes into its lane beside it: acceleration [m/s2] and target lane.
+
+    It gives it room to the other side if that is free. Else it brakes, unless the other's centre is more than half a
+    length behind its own: then it goes ahead, if the lead lets it.
+    """
+    v = w.vehicles
+    lane = v[0].target_lane
+    away = lane - 1 if lane_of(v[other].y, road.lane_width) > lane else lane + 1
+    if v[0].duration == 0.0 and 0 <= away < road.n_lanes and not _is_refused(w, away, road, av):
+        return command, away
+    if v[other].x >= v[0].x - 0.5 * road.length:
+        return min(command, -av.idm.max_braking), lane
+    return (av.idm.max_acceleration if command >= 0.0 else command), lane
+
+
+@kernel
+def _watchful(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
+    """IDM and MOBIL that looks again while it changes lanes, and evades who comes in beside it."""
+    v = w.vehicles
+    command, lane = av_decide(w, road, av)
+    if v[0].duration > 0.0 and _turns_back(w, road, av):
+        return command, lane_of(v[0].y, road.lane_width)
+    if lane_of(v[0].y, road.lane_width) == v[0].target_lane:
+        other = _comes_in_beside(w, road)
+        if other >= 0:
+            return _evade(w, other, command, road, av)
+    return command, lane
+
+
+@kernel
+def _rss_command(w: World, road: RoadNumbers, av: AvNumbers) -> float:
+    """The IDM's acceleration [m/s2], or the RSS braking where a lead in one of the AV's lanes is too near."""
+    v = w.vehicles
+    command = lead_acceleration(w, 0, v[0].lanes, road, av)
+    for lane in range(road.n_lanes):
+        if v[0].lanes & (1 << lane):
+            lead_gap, lead_speed, _, _ = _gaps(w, lane, road)
+            braking = rss_braking(v[0].speed, lead_gap, lead_speed, av.rss)
+            if braking > 0.0:
+                command = min(command, -braking)
+    return command
+
+
+@kernel
+def _cautious(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
+    """Keeps RSS distances: brakes when they are violated, changes lanes where both neighbours leave them."""
+    v = w.vehicles
+    command = _rss_command(w, road, av)
+    lane = v[0].target_lane
+    if v[0].duration > 0.0 and _turns_back(w, road, av):
+        return command, lane_of(v[0].y, road.lane_width)
+    if lane_of(v[0].y, road.lane_width) == lane:
+        other = _comes_in_beside(w, road)
+        if other >= 0:
+            return _evade(w, other, command, road, av)
+    if v[0].duration > 0.0:
+        return command, lane
+    best_gain = av.mobil.min_gain
+    best_lane = lane
+    for side in _SIDES:
+        if 0 <= lane + side < road.n_lanes:
+            gain = side_gain(w, lane + side, command, best_gain, road, av)
+            if gain > best_gain and not _is_refused(w, lane + side, road, av):
+                best_gain = gain
+                best_lane = lane + side
+    return command, best_lane
+
+
+@kernel
+def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
+    """The action of the largest Q at substeps 0 and 5 of each second; in between it goes on."""
+    v = w.vehicles
+    if substep % DECIDES_EVERY != 0:
+        return v[0].acceleration, v[0].target_lane
+    view_of_av(w, road, s.found, s.seen)
+    av_features(s.seen, road, s.features)
+    av_actions_allowed(w, road, s.allowed)
+    q_values(av.network, s.features, s.layers, s.q)
+    return av_order(w, best_action(s.q, s.allowed), _ACCELERATIONS)
+
+
+@kernel
+def _decides_otherwise(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
+    if av.kind == _WATCHFUL:
+        return _watchful(w, road, av)
+    if av.kind == _CAUTIOUS:
+        return _cautious(w, road, av)
+    return _learned(w, substep, road, av, s)
+
+
+@inlined_kernel
+def built_in_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
+    """What a built-in AV of any kind does: acceleration [m/s2] and target lane. Changes nothing but the scratch.
+
+    Args:
+        w: The world.
+        substep: How many tenths of the present second have passed, 0 to 9.
+        road, av: Constants.
+        s: Scratch.
+    """
+    if av.kind == _PLAIN:
+        return av_decide(w, road, av)
+    return _decides_otherwise(w, substep, road, av, s)

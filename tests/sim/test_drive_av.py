@@ -1,0 +1,118 @@
+"""Learning steps of the AV: what is paid, what follows on what, and the worlds that go on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hand_built import setting_of
+
+from cornerforge.adversary.replay import allocate_transitions
+from cornerforge.adversary.train_av import AV_TRAINING
+from cornerforge.drivers.avs import AV_KINDS
+from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
+from cornerforge.sim.av_features import N_AV_FEATURES
+from cornerforge.sim.drive import Transitions
+from cornerforge.sim.drive_av import AvReward, collect_av, start_av_worlds
+from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.world import allocate_worlds, n_slots
+from cornerforge.types import Odd
+
+B = 16
+NOBODY = np.array([[0, 0]])
+SWERVE = np.array([[ADVERSARIES["swerve"], 0]])
+
+
+class Worlds:
+    """B worlds in which an AV explores."""
+
+    def __init__(self, model: NddModel, seed: int, mix: np.ndarray, reward: AvReward) -> None:
+        odd = Odd(av_substeps=5)
+        setting = setting_of(model, odd)
+        shape = NetworkShape(N_AV_FEATURES, 1, 0, 8)
+        network = PolicyNumbers(np.zeros(n_weights(shape), dtype=np.float32), shape.n_inputs, 1, 0, 8)
+        self.setting = setting._replace(av=setting.av._replace(kind=AV_KINDS["learned"], network=network))
+        self.seed, self.mix, self.reward = seed, mix, reward
+        self.worlds = allocate_worlds(B, n_slots(odd))
+        self.tests = np.arange(B, dtype=np.int64)
+        self.observation = np.zeros((B, N_AV_FEATURES), dtype=np.float32)
+        self.allowed = np.zeros((B, 33), dtype=np.bool_)
+        self.pairs = allocate_pairs(n_slots(odd))
+        self.finished = np.zeros(3, dtype=np.int64)
+        start_av_worlds(seed, self.tests, self.setting, self.worlds, self.pairs, self.observation, self.allowed)
+
+    def second(self, epsilon: float = 1.0) -> Transitions:
+        """One second of all worlds."""
+        out = allocate_transitions(2 * B, N_AV_FEATURES)
+        rows = collect_av(
+            self.seed, self.tests, epsilon, self.setting, self.mix, self.reward, self.worlds, self.pairs,
+            allocate_choice_scratch(self.setting.policy), allocate_recording(0, 1), self.observation, self.allowed,
+            out, self.finished,
+        )  # fmt: skip
+        return Transitions._make(part[:rows] for part in out)
+
+
+def test_what_is_seen_next_is_what_is_seen(model: NddModel, seed: int) -> None:
+    worlds = Worlds(model, seed, NOBODY, AV_TRAINING.reward)
+    for _ in range(30):
+        before, tests = worlds.observation.copy(), worlds.tests.copy()
+        batch = worlds.second()
+        on = tests == worlds.tests
+        if on.all():  # two rows a world
+            np.testing.assert_array_equal(batch.observation[::2], before)
+            np.testing.assert_array_equal(batch.next_observation[::2], batch.observation[1::2])
+            np.testing.assert_array_equal(batch.next_observation[1::2], worlds.observation)
+            np.testing.assert_array_equal(batch.next_allowed[1::2], worlds.allowed)
+        assert B + on.sum() <= batch.action.size <= 2 * B
+        assert np.isin(worlds.tests - tests, [0, B]).all()
+    assert worlds.finished[0] >= B  # 400 m last half a minute at most, unless the AV crawls
+
+
+def test_the_pay_by_hand(model: NddModel, seed: int) -> None:
+    # Progress and acceleration can be read from what is seen next: entry 1 is (speed - 30) / 10, entry 4 a / 4.
+    worlds = Worlds(model, seed, NOBODY, AvReward(0.01, 0.002, 0.004, 0.0, 1.0))
+    changes = 0
+    for _ in range(20):
+        batch = worlds.second()
+        speed = 30.0 + 10.0 * batch.next_observation[:, 1]
+        paid = 0.01 * (speed - 20.0) / 15.0 - 0.002 * np.abs(batch.next_observation[:, 4]) - 0.004 * (batch.action < 2)
+        np.testing.assert_allclose(batch.reward[~batch.end], paid[~batch.end], atol=1e-6)
+        assert (batch.reward[batch.end] == -1.0).all()
+        changes += int((batch.action < 2).sum())
+    assert changes > 10
+
+
+def test_nearness_costs(model: NddModel, seed: int) -> None:
+    # The same driving with and without: what differs lies in [0, 0.02] and is zero beyond the time gap.
+    rewards = (AvReward(0.0, 0.0, 0.0, 0.0, 1.0), AvReward(0.0, 0.0, 0.0, 0.02, 1.0))
+    free, paying = (Worlds(model, seed, NOBODY, reward) for reward in rewards)
+    near = 0
+    for _ in range(20):
+        without, batch = free.second(), paying.second()
+        cost = without.reward - batch.reward
+        assert (cost >= 0.0).all()
+        assert (cost <= 0.02 + 1e-7).all()
+        ahead = batch.next_observation[:, 9:17]
+        speed = 30.0 + 10.0 * batch.next_observation[:, 1]
+        lack = np.where(ahead[:, 0] > 0.0, np.clip(1.0 - 50.0 * ahead[:, 1] / speed, 0.0, 1.0), 0.0)
+        keeps = (batch.next_observation[:, 7] == 0.0) & (np.abs(ahead[:, 5]) < 0.1) & ~batch.end
+        np.testing.assert_allclose(cost[keeps], 0.02 * lack[keeps], atol=1e-5)
+        near += int((cost > 0.0).sum())
+    assert near > 5
+
+
+def test_only_a_crash_is_an_end(model: NddModel, seed: int) -> None:
+    worlds = Worlds(model, seed, SWERVE, AV_TRAINING.reward)
+    ends = sum(int(worlds.second().end.sum()) for _ in range(30))
+    assert ends == worlds.finished[1] > 10
+    assert worlds.finished[0] > worlds.finished[1]
+    assert worlds.finished[2] == 0  # none of them in natural traffic
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 1.0])
+def test_the_same_seed_drives_the_same(model: NddModel, seed: int, epsilon: float) -> None:
+    runs = [Worlds(model, seed, NOBODY, AV_TRAINING.reward) for _ in range(2)]
+    for _ in range(5):
+        for ours, theirs in zip(*(run.second(epsilon) for run in runs), strict=True):
+            np.testing.assert_array_equal(ours, theirs)
