@@ -104,7 +104,7 @@ def test_the_cautious_one_restores_the_rss_distance(model: NddModel) -> None:
 def test_the_cautious_one_minds_who_enters_its_lane_ahead(model: NddModel) -> None:
     cars = [Car(100.0, 1, 30.0), Car(120.0, 2, 30.0)]
     assert decide(model, CAUTIOUS, world_of(cars))[0] > 0.0
-    assert decide(model, CAUTIOUS, changing(model, cars, {1: 1}))[0] == -6.0
+    assert decide(model, CAUTIOUS, changing(model, cars, {1: 1}))[0] == pytest.approx(-900.0 / (2.0 * (15.0 + 56.25)))
 
 
 @pytest.mark.parametrize(("gap", "changes"), [(54.0, False), (54.5, True)])
@@ -118,9 +118,10 @@ def test_the_cautious_one_changes_at_rss_distance_of_the_rear(model: NddModel, g
 
 
 def biased(model: AvModel, action: int) -> AvModel:
-    """A learned AV that always likes one action best."""
+    """A learned AV that always likes one action best, and holding its speed second."""
     shape = NetworkShape(N_AV_FEATURES, 1, 0, 8)
     weights = np.zeros(n_weights(shape), dtype=np.float32)
+    weights[len(weights) - 33 + 22] = 0.5
     weights[len(weights) - 33 + action] = 1.0
     return replace(model, network=AvNetwork(shape, weights, AV_FEATURES_VERSION))
 
