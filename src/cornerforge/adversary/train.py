@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from types import FrameType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ try:
 except ImportError as error:
     raise MissingExtraError("torch", "learn") from error
 
-__all__ = ["TRAINING_TESTS", "CurvePoint", "TrainResult", "train_adversary"]
+__all__ = ["TRAINING_TESTS", "Actor", "CurvePoint", "TrainResult", "train_adversary", "train_in"]
 
 TRAINING_TESTS = 1 << 40
 """Number of the first training test; evaluation and generation use tests far from these."""
@@ -55,7 +55,8 @@ drown in them."""
 class CurvePoint:
     """One point of the training curve, over the tests that ended since the point before (while exploring).
 
-    `paid_per_test` is the share of tests in which the reward was +1: with the reward `crash` that of all AV crashes.
+    `paid_per_test` is the share of tests in which the reward was +1 (with the reward `crash` that of all AV crashes);
+    None where nobody counts them.
     """
 
     decisions: int
@@ -65,7 +66,7 @@ class CurvePoint:
     loss: float | None
     tests: int
     crashes_per_test: float | None
-    paid_per_test: float | None
+    paid_per_test: float | None = None
 
 
 @dataclass
@@ -84,16 +85,36 @@ def _joined(first: CurvePoint, second: CurvePoint) -> CurvePoint:
     tests = first.tests + second.tests
 
     def share(name: str) -> float | None:
-        paid = [p.tests * getattr(p, name) for p in (first, second) if p.tests]
-        return sum(paid) / tests if tests else None
+        counts = [p.tests * getattr(p, name) for p in (first, second) if getattr(p, name) is not None]
+        return sum(counts) / tests if counts else None
 
     return replace(
         second, tests=tests, crashes_per_test=share("crashes_per_test"), paid_per_test=share("paid_per_test")
     )
 
 
+class Actor(Protocol):
+    """Worlds that produce transitions, with a network that learns from them.
+
+    Attributes:
+        finished: Counts so far, int64 (3 or more,): tests, AV crashes, one of the actor's own, and tests that were paid
+            for where there are such.
+    """
+
+    finished: NDArray[np.int64]
+
+    def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
+        """One decision of every world; what it gives may lie in `out`, and is copied before the next call."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything that `act` changes and needs again, by name; views."""
+
+    def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
+        """Take over what `arrays` gave."""
+
+
 class _Actor:
-    """The worlds that produce transitions."""
+    """The worlds that produce transitions of the adversary."""
 
     def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int) -> None:
         n = config.worlds
@@ -211,10 +232,23 @@ def train_adversary(
         OutputError: The checkpoint cannot be written.
     """
     check_integer("seed", seed, low=0, high=2**63 - 1)
+
+    def worlds(numbers: PolicyNumbers) -> Actor:
+        hostile = setting._replace(adversary=ADVERSARIES["policy"], policy=numbers)
+        return _Actor(hostile, slots, config, seed)
+
+    return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)
+
+
+def train_in(
+    worlds: Callable[[PolicyNumbers], Actor], config: TrainConfig, seed: int, threads: int, max_seconds: float | None,
+    progress: Callable[[CurvePoint], None] | None, checkpoint: CheckpointFile | None,
+) -> TrainResult:  # fmt: skip
+    """The same for any driver in any worlds; `worlds` makes them for the network's first weights."""
     n_torch = torch.get_num_threads()
     torch.set_num_threads(1)  # one core for learning: results do not depend on the machine's number of cores
     try:
-        return _train(setting, slots, config, seed, threads, max_seconds, progress, checkpoint)
+        return _train(worlds, config, seed, threads, max_seconds, progress, checkpoint)
     finally:
         torch.set_num_threads(n_torch)
 
@@ -222,15 +256,13 @@ def train_adversary(
 class _Training:
     """All that an iteration changes."""
 
-    def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int) -> None:
+    def __init__(self, worlds: Callable[[PolicyNumbers], Actor], config: TrainConfig, seed: int) -> None:
         self._config = config
         self._learner = DqnLearner(config, seed)
         shape, weights = config.network, self._learner.weights()
-        numbers = PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
-        hostile = setting._replace(adversary=ADVERSARIES["policy"], policy=numbers)
-        self._actor = _Actor(hostile, slots, config, seed)
+        self._actor = worlds(PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width))
         self._buffer = allocate_transitions(config.worlds)
-        self._seen = np.zeros(N_FINISHED, dtype=np.int64)
+        self._seen = np.zeros_like(self._actor.finished)
         self._loss: float | None = None
         self.point_every = _POINT_EVERY
         self.result = TrainResult(weights, 0, 0, 0.0)
@@ -250,9 +282,10 @@ class _Training:
     def add_point(self) -> CurvePoint:
         """Close the running point of the curve."""
         result, finished = self.result, self._actor.finished
-        tests, crashes, _, paid = (int(n) for n in finished - self._seen)
+        tests, crashes, _, *paid = (int(n) for n in finished - self._seen)
         self._seen[:] = finished
-        rate, paid_rate = (crashes / tests, paid / tests) if tests else (None, None)
+        rate = crashes / tests if tests else None
+        paid_rate = paid[0] / tests if tests and paid else None
         epsilon = round(_epsilon(self._config, result.decisions - self._config.worlds), 4)
         seconds = round(result.seconds, 3)
         point = CurvePoint(
@@ -337,11 +370,11 @@ def _interrupt_held(wanted: bool) -> Iterator[Callable[[], bool]]:
 
 
 def _train(
-    setting: Setting, slots: int, config: TrainConfig, seed: int, threads: int, max_seconds: float | None,
+    worlds: Callable[[PolicyNumbers], Actor], config: TrainConfig, seed: int, threads: int, max_seconds: float | None,
     progress: Callable[[CurvePoint], None] | None, checkpoint: CheckpointFile | None,
 ) -> TrainResult:  # fmt: skip
     start = time.perf_counter()
-    training = _Training(setting, slots, config, seed)
+    training = _Training(worlds, config, seed)
     if checkpoint is not None:
         _take_up(training, checkpoint)
     result = training.result
