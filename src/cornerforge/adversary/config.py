@@ -20,8 +20,8 @@ class TrainConfig:
     `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over
     seconds, so that the same seed learns the same weights on any machine speed. `reward` is a name of
     `sim.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
-    `guided` is the share of worlds in which exploring mostly means what the plain adversary `swerve` would do, so that
-    crashes that chance hardly ever makes are seen at all.
+    `guided` is the share of worlds in which exploring mostly means to draw level and swerve, or to ram the AV from
+    behind, so that crashes that chance hardly ever makes are seen at all.
 
     Raises:
         InputError: A value is out of range.

@@ -55,7 +55,8 @@ drown in them."""
 class CurvePoint:
     """One point of the training curve, over the tests that ended since the point before (while exploring).
 
-    `paid_per_test` is the share of tests in which the reward was +1: with the reward `crash` that of all AV crashes.
+    `paid_per_test` is the share of tests in which the reward was +1 (with the reward `crash` that of all AV crashes);
+    None where nobody counts them.
     """
 
     decisions: int
@@ -65,7 +66,7 @@ class CurvePoint:
     loss: float | None
     tests: int
     crashes_per_test: float | None
-    paid_per_test: float | None
+    paid_per_test: float | None = None
 
 
 @dataclass
@@ -84,8 +85,8 @@ def _joined(first: CurvePoint, second: CurvePoint) -> CurvePoint:
     tests = first.tests + second.tests
 
     def share(name: str) -> float | None:
-        paid = [p.tests * getattr(p, name) for p in (first, second) if p.tests]
-        return sum(paid) / tests if tests else None
+        counts = [p.tests * getattr(p, name) for p in (first, second) if getattr(p, name) is not None]
+        return sum(counts) / tests if counts else None
 
     return replace(
         second, tests=tests, crashes_per_test=share("crashes_per_test"), paid_per_test=share("paid_per_test")
@@ -96,7 +97,8 @@ class Actor(Protocol):
     """Worlds that produce transitions, with a network that learns from them.
 
     Attributes:
-        finished: Counts of tests, of AV crashes, of something of the actor's own, of paid crashes, int64 (N_FINISHED,).
+        finished: Counts so far, int64 (3 or more,): tests, AV crashes, one of the actor's own, and tests that were paid
+            for where there are such.
     """
 
     finished: NDArray[np.int64]
@@ -260,7 +262,7 @@ class _Training:
         shape, weights = config.network, self._learner.weights()
         self._actor = worlds(PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width))
         self._buffer = allocate_transitions(config.worlds)
-        self._seen = np.zeros(N_FINISHED, dtype=np.int64)
+        self._seen = np.zeros_like(self._actor.finished)
         self._loss: float | None = None
         self.point_every = _POINT_EVERY
         self.result = TrainResult(weights, 0, 0, 0.0)
@@ -280,9 +282,10 @@ class _Training:
     def add_point(self) -> CurvePoint:
         """Close the running point of the curve."""
         result, finished = self.result, self._actor.finished
-        tests, crashes, _, paid = (int(n) for n in finished - self._seen)
+        tests, crashes, _, *paid = (int(n) for n in finished - self._seen)
         self._seen[:] = finished
-        rate, paid_rate = (crashes / tests, paid / tests) if tests else (None, None)
+        rate = crashes / tests if tests else None
+        paid_rate = paid[0] / tests if tests and paid else None
         epsilon = round(_epsilon(self._config, result.decisions - self._config.worlds), 4)
         seconds = round(result.seconds, 3)
         point = CurvePoint(

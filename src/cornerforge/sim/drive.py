@@ -406,19 +406,39 @@ def _reward(
 
 
 @kernel
-def _guided_action(
-    w: World, epsilon: float, seed: int, test: int, setting: Setting, s: ChoiceScratch
-) -> int:  # fmt: skip
-    """The policy's action, but with chance epsilon one that a plain adversary would take.
+def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
+    """Get behind the AV, then accelerate as hard as allowed; -1 where that is no help."""
+    v = w.vehicles
+    lanes_left = v[0].target_lane - v[bv].target_lane
+    behind = v[0].x - v[bv].x
+    if lanes_left == 0 and behind > 0.0:
+        for a in range(32, 1, -1):
+            if allowed[a]:
+                return a
+    toward = 0 if lanes_left > 0 else 1
+    if abs(lanes_left) == 1 and behind > 5.0 and allowed[toward]:
+        return toward
+    return -1
 
-    Of these three in four are `swerve`'s and the others uniform: a bare swerve always does the same.
+
+@kernel
+def _guided_action(w: World, epsilon: float, seed: int, test: int, setting: Setting, s: ChoiceScratch) -> int:
+    """The policy's action, but with chance epsilon one that helps to make a crash.
+
+    In three tests of five that is what `swerve` would do, in the others to ram the AV from behind; and one time in four
+    any allowed action, for a bare rule always does the same.
     """
     bv = w.info[CONTROLLED]
     words = block(seed, test, w.info[N_DECISIONS], bv, PURPOSE_GUIDE)
-    kind = setting.adversary
-    if uniform(words[0]) < epsilon:
-        kind = SWERVE if uniform(words[1]) < 0.75 else UNIFORM
-    return choose_action(w, bv, kind, 0.0, seed, test, setting.policy, s)
+    if uniform(words[0]) >= epsilon:
+        return choose_action(w, bv, setting.adversary, 0.0, seed, test, setting.policy, s)
+    if uniform(words[1]) < 0.25:
+        return choose_action(w, bv, UNIFORM, 0.0, seed, test, setting.policy, s)
+    if test % 5 < 2:
+        action = _ram(w, bv, s.allowed)
+        if action >= 0:
+            return action
+    return choose_action(w, bv, SWERVE, 0.0, seed, test, setting.policy, s)
 
 
 @kernel
@@ -436,8 +456,8 @@ def collect(
     Reward: +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes
     with another BV, else 0.
 
-    Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds mostly what `swerve` would
-    do.
+    Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds mostly one that helps to
+    make a crash.
     """
     n = tests.size
     for b in range(begin, end):

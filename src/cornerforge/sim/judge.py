@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.braking import Braking
-from cornerforge.sim.drive import Decisions, Setting, judge_range
+from cornerforge.sim.drive import allocate_decisions, Setting, judge_range
 from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds
@@ -33,7 +33,7 @@ def _judge_chunk(
         allocate_pairs(slots),
         allocate_choice_scratch(setting.policy),
         allocate_recording(SUBSTEPS * setting.road.max_decisions + 1, slots),
-        Decisions(np.zeros((0, slots), dtype=np.int8), np.zeros(0, dtype=np.int16), np.zeros(0)),
+        allocate_decisions(0, slots),
         allocate_counts(slots),
         NOBODY,
         strikes,
