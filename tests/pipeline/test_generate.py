@@ -292,16 +292,15 @@ def test_acting_at_random_is_another_library_and_greedy_has_no_doubt(some_policy
         )
 
 
-@pytest.mark.parametrize("budget", [0.0, 3.0, 15.0])
+@pytest.mark.parametrize("budget", [3.0, 15.0])
 def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
-    found = pipeline.simulate(bv="lane-changer", budget=budget, tests=4000, out=tmp_path / "library")
-    assert found["tests"] == 4000
+    found = pipeline.simulate(bv="swerve", odd="paper", budget=budget, tests=3000, out=tmp_path / "library")
+    assert found["cases"] >= 3
     shortfall = column(tmp_path / "library", "shortfall_nats")
     assert all(0.0 <= value <= budget for value in shortfall)  # type: ignore[operator]
-    assert set(column(tmp_path / "library", "n_implausible")) <= {0}
-    if budget == 15.0:
-        assert max(shortfall) > 3.0  # type: ignore[type-var]
-        assert pipeline.replay(tmp_path / "library", "all", check=True)["identical"] is True
+    assert max(shortfall) > 0.8 * budget  # type: ignore[type-var]
+    assert set(column(tmp_path / "library", "n_implausible")) == {0}
+    assert pipeline.replay(tmp_path / "library", "all", check=True)["identical"] is True
 
 
 def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:

@@ -118,20 +118,16 @@ def test_a_full_buffer_changes_nothing(reckless: NddModel) -> None:
 
 
 def test_shortfalls_add_up(model: NddModel) -> None:
-    """Within the support nothing is implausible, and the mode alone falls short of nothing."""
-    road = Odd()
-    for budget in (1, 2_000_001, 0):
+    """Within the support nothing is implausible; a budget caps the sum, and without one it goes beyond."""
+    road = ODDS["paper"]
+    for budget in (12_000_001, 0):
         setting = run_of(model, "bounded swerve", road)._replace(budget=budget)
-        harvester = Harvester(setting, n_slots(road))
-        cases = pa.concat_tables([harvester.harvest(3, first, 500).cases for first in range(0, 6000, 500)])
+        cases = Harvester(setting, n_slots(road)).harvest(3, 0, 3000).cases
         shortfall = np.array(cases.column("shortfall_nats").to_pylist())
-        assert set(cases.column("n_implausible").to_pylist()) <= {0}
-        assert (shortfall >= 0.0).all()
-        if budget:
-            assert (shortfall <= (budget - 1) / 1e6).all()
-        else:
-            assert len(shortfall) > 10
-            assert shortfall.max() > 2.0
+        assert len(shortfall) > 10
+        assert set(cases.column("n_implausible").to_pylist()) == {0}
+        assert shortfall.min() >= 0.0
+        assert (shortfall.max() <= 12.0) == (budget > 0)
     free = Harvester(run_of(model, "swerve", road), n_slots(road)).harvest(3, 0, 100).cases
     assert max(free.column("n_implausible").to_pylist()) > 0
 
