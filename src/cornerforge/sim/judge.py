@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.braking import Braking
-from cornerforge.sim.drive import allocate_decisions, Setting, judge_range
+from cornerforge.sim.drive import Setting, allocate_decisions, judge_range
 from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds
