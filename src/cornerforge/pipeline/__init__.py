@@ -6,6 +6,7 @@ from cornerforge.pipeline.cases import analyse, query, replay
 from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
 from cornerforge.pipeline.rate import rate
+from cornerforge.pipeline.reproduce import reproduce
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.show import ndd_show
 from cornerforge.pipeline.simulate import simulate
@@ -22,6 +23,7 @@ __all__ = [
     "query",
     "rate",
     "replay",
+    "reproduce",
     "run",
     "simulate",
     "train",
