@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from cornerforge.adversary.config import PRESETS, TrainConfig, preset_named
+from cornerforge.adversary.learner import DqnLearner
 from cornerforge.adversary.replay import allocate_transitions
-from cornerforge.adversary.train import _epsilon, _Learner, _learning_rate
+from cornerforge.adversary.train import _epsilon, _learning_rate
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.sim.drive import Transitions
 
@@ -77,15 +78,11 @@ def corridor(allowed: tuple[int, ...]) -> Transitions:
 
 
 def learned_q(allowed: tuple[int, ...]) -> np.ndarray:
-    learner = _Learner(SMALL, seed=0)
+    learner = DqnLearner(SMALL, seed=0)
     learner.memory.add(corridor(allowed))
     for learning_rate in (3e-3, 1e-3, 1e-4):
         learner.learn(500, learning_rate)
-    states = torch.zeros(N_STATES, 40)
-    states[torch.arange(N_STATES), torch.arange(N_STATES)] = 1.0
-    with torch.no_grad():
-        q: np.ndarray = learner.online(states).numpy()[:, ACTIONS]
-    return q
+    return learner.q(np.eye(N_STATES, 40, dtype=np.float32))[:, ACTIONS]
 
 
 def test_learner_reaches_exact_q_and_never_takes_the_maximum_over_a_masked_action() -> None:
@@ -107,7 +104,7 @@ def test_learner_knows_one_batch_by_heart(seed: int) -> None:
     batch.action[:] = rng.integers(0, 33, 64)
     batch.reward[:] = rng.integers(-1, 2, 64)
     batch.end[:] = True
-    learner = _Learner(replace(SMALL, width=64), seed=0)
+    learner = DqnLearner(replace(SMALL, width=64), seed=0)
     learner.memory.add(batch)
     before = learner.learn(1, 1e-3)
     after = learner.learn(800, 1e-3)
@@ -116,19 +113,18 @@ def test_learner_knows_one_batch_by_heart(seed: int) -> None:
 
 
 def test_targets_are_cut_to_what_a_return_can_be() -> None:
-    learner = _Learner(SMALL, seed=0)
+    learner = DqnLearner(SMALL, seed=0)
     batch = allocate_transitions(64)
     batch.reward[:] = 50.0
     batch.end[:] = True
     learner.memory.add(batch)
     learner.learn(600, 3e-3)
-    with torch.no_grad():
-        assert float(learner.online(torch.zeros(1, 40))[0, 0]) == pytest.approx(1.0, abs=0.05)
+    assert learner.q(np.zeros((1, 40), dtype=np.float32))[0, 0] == pytest.approx(1.0, abs=0.05)
 
 
 def test_making_a_learner_leaves_the_users_random_numbers_alone() -> None:
     before = torch.get_rng_state()
-    _Learner(SMALL, seed=0)
+    DqnLearner(SMALL, seed=0)
     assert torch.equal(before, torch.get_rng_state())
 
 

@@ -43,12 +43,15 @@ def test_the_ring_holds_the_newest_each_whole(data: st.DataObject, capacity: int
         total += n
         assert memory.size == min(total, capacity)
         newest = np.arange(total - memory.size, total)
-        check_whole(memory.sample(newest % capacity), newest)  # number k always stands at place k mod capacity
+        found = memory.room(newest.size)
+        memory.sample(newest % capacity, found)
+        check_whole(found, newest)  # number k always stands at place k mod capacity
 
 
 def test_samples_are_copies() -> None:
     memory = ReplayMemory(4)
     memory.add(numbered(0, 4))
-    sample = memory.sample(np.array([1, 1]))
+    sample = memory.room(2)
+    memory.sample(np.array([1, 1]), sample)
     memory.add(numbered(4, 4))
     check_whole(sample, np.array([1, 1]))

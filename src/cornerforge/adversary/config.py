@@ -8,6 +8,7 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import UnknownNameError
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.rewards import reward_numbers
 
 __all__ = ["PRESETS", "TrainConfig", "preset_named"]
 
@@ -17,7 +18,8 @@ class TrainConfig:
     """Hyperparameters of the dueling double DQN.
 
     `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over
-    seconds, so that the same seed learns the same weights on any machine speed.
+    seconds, so that the same seed learns the same weights on any machine speed. `reward` is a name of
+    `sim.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
 
     Raises:
         InputError: A value is out of range.
@@ -41,12 +43,15 @@ class TrainConfig:
     n_stream: int
     width: int
     discount: float = 1.0
+    reward: str = "crash"
+    delay_s: float = field(default=1.0, metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
         check_in("optimiser", self.optimiser, ("adam", "sgd"))
         check_number("train.learning_rate", self.learning_rate, low=1e-9, high=1.0)
         check_number("train.final_learning_rate", self.final_learning_rate, low=1e-9, high=1.0)
         check_number("train.discount", self.discount, low=0.0, high=1.0)
+        reward_numbers(self.reward, self.delay_s)
         check_number("train.epsilon_start", self.epsilon_start, low=0.0, high=1.0)
         check_number("train.epsilon_end", self.epsilon_end, low=0.0, high=1.0)
         for name in ("batch", "epsilon_decisions", "target_update", "worlds", "decisions"):

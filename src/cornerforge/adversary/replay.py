@@ -15,14 +15,14 @@ from cornerforge.types import N_ACTIONS
 __all__ = ["ReplayMemory", "allocate_transitions"]
 
 
-def allocate_transitions(n: int) -> Transitions:
-    """Room for n transitions."""
+def allocate_transitions(n: int, n_inputs: int = N_OBSERVATION) -> Transitions:
+    """Room for n transitions with observations of `n_inputs` entries."""
     return Transitions(
-        np.zeros((n, N_OBSERVATION), dtype=np.float32),
+        np.zeros((n, n_inputs), dtype=np.float32),
         np.zeros(n, dtype=np.int64),
         np.zeros(n, dtype=np.float32),
         np.zeros(n, dtype=np.bool_),
-        np.zeros((n, N_OBSERVATION), dtype=np.float32),
+        np.zeros((n, n_inputs), dtype=np.float32),
         np.zeros((n, N_ACTIONS), dtype=np.bool_),
     )
 
@@ -32,11 +32,13 @@ class ReplayMemory:
 
     Args:
         capacity: How many, at least 1.
+        n_inputs: Entries of an observation.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, n_inputs: int = N_OBSERVATION) -> None:
         self.capacity = capacity
-        self.arrays = allocate_transitions(capacity)
+        self._n_inputs = n_inputs
+        self.arrays = allocate_transitions(capacity, n_inputs)
         self.size = 0
         self.place = 0
 
@@ -52,9 +54,15 @@ class ReplayMemory:
         self.place = (self.place + n) % self.capacity
         self.size = min(self.size + n, self.capacity)
 
-    def sample(self, indices: NDArray[np.int64]) -> Transitions:
-        """Copies of the transitions at `indices`, each in [0, size)."""
-        return Transitions._make(getattr(self.arrays, name)[indices] for name in Transitions._fields)
+    def room(self, n: int) -> Transitions:
+        """Room for n transitions like those that it holds."""
+        return allocate_transitions(n, self._n_inputs)
+
+    def sample(self, indices: NDArray[np.int64], out: Transitions) -> None:
+        """Copy the transitions at `indices`, each in [0, size), into `out` (`room` of that many)."""
+        for name in Transitions._fields:
+            # mode: without it NumPy copies by way of another array, to leave `out` alone if an index is wrong.
+            np.take(getattr(self.arrays, name), indices, axis=0, out=getattr(out, name), mode="clip")
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Views of what is filled, by name of the field of `Transitions`; with `place` that is all it remembers."""

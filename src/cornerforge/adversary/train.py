@@ -23,20 +23,20 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.adversary.checkpoint import CheckpointFile, TrainingState
 from cornerforge.adversary.config import TrainConfig
-from cornerforge.adversary.replay import ReplayMemory, allocate_transitions
+from cornerforge.adversary.learner import DqnLearner, below
+from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
-from cornerforge.sim.drive import Setting, Transitions, collect, start_worlds
+from cornerforge.sim.drive import N_FINISHED, History, Setting, Transitions, collect, start_worlds
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.rewards import RewardNumbers, reward_numbers
+from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds
 from cornerforge.types import N_ACTIONS
 
 try:
     import torch
-
-    from cornerforge.adversary.q_network import QNetwork, flat_weights
 except ImportError as error:
     raise MissingExtraError("torch", "learn") from error
 
@@ -50,7 +50,10 @@ _POINT_EVERY = 50
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One point of the training curve, over the tests that ended since the point before (while exploring)."""
+    """One point of the training curve, over the tests that ended since the point before (while exploring).
+
+    `paid_per_test` is the share of tests in which the reward was +1: with the reward `crash` that of all AV crashes.
+    """
 
     decisions: int
     seconds: float
@@ -59,6 +62,7 @@ class CurvePoint:
     loss: float | None
     tests: int
     crashes_per_test: float | None
+    paid_per_test: float | None
 
 
 @dataclass
@@ -75,8 +79,9 @@ class TrainResult:
 class _Actor:
     """The worlds that produce transitions."""
 
-    def __init__(self, setting: Setting, slots: int, n: int, seed: int) -> None:
+    def __init__(self, setting: Setting, slots: int, n: int, reward: RewardNumbers, seed: int) -> None:
         self._setting = setting
+        self._reward = reward
         self._seed = seed
         self._worlds = allocate_worlds(n, slots)
         self._tests = np.arange(TRAINING_TESTS, TRAINING_TESTS + n, dtype=np.int64)
@@ -85,7 +90,14 @@ class _Actor:
         self._pairs = allocate_pairs(slots)
         self._recording = allocate_recording(0, slots)
         self._scratch = allocate_choice_scratch(setting.policy)
-        self.finished = np.zeros(3, dtype=np.int64)
+        decisions = setting.road.max_decisions
+        self._history = History(
+            np.zeros((n, decisions), dtype=np.int16),
+            np.zeros((n, decisions), dtype=np.int8),
+            allocate_worlds(1, slots),
+            allocate_recording(SUBSTEPS * decisions + 1, slots),
+        )
+        self.finished = np.zeros(N_FINISHED, dtype=np.int64)
         start_worlds(seed, self._tests, setting, self._worlds, self._scratch, self._observation, self._allowed)
 
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
@@ -99,10 +111,12 @@ class _Actor:
             self._tests,
             epsilon,
             setting,
+            self._reward,
             self._worlds,
             self._pairs,
             self._scratch,
             self._recording,
+            self._history,
             self._observation,
             self._allowed,
             out,
@@ -121,6 +135,8 @@ class _Actor:
             "tests": self._tests,
             "observation": self._observation,
             "allowed": self._allowed,
+            "bvs": self._history.bv,
+            "actions": self._history.action,
             "finished": self.finished,
         }
 
@@ -128,103 +144,6 @@ class _Actor:
         """Take over what `arrays` gave."""
         for name, ours in self.arrays().items():
             ours[...] = saved[name]
-
-
-class _Learner:
-    """Double DQN with a target network (van Hasselt et al. 2016); targets are cut to [-1, 1]."""
-
-    def __init__(self, config: TrainConfig, seed: int) -> None:
-        self._config = config
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
-            self.online = QNetwork(config.network)
-            self._target = QNetwork(config.network)
-        self._target.load_state_dict(self.online.state_dict())
-        parameters = self.online.parameters()
-        self._optimiser: torch.optim.Optimizer
-        if config.optimiser == "adam":
-            self._optimiser = torch.optim.Adam(parameters, lr=config.learning_rate, eps=1e-5, foreach=True)
-        else:
-            self._optimiser = torch.optim.SGD(parameters, lr=config.learning_rate)
-        self._rng = np.random.Generator(np.random.Philox(seed))
-        self.memory = ReplayMemory(config.replay_size)
-        self.updates = 0
-
-    def learn(self, n_updates: int, learning_rate: float) -> float:
-        """Make so many gradient steps on replayed batches; returns the last loss."""
-        for group in self._optimiser.param_groups:
-            group["lr"] = learning_rate
-        loss = 0.0
-        for _ in range(n_updates):
-            batch = self.memory.sample(self._rng.integers(0, self.memory.size, self._config.batch))
-            loss = self._update(batch)
-            self.updates += 1
-            if self.updates % self._config.target_update == 0:
-                self._target.load_state_dict(self.online.state_dict())
-        return loss
-
-    def _update(self, batch: Transitions) -> float:
-        observation, action, reward, end, following, allowed = (torch.from_numpy(a) for a in batch)
-        with torch.no_grad():
-            masked = self.online(following).masked_fill(~allowed, -torch.inf)
-            best = masked.argmax(dim=1, keepdim=True)
-            value = self._target(following).gather(1, best).squeeze(1)
-            goal = reward + self._config.discount * torch.where(end, torch.zeros_like(value), value)
-            goal = goal.clamp(-1.0, 1.0)
-        q = self.online(observation).gather(1, action.unsqueeze(1)).squeeze(1)
-        loss = torch.nn.functional.smooth_l1_loss(q, goal)
-        self._optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(self.online.parameters(), 10.0)
-        self._optimiser.step()
-        return float(loss.detach())
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Both networks, what the optimiser remembers, and the replay memory, by name."""
-        found = {f"replay.{name}": array for name, array in self.memory.state().items()}
-        for kind, network in (("online", self.online), ("target", self._target)):
-            found |= {f"{kind}.{name}": tensor.numpy() for name, tensor in network.state_dict().items()}
-        for index, memory in self._optimiser.state_dict()["state"].items():
-            tensors = {name: item for name, item in memory.items() if isinstance(item, torch.Tensor)}
-            found |= {f"optimiser.{index}.{name}": tensor.numpy() for name, tensor in tensors.items()}
-        return found
-
-    def values(self) -> dict[str, Any]:
-        """What is not an array, JSON-compatible."""
-        return {"updates": self.updates, "place": self.memory.place, "rng": _plain(self._rng.bit_generator.state)}
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Take over what `arrays` and `values` gave."""
-        self.memory.restore(_below("replay", arrays), values["place"])
-        for kind, network in (("online", self.online), ("target", self._target)):
-            network.load_state_dict({name: torch.from_numpy(a) for name, a in _below(kind, arrays).items()})
-        memories: dict[int, dict[str, torch.Tensor]] = {}
-        for name, array in _below("optimiser", arrays).items():
-            index, _, key = name.partition(".")
-            # A copy in memory that PyTorch allocated: the file's may lie unaligned.
-            memories.setdefault(int(index), {})[key] = torch.from_numpy(array).clone()
-        self._optimiser.load_state_dict(self._optimiser.state_dict() | {"state": memories})
-        self._rng.bit_generator.state = _unplain(values["rng"])
-        self.updates = values["updates"]
-
-
-def _below(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays whose name begins with `prefix.`, without it."""
-    return {name.removeprefix(f"{prefix}."): a for name, a in arrays.items() if name.startswith(f"{prefix}.")}
-
-
-def _plain(state: Any) -> Any:
-    """A state of NumPy's Philox with lists of whole numbers for its arrays of uint64."""
-    if isinstance(state, dict):
-        return {key: _plain(value) for key, value in state.items()}
-    return state.tolist() if isinstance(state, np.ndarray) else state
-
-
-def _unplain(state: Any) -> Any:
-    """The inverse of `_plain`."""
-    if isinstance(state, dict):
-        return {key: _unplain(value) for key, value in state.items()}
-    return np.array(state, dtype=np.uint64) if isinstance(state, list) else state
 
 
 def _epsilon(config: TrainConfig, decisions: int) -> float:
@@ -285,20 +204,20 @@ class _Training:
 
     def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int) -> None:
         self._config = config
-        self._learner = _Learner(config, seed)
-        shape, weights = config.network, flat_weights(self._learner.online)
+        self._learner = DqnLearner(config, seed)
+        shape, weights = config.network, self._learner.weights()
         numbers = PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
         hostile = setting._replace(adversary=ADVERSARIES["policy"], policy=numbers)
-        self._actor = _Actor(hostile, slots, config.worlds, seed)
+        self._actor = _Actor(hostile, slots, config.worlds, reward_numbers(config.reward, config.delay_s), seed)
         self._buffer = allocate_transitions(config.worlds)
-        self._seen = np.zeros(3, dtype=np.int64)
+        self._seen = np.zeros(N_FINISHED, dtype=np.int64)
         self._loss: float | None = None
         self.result = TrainResult(weights, 0, 0, 0.0)
 
     def iterate(self, pool: ThreadPoolExecutor, threads: int) -> None:
         """One decision of each world, and the updates that go with them."""
         config, learner, decisions = self._config, self._learner, self.result.decisions
-        acting = pool.submit(self._actor.act, flat_weights(learner.online), _epsilon(config, decisions), self._buffer)
+        acting = pool.submit(self._actor.act, learner.weights(), _epsilon(config, decisions), self._buffer)
         if threads == 1:
             acting.result()
         if learner.memory.size >= config.replay_start:
@@ -310,18 +229,20 @@ class _Training:
     def add_point(self) -> CurvePoint:
         """Close the running point of the curve."""
         result, finished = self.result, self._actor.finished
-        tests, crashes = (int(n) for n in (finished - self._seen)[:2])
+        tests, crashes, _, paid = (int(n) for n in finished - self._seen)
         self._seen[:] = finished
-        rate = crashes / tests if tests else None
+        rate, paid_rate = (crashes / tests, paid / tests) if tests else (None, None)
         epsilon = round(_epsilon(self._config, result.decisions - self._config.worlds), 4)
         seconds = round(result.seconds, 3)
-        point = CurvePoint(result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate)
+        point = CurvePoint(
+            result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate, paid_rate
+        )
         result.curve.append(point)
         return point
 
     def finish(self) -> TrainResult:
         """The result, with the weights of now."""
-        self.result.weights = flat_weights(self._learner.online)
+        self.result.weights = self._learner.weights()
         self.result.updates = self._learner.updates
         return self.result
 
@@ -342,8 +263,8 @@ class _Training:
     def restore(self, saved: TrainingState) -> None:
         """Take over what `state` gave."""
         values = saved.values
-        self._actor.restore(_below("actor", saved.arrays))
-        self._learner.restore(_below("learner", saved.arrays), values["learner"])
+        self._actor.restore(below("actor", saved.arrays))
+        self._learner.restore(below("learner", saved.arrays), values["learner"])
         self._seen[:] = saved.arrays["seen"]
         self._loss = values["loss"]
         self.result.decisions = values["decisions"]

@@ -9,9 +9,11 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.sim.adversaries import ChoiceScratch, choose_action
+from cornerforge.sim.braking import is_avoidable
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe
+from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.sim.statistics import BV_TRAVEL_MM, Census, Counts, count_av, count_choices, count_states
 from cornerforge.sim.step import Pairs, step_world
 from cornerforge.sim.traffic import reset_world
@@ -37,15 +39,20 @@ if TYPE_CHECKING:
 
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.drivers.policy import PolicyNumbers
+    from cornerforge.sim.braking import Braking
+    from cornerforge.sim.rewards import RewardNumbers
 
 __all__ = [
+    "N_FINISHED",
     "Decisions",
+    "History",
     "Outcomes",
     "Setting",
     "Transitions",
     "collect",
     "drive_range",
     "drive_test",
+    "judge_range",
     "start_worlds",
     "world_row",
 ]
@@ -100,6 +107,25 @@ class Transitions(NamedTuple):
     end: NDArray[np.bool_]
     next_observation: NDArray[np.float32]
     next_allowed: NDArray[np.bool_]
+
+
+class History(NamedTuple):
+    """What B worlds did since their tests began, and room to drive one of them again.
+
+    Attributes:
+        bv, action: Controlled slot and its action at each decision, (B, decisions).
+        world: A batch of one.
+        recording: Room for one whole test.
+    """
+
+    bv: NDArray[np.int16]
+    action: NDArray[np.int8]
+    world: World
+    recording: NDArray[np.void]
+
+
+N_FINISHED = 4
+"""Counters of `collect`: tests, AV crashes, crashes of the controlled BV with another, AV crashes that were paid."""
 
 
 @kernel
@@ -229,17 +255,99 @@ def _copy_view(
 
 
 @kernel
+def _forget(recording: NDArray[np.void], frames: int, slots: int) -> None:
+    """Nobody is there in the first frames of a recording."""
+    for f in range(min(frames, recording.shape[0])):
+        for i in range(slots):
+            recording[f, i].present = 0
+
+
+@kernel
+def _judge(w: World, recording: NDArray[np.void], setting: Setting, braking: Braking) -> tuple[bool, bool]:
+    """Did the AV strike, and could it have avoided the crash by braking? Of a recorded test that ended in its crash."""
+    last = w.info[FRAME]
+    partner = w.info[SLOT_B]
+    a = w.vehicles[0]
+    b = w.vehicles[partner]
+    strikes = av_strikes(a.x, a.y, a.speed, a.heading, b.x, b.y, b.speed, b.heading, setting.road)
+    return strikes, is_avoidable(recording, w.info[N_VEHICLES], last, partner, setting.road, braking)
+
+
+@kernel
+def judge_range(
+    seed: int, tests: NDArray[np.int64], setting: Setting, braking: Braking, worlds: World, pairs: Pairs,
+    s: ChoiceScratch, recording: NDArray[np.void], decisions: Decisions, counts: Counts, census: Census,
+    strikes: NDArray[np.bool_], avoidable: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Drive tests again that ended in a crash of the AV, and say of each whether the AV struck, and could have braked.
+
+    Args:
+        seed, tests, setting: Which tests, (n,); a test that ends otherwise gets False twice.
+        braking: How the AV would have braked.
+        worlds, pairs, s: Scratch, a batch of one world.
+        recording: Room for one whole test, nobody there; left so.
+        decisions, counts, census: Of size 0, scratch, and nobody.
+        strikes, avoidable: The answers, (n,).
+    """
+    w = world_row(worlds, 0)
+    for k in range(tests.size):
+        drive_test(w, seed, tests[k], setting, pairs, s, recording, decisions, counts, census)
+        strikes[k] = False
+        avoidable[k] = False
+        if w.info[OUTCOME] == AV_CRASH:
+            strikes[k], avoidable[k] = _judge(w, recording, setting, braking)
+        _forget(recording, w.info[FRAME] + 1, recording.shape[1])
+
+
+@kernel
+def _drive_again(
+    history: History, b: int, w: World, seed: int, test: int, setting: Setting, pairs: Pairs
+) -> None:  # fmt: skip
+    """Drive the test that world `w` has just ended once more, with the same actions, and record it."""
+    again = world_row(history.world, 0)
+    _forget(history.recording, w.info[FRAME] + 1, again.vehicles.size)
+    reset_world(again, seed, test, setting.road, setting.av, setting.tables.initial)
+    for k in range(w.info[N_DECISIONS]):
+        again.info[CONTROLLED] = history.bv[b, k]
+        step_world(
+            again, seed, test, setting.bv_model, history.action[b, k], setting.road, setting.av, setting.tables, pairs,
+            history.recording,
+        )  # fmt: skip
+
+
+@kernel
+def _reward(
+    w: World, b: int, seed: int, test: int, setting: Setting, reward: RewardNumbers, history: History, pairs: Pairs
+) -> float:  # fmt: skip
+    """The reward of the decision that world b has just carried out."""
+    code = w.info[OUTCOME]
+    if code != AV_CRASH:
+        return -1.0 if code == BV_CRASH else 0.0
+    strikes = False
+    avoidable = False
+    if reward.code == AVOIDABLE:
+        _drive_again(history, b, w, seed, test, setting, pairs)
+        strikes, avoidable = _judge(world_row(history.world, 0), history.recording, setting, reward.braking)
+    else:
+        a = w.vehicles[0]
+        o = w.vehicles[w.info[SLOT_B]]
+        strikes = av_strikes(a.x, a.y, a.speed, a.heading, o.x, o.y, o.speed, o.heading, setting.road)
+    return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0
+
+
+@kernel
 def collect(
-    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, setting: Setting, worlds: World,
-    pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void],
+    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, setting: Setting, reward: RewardNumbers,
+    worlds: World, pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void], history: History,
     observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
 ) -> None:  # fmt: skip
     """One decision of each world in [begin, end): choose, drive 1 s, store the transition, start the next test if due.
 
-    `finished` counts tests, AV crashes and crashes of the controlled BV. `tests`, `observation` and `allowed` hold
-    each world's test number and present view; a world that ends goes on with its test number plus the number of worlds.
+    `finished` holds N_FINISHED counts. `tests`, `observation` and `allowed` hold each world's test number and present
+    view, `history` what it did; a world that ends goes on with its test number plus the number of worlds.
 
-    Reward (paper): +1 the AV crashes, -1 the controlled BV crashes with another BV, else 0.
+    Reward: +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes
+    with another BV, else 0.
     """
     n = tests.size
     for b in range(begin, end):
@@ -247,18 +355,21 @@ def collect(
         _copy_view(observation[b], allowed[b], s.observation, s.allowed)
         _copy_view(observation[b], allowed[b], out.observation[b], s.allowed)
         action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
+        history.bv[b, w.info[N_DECISIONS]] = w.info[CONTROLLED]
+        history.action[b, w.info[N_DECISIONS]] = action
         step_world(
             w, seed, tests[b], setting.bv_model, action, setting.road, setting.av, setting.tables, pairs, recording
         )
         out.action[b] = action
         code = w.info[OUTCOME]
-        out.reward[b] = 1.0 if code == AV_CRASH else (-1.0 if code == BV_CRASH else 0.0)
+        out.reward[b] = _reward(w, b, seed, tests[b], setting, reward, history, pairs)
         ended = code != RUNNING or not _prepare(w, setting, s, observation[b], allowed[b])
         out.end[b] = ended
         if ended:
             finished[0] += 1
             finished[1] += code == AV_CRASH
             finished[2] += code == BV_CRASH
+            finished[3] += code == AV_CRASH and out.reward[b] > 0.0
             tests[b] += n
             reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
             while not _prepare(w, setting, s, observation[b], allowed[b]):

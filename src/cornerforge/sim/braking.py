@@ -1,0 +1,220 @@
+"""Could the AV have avoided its crash by braking? A kernel over a recorded test, and the same for a `Scenario`.
+
+The question (docs/adr/0011-rewards.md): had the AV braked as hard as it can from `delay` seconds after the manoeuvre
+that led to the crash began, and all others had moved as they did, would nobody have touched it?
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._checks import check_number
+from cornerforge._jit import kernel
+from cornerforge.errors import InputError
+from cornerforge.geometry import boxes_overlap, lane_centre, path_at, plan_path
+from cornerforge.sim.step import allocate_recording
+from cornerforge.sim.world import road_numbers
+from cornerforge.types import FRAME_S
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.geometry import Path
+    from cornerforge.sim.world import RoadNumbers
+    from cornerforge.types import Scenario
+
+__all__ = ["Braking", "avoidable_by_braking", "is_avoidable", "manoeuvre_begin"]
+
+_DT = FRAME_S
+_SETTLED_M = 0.01
+_RECENT_FRAMES = 10
+_BRAKING = -1.0
+_FULL_STEERING_SPEED = 5.0
+_LONGEST_FRAMES = 100
+"""A braking AV that neither stands nor has met anybody after so long is safe: 40 m/s are gone in half of it."""
+
+
+class Braking(NamedTuple):
+    """How the AV would have braked.
+
+    Attributes:
+        delay: From the begin of the manoeuvre to the AV's reaction [s], at least 0; taken to the nearest 0.1 s.
+        deceleration: Of the AV [m/s2], above 0.
+    """
+
+    delay: float
+    deceleration: float
+
+
+@kernel
+def _last_change(frames: NDArray[np.void], slot: int, last: int, road: RoadNumbers) -> tuple[int, int]:
+    """First and last frame of the last lane change (or return from one) of a slot up to a frame; (-1, -1) for none."""
+    start = last
+    while (
+        start > 0
+        and frames[start - 1, slot].present
+        and (frames[start, slot].target_lane == frames[start - 1, slot].target_lane)
+    ):
+        start -= 1
+    centre = lane_centre(frames[start, slot].target_lane, road.lane_width)
+    if abs(frames[start, slot].y - centre) <= _SETTLED_M:
+        return -1, -1
+    end = start
+    while end < last and abs(frames[end, slot].y - centre) > _SETTLED_M:
+        end += 1
+    return start, end
+
+
+@kernel
+def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: RoadNumbers) -> int:
+    """Frame at which the manoeuvre that led to the AV's crash with `partner` at frame `last` began.
+
+    The first of these that there is: the partner's last lane change, if it runs at the contact or ended within 1 s
+    before; the partner's last uninterrupted braking of 1 m/s2 and more, if it lasts until 1 s before; the AV's own
+    last lane change, likewise; else the test's begin.
+
+    Args:
+        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`.
+        partner: Slot that the AV touched.
+        last: Frame of the contact.
+        road: Constants.
+    """
+    start, end = _last_change(frames, partner, last, road)
+    if start >= 0 and last - end <= _RECENT_FRAMES:
+        return start
+    for f in range(last - 1, max(-1, last - 1 - _RECENT_FRAMES), -1):
+        if frames[f, partner].acceleration <= _BRAKING:
+            while f > 0 and frames[f - 1, partner].present and frames[f - 1, partner].acceleration <= _BRAKING:
+                f -= 1
+            return f
+    start, end = _last_change(frames, 0, last, road)
+    if start >= 0 and last - end <= _RECENT_FRAMES:
+        return start
+    return 0
+
+
+@kernel
+def _lateral_plan(frames: NDArray[np.void], slot: int, frame: int, road: RoadNumbers) -> tuple[Path, float]:
+    """How a vehicle goes on across the road from a frame: its path, and the path's duration [s], 0 for none.
+
+    A quintic from the present state to the lane's centre in what is left of the lane change is the very path that it
+    is on; speed and acceleration across the road are those of the last frames.
+    """
+    y = frames[frame, slot].y
+    centre = lane_centre(frames[frame, slot].target_lane, road.lane_width)
+    nowhere = (y, 0.0, 0.0, 0.0, 0.0, 0.0)
+    start, end = _last_change(frames, slot, frame, road)
+    if start < 0 or (end < frame and abs(y - centre) <= _SETTLED_M) or abs(y - centre) <= _SETTLED_M:
+        return nowhere, 0.0
+    speed = 0.0
+    acceleration = 0.0
+    if frame >= 1 and frames[frame - 1, slot].present:
+        speed = (y - frames[frame - 1, slot].y) / _DT
+        if frame >= 2 and frame - start >= 2 and frames[frame - 2, slot].present:
+            before = (frames[frame - 1, slot].y - frames[frame - 2, slot].y) / _DT
+            acceleration = (speed - before) / _DT
+            speed += 0.5 * acceleration * _DT  # from the middle of the last frame to its end
+    left = max(road.lane_change_duration - (frame - start) * _DT, 0.2)
+    return plan_path(y, speed, acceleration, centre, left, max(road.max_lateral_acceleration, abs(acceleration)))
+
+
+@kernel
+def _across(path: Path, duration: float, clock: float, speed: float, y_end: float) -> tuple[float, float]:
+    """Lateral position [m] and heading [rad] on a planned path."""
+    if clock >= duration:
+        return y_end, 0.0
+    y, lateral, _ = path_at(path, clock)
+    return y, np.arctan(lateral / max(speed, _FULL_STEERING_SPEED))
+
+
+@kernel
+def is_avoidable(
+    frames: NDArray[np.void], n: int, last: int, partner: int, road: RoadNumbers, braking: Braking
+) -> bool:
+    """Would nobody have touched the AV, had it braked from `braking.delay` after the manoeuvre began until it stands?
+
+    Up to the contact everybody else moves as recorded, and everybody counts, also who drives into the AV from behind.
+    After it nothing is recorded; only the partner counts then (others would have seen the braking): it goes on to the
+    end of its lane change, brakes on if it did, and else keeps its speed. The AV follows the lateral path that it was
+    on when it began to brake. False when the contact comes before the AV's reaction.
+
+    Args:
+        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`.
+        n: Number of vehicles.
+        last: Frame of the contact.
+        partner: Slot that the AV touched.
+        road: Constants.
+        braking: How the AV brakes.
+    """
+    begin = manoeuvre_begin(frames, partner, last, road) + int(np.rint(braking.delay / _DT))
+    if begin >= last:
+        return False
+    x0 = frames[begin, 0].x
+    v0 = frames[begin, 0].speed
+    path, duration = _lateral_plan(frames, 0, begin, road)
+    centre = lane_centre(frames[begin, 0].target_lane, road.lane_width) if duration > 0.0 else frames[begin, 0].y
+    clock = 0.0
+    other_path, other_duration = _lateral_plan(frames, partner, last, road)
+    other = frames[last, partner]
+    other_centre = lane_centre(other.target_lane, road.lane_width) if other_duration > 0.0 else other.y
+    other_a = min(frames[max(last - 1, 0), partner].acceleration, 0.0)
+    other_x = other.x
+    other_v = other.speed
+    other_clock = 0.0
+    stands_after = v0 / braking.deceleration
+    for f in range(begin + 1, begin + _LONGEST_FRAMES + 1):
+        held = min((f - begin) * _DT, stands_after)
+        speed = v0 - braking.deceleration * held
+        x = x0 + held * (v0 - 0.5 * braking.deceleration * held)
+        clock += _DT * min(1.0, speed / _FULL_STEERING_SPEED)
+        y, heading = _across(path, duration, clock, speed, centre)
+        if f <= last:
+            for j in range(1, n):
+                if frames[f, j].present and boxes_overlap(
+                    x, y, heading, frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width
+                ):
+                    return False
+        else:
+            after = max(0.0, other_v + other_a * _DT)
+            other_x += 0.5 * (other_v + after) * _DT
+            other_v = after
+            other_clock += _DT * min(1.0, after / _FULL_STEERING_SPEED)
+            other_y, other_heading = _across(other_path, other_duration, other_clock, after, other_centre)
+            if boxes_overlap(x, y, heading, other_x, other_y, other_heading, road.length, road.width):
+                return False
+        if f >= last and held >= stands_after:
+            return True
+    return True
+
+
+def avoidable_by_braking(scenario: Scenario, *, delay_s: float = 1.0, deceleration_mps2: float = 8.0) -> bool:
+    """Could the AV have avoided its recorded crash by braking? As the reward `avoidable` counts it.
+
+    Args:
+        scenario: Recording of a test that ended in a crash of the AV; vehicles that never came near may be missing.
+        delay_s: From the begin of the manoeuvre (`manoeuvre_begin`) to the AV's reaction [s], 0 to 10.
+        deceleration_mps2: Of the AV [m/s2], 0.1 to 20.
+
+    Returns:
+        False also when the contact comes before the AV's reaction.
+
+    Raises:
+        InputError: There is no crash of the AV, its contact is not in the recording, or a number is out of range.
+    """
+    check_number("delay_s", delay_s, low=0.0, high=10.0, unit="s")
+    check_number("deceleration_mps2", deceleration_mps2, low=0.1, high=20.0, unit="m/s2")
+    crash, name = scenario.crash, f"{scenario.seed}:{scenario.test}"
+    if crash is None or crash.slot_a != 0:
+        raise InputError(f"Test {name} holds no crash of the AV; only such can be avoidable.")
+    last = round(crash.time / FRAME_S)
+    columns = np.flatnonzero(scenario.slot == crash.slot_b)
+    if columns.size != 1 or last >= len(scenario.x) or not scenario.present[last, [0, columns[0]]].all():
+        raise InputError(f"Test {name}: its contact at {crash.time} s is not in the recording.")
+    frames = allocate_recording(*scenario.x.shape)
+    for field in frames.dtype.names or ():
+        frames[field] = np.where(scenario.present, getattr(scenario, field), 0)
+    braking = Braking(float(delay_s), float(deceleration_mps2))
+    road = road_numbers(scenario.odd)
+    return bool(is_avoidable(frames, scenario.x.shape[1], last, int(columns[0]), road, braking))

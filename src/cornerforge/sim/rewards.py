@@ -1,0 +1,151 @@
+"""For which crashes the adversary is paid: a registry of named rewards, and the kernel that knows them.
+
+One more reward: an entry in `REWARDS`, a line in `is_paid`, a test, a row in docs/adr/0011-rewards.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from cornerforge._checks import check_number
+from cornerforge._jit import kernel
+from cornerforge.errors import UnknownNameError
+from cornerforge.sim.braking import Braking
+
+if TYPE_CHECKING:
+    from cornerforge.sim.world import RoadNumbers
+
+__all__ = ["REWARDS", "Reward", "RewardNumbers", "av_strikes", "is_paid", "reward_named", "reward_numbers"]
+
+CRASH, STRIKING, AVOIDABLE = range(3)
+_FACING = 0.5
+"""Cosine of 60 degrees, as in `analysis.contact`: closer than that to facing the other box, a front takes part."""
+
+
+@dataclass(frozen=True)
+class Reward:
+    """A named reward.
+
+    Attributes:
+        code: How kernels know it.
+        pays_for: Which crashes of the AV give +1, in words. A crash of the controlled BV with another BV gives -1 and
+            all else 0, whatever the reward.
+    """
+
+    code: int
+    pays_for: str
+
+
+REWARDS = {
+    "crash": Reward(CRASH, "every crash of the AV (the paper's)"),
+    "striking": Reward(STRIKING, "a crash in which the AV strikes: its front takes part in the first contact"),
+    "avoidable": Reward(
+        AVOIDABLE,
+        "a crash that the AV would have avoided by braking at 8 m/s2 from d seconds after the manoeuvre began (d = 1)",
+    ),
+}
+"""The rewards by name."""
+
+
+class RewardNumbers(NamedTuple):
+    """A reward as kernels take it: its code, and how the AV could have braked (looked at by `avoidable` only)."""
+
+    code: int
+    braking: Braking
+
+
+def reward_named(name: str) -> Reward:
+    """Look up a reward.
+
+    Raises:
+        UnknownNameError: There is none of that name.
+    """
+    if name not in REWARDS:
+        raise UnknownNameError("reward", name, REWARDS)
+    return REWARDS[name]
+
+
+def reward_numbers(name: str, delay_s: float = 1.0, deceleration_mps2: float = 8.0) -> RewardNumbers:
+    """A reward as kernels take it.
+
+    Args:
+        name: One of `REWARDS`.
+        delay_s: For `avoidable`: seconds from the begin of the manoeuvre to the AV's braking, 0 to 10.
+        deceleration_mps2: Of that braking [m/s2], 0.1 to 20.
+
+    Raises:
+        UnknownNameError, InputError: The name is not known, or a number out of range.
+    """
+    delay = check_number("delay_s", delay_s, low=0.0, high=10.0, unit="s")
+    deceleration = check_number("deceleration_mps2", deceleration_mps2, low=0.1, high=20.0, unit="m/s2")
+    return RewardNumbers(reward_named(name).code, Braking(float(delay), float(deceleration)))
+
+
+@kernel
+def _separation(
+    ax: float, ay: float, dx: float, dy: float, vx: float, vy: float, ca: float, sa: float, cb: float, sb: float,
+    road: RoadNumbers,
+) -> tuple[float, float]:  # fmt: skip
+    """How long ago the axis (ax, ay) closed [s], inf if it does not close, and how far the boxes overlap on it [m]."""
+    apart = dx * ax + dy * ay
+    reach = 0.5 * road.length * (abs(ax * ca + ay * sa) + abs(ax * cb + ay * sb))
+    reach += 0.5 * road.width * (abs(ay * ca - ax * sa) + abs(ay * cb - ax * sb))
+    overlap = reach - abs(apart)
+    speed = vx * ax + vy * ay
+    closing = abs(speed) if apart == 0.0 else -math.copysign(speed, speed * apart)
+    since = max(overlap, 0.0) / closing if closing > 1e-6 else math.inf
+    return since, overlap
+
+
+@kernel
+def av_strikes(
+    x: float, y: float, speed: float, heading: float, bv_x: float, bv_y: float, bv_speed: float, bv_heading: float,
+    road: RoadNumbers,
+) -> bool:  # fmt: skip
+    """Does the AV's front take part in the first contact? The geometry of `analysis.contact`, for one crash.
+
+    Both boxes are moved back along their velocities to the moment at which they touched; the axis of separation that
+    closed last is that of the contact.
+
+    Args:
+        x, y, speed, heading: Of the AV in the first frame of overlap [m], [m], along the road [m/s], [rad].
+        bv_x, bv_y, bv_speed, bv_heading: Of the other vehicle.
+        road: Constants.
+    """
+    ca = math.cos(heading)
+    sa = math.sin(heading)
+    cb = math.cos(bv_heading)
+    sb = math.sin(bv_heading)
+    path_speed = speed / ca if ca > 0.5 else speed  # as in `analysis.contact`: the recorded speed is along the road
+    bv_path_speed = bv_speed / cb if cb > 0.5 else bv_speed
+    vx = bv_path_speed * cb - path_speed * ca
+    vy = bv_path_speed * sb - path_speed * sa
+    dx = bv_x - x
+    dy = bv_y - y
+    best_since = math.inf
+    best_overlap = math.inf
+    facing = 0.0
+    for k in range(4):
+        if k == 0:
+            ax, ay = ca, sa
+        elif k == 1:
+            ax, ay = cb, sb
+        elif k == 2:
+            ax, ay = -sa, ca
+        else:
+            ax, ay = -sb, cb
+        since, overlap = _separation(ax, ay, dx, dy, vx, vy, ca, sa, cb, sb, road)
+        if since < best_since or (best_since == math.inf and since == math.inf and overlap < best_overlap):
+            best_since = since
+            best_overlap = overlap
+            apart = dx * ax + dy * ay
+            facing = 0.0 if apart == 0.0 else math.copysign(1.0, apart) * (ax * ca + ay * sa)
+    return facing >= _FACING
+
+
+@kernel
+def is_paid(code: int, strikes: bool, avoidable: bool) -> bool:
+    """Does a crash of the AV give +1 under a reward?"""
+    return code == CRASH or (code == STRIKING and strikes) or (code == AVOIDABLE and avoidable)
