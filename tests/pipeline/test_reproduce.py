@@ -29,13 +29,14 @@ from cornerforge.pipeline.paper.table1 import TABLE1
 from cornerforge.pipeline.setting import experiment
 from cornerforge.pipeline.simulate import simulate_experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS
+from cornerforge.rates import binomial_interval
 from cornerforge.report.reproduction import RENDERERS
 from cornerforge.sim.statistics import EXPOSURE
 
 # Too short to learn anything (replay_start is 16,384): the yields are those of random weights.
 TINY = ReproduceBudget(
-    decisions=1_024, bounded_decisions=1_024, seeds=2, trained_on=("idm-mobil",), tests=96, natural_tests=200, typed=10,
-    miles=1.0, cases=12,
+    decisions=1_024, bounded_decisions=1_024, seeds=2, trained_on=("idm-mobil",), rewards=("crash",), tests=96,
+    natural_tests=200, typed=10, miles=1.0, cases=12,
 )  # fmt: skip
 
 
@@ -111,6 +112,7 @@ def test_numbers_are_those_of_simulate(finished: tuple[Path, dict[str, Any]]) ->
     run = experiment(bv="swerve")
     tally, _ = simulate_experiment(run, tests=TINY.tests, seed=3, first=EVALUATION_TESTS)
     assert swerve["crashes"] == tally.av_crashes
+    assert 0 <= swerve["avoidable"] <= swerve["crashes"]
     assert swerve["typed"] == sum(swerve["crash_types"].values()) == min(TINY.typed, tally.av_crashes)
     natural = row(result, "matrix", "natural traffic against idm-mobil")["ours"]
     net = row(result, "matrix", "swerve.free against idm-mobil")["ours"]
@@ -176,7 +178,7 @@ def test_another_seed_or_place_is_refused(finished: tuple[Path, dict[str, Any]],
     with pytest.raises(UnknownNameError, match="figure2"):
         pipeline.reproduce(budget="quick", out=tmp_path / "new", figures=["figur2"])
     with pytest.raises(UnknownNameError, match="standard"):
-        pipeline.reproduce(budget="standart", out=tmp_path / "new")
+        pipeline.reproduce(budget="medium", out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -268,13 +270,16 @@ def test_pooled_covers_every_seed() -> None:
     def judged(crashes: int, low: float, high: float) -> dict[str, Any]:
         return {
             "crashes_per_test": crashes / 10, "interval95": [low, high], "tests": 10, "crashes": crashes, "typed": 2,
+            "avoidable": crashes // 2, "struck": 1,
             "crash_types": {"sideswipe": 2, "angle": 0}, "strikers": {"av": 1, "bv": 1},
         }  # fmt: skip
 
     both = pooled([judged(4, 0.1, 0.7), judged(6, 0.3, 0.9)])
     assert both["crashes_per_test"] == pytest.approx(0.5)
     assert both["interval95"] == (0.1, 0.9)
-    assert (both["tests"], both["crashes"], both["typed"]) == (20, 10, 4)
+    assert (both["tests"], both["crashes"], both["typed"], both["avoidable"]) == (20, 10, 4, 5)
+    assert both["avoidable_per_test"] == pytest.approx(0.25)
+    assert both["avoidable_interval95"] == (binomial_interval(2, 10)[0], binomial_interval(3, 10)[1])
     assert both["crash_types"] == {"sideswipe": 4, "angle": 0}
 
 

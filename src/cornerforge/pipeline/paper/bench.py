@@ -22,13 +22,18 @@ from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside, learn
+from cornerforge.sim.braking import Braking
+from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.rewards import REWARDS
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks, warm_up
 
 __all__ = ["PLAIN", "REPRODUCE_BUDGETS", "Adversary", "Bench", "ReproduceBudget", "World"]
 
 PLAIN = ("uniform", "lane-changer", "swerve")
 """Plain adversaries, that every learned one stands beside."""
+BRAKING = Braking(1.0, 8.0)
+"""What "avoidable" means here: braking at 8 m/s2 from 1 s after the manoeuvre began."""
 NATURAL_TESTS = 1 << 43
 """Number of the first natural test of a bench: far from all that somebody trains on or generates with."""
 
@@ -41,8 +46,8 @@ class ReproduceBudget:
         decisions: Length of a training without the bound.
         bounded_decisions: With it; crashes are rarer there, so it needs more.
         seeds: Trainings of each kind, each with a seed of its own.
-        trained_on: AVs that adversaries are trained on; None for all built-in ones. Names that this version does not
-            have are left out.
+        trained_on: AVs that adversaries are trained on; None for all built-in ones.
+        rewards: Rewards that they are trained for; None for all.
         tests: Evaluation tests of each adversary and AV.
         natural_tests: Tests of each AV in natural traffic.
         typed: Crashes of each that are driven again and classified, the first ones in test order.
@@ -54,6 +59,7 @@ class ReproduceBudget:
     bounded_decisions: int
     seeds: int
     trained_on: tuple[str, ...] | None
+    rewards: tuple[str, ...] | None
     tests: int
     natural_tests: int
     typed: int
@@ -63,16 +69,16 @@ class ReproduceBudget:
 
 REPRODUCE_BUDGETS = {
     "quick": ReproduceBudget(
-        decisions=500_000, bounded_decisions=500_000, seeds=1, trained_on=("idm-mobil", "rl"), tests=1_024,
-        natural_tests=20_000, typed=200, miles=100.0, cases=2_000,
+        decisions=500_000, bounded_decisions=500_000, seeds=1, trained_on=("idm-mobil",),
+        rewards=("crash", "avoidable"), tests=1_024, natural_tests=20_000, typed=100, miles=100.0, cases=2_000,
     ),
     "standard": ReproduceBudget(
-        decisions=2_000_000, bounded_decisions=4_000_000, seeds=1, trained_on=None, tests=4_096,
-        natural_tests=200_000, typed=500, miles=500.0, cases=10_000,
+        decisions=2_000_000, bounded_decisions=4_000_000, seeds=1, trained_on=None, rewards=None,
+        tests=4_096, natural_tests=200_000, typed=500, miles=500.0, cases=10_000,
     ),
     "full": ReproduceBudget(
-        decisions=3_000_000, bounded_decisions=6_000_000, seeds=3, trained_on=None, tests=8_192,
-        natural_tests=1_000_000, typed=1_000, miles=2_000.0, cases=50_000,
+        decisions=3_000_000, bounded_decisions=6_000_000, seeds=3, trained_on=None, rewards=None,
+        tests=8_192, natural_tests=1_000_000, typed=1_000, miles=2_000.0, cases=50_000,
     ),
 }  # fmt: skip
 """quick: about 3 minutes on two quiet cores; standard: about an hour; full: several hours (docs/results.md)."""
@@ -151,8 +157,9 @@ class Bench:
 
     @property
     def rewards(self) -> tuple[str, ...]:
-        """What learned adversaries are paid for."""
-        return ("crash",)
+        """What learned adversaries are paid for: all rewards that there are, or those of the budget."""
+        wanted = self.size.rewards
+        return tuple(REWARDS) if wanted is None else tuple(name for name in REWARDS if name in wanted)
 
     def inputs(self) -> dict[str, Any]:
         """What decides a measurement beside its own arguments: code, seed, world, and the AVs."""
@@ -181,9 +188,9 @@ class Bench:
         return experiment(av=av, **world, policy=self.policy(adversary, k))
 
     def config(self, adversary: Adversary) -> TrainConfig:
-        """Hyperparameters of a learned adversary: preset `fast` at the budget's length."""
-        size = self.size
-        return replace(preset_named("fast"), decisions=size.bounded_decisions if adversary.bounded else size.decisions)
+        """Hyperparameters of a learned adversary: preset `fast` at the budget's length, paid by its reward."""
+        decisions = self.size.bounded_decisions if adversary.bounded else self.size.decisions
+        return replace(preset_named("fast"), decisions=decisions, reward=adversary.reward or "crash")
 
     def policy(self, adversary: Adversary, k: int = 0) -> Policy:
         """The k-th training of a learned adversary: from `policies/`, where it was made of the same, or trained now.
@@ -241,8 +248,9 @@ class Bench:
         """What an adversary does to an AV on evaluation tests, which nothing was trained on.
 
         Returns:
-            The object of `rate_summary` with `crashes`; `typed`, the number of crashes that were classified (the first
-            ones in test order), of these `crash_types` and `strikers` by name.
+            The object of `rate_summary` with `crashes`; how many of these are `avoidable` (by braking at 8 m/s2 from
+            1 s after the manoeuvre began) and `struck` (the AV's front took part); `typed`, the number of crashes that
+            were classified (the first ones in test order), of these `crash_types` and `strikers` by name.
         """
         return self._kept_judgement(self.experiment(av, adversary, k), f"{adversary.key}.{k}")
 
@@ -265,9 +273,14 @@ class Bench:
             tally.add(outcomes, counts)
             crashed += crashed_tests(start, outcomes)
             self.progress(f"evaluate ({label})", tally.tests, tests)
+        struck, avoidable = judge_crashes(
+            run.setting, run.slots, seed=self.seed, tests=crashed, braking=BRAKING, threads=self.threads
+        )
         return {
             **rate_summary(tally.av_crashes, tally.tests, tally.miles),
             "crashes": tally.av_crashes,
+            "avoidable": int(avoidable.sum()),
+            "struck": int(struck.sum()),
             **self._classified(run, crashed[: self.size.typed]),
         }
 

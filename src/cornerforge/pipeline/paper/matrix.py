@@ -25,16 +25,17 @@ def adversaries(bench: Bench) -> Iterator[Adversary]:
 
 
 def compute(bench: Bench) -> Finding:
-    """Yield, net of the AV's own natural rate, with crash types, for each cell."""
+    """Yield, net of the AV's own natural rate, avoidable yield and crash types, for each cell."""
     natural = {av: bench.natural(av) for av in bench.avs}
     cells = [_cell(bench, adversary, av, natural[av]) for adversary in adversaries(bench) for av in bench.avs]
     rows = [_natural_row(av, rate) for av, rate in natural.items()]
     rows += [_row(cell) for cell in cells]
     of_paper = {
         cell["av"]: row
-        for cell, row in zip(cells, rows[len(natural) :], strict=True)
+        for cell, row in zip(cells, rows[len(natural) :], strict=False)
         if (cell["trained_on"], cell["reward"], cell["bounded"]) == ("idm-mobil", "crash", False)
     }
+    rows += [_avoidable_row(cell) for cell in cells]
     headline = of_paper["rl" if "rl" in of_paper else "idm-mobil"]
     notes = [
         "Each cell: crashes of the AV per test, less those that it has in natural traffic anyhow (last table), on "
@@ -42,6 +43,8 @@ def compute(bench: Bench) -> Finding:
         f"preset fast, {bench.size.decisions:,} decisions ({bench.size.bounded_decisions:,} bounded), "
         f"{bench.size.seeds} seed(s): the mean, with an interval from the lowest to the highest end of the seeds' "
         "exact intervals.",
+        "Avoidable: by braking at 8 m/s2 from 1 s after the manoeuvre began that led to the crash (docs/adr, rewards). "
+        "A yield of unavoidable crashes says little about an AV; compare both maps.",
         "The paper has two of these cells: 0.286 for the AV that the adversary was trained on, and 0.10 for an "
         "RL-based AV that it never met. It reports no bounded yield. Its RL AV is not published: the claim that an "
         "adversary carries over to another AV, at a lower yield, can be compared; the number 0.10 cannot.",
@@ -77,6 +80,12 @@ def _row(cell: dict[str, Any]) -> Row:
     return Row(
         f"{cell['key']} against {cell['av']}", paper, cell["net_per_test"], (low, high), "crashes per test", note
     )
+
+
+def _avoidable_row(cell: dict[str, Any]) -> Row:
+    note = f"the AV's front took part in {cell['struck']} of {cell['crashes']} crashes"
+    what = f"avoidable crashes, {cell['key']} against {cell['av']}"
+    return Row(what, None, cell["avoidable_per_test"], cell["avoidable_interval95"], "crashes per test", note)
 
 
 def _natural_row(av: str, rate: dict[str, Any]) -> Row:
