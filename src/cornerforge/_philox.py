@@ -16,7 +16,16 @@ from cornerforge._jit import inlined_kernel
 if TYPE_CHECKING:
     from numpy import uint64
 
-__all__ = ["PURPOSE_DECIDE", "PURPOSE_EXPLORE", "PURPOSE_INITIAL", "block", "normal_pair", "philox4x32", "uniform"]
+__all__ = [
+    "PURPOSE_DECIDE",
+    "PURPOSE_EXPLORE",
+    "PURPOSE_GUIDE",
+    "PURPOSE_INITIAL",
+    "block",
+    "normal_pair",
+    "philox4x32",
+    "uniform",
+]
 
 PURPOSE_DECIDE = 1
 """A vehicle's decision: 4 words = lateral, acceleration, conflict, spare."""
@@ -24,6 +33,8 @@ PURPOSE_INITIAL = 2
 """Traffic at the start."""
 PURPOSE_EXPLORE = 3
 """The learning adversary's exploration and stochastic acting: 2 words used."""
+PURPOSE_GUIDE = 9
+"""Whether and how a learning adversary is guided while it explores."""
 
 # Trap: in Numba uint64 mixed with a signed integer becomes float64, so every constant here is np.uint64.
 _M0 = np.uint64(0xD2511F53)

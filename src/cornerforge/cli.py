@@ -132,6 +132,13 @@ def _rate_text(r: dict[str, Any], what: str) -> str:
     return line + ")"
 
 
+def _yield_text(r: dict[str, Any], what: str) -> str:
+    low, high = r["avoidable_interval95"]
+    line = f"{_rate_text(r, what)}, {r['avoidable_per_test']:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
+    share = r["striking_share"]
+    return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
+
+
 @app.command()
 def run(
     budget: Annotated[str, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.")] = "quick",
@@ -227,6 +234,10 @@ def train(
     av: Av = "idm-mobil",
     preset: Annotated[str, typer.Option(help="fast or paper.")] = "fast",
     bounded: Bounded = False,
+    reward: Annotated[
+        str, typer.Option(help="Crashes that are paid for: crash (all), striking or avoidable.")
+    ] = "crash",
+    delay: Annotated[float, typer.Option(help="Seconds that the AV has to react, in avoidable.")] = 1.0,
     decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
     minutes: Annotated[
         float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
@@ -235,6 +246,7 @@ def train(
     lanes: Lanes = None,
     odd: OddName = "default",
     model: Model = None,
+    tests: Annotated[int, typer.Option(help="Evaluation tests for each yield.")] = 8192,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -245,13 +257,14 @@ def train(
     from cornerforge import pipeline
 
     def text(r: dict[str, Any]) -> str:
-        lines = [_rate_text(r, "Adversary")] + [_rate_text(b, f"{b['name']:>12}") for b in r["baselines"]]
+        lines = [_yield_text(r, "Adversary")] + [_yield_text(b, f"{b['name']:>21}") for b in r["baselines"]]
         return "\n".join([*lines, f"{r['decisions']:,} decisions in {r['seconds']:.0f} s; policy: {r['out']}"])
 
     _run(
         lambda bars: pipeline.train(
-            out=out, av=av, preset=preset, bounded=bounded, decisions=decisions, minutes=minutes, resume=resume,
-            lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+            out=out, av=av, preset=preset, bounded=bounded, reward=reward, delay=delay, decisions=decisions,
+            minutes=minutes, resume=resume, lanes=lanes, odd=odd, model=model, tests=tests, seed=seed, threads=threads,
+            progress=bars,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

@@ -22,7 +22,7 @@ TINY = replace(
     target_update=10, epsilon_decisions=2000, decisions=3000,
 )  # fmt: skip
 SHORT = replace(
-    PRESETS["fast"], width=64, batch=256, replay_size=65_536, replay_start=4096, decisions_per_update=128,
+    PRESETS["fast"], batch=256, replay_size=65_536, replay_start=4096, decisions_per_update=128,
     target_update=100, epsilon_decisions=33_000, decisions=100_000,
 )  # fmt: skip
 
@@ -56,6 +56,18 @@ def test_the_curve_counts_up_to_the_end_and_is_told(world: Experiment) -> None:
     assert [point.decisions for point in told] == [3200, 6400]
     assert sum(point.tests for point in told) > 0
     assert all(p.crashes_per_test is None or 0.0 <= p.crashes_per_test <= 1.0 for p in told)
+
+
+def test_a_long_curve_is_thinned_and_loses_no_test(world: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = replace(TINY, replay_start=2048, decisions=64 * 400)
+    whole = tiny(world, config=config).curve
+    monkeypatch.setattr("cornerforge.adversary.train._MOST_POINTS", 4)
+    thin = tiny(world, config=config).curve
+    assert [p.decisions for p in whole] == [64 * k for k in range(50, 401, 50)]
+    assert [p.decisions for p in thin] == [12_800, 25_600]  # thinned at 4 points, and again
+    for crashes in (lambda p: p.tests, lambda p: p.tests * p.crashes_per_test, lambda p: p.tests * p.paid_per_test):
+        halves = [sum(map(crashes, whole[:4])), sum(map(crashes, whole[4:]))]
+        assert list(map(crashes, thin)) == pytest.approx(halves)
 
 
 def test_a_time_limit_ends_it_early(world: Experiment) -> None:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from folder_snapshot import snapshot
 
 from cornerforge import pipeline
 from cornerforge.adversary.policy_file import load_policy, policy_hash
 from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.ndd.model import default_model_path, load_model, save_model
 
-KNOWN = {"decisions", "seconds", "crashes_per_test", "interval95", "tests", "out", "baselines", "policy_hash"}
+KNOWN = {
+    "decisions", "seconds", "crashes_per_test", "interval95", "tests", "out", "baselines", "policy_hash", "reward",
+    "avoidable_per_test", "avoidable_interval95", "striking_share", "striking_interval95",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +35,19 @@ def test_summary_and_file_agree(trained: tuple[Path, dict[str, object]]) -> None
     assert summary["policy_hash"] == policy_hash(policy)
     assert summary["decisions"] == policy.about["decisions"] == 2048  # whole iterations of 512 worlds
     assert policy.about["seed"] == 4
-    assert [b["name"] for b in summary["baselines"]] == ["uniform", "lane-changer", "swerve"]  # type: ignore[attr-defined]
+    baselines: list[dict[str, Any]] = summary["baselines"]  # type: ignore[assignment]
+    assert [b["name"] for b in baselines] == [
+        "nobody", "uniform", "uniform, bounded", "lane-changer", "lane-changer, bounded", "swerve", "swerve, bounded",
+    ]  # fmt: skip
+    for rate in (summary, *baselines):
+        low, high = rate["avoidable_interval95"]  # type: ignore[misc]
+        assert 0.0 <= low <= rate["avoidable_per_test"] <= rate["crashes_per_test"]  # type: ignore[operator]
+        assert rate["avoidable_per_test"] <= high  # type: ignore[operator]
+    swerve = baselines[5]
+    assert swerve["crashes_per_test"] > 0.5
+    assert 0.0 < swerve["avoidable_per_test"] < swerve["crashes_per_test"]
+    assert baselines[0]["crashes_per_test"] == 0.0
+    assert baselines[0]["striking_share"] is None
     assert [entry.name for entry in path.parent.iterdir()] == ["p.safetensors"]
 
 
@@ -51,7 +70,13 @@ def test_resume_keeps_the_policy_of_the_same_command(trained: tuple[Path, dict[s
 
 @pytest.mark.parametrize(
     ("changes", "named"),
-    [({"seed": 5}, "seed"), ({"bounded": True}, "bounded"), ({"decisions": 9}, "train"), ({"lanes": 4}, "odd")],
+    [
+        ({"seed": 5}, "seed"),
+        ({"bounded": True}, "bounded"),
+        ({"decisions": 9}, "train"),
+        ({"lanes": 4}, "odd"),
+        ({"reward": "striking"}, "train"),
+    ],
 )
 def test_resume_refuses_the_policy_of_another_command(
     changes: dict[str, int], named: str, trained: tuple[Path, dict[str, object]]
@@ -150,12 +175,31 @@ def test_a_kill_between_policy_and_checkpoint_leaves_no_checkpoint_for_long(
 @pytest.mark.parametrize(
     "arguments",
     [{"decisions": 0}, {"minutes": 0.0}, {"minutes": float("nan")}, {"preset": "fats"}, {"seed": -1}, {"av": "x"},
+     {"reward": "crush"}, {"delay": -1.0},
      {"tests": 0}, {"threads": 0}],
 )  # fmt: skip
 def test_wrong_arguments_make_nothing(arguments: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError):
         pipeline.train(out=tmp_path / "new" / "p.safetensors", **{"decisions": 600} | arguments)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
+
+
+def test_time_alone_ends_a_training_of_minutes(tmp_path: Path) -> None:
+    summary = pipeline.train(out=tmp_path / "p.safetensors", minutes=0.02, tests=10, seed=4)
+    policy = load_policy(tmp_path / "p.safetensors")
+    assert policy.about["train"]["decisions"] == 10**12  # type: ignore[index]
+    assert 512 <= summary["decisions"] < 10**8
+
+
+def test_a_model_that_allows_everything_cannot_bound(tmp_path: Path) -> None:
+    model = load_model(default_model_path())
+    following = (model.following + 1e-6) / (model.following + 1e-6).sum(axis=-1, keepdims=True)
+    free = (model.free + 1e-6) / (model.free + 1e-6).sum(axis=-1, keepdims=True)
+    save_model(replace(model, following=following.astype(np.float32), free=free.astype(np.float32)), tmp_path / "m.npz")
+    before = snapshot(tmp_path)
+    with pytest.raises(InputError, match=r"m\.npz calls no acceleration impossible"):
+        pipeline.train(out=tmp_path / "p.safetensors", decisions=600, bounded=True, model=tmp_path / "m.npz")
+    assert snapshot(tmp_path) == before
 
 
 def test_a_place_that_cannot_be_written_is_found_before_training(tmp_path: Path) -> None:

@@ -20,6 +20,8 @@ class TrainConfig:
     `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over
     seconds, so that the same seed learns the same weights on any machine speed. `reward` is a name of
     `sim.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
+    `guided` is the share of worlds in which exploring mostly means what the plain adversary `swerve` would do, so that
+    crashes that chance hardly ever makes are seen at all.
 
     Raises:
         InputError: A value is out of range.
@@ -43,6 +45,7 @@ class TrainConfig:
     n_stream: int
     width: int
     discount: float = 1.0
+    guided: float = 0.0
     reward: str = "crash"
     delay_s: float = field(default=1.0, metadata={"unit": "s"})
 
@@ -53,6 +56,7 @@ class TrainConfig:
         check_number("train.discount", self.discount, low=0.0, high=1.0)
         reward_numbers(self.reward, self.delay_s)
         check_number("train.epsilon_start", self.epsilon_start, low=0.0, high=1.0)
+        check_number("train.guided", self.guided, low=0.0, high=1.0)
         check_number("train.epsilon_end", self.epsilon_end, low=0.0, high=1.0)
         for name in ("batch", "epsilon_decisions", "target_update", "worlds", "decisions"):
             check_integer(f"train.{name}", getattr(self, name), low=1, high=10**12)
@@ -74,7 +78,7 @@ PRESETS = {
         learning_rate=1e-3,
         final_learning_rate=5e-5,
         batch=512,
-        replay_size=262_144,
+        replay_size=524_288,
         replay_start=16_384,
         epsilon_start=1.0,
         epsilon_end=0.02,
@@ -82,10 +86,11 @@ PRESETS = {
         target_update=250,
         decisions_per_update=256,
         worlds=512,
-        decisions=2_000_000,
+        decisions=3_000_000,
         n_shared=2,
         n_stream=1,
-        width=128,
+        width=64,
+        guided=0.5,
     ),
     "paper": TrainConfig(
         preset="paper",

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from types import FrameType
 from typing import Any
 
@@ -30,7 +30,7 @@ from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.drive import N_FINISHED, History, Setting, Transitions, collect, start_worlds
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.rewards import RewardNumbers, reward_numbers
+from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds
 from cornerforge.types import N_ACTIONS
@@ -45,7 +45,10 @@ __all__ = ["TRAINING_TESTS", "CurvePoint", "TrainResult", "train_adversary"]
 TRAINING_TESTS = 1 << 40
 """Number of the first training test; evaluation and generation use tests far from these."""
 _POINT_EVERY = 50
-"""Iterations between two points of the training curve."""
+"""Iterations between two points of the training curve, at first."""
+_MOST_POINTS = 1000
+"""When the curve has so many points, pairs of them become one, and points come half as often: a long training does not
+drown in them."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +79,27 @@ class TrainResult:
     curve: list[CurvePoint] = field(default_factory=list)
 
 
+def _joined(first: CurvePoint, second: CurvePoint) -> CurvePoint:
+    """Two neighbouring points as one."""
+    tests = first.tests + second.tests
+
+    def share(name: str) -> float | None:
+        paid = [p.tests * getattr(p, name) for p in (first, second) if p.tests]
+        return sum(paid) / tests if tests else None
+
+    return replace(
+        second, tests=tests, crashes_per_test=share("crashes_per_test"), paid_per_test=share("paid_per_test")
+    )
+
+
 class _Actor:
     """The worlds that produce transitions."""
 
-    def __init__(self, setting: Setting, slots: int, n: int, reward: RewardNumbers, seed: int) -> None:
+    def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int) -> None:
+        n = config.worlds
         self._setting = setting
-        self._reward = reward
+        self._reward = reward_numbers(config.reward, config.delay_s)
+        self._guided = round(config.guided * n)
         self._seed = seed
         self._worlds = allocate_worlds(n, slots)
         self._tests = np.arange(TRAINING_TESTS, TRAINING_TESTS + n, dtype=np.int64)
@@ -110,6 +128,7 @@ class _Actor:
             n,
             self._tests,
             epsilon,
+            self._guided,
             setting,
             self._reward,
             self._worlds,
@@ -151,9 +170,9 @@ def _epsilon(config: TrainConfig, decisions: int) -> float:
     return config.epsilon_start + (config.epsilon_end - config.epsilon_start) * done
 
 
-def _learning_rate(config: TrainConfig, decisions: int) -> float:
-    """Cosine from the first to the final rate over the planned decisions."""
-    done = min(1.0, decisions / config.decisions)
+def _learning_rate(config: TrainConfig, decisions: int, share_of_time: float = 0.0) -> float:
+    """Cosine from the first to the final rate over the planned decisions, or over the time where that is shorter."""
+    done = min(1.0, max(decisions / config.decisions, share_of_time))
     share = 0.5 * (1.0 + float(np.cos(np.pi * done)))
     return config.final_learning_rate + (config.learning_rate - config.final_learning_rate) * share
 
@@ -177,7 +196,8 @@ def train_adversary(
         config: Hyperparameters; `config.decisions` says how long, rounded up to whole iterations.
         seed: Names tests, exploration, initial weights and replay draws.
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
-        max_seconds: Stop earlier after this time [s]; then the result depends on the machine's speed.
+        max_seconds: Stop earlier after this time [s], over which the learning rate falls; then the result depends on
+            the machine's speed.
         progress: Called with each new point of the curve.
         checkpoint: Where to keep the state now and then and on Ctrl-C. What the file holds is gone on from, to the same
             result as without the stop; seconds count on. It is left there: remove it once the result is safe.
@@ -208,13 +228,14 @@ class _Training:
         shape, weights = config.network, self._learner.weights()
         numbers = PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
         hostile = setting._replace(adversary=ADVERSARIES["policy"], policy=numbers)
-        self._actor = _Actor(hostile, slots, config.worlds, reward_numbers(config.reward, config.delay_s), seed)
+        self._actor = _Actor(hostile, slots, config, seed)
         self._buffer = allocate_transitions(config.worlds)
         self._seen = np.zeros(N_FINISHED, dtype=np.int64)
         self._loss: float | None = None
+        self.point_every = _POINT_EVERY
         self.result = TrainResult(weights, 0, 0, 0.0)
 
-    def iterate(self, pool: ThreadPoolExecutor, threads: int) -> None:
+    def iterate(self, pool: ThreadPoolExecutor, threads: int, share_of_time: float) -> None:
         """One decision of each world, and the updates that go with them."""
         config, learner, decisions = self._config, self._learner, self.result.decisions
         acting = pool.submit(self._actor.act, learner.weights(), _epsilon(config, decisions), self._buffer)
@@ -222,7 +243,7 @@ class _Training:
             acting.result()
         if learner.memory.size >= config.replay_start:
             updates = config.worlds // config.decisions_per_update
-            self._loss = learner.learn(updates, _learning_rate(config, decisions))
+            self._loss = learner.learn(updates, _learning_rate(config, decisions, share_of_time))
         learner.memory.add(acting.result())
         self.result.decisions += config.worlds
 
@@ -238,6 +259,9 @@ class _Training:
             result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate, paid_rate
         )
         result.curve.append(point)
+        if len(result.curve) == _MOST_POINTS:
+            result.curve[:] = [_joined(*pair) for pair in zip(result.curve[::2], result.curve[1::2], strict=True)]
+            self.point_every *= 2
         return point
 
     def finish(self) -> TrainResult:
@@ -255,6 +279,7 @@ class _Training:
             "decisions": result.decisions,
             "seconds": result.seconds,
             "loss": self._loss,
+            "point_every": self.point_every,
             "curve": [asdict(point) for point in result.curve],
             "learner": self._learner.values(),
         }
@@ -267,6 +292,7 @@ class _Training:
         self._learner.restore(below("learner", saved.arrays), values["learner"])
         self._seen[:] = saved.arrays["seen"]
         self._loss = values["loss"]
+        self.point_every = values["point_every"]
         self.result.decisions = values["decisions"]
         self.result.seconds = values["seconds"]
         self.result.curve = [CurvePoint(**point) for point in values["curve"]]
@@ -323,11 +349,11 @@ def _train(
     iterations = -(-config.decisions // config.worlds)
     with ThreadPoolExecutor(1) as pool, _interrupt_held(checkpoint is not None) as interrupted:
         for iteration in range(result.decisions // config.worlds, iterations):
-            training.iterate(pool, threads)
+            training.iterate(pool, threads, result.seconds / max_seconds if max_seconds else 0.0)
             result.seconds = time.perf_counter() - start
             last = iteration == iterations - 1 or (max_seconds is not None and result.seconds >= max_seconds)
             try:
-                if last or (iteration + 1) % _POINT_EVERY == 0:
+                if last or (iteration + 1) % training.point_every == 0:
                     point = training.add_point()
                     if progress is not None:
                         progress(point)

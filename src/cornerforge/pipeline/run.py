@@ -133,6 +133,14 @@ def _train(
     }
 
 
+def _plain_rates(
+    plain: Experiment, tests: int, seed: int, threads: int | None, progress: Progress
+) -> list[dict[str, Any]]:
+    """Yields of the plain adversaries; what happens with nobody is the natural traffic, counted on many more tests."""
+    rates = measure_baselines(plain, tests=tests, seed=seed, threads=threads, progress=progress)
+    return [rate for rate in rates if rate["name"] != "nobody"]
+
+
 def _train_config(budget: Budget) -> TrainConfig:
     return replace(preset_named("fast"), decisions=budget.decisions)
 
@@ -209,7 +217,7 @@ def run(
     evaluation = once("evaluate", lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress))
     baselines = once(
         "baselines",
-        lambda: {"rates": measure_baselines(plain, tests=tests, seed=seed, threads=threads, progress=progress)},
+        lambda: {"rates": _plain_rates(plain, tests, seed, threads, progress)},
     )
     exposed = once(
         "exposure",

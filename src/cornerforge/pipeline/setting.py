@@ -110,6 +110,11 @@ def experiment(
         bv, bounded = "policy", policy.bounded
     if bounded and bv in ("nde", "idm"):
         raise InputError(f"bounded needs an adversary; {bv} has none. Train one with: cornerforge train --bounded")
+    if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
+        raise InputError(
+            f"The model {model} calls no acceleration impossible anywhere, so bounded would exclude nothing; fit one "
+            "with: cornerforge ndd fit (it cuts what lies beyond its spread to 0), or leave out --bounded."
+        )
     code = 0 if bv in ("nde", "idm") else ADVERSARIES[bv]
     setting = Setting(
         road_numbers(road),

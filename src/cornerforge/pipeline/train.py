@@ -16,8 +16,12 @@ from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
+from cornerforge.pipeline.simulate import rate_summary
+from cornerforge.rates import binomial_interval
 from cornerforge.sim.adversaries import ADVERSARIES
+from cornerforge.sim.judge import judge_crashes
+from cornerforge.sim.rewards import reward_numbers
+from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
 
 if TYPE_CHECKING:
     from cornerforge.adversary.train import CurvePoint, TrainResult
@@ -27,7 +31,7 @@ __all__ = ["BASELINES", "EVALUATION_TESTS", "checkpoint_beside", "evaluate", "le
 EVALUATION_TESTS = 1 << 41
 """Number of the first evaluation test: far from those of training and of generation."""
 BASELINES = ("uniform", "lane-changer", "swerve")
-"""Plain adversaries that every yield is shown beside."""
+"""Plain adversaries that every yield is shown beside, each unmasked and masked; and so is driving with nobody."""
 
 
 def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int) -> dict[str, Any]:
@@ -94,24 +98,71 @@ def learn(
 
 
 def evaluate(
-    run: Experiment, *, tests: int, seed: int, threads: int | None = None, progress: Progress = NO_PROGRESS
+    run: Experiment,
+    *,
+    tests: int,
+    seed: int,
+    delay_s: float = 1.0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
-    """Crash rate of an experiment on evaluation tests."""
-    tally, _ = simulate_experiment(
-        run, tests=tests, seed=seed, first=EVALUATION_TESTS, threads=threads, progress=progress, stage="evaluate"
+    """Yield of an experiment on evaluation tests: all crashes, those avoidable by braking, those that the AV struck in.
+
+    Args:
+        run: The experiment.
+        tests: How many, at least 1.
+        seed: Of the tests.
+        delay_s: The AV's time to react, for `sim.braking.is_avoidable` [s].
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+
+    Returns:
+        As `rate_summary`, and `avoidable_per_test` with `avoidable_interval95`; `striking_share`, the share of the
+        crashes in which the AV struck, with `striking_interval95` (both None without a crash).
+    """
+    tally, crashed = Tally(), []
+    n_threads = check_threads(threads)
+    for first, out, counts in simulate_chunks(
+        run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=n_threads
+    ):
+        tally.add(out, counts)
+        crashed += crashed_tests(first, out)
+        progress("evaluate", tally.tests, tests)
+    braking = reward_numbers("avoidable", delay_s).braking
+    strikes, avoidable = judge_crashes(
+        run.setting, run.slots, seed=seed, tests=crashed, braking=braking, threads=n_threads
     )
-    return rate_summary(tally.av_crashes, tally.tests, tally.miles)
+    n_avoidable, n_strikes = int(avoidable.sum()), int(strikes.sum())
+    return {
+        **rate_summary(tally.av_crashes, tally.tests, tally.miles),
+        "avoidable_per_test": n_avoidable / tests,
+        "avoidable_interval95": list(binomial_interval(n_avoidable, tests)),
+        "striking_share": n_strikes / len(crashed) if crashed else None,
+        "striking_interval95": list(binomial_interval(n_strikes, len(crashed))) if crashed else None,
+    }
 
 
 def measure_baselines(
-    run: Experiment, *, tests: int, seed: int, threads: int | None = None, progress: Progress = NO_PROGRESS
+    run: Experiment,
+    *,
+    tests: int,
+    seed: int,
+    delay_s: float = 1.0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
 ) -> list[dict[str, Any]]:
-    """Crash rates of the plain adversaries under the run's mask, on the same evaluation tests."""
+    """Yields of nobody and of the plain adversaries, each with and without the NDD-bounded mask, on the same tests.
+
+    Returns:
+        As `evaluate`, with `name` ("swerve", "swerve, bounded", ...) and `bounded`; nobody, who has no mask, once.
+    """
     rates = []
-    for name in BASELINES:
-        setting = run.setting._replace(adversary=ADVERSARIES[name], bounded=int(run.bounded))
-        plain = replace(run, setting=setting, bv=name, policy=None)
-        rates.append({"name": name, **evaluate(plain, tests=tests, seed=seed, threads=threads, progress=progress)})
+    for name in ("nobody", *BASELINES):
+        for bounded in (False,) if name == "nobody" else (False, True):
+            setting = run.setting._replace(adversary=ADVERSARIES[name], bounded=int(bounded))
+            plain = replace(run, setting=setting, bv=name, bounded=bounded, policy=None)
+            rate = evaluate(plain, tests=tests, seed=seed, delay_s=delay_s, threads=threads, progress=progress)
+            rates.append({"name": f"{name}, bounded" if bounded else name, "bounded": bounded, **rate})
     return rates
 
 
@@ -121,26 +172,34 @@ def train(
     av: str = "idm-mobil",
     preset: str = "fast",
     bounded: bool = False,
+    reward: str = "crash",
+    delay: float = 1.0,
     decisions: int | None = None,
     minutes: float | None = None,
     resume: bool = False,
     lanes: int | None = None,
     odd: str = "default",
     model: Path | str | None = None,
-    tests: int = 4096,
+    tests: int = 8192,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
     """Train the adversary (dueling double DQN) and write its policy.
 
+    The policy is the one at the end of training: none is picked by a look at tests. It is measured, as are the plain
+    adversaries beside it, on evaluation tests, which no training and no generation ever uses.
+
     Args:
         out: Policy file, `.safetensors`; must not exist unless `resume`.
         av: AV to learn on.
         preset: "fast" or "paper".
         bounded: Only actions that the naturalistic model calls possible.
+        reward: Which crashes of the AV are paid for: a name of `sim.rewards.REWARDS`.
+        delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
         decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights.
-        minutes: Stop after this time [min]; the result then depends on the machine's speed.
+        minutes: Stop after this time [min], and let the learning rate fall over it; the result then depends on the
+            machine's speed. With `decisions` too, what comes first ends it.
         resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
             weights are those of a training without the stop, unless `minutes` ends it. Where `out` holds a finished
             policy of the same seed, length and world, keep it and only measure it again.
@@ -159,11 +218,13 @@ def train(
     path = Path(out)
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("tests", tests, low=1, high=10**9)
-    config = preset_named(preset)
+    config = replace(preset_named(preset), reward=reward, delay_s=delay)
     if decisions is not None:
         config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
     if minutes is not None:
         check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
+        if decisions is None:
+            config = replace(config, decisions=10**12)  # the time alone ends it
     run = experiment(
         av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded
     )
@@ -192,15 +253,19 @@ def train(
         seconds = result.seconds
     checkpoint.remove()
     trained = experiment(av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), policy=policy)
-    rate = evaluate(trained, tests=tests, seed=seed, threads=threads, progress=progress)
+    measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "threads": threads}
+    rate = evaluate(trained, **measured, progress=progress)
     return {
         "decisions": policy.about["decisions"],
+        "decisions_per_second": round(int(str(policy.about["decisions"])) / seconds, 1) if seconds > 0.0 else None,
         "updates": policy.about["updates"],
         "seconds": round(seconds, 3),
         "preset": preset,
         "bounded": bounded,
+        "reward": reward,
+        "delay_s": delay,
         **rate,
-        "baselines": measure_baselines(run, tests=tests, seed=seed, threads=threads, progress=progress),
+        "baselines": measure_baselines(run, **measured, progress=progress),
         "policy_hash": policy_hash(policy),
         "kept": kept,
         "out": str(path),

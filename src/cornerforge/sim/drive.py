@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.adversaries import ChoiceScratch, choose_action
+from cornerforge._philox import PURPOSE_GUIDE, block, uniform
+from cornerforge.sim.adversaries import SWERVE, UNIFORM, ChoiceScratch, choose_action
 from cornerforge.sim.braking import is_avoidable
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.neighbours import nearest_bv
@@ -336,8 +337,25 @@ def _reward(
 
 
 @kernel
+def _guided_action(
+    w: World, epsilon: float, seed: int, test: int, setting: Setting, s: ChoiceScratch
+) -> int:  # fmt: skip
+    """The policy's action, but with chance epsilon one that a plain adversary would take.
+
+    Of these three in four are `swerve`'s and the others uniform: a bare swerve always does the same.
+    """
+    bv = w.info[CONTROLLED]
+    words = block(seed, test, w.info[N_DECISIONS], bv, PURPOSE_GUIDE)
+    kind = setting.adversary
+    if uniform(words[0]) < epsilon:
+        kind = SWERVE if uniform(words[1]) < 0.75 else UNIFORM
+    return choose_action(w, bv, kind, 0.0, seed, test, setting.policy, s)
+
+
+@kernel
 def collect(
-    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, setting: Setting, reward: RewardNumbers,
+    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, guided: int, setting: Setting,
+    reward: RewardNumbers,
     worlds: World, pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void], history: History,
     observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
 ) -> None:  # fmt: skip
@@ -348,13 +366,19 @@ def collect(
 
     Reward: +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes
     with another BV, else 0.
+
+    Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds mostly what `swerve` would
+    do.
     """
     n = tests.size
     for b in range(begin, end):
         w = world_row(worlds, b)
         _copy_view(observation[b], allowed[b], s.observation, s.allowed)
         _copy_view(observation[b], allowed[b], out.observation[b], s.allowed)
-        action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
+        if b < guided:
+            action = _guided_action(w, epsilon, seed, tests[b], setting, s)
+        else:
+            action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
         history.bv[b, w.info[N_DECISIONS]] = w.info[CONTROLLED]
         history.action[b, w.info[N_DECISIONS]] = action
         step_world(
