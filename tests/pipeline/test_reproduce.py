@@ -18,13 +18,12 @@ from cornerforge.adversary.config import PRESETS, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
+from cornerforge.pipeline.paper import ITEMS, figure3
 from cornerforge.pipeline.paper import bench as bench_module
-from cornerforge.pipeline.paper import figure3
 from cornerforge.pipeline.paper.bench import Adversary, Bench, ReproduceBudget, World, keep
 from cornerforge.pipeline.paper.figure2 import seconds_to_yield
 from cornerforge.pipeline.paper.matrix import adversaries
 from cornerforge.pipeline.paper.pooled import pooled
-from cornerforge.pipeline.paper.registry import ITEMS
 from cornerforge.pipeline.paper.table1 import TABLE1
 from cornerforge.pipeline.setting import experiment
 from cornerforge.pipeline.simulate import simulate_experiment

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_in, check_integer
-from cornerforge.drivers.avs import AVS, av_hash
+from cornerforge.drivers.avs import av_hash
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.output import (
     code_hash,
@@ -20,9 +20,9 @@ from cornerforge.pipeline.output import (
     version,
     write_json,
 )
+from cornerforge.pipeline.paper import ITEMS
 from cornerforge.pipeline.paper.bench import REPRODUCE_BUDGETS, Bench, World, keep
 from cornerforge.pipeline.paper.item import Item
-from cornerforge.pipeline.paper.registry import ITEMS
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 
 __all__ = ["REPRODUCE_BUDGETS", "reproduce", "reproduction_text"]
@@ -98,7 +98,7 @@ def reproduce(
     items = [found for item in ITEMS.values() if (found := _finished(bench, item)) is not None]
     write_json(folder / "items.json", {"budget": budget, "seed": seed, "items": items})
     seconds = round(time.perf_counter() - start, 3)
-    more = {"code": code_hash(), "avs": {name: av_hash(av) for name, av in AVS.items()}}
+    more = {"code": code_hash(), "avs": _av_hashes(bench)}
     write_json(folder / "provenance.json", provenance({**identity, **more}, seconds))
     page = write_reproduction(folder)
     names = [item.id for item in wanted]
@@ -118,8 +118,12 @@ def _path(bench: Bench, item: Item) -> Path:
 
 def _inputs(bench: Bench) -> dict[str, Any]:
     """What decides every item: code, seed, size, world, and what there is to compare."""
-    hashes = {name: av_hash(AVS[name]) for name in bench.avs}
-    return {**bench.inputs(), "avs": hashes, "rewards": list(bench.rewards)}
+    return {**bench.inputs(), "avs": _av_hashes(bench), "rewards": list(bench.rewards)}
+
+
+def _av_hashes(bench: Bench) -> dict[str, str]:
+    """Hash of each built-in AV as it drives, a learned one's weights included."""
+    return {name: av_hash(bench.experiment(name).av) for name in bench.avs}
 
 
 def _made(bench: Bench, item: Item) -> dict[str, Any]:
