@@ -512,6 +512,47 @@ def rate(
 
 
 @app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for the page, figures, numbers and policies.", show_default=False)],
+    figure: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID...",
+            help="table1, figure2, figure3, figure5, matrix, timings; all by default.",
+            show_default=False,
+        ),
+    ] = None,
+    # An option takes one value: what follows `--figure A` in `--figure A B C` arrives here.
+    more: Annotated[list[str] | None, typer.Argument(metavar="ID", hidden=True)] = None,
+    budget: Annotated[str, typer.Option(help="quick (3 min), standard (an hour) or full (hours).")] = "standard",
+    paper_policy: Annotated[
+        Path | None, typer.Option(help="A policy of preset paper, for Figure 2.", show_default=False)
+    ] = None,
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Make the paper's figures and tables again, ours beside theirs, on one page."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.reproduce import reproduction_text
+
+    figures = [*(figure or []), *(more or [])] or None
+    _run(
+        lambda bars: pipeline.reproduce(
+            out=out, figures=figures, budget=budget, paper_policy=paper_policy, resume=resume, lanes=lanes, odd=odd,
+            model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        reproduction_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],

@@ -13,7 +13,19 @@ from typing import Any
 
 from cornerforge.errors import MissingExtraError
 
-__all__ = ["BLUE", "GREEN", "GREY", "ORANGE", "check_matplotlib", "inline", "new_figure", "page", "png_of", "table"]
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "ORANGE",
+    "check_matplotlib",
+    "inline",
+    "new_figure",
+    "page",
+    "png_of",
+    "svg_of",
+    "table",
+]
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
 _STYLE = (
@@ -63,6 +75,18 @@ def png_of(drawing: Any) -> bytes:
     FigureCanvasAgg(drawing)
     with io.BytesIO() as file:
         drawing.savefig(file, format="png", dpi=120, metadata={"Software": None})
+        return file.getvalue()
+
+
+def svg_of(drawing: Any) -> bytes:
+    """The figure as SVG, with text as text; nothing of the machine or the time is in it."""
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    FigureCanvasSVG(drawing)
+    # Element ids are drawn at random unless salted.
+    with io.BytesIO() as file, matplotlib.rc_context({"svg.hashsalt": "cornerforge", "svg.fonttype": "none"}):
+        drawing.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
         return file.getvalue()
 
 

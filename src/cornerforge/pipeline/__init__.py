@@ -7,6 +7,7 @@ from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
 from cornerforge.pipeline.plausibility import plausibility
 from cornerforge.pipeline.rate import rate
+from cornerforge.pipeline.reproduce import reproduce
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.show import ndd_show
 from cornerforge.pipeline.simulate import simulate
@@ -26,6 +27,7 @@ __all__ = [
     "query",
     "rate",
     "replay",
+    "reproduce",
     "run",
     "simulate",
     "train",

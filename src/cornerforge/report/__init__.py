@@ -1,7 +1,8 @@
-"""The report: one self-contained HTML page about a run, made from its artefacts."""
+"""The report: self-contained HTML pages about a run or a reproduction, made from their artefacts."""
 
 from __future__ import annotations
 
 from cornerforge.report.page import write_report
+from cornerforge.report.reproduction import check_reproduction, write_reproduction
 
-__all__ = ["write_report"]
+__all__ = ["check_reproduction", "write_report", "write_reproduction"]

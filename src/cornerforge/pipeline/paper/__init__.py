@@ -1,0 +1,11 @@
+"""The paper's figures and tables, made again: what it says, what ours are, and how far they are apart.
+
+One module for each item; `registry.py` lists them. An item computes from a `Bench`, which keeps trained adversaries and
+measurements, so that items share them and an interrupted `reproduce` goes on.
+"""
+
+from __future__ import annotations
+
+from cornerforge.pipeline.paper.registry import ITEMS
+
+__all__ = ["ITEMS"]

@@ -1,0 +1,313 @@
+"""Where items get adversaries and measurements from: each is made once and kept, whatever item asks for it first."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cornerforge.adversary.config import TrainConfig, preset_named
+from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
+from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_crashes
+from cornerforge.analysis.mechanism import contact_pose
+from cornerforge.drivers.avs import AVS, av_hash
+from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.output import code_hash, read_json_file, write_json
+from cornerforge.pipeline.progress import Progress
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
+from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside, learn
+from cornerforge.sim.braking import Braking
+from cornerforge.sim.judge import judge_crashes
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.rewards import REWARDS
+from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks, warm_up
+
+__all__ = ["PLAIN", "REPRODUCE_BUDGETS", "Adversary", "Bench", "ReproduceBudget", "World"]
+
+PLAIN = ("uniform", "lane-changer", "swerve")
+"""Plain adversaries, that every learned one stands beside."""
+BRAKING = Braking(1.0, 8.0)
+"""What "avoidable" means here: braking at 8 m/s2 from 1 s after the manoeuvre began."""
+NATURAL_TESTS = 1 << 43
+"""Number of the first natural test of a bench: far from all that somebody trains on or generates with."""
+
+
+@dataclass(frozen=True)
+class ReproduceBudget:
+    """How much of everything; in counts, never in seconds, so that results do not depend on speed.
+
+    Attributes:
+        decisions: Length of a training without the bound.
+        bounded_decisions: With it; crashes are rarer there, so it needs more.
+        seeds: Trainings of each kind, each with a seed of its own.
+        trained_on: AVs that adversaries are trained on; None for all built-in ones.
+        rewards: Rewards that they are trained for; None for all.
+        tests: Evaluation tests of each adversary and AV.
+        natural_tests: Tests of each AV in natural traffic.
+        typed: Crashes of each that are driven again and classified, the first ones in test order.
+        miles: Of Figure 3, that the AV drives in each world; the paper has about 50.
+        cases: Of the library that timings are taken on; the paper has about 50,000.
+    """
+
+    decisions: int
+    bounded_decisions: int
+    seeds: int
+    trained_on: tuple[str, ...] | None
+    rewards: tuple[str, ...] | None
+    tests: int
+    natural_tests: int
+    typed: int
+    miles: float
+    cases: int
+
+
+REPRODUCE_BUDGETS = {
+    "quick": ReproduceBudget(
+        decisions=500_000, bounded_decisions=500_000, seeds=1, trained_on=("idm-mobil",),
+        rewards=("crash", "avoidable"), tests=1_024, natural_tests=20_000, typed=100, miles=100.0, cases=2_000,
+    ),
+    "standard": ReproduceBudget(
+        decisions=2_000_000, bounded_decisions=4_000_000, seeds=1, trained_on=None, rewards=None,
+        tests=4_096, natural_tests=200_000, typed=500, miles=500.0, cases=10_000,
+    ),
+    "full": ReproduceBudget(
+        decisions=3_000_000, bounded_decisions=6_000_000, seeds=3, trained_on=None, rewards=None,
+        tests=8_192, natural_tests=1_000_000, typed=1_000, miles=2_000.0, cases=50_000,
+    ),
+}  # fmt: skip
+"""quick: about 3 minutes on two quiet cores; standard: about an hour; full: several hours (docs/results.md)."""
+
+
+@dataclass(frozen=True)
+class World:
+    """The world that all items share, by its user's names, as for `simulate`."""
+
+    odd: str = "default"
+    lanes: int | None = None
+    model: Path | None = None
+
+
+@dataclass(frozen=True)
+class Adversary:
+    """How BVs are hostile.
+
+    Attributes:
+        name: "learned", or one of `PLAIN`.
+        bounded: Under the NDD-bounded mask.
+        trained_on: The AV that a learned one met; None for a plain one.
+        reward: What a learned one was paid for; None for a plain one.
+    """
+
+    name: str
+    bounded: bool
+    trained_on: str | None = None
+    reward: str | None = None
+
+    @property
+    def key(self) -> str:
+        """Name for files and progress, such as "idm-mobil.crash.free"."""
+        what = self.name if self.trained_on is None else f"{self.trained_on}.{self.reward}"
+        return f"{what}.{'bounded' if self.bounded else 'free'}"
+
+
+class Bench:
+    """Adversaries and measurements of one folder.
+
+    Args:
+        folder: The output folder; policies go into `policies/`, measurements into `parts/`.
+        size: How much of everything.
+        world: What they all drive in.
+        seed: Of tests; the k-th training of a kind has seed + k.
+        threads: None for all cores.
+        progress: Told how far it is.
+        paper_policy: A policy of preset `paper`, trained elsewhere, for Figure 2; or None.
+    """
+
+    def __init__(
+        self, folder: Path, size: ReproduceBudget, world: World, *, seed: int, threads: int | None, progress: Progress,
+        paper_policy: Path | None = None,
+    ) -> None:  # fmt: skip
+        self.folder = folder
+        self.size = size
+        self.seed = seed
+        self.threads = check_threads(threads)
+        self.progress = progress
+        self.paper_policy = None if paper_policy is None else load_policy(paper_policy)
+        self._world = world
+        self._policies: dict[tuple[str, int], Policy] = {}
+
+    # --- names ---
+
+    @property
+    def avs(self) -> tuple[str, ...]:
+        """All built-in AVs, the paper's first."""
+        return ("idm-mobil", *(name for name in AVS if name != "idm-mobil"))
+
+    @property
+    def trained_on(self) -> tuple[str, ...]:
+        """The AVs that adversaries are trained on."""
+        wanted = self.size.trained_on
+        return self.avs if wanted is None else tuple(name for name in self.avs if name in wanted)
+
+    @property
+    def rewards(self) -> tuple[str, ...]:
+        """What learned adversaries are paid for: all rewards that there are, or those of the budget."""
+        wanted = self.size.rewards
+        return tuple(REWARDS) if wanted is None else tuple(name for name in REWARDS if name in wanted)
+
+    def inputs(self) -> dict[str, Any]:
+        """What decides a measurement beside its own arguments: code, seed, world, and the AVs."""
+        run = self.experiment("idm-mobil")
+        return {
+            "code": code_hash(),
+            "seed": self.seed,
+            "size": json.loads(json.dumps(asdict(self.size))),
+            "model": model_hash(run.model),
+            "odd": asdict(run.odd),
+        }
+
+    # --- what is kept ---
+
+    def kept(self, name: str, inputs: dict[str, Any], work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Give what `parts/NAME.json` holds if it was made of the same inputs; else do the work and keep it."""
+        return keep(self.folder / "parts" / f"{name}.json", {**self.inputs(), **inputs}, work)
+
+    def experiment(self, av: str, adversary: Adversary | None = None, k: int = 0) -> Experiment:
+        """An AV in natural traffic, or among an adversary's (learned: its k-th training) vehicles."""
+        world = asdict(self._world)
+        if adversary is None:
+            return experiment(av=av, **world)
+        if adversary.trained_on is None:
+            return experiment(av=av, **world, bv=adversary.name, bounded=adversary.bounded)
+        return experiment(av=av, **world, policy=self.policy(adversary, k))
+
+    def config(self, adversary: Adversary) -> TrainConfig:
+        """Hyperparameters of a learned adversary: preset `fast` at the budget's length, paid by its reward."""
+        decisions = self.size.bounded_decisions if adversary.bounded else self.size.decisions
+        return replace(preset_named("fast"), decisions=decisions, reward=adversary.reward or "crash")
+
+    def policy(self, adversary: Adversary, k: int = 0) -> Policy:
+        """The k-th training of a learned adversary: from `policies/`, where it was made of the same, or trained now.
+
+        A training that is interrupted goes on where it was. Policies are reused after changes of code, for they are
+        dear; each names the code that made it.
+        """
+        if (adversary.key, k) not in self._policies:
+            self._policies[adversary.key, k] = self._trained(adversary, k)
+        return self._policies[adversary.key, k]
+
+    def _trained(self, adversary: Adversary, k: int) -> Policy:
+        assert adversary.trained_on is not None  # plain adversaries have no policy
+        path = self.folder / "policies" / f"{adversary.key}.{k}.safetensors"
+        world = asdict(self._world)
+        run = experiment(av=adversary.trained_on, **world, bv="uniform", bounded=adversary.bounded)
+        config, seed = self.config(adversary), self.seed + k
+        wanted: dict[str, Any] = {
+            "seed": seed,
+            "av_hash": av_hash(run.av),
+            "model_hash": model_hash(run.model),
+            "train": asdict(config),
+            "odd": asdict(run.odd),
+        }
+        if path.exists():
+            policy = load_policy(path)
+            if all(policy.about.get(key) == value for key, value in wanted.items()):
+                return policy
+        path.parent.mkdir(parents=True, exist_ok=True)
+        checkpoint = checkpoint_beside(path, run, config, seed)
+        policy, _ = learn(
+            run, config, seed=seed, threads=self.threads, checkpoint=checkpoint,
+            progress=lambda stage, done, total: self.progress(f"{stage} ({adversary.key}, {k})", done, total),
+        )  # fmt: skip
+        save_policy(policy, path)
+        checkpoint.remove()
+        return load_policy(path)
+
+    # --- measurements ---
+
+    def natural(self, av: str) -> dict[str, Any]:
+        """An AV's own crash rate in natural traffic: the object of `rate_summary`."""
+        run = self.experiment(av)
+
+        def work() -> dict[str, Any]:
+            tally, _ = simulate_experiment(
+                run, tests=self.size.natural_tests, seed=self.seed, first=NATURAL_TESTS, threads=self.threads,
+                progress=self.progress, stage=f"natural traffic ({av})",
+            )  # fmt: skip
+            return rate_summary(tally.av_crashes, tally.tests, tally.miles)
+
+        return self.kept(f"natural.{av}", {"av_hash": av_hash(run.av)}, work)
+
+    def judged(self, adversary: Adversary, av: str, k: int = 0) -> dict[str, Any]:
+        """What an adversary does to an AV on evaluation tests, which nothing was trained on.
+
+        Returns:
+            The object of `rate_summary` with `crashes`; how many of these are `avoidable` (by braking at 8 m/s2 from
+            1 s after the manoeuvre began) and `struck` (the AV's front took part); `typed`, the number of crashes that
+            were classified (the first ones in test order), of these `crash_types` and `strikers` by name.
+        """
+        return self._kept_judgement(self.experiment(av, adversary, k), f"{adversary.key}.{k}")
+
+    def judged_policy(self, policy: Policy, av: str, name: str) -> dict[str, Any]:
+        """The same of a policy from elsewhere; `name` is for files and progress."""
+        return self._kept_judgement(experiment(av=av, **asdict(self._world), policy=policy), name)
+
+    def _kept_judgement(self, run: Experiment, name: str) -> dict[str, Any]:
+        made_of = {"av_hash": av_hash(run.av), "policy": None if run.policy is None else policy_hash(run.policy)}
+        av = run.av.name
+        return self.kept(f"judged.{name}.{av}", made_of, lambda: self._judge(run, f"{name}, {av}"))
+
+    def _judge(self, run: Experiment, label: str) -> dict[str, Any]:
+        tests = self.size.tests
+        warm_up(run.setting, run.slots)
+        tally, crashed = Tally(), []
+        for start, outcomes, counts in simulate_chunks(
+            run.setting, run.slots, seed=self.seed, first=EVALUATION_TESTS, tests=tests, threads=self.threads, chunk=128
+        ):
+            tally.add(outcomes, counts)
+            crashed += crashed_tests(start, outcomes)
+            self.progress(f"evaluate ({label})", tally.tests, tests)
+        struck, avoidable = judge_crashes(
+            run.setting, run.slots, seed=self.seed, tests=crashed, braking=BRAKING, threads=self.threads
+        )
+        return {
+            **rate_summary(tally.av_crashes, tally.tests, tally.miles),
+            "crashes": tally.av_crashes,
+            "avoidable": int(avoidable.sum()),
+            "struck": int(struck.sum()),
+            **self._classified(run, crashed[: self.size.typed]),
+        }
+
+    def _classified(self, run: Experiment, crashed: list[int]) -> dict[str, Any]:
+        recorder = Recorder(run.setting, run.odd)
+        scenarios = [recorder.record(self.seed, test) for test in crashed]
+        types: Counter[str] = Counter()
+        strikers: Counter[str] = Counter()
+        if scenarios:
+            poses = np.stack([contact_pose(scenario) for scenario in scenarios])
+            found = classify_crashes(poses, run.odd.vehicle_length, run.odd.vehicle_width)
+            types, strikers = Counter(found.names), Counter(found.striker_counts())
+        return {
+            "typed": len(scenarios),
+            "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
+            "strikers": {name: strikers[name] for name in STRIKERS},
+        }
+
+
+def keep(path: Path, inputs: dict[str, Any], work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Give the result that a file holds if it was made of the same inputs; else do the work and write it there.
+
+    Both ways give what JSON gives back, so that a resumed run sees the same as an unbroken one.
+    """
+    if path.exists():
+        content = read_json_file(path)
+        if content.get("made_of") == inputs and isinstance(content.get("result"), dict):
+            return dict(content["result"])
+    write_json(path, {"made_of": inputs, "result": work()})
+    return dict(read_json_file(path)["result"])

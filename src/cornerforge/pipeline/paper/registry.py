@@ -1,0 +1,15 @@
+"""All items, in the order of the page. A new one: a module beside this, a line here, a renderer in the report."""
+
+from __future__ import annotations
+
+from cornerforge.pipeline.paper.figure2 import FIGURE2
+from cornerforge.pipeline.paper.figure3 import FIGURE3
+from cornerforge.pipeline.paper.figure5 import FIGURE5
+from cornerforge.pipeline.paper.item import Item
+from cornerforge.pipeline.paper.matrix import MATRIX
+from cornerforge.pipeline.paper.table1 import TABLE1
+from cornerforge.pipeline.paper.timings import TIMINGS
+
+__all__ = ["ITEMS"]
+
+ITEMS: dict[str, Item] = {item.id: item for item in (TABLE1, FIGURE2, FIGURE3, FIGURE5, MATRIX, TIMINGS)}

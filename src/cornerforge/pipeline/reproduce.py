@@ -1,0 +1,165 @@
+"""`reproduce`: the paper's figures and tables, ours beside theirs, item by item."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from cornerforge._checks import check_in, check_integer
+from cornerforge.drivers.avs import av_hash
+from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.output import (
+    code_hash,
+    config_hash,
+    open_output,
+    provenance,
+    read_json_file,
+    version,
+    write_json,
+)
+from cornerforge.pipeline.paper import ITEMS
+from cornerforge.pipeline.paper.bench import REPRODUCE_BUDGETS, Bench, World, keep
+from cornerforge.pipeline.paper.item import Item
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+
+__all__ = ["REPRODUCE_BUDGETS", "reproduce", "reproduction_text"]
+
+_SHOWN = ("id", "title", "place", "what", "unit", "paper", "ours", "interval", "note", "rows", "seconds")
+
+
+def reproduce(
+    *,
+    out: Path | str,
+    figures: Sequence[str] | None = None,
+    budget: str = "standard",
+    paper_policy: Path | str | None = None,
+    lanes: int | None = None,
+    odd: str = "default",
+    model: Path | str | None = None,
+    resume: bool = False,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Make the paper's figures and tables again, and a page that shows ours beside theirs.
+
+    `OUT` then holds `index.html`, `figures/` (PNG and SVG), `items.json`, `provenance.json`, and what is kept to go on
+    with: `policies/`, `parts/`, `items/`, `libraries/`.
+
+    Args:
+        out: Folder for everything; must be new or empty unless `resume`.
+        figures: Ids of items, such as "figure3"; None for all. The page shows them and those made earlier.
+        budget: "quick", "standard" or "full" (see `REPRODUCE_BUDGETS`).
+        paper_policy: A policy of preset `paper`, for Figure 2; None to leave that curve out.
+        lanes, odd, model: The world, as for `simulate`.
+        resume: Go on with what is in `out`: finished items, measurements and policies are kept as long as what they
+            were made of is the same (policies even after changes of code), and an unfinished training goes on.
+        seed: 0 or more; the k-th training of a kind has seed + k.
+        threads: None for all cores; does not change the result, timings excepted.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge reproduce --json` prints: `items`, each with `id`, `what`, `paper`, `ours`,
+        `interval` and `unit` of the number that stands for it and all its numbers as `rows` with the same keys; `out`,
+        `page`, `budget`, `seed`, `seconds`. `paper` is null where the paper's text gives no value.
+
+    Raises:
+        CornerForgeError: Input, files or output place are not right; an extra is missing.
+    """
+    from cornerforge.report import check_reproduction, write_reproduction
+
+    start = time.perf_counter()
+    folder = Path(out)
+    size = REPRODUCE_BUDGETS[check_in("budget", budget, tuple(REPRODUCE_BUDGETS))]
+    check_integer("seed", seed, low=0, high=2**32 - 1)
+    wanted = [ITEMS[check_in("figure", name, tuple(ITEMS))] for name in (ITEMS if figures is None else figures)]
+    world = World(odd, lanes, None if model is None else Path(model))
+    bench = Bench(
+        folder, size, world, seed=seed, threads=threads, progress=progress,
+        paper_policy=None if paper_policy is None else Path(paper_policy),
+    )  # fmt: skip
+    run = bench.experiment("idm-mobil")
+    check_reproduction()
+    identity = {
+        "seed": seed,
+        "budget": budget,
+        "odd": run.odd.name,
+        "lanes": run.odd.n_lanes,
+        "model_hash": model_hash(run.model),
+        "config_hash": config_hash({"size": asdict(size), "odd": asdict(run.odd)}),
+        "cornerforge": version(),
+    }
+    open_output(folder, identity, resume=resume)
+    for item in wanted:
+        _made(bench, item)
+    items = [found for item in ITEMS.values() if (found := _finished(bench, item)) is not None]
+    write_json(folder / "items.json", {"budget": budget, "seed": seed, "items": items})
+    seconds = round(time.perf_counter() - start, 3)
+    more = {"code": code_hash(), "avs": _av_hashes(bench)}
+    write_json(folder / "provenance.json", provenance({**identity, **more}, seconds))
+    page = write_reproduction(folder)
+    names = [item.id for item in wanted]
+    return {
+        "items": [{key: item[key] for key in _SHOWN} for item in items if item["id"] in names],
+        "out": str(folder),
+        "page": str(page),
+        "budget": budget,
+        "seed": seed,
+        "seconds": seconds,
+    }
+
+
+def _path(bench: Bench, item: Item) -> Path:
+    return bench.folder / "items" / f"{item.id}.json"
+
+
+def _inputs(bench: Bench) -> dict[str, Any]:
+    """What decides every item: code, seed, size, world, and what there is to compare."""
+    return {**bench.inputs(), "avs": _av_hashes(bench), "rewards": list(bench.rewards)}
+
+
+def _av_hashes(bench: Bench) -> dict[str, str]:
+    """Hash of each built-in AV as it drives, a learned one's weights included."""
+    return {name: av_hash(bench.experiment(name).av) for name in bench.avs}
+
+
+def _made(bench: Bench, item: Item) -> dict[str, Any]:
+    """The item's object: kept, if it was made of the same, else computed now."""
+
+    def work() -> dict[str, Any]:
+        start = time.perf_counter()
+        found = item.compute(bench).as_json()
+        about = {"id": item.id, "title": item.title, "place": item.place, "says": item.says}
+        return {**about, **found, "seconds": round(time.perf_counter() - start, 3)}
+
+    return keep(_path(bench, item), {"all": _inputs(bench), "own": item.inputs(bench)}, work)
+
+
+def _finished(bench: Bench, item: Item) -> dict[str, Any] | None:
+    """An item that is there; None else, or if code or world have changed since.
+
+    Its own inputs may be others: who asks for Figure 3 only does not take a curve out of Figure 2.
+    """
+    path = _path(bench, item)
+    if not path.exists():
+        return None
+    content = read_json_file(path)
+    same = content.get("made_of", {}).get("all") == _inputs(bench)
+    return dict(content["result"]) if same else None
+
+
+def reproduction_text(result: dict[str, Any]) -> str:
+    """What the command line prints: the number that stands for each item, and where the page is."""
+    lines = []
+    for item in result["items"]:
+        ends = "" if item["interval"] is None else " ({:.3g} to {:.3g})".format(*item["interval"])
+        paper, ours = (_plain(item[key]) for key in ("paper", "ours"))
+        lines.append(f"{item['id']:>9}: {item['what']}: the paper {paper}, ours {ours}{ends} {item['unit']}".rstrip())
+    return "\n".join([*lines, f"Page: {result['page']}"])
+
+
+def _plain(value: Any) -> str:
+    return "none" if value is None else value if isinstance(value, str) else f"{value:.4g}"
