@@ -158,6 +158,9 @@ class Batch(ABC):
     def step(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         """One decision of the chosen worlds, none of which may be over; `actions` are checked, of shape (B, ...)."""
         self._advance(actions, chosen)
+        self._note_ends(chosen)
+
+    def _note_ends(self, chosen: NDArray[np.bool_]) -> None:
         self.is_over[chosen] = self.outcome[chosen] != RUNNING
 
     def case(self, b: int) -> str:
@@ -285,11 +288,14 @@ class AvBatch(Batch):
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         command, order = av_commands(actions, box=self._box)
-        self.drive(command, order, chosen)
+        self._drive(command, order, chosen)
 
     def drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
-        """One decision of the chosen worlds by acceleration [m/s2] and lane order, each of shape (B,)."""
+        """As `step`, by acceleration [m/s2] and lane order (`sim.agents.ordered_lane`), each of shape (B,)."""
+        self._drive(command, order, chosen)
+        self._note_ends(chosen)
 
+    def _drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
         def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:
             drive_on_as_av(
                 begin, end, chosen, self.seeds, self.tests, command, order, self.run.setting, self.worlds,
