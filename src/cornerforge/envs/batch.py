@@ -1,0 +1,306 @@
+"""Worlds that an agent drives, many at a time: what single and vector environments have in common."""
+
+from __future__ import annotations
+
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.envs.spaces import av_commands
+from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.pipeline.setting import Experiment
+from cornerforge.sim.adversaries import ChoiceScratch, allocate_choice_scratch
+from cornerforge.sim.agents import (
+    MAX_TRIES,
+    NOBODY_LEFT,
+    allocate_av_seconds,
+    drive_on_as_av,
+    start_as_av,
+    start_as_bv,
+    step_as_bv,
+)
+from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
+from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, FRAME, RUNNING, TIME_UP, allocate_worlds
+from cornerforge.types import FRAME_S, N_ACTIONS
+
+__all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "read_options"]
+
+FIRST_TEST = 1 << 40
+"""Number of the first test after `reset(seed=...)`: where training takes its tests too, far from those that `simulate`,
+`generate` and evaluations drive, so that nothing is measured on what an agent learnt from."""
+MAX_TEST = 1 << 62
+OUTCOMES = {
+    COMPLETED: "completed",
+    AV_CRASH: "av-crash",
+    BV_CRASH: "bv-crash",
+    TIME_UP: "time-up",
+    NOBODY_LEFT: "nobody-left",
+}
+"""How a test ends: the AV drove its length; the AV crashed; the controlled BV crashed with another BV; the time limit;
+no BV is left."""
+_WORLDS_PER_THREAD = 64
+"""Fewer than this are not worth another thread."""
+
+
+def check_seed(seed: int) -> int:
+    """Return a seed that may name tests.
+
+    Raises:
+        InputError: It is no whole number from 0 to 2^63 - 1.
+    """
+    return check_integer("seed", seed, low=0, high=2**63 - 1)
+
+
+def read_options(options: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
+    """A copy of the options of `reset`.
+
+    Raises:
+        UnknownNameError: One is not known.
+    """
+    for name in options or {}:
+        if name not in known:
+            raise UnknownNameError("option of reset", name, known)
+    return dict(options or {})
+
+
+class Batch(ABC):
+    """B worlds, each with its own seed and running test.
+
+    Args:
+        run: The world; `run.setting` is used as it is.
+        n: B.
+        threads: Among how many threads the worlds are shared; None for all cores, but no fewer than 64 worlds each.
+            Changes no result.
+
+    Attributes:
+        run: As given.
+        seeds, tests: Name each world's test, int64 (B,).
+        is_seeded: Worlds whose seed was given or drawn, bool (B,).
+        is_over: Worlds without a running test, bool (B,).
+        outcome: int64 (B,), codes as in OUTCOMES, 0 while running.
+        worlds: Their state.
+    """
+
+    observation: NDArray[np.float32]
+    reward: NDArray[np.float64]
+
+    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int) -> None:
+        self.run = run
+        self.n = n
+        self.worlds = allocate_worlds(n, run.slots)
+        self.seeds = np.zeros(n, dtype=np.int64)
+        self.tests = np.full(n, FIRST_TEST - 1, dtype=np.int64)
+        self.is_seeded = np.zeros(n, dtype=np.bool_)
+        self.is_over = np.ones(n, dtype=np.bool_)
+        self.outcome = np.zeros(n, dtype=np.int64)
+        self.reward = np.zeros(n)
+        wished = cores if threads is None else check_integer("threads", threads, low=1, high=1024)
+        most = n if threads is not None else n // _WORLDS_PER_THREAD
+        count = max(1, min(wished, most))
+        edges = [n * k // count for k in range(count + 1)]
+        self._parts = list(itertools.pairwise(edges))
+        self._pairs = [allocate_pairs(run.slots) for _ in self._parts]
+        self._scratch = [allocate_choice_scratch(run.setting.policy) for _ in self._parts]
+        self._recording = allocate_recording(0, run.slots)
+        self._pool = ThreadPoolExecutor(count) if count > 1 else None
+
+    def _share(self, work: Callable[[int, int, Pairs, ChoiceScratch, int], None]) -> None:
+        """Let the threads work on their ranges of worlds: `work(begin, end, pairs, scratch, number)`."""
+        if self._pool is None:
+            work(0, self.n, self._pairs[0], self._scratch[0], 0)
+            return
+        waiting = [
+            self._pool.submit(work, begin, end, self._pairs[k], self._scratch[k], k)
+            for k, (begin, end) in enumerate(self._parts)
+        ]
+        for future in waiting:
+            future.result()
+
+    def close(self) -> None:
+        """Let the threads go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def name(self, b: int, seed: int | None, test: int | None, draw: Callable[[], int]) -> None:
+        """Say which test world b begins next: of another seed, of another number, or the next of its own.
+
+        Args:
+            b: The world.
+            seed: A seed, after which tests count from FIRST_TEST on; None to go on.
+            test: A test number; None for the next.
+            draw: Gives a seed when none was ever given.
+        """
+        if seed is not None or not self.is_seeded[b]:
+            self.seeds[b] = check_seed(draw() if seed is None else seed)
+            self.tests[b] = FIRST_TEST - 1
+            self.is_seeded[b] = True
+        self.tests[b] = self.tests[b] + 1 if test is None else check_integer("test", test, low=0, high=MAX_TEST)
+
+    def begin(self, chosen: NDArray[np.bool_]) -> None:
+        """Put the chosen worlds, bool (B,), at the start of the tests that `tests` names.
+
+        Raises:
+            InputError: There is nobody to control in a test and in many after it.
+        """
+        self._start(chosen)
+        self.outcome[chosen] = RUNNING
+        self.is_over[chosen] = False
+        self.reward[chosen] = 0.0
+
+    def step(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
+        """One decision of the chosen worlds, none of which may be over; `actions` are checked, of shape (B, ...)."""
+        self._advance(actions, chosen)
+        self._note_ends(chosen)
+
+    def _note_ends(self, chosen: NDArray[np.bool_]) -> None:
+        self.is_over[chosen] = self.outcome[chosen] != RUNNING
+
+    def case(self, b: int) -> str:
+        """Name of world b's test, `seed:test`."""
+        return f"{self.seeds[b]}:{self.tests[b]}"
+
+    def time(self) -> NDArray[np.float64]:
+        """When the tests ended [s], (B,); meaningless where they run."""
+        return np.asarray(np.round(self.worlds.info[:, FRAME] * FRAME_S, 1))
+
+    @property
+    @abstractmethod
+    def truncated(self) -> NDArray[np.bool_]:
+        """Worlds whose test was cut off rather than decided, bool (B,)."""
+
+    @abstractmethod
+    def extra(self) -> dict[str, NDArray[Any]]:
+        """What `info` holds besides, for the present moment: fresh arrays with a leading axis B."""
+
+    @abstractmethod
+    def acted(self) -> dict[str, NDArray[Any]]:
+        """What `info` holds besides after a step: fresh arrays (B,)."""
+
+    @abstractmethod
+    def _start(self, chosen: NDArray[np.bool_]) -> None: ...
+
+    @abstractmethod
+    def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None: ...
+
+
+class BvBatch(Batch):
+    """Worlds in which the agent is the BV nearest to the AV.
+
+    Attributes:
+        observation: float32 (B, N_OBSERVATION).
+        allowed: Action mask, bool (B, 33).
+    """
+
+    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int) -> None:
+        super().__init__(run, n, threads, cores)
+        self.observation = np.zeros((n, N_OBSERVATION), dtype=np.float32)
+        self.allowed = np.zeros((n, N_ACTIONS), dtype=np.bool_)
+        self._taken = np.zeros(n, dtype=np.int64)
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Only the time limit cuts off."""
+        return np.asarray(self.outcome == TIME_UP)
+
+    def extra(self) -> dict[str, NDArray[Any]]:
+        """The action mask."""
+        return {"action_mask": self.allowed.copy()}
+
+    def acted(self) -> dict[str, NDArray[Any]]:
+        """The action carried out."""
+        return {"action": self._taken.copy()}
+
+    def _start(self, chosen: NDArray[np.bool_]) -> None:
+        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:  # noqa: ARG001
+            start_as_bv(
+                begin, end, chosen, self.seeds, self.tests, self.run.setting, self.worlds, s, self.observation,
+                self.allowed,
+            )  # fmt: skip
+
+        self._share(work)
+        if (self.tests[chosen] < 0).any():
+            self.is_over[chosen] = True
+            raise InputError(
+                f"There is no background vehicle to control in {MAX_TRIES} tests on end; use a model with more traffic."
+            )
+
+    def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
+        self._taken[:] = actions
+
+        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:  # noqa: ARG001
+            step_as_bv(
+                begin, end, chosen, self.seeds, self.tests, self._taken, self.run.setting, self.worlds, pairs, s,
+                self._recording, self.observation, self.allowed, self.outcome,
+            )  # fmt: skip
+
+        self._share(work)
+        self.reward[:] = (self.outcome == AV_CRASH).astype(np.float64) - (self.outcome == BV_CRASH)
+
+
+class AvBatch(Batch):
+    """Worlds in which the agent is the AV.
+
+    Args:
+        run, n, threads, cores: As for `Batch`; `run.setting.road.av_substeps` is 1, 2, 5 or 10.
+        box: Actions are pairs of numbers instead of indices (`spaces.av_commands`).
+
+    Attributes:
+        observation: float32 (B, VIEW_ROWS, VIEW_COLUMNS).
+    """
+
+    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool) -> None:
+        super().__init__(run, n, threads, cores)
+        self._box = box
+        self.observation = np.zeros((n, VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32)
+        self._seconds = allocate_av_seconds(n, self._pairs[0])
+        self._found = [np.zeros(VIEW_ROWS - 1, dtype=np.int64) for _ in self._parts]
+        self._metres = np.zeros(n)
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """The time limit, and a crash among others, which is no doing of the AV."""
+        return np.asarray((self.outcome == TIME_UP) | (self.outcome == BV_CRASH))
+
+    def extra(self) -> dict[str, NDArray[Any]]:
+        """Nothing."""
+        return {}
+
+    def acted(self) -> dict[str, NDArray[Any]]:
+        """Metres driven in this step."""
+        return {"metres": self._metres.copy()}
+
+    def _start(self, chosen: NDArray[np.bool_]) -> None:
+        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:  # noqa: ARG001
+            start_as_av(
+                begin, end, chosen, self.seeds, self.tests, self.run.setting, self.worlds, self._seconds,
+                self._found[k], self.observation,
+            )  # fmt: skip
+
+        self._share(work)
+
+    def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
+        command, order = av_commands(actions, box=self._box)
+        self._drive(command, order, chosen)
+
+    def drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
+        """As `step`, by acceleration [m/s2] and lane order (`sim.agents.ordered_lane`), each of shape (B,)."""
+        self._drive(command, order, chosen)
+        self._note_ends(chosen)
+
+    def _drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
+        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:
+            drive_on_as_av(
+                begin, end, chosen, self.seeds, self.tests, command, order, self.run.setting, self.worlds,
+                self._seconds, pairs, s, self._recording, self._found[k], self.observation, self.outcome, self._metres,
+            )  # fmt: skip
+
+        self._share(work)
+        self.reward[:] = self._metres / self.run.setting.road.test_length - (self.outcome == AV_CRASH)

@@ -1,0 +1,59 @@
+"""From the options of an environment to the batch of worlds behind it; single and vector environments take the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from cornerforge._checks import check_in
+from cornerforge.envs.batch import AvBatch, BvBatch
+from cornerforge.errors import InputError
+from cornerforge.pipeline.setting import check_threads, experiment
+
+__all__ = ["ADVERSARY_REWARDS", "adversary_batch", "driving_batch"]
+
+ADVERSARY_REWARDS = ("crash",)
+"""crash: +1 the AV crashes, -1 the controlled BV crashes with another BV, else 0 (paper, equation 6)."""
+_ACT_EVERY = (1, 2, 5, 10)
+
+
+def adversary_batch(
+    n: int,
+    threads: int | None,
+    *,
+    av: str,
+    odd: str,
+    lanes: int | None,
+    model: Path | str | None,
+    bounded: bool,
+    reward: str,
+) -> BvBatch:
+    """Worlds for `Adversary-v0`; arguments as for `AdversaryEnv`."""
+    check_in("reward", reward, ADVERSARY_REWARDS)
+    path = None if model is None else Path(model)
+    # The choice of the controlled BV is the agent's; an adversary is named so that the mask may be bounded.
+    run = experiment(av=av, odd=odd, lanes=lanes, model=path, bv="uniform", bounded=bounded)
+    return BvBatch(run, n, threads, check_threads(None))
+
+
+def driving_batch(
+    n: int,
+    threads: int | None,
+    *,
+    bv: str,
+    odd: str,
+    lanes: int | None,
+    model: Path | str | None,
+    bounded: bool,
+    box: bool,
+    act_every: int | None,
+) -> AvBatch:
+    """Worlds for `Driving-v0`; arguments as for `DrivingEnv`."""
+    path = None if model is None else Path(model)
+    run = experiment(odd=odd, lanes=lanes, model=path, bv=bv, bounded=bounded)
+    if act_every is not None:
+        if act_every not in _ACT_EVERY:
+            raise InputError(f"act_every = {act_every!r} is not allowed; one of 1, 2, 5 or 10 tenths of a second.")
+        road = run.setting.road._replace(av_substeps=act_every)
+        run = replace(run, odd=replace(run.odd, av_substeps=act_every), setting=run.setting._replace(road=road))
+    return AvBatch(run, n, threads, check_threads(None), box=box)

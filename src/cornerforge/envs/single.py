@@ -1,0 +1,195 @@
+"""`cornerforge/Adversary-v0` and `cornerforge/Driving-v0` as single environments."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_in
+from cornerforge.envs.batch import OUTCOMES, Batch
+from cornerforge.envs.batch import check_seed as _check_seed
+from cornerforge.envs.batch import read_options as _read_options
+from cornerforge.envs.raster import top_view
+from cornerforge.envs.runs import adversary_batch, driving_batch
+from cornerforge.envs.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
+from cornerforge.errors import InputError
+
+__all__ = ["AdversaryEnv", "DrivingEnv"]
+
+_ONE = np.ones(1, dtype=np.bool_)
+
+
+class _SingleEnv(gymnasium.Env[Any, Any]):
+    """A batch of one world as a Gymnasium environment."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012  Gymnasium's own form
+    _batch: Batch
+
+    def _finish(self, render_mode: str | None, fps: int) -> None:
+        if render_mode is not None:
+            check_in("render_mode", render_mode, ("rgb_array",))
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": fps}
+
+    def _info(self, *, stepped: bool) -> dict[str, Any]:
+        batch = self._batch
+        info: dict[str, Any] = {"seed": int(batch.seeds[0]), "test": int(batch.tests[0])}
+        arrays = batch.extra() | (batch.acted() if stepped else {})
+        info |= {name: value[0] if value.ndim > 1 else value[0].item() for name, value in arrays.items()}
+        if stepped and batch.is_over[0]:
+            info |= {
+                "outcome": OUTCOMES[int(batch.outcome[0])],
+                "case": batch.case(0),
+                "time_s": float(batch.time()[0]),
+            }
+        return info
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin a test.
+
+        Args:
+            seed: Names the random numbers of this test and the following ones. None: the seed given before; one drawn
+                from the operating system's randomness if there was none.
+            options: {"test": k} begins test k of the seed, else the test after the last one; the first after a seed is
+                `batch.FIRST_TEST`.
+
+        Returns:
+            Observation, and info with `seed` and `test`, which together name the test.
+
+        Raises:
+            InputError: Seed or test is out of range, or there is nobody to control.
+            UnknownNameError: An option is not known.
+        """
+        wanted = _read_options(options, ("test",))
+        if seed is not None:
+            _check_seed(seed)
+        super().reset(seed=seed)
+        batch = self._batch
+        batch.name(0, seed, wanted.get("test"), lambda: int(self.np_random.integers(2**31)))
+        batch.begin(_ONE)
+        return batch.observation[0].copy(), self._info(stepped=False)
+
+    def step(self, action: Any) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """One decision; observation, reward, terminated, truncated and info (docs/gymnasium.md).
+
+        Raises:
+            InputError: No test runs, or the action is not one of the action space.
+        """
+        batch = self._batch
+        if batch.is_over[0]:
+            raise InputError("No test runs; call reset() first.")
+        batch.step(self._checked(action)[None], _ONE)
+        over, cut = bool(batch.is_over[0]), bool(batch.truncated[0])
+        observation = batch.observation[0].copy()
+        return observation, float(batch.reward[0]), over and not cut, over and cut, self._info(stepped=True)
+
+    def _checked(self, action: Any) -> NDArray[Any]:
+        given = np.asarray(action)
+        space = self.action_space
+        if isinstance(space, gymnasium.spaces.Discrete):
+            if given.shape != () or given.dtype.kind not in "iu" or not 0 <= given < space.n:
+                raise InputError(f"action = {action!r} is not allowed; a whole number from 0 to {space.n - 1}.")
+        elif given.shape != space.shape or given.dtype.kind not in "iuf" or not np.isfinite(given).all():
+            raise InputError(f"action = {action!r} is not allowed; {space.shape} finite numbers from -1 to 1.")
+        return given
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The road around the AV from above, uint8 (height, width, 3); None without render_mode "rgb_array"."""
+        if self.render_mode is None:
+            return None
+        return top_view(self._batch.worlds, 0, self._batch.run.setting.road)
+
+    def close(self) -> None:
+        """Let go of what the environment holds; a second call does nothing."""
+        self._batch.close()
+
+
+class AdversaryEnv(_SingleEnv):
+    """The agent drives, second by second, the background vehicle that is nearest to the AV (paper, equations 5 to 9).
+
+    Observation: float32 (40,), `sim.observe.observe`. Action: one of 33, see `info["action_mask"]`.
+
+    Args:
+        av: Name of the built-in AV under test.
+        odd, lanes, model: The world, as for `simulate`.
+        bounded: The mask forbids what the naturalistic model calls impossible (paper, equation 12).
+        reward: One of `runs.ADVERSARY_REWARDS`.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        CornerForgeError: A name, number or file is not right.
+    """
+
+    def __init__(
+        self,
+        *,
+        av: str = "idm-mobil",
+        odd: str = "default",
+        lanes: int | None = None,
+        model: Path | str | None = None,
+        bounded: bool = False,
+        reward: str = "crash",
+        render_mode: str | None = None,
+    ) -> None:
+        self._batch = self._worlds = adversary_batch(
+            1, 1, av=av, odd=odd, lanes=lanes, model=model, bounded=bounded, reward=reward
+        )
+        self.observation_space = adversary_observations(self._batch.run.odd)
+        self.action_space = one_of_33()
+        self._finish(render_mode, 1)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions are allowed now, bool (33,); the name under which learners with masks look for it."""
+        return np.asarray(self._worlds.allowed[0].copy())
+
+
+class DrivingEnv(_SingleEnv):
+    """The agent is the AV.
+
+    Observation: float32 (13, 8), `sim.av_view`. Reward: the share of the test's length that it drove in this step, less
+    1 for a crash.
+
+    Args:
+        bv: The others: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or a policy file.
+        odd, lanes, model: The world, as for `simulate`.
+        bounded: A plain adversary does only what the naturalistic model calls possible; a policy brings its own answer.
+        actions: "discrete", one of 33, or "box", two numbers (`spaces.av_commands`).
+        act_every: Tenths of a second between two decisions: 1, 2, 5 or 10; None for the ODD's own.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        CornerForgeError: A name, number or file is not right.
+    """
+
+    def __init__(
+        self,
+        *,
+        bv: str = "nde",
+        odd: str = "default",
+        lanes: int | None = None,
+        model: Path | str | None = None,
+        bounded: bool = False,
+        actions: str = "discrete",
+        act_every: int | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        self.action_space = driving_actions(actions)
+        self._batch = driving_batch(
+            1,
+            1,
+            bv=bv,
+            odd=odd,
+            lanes=lanes,
+            model=model,
+            bounded=bounded,
+            box=actions == "box",
+            act_every=act_every,
+        )
+        self.observation_space = driving_observations(self._batch.run.odd)
+        self._finish(render_mode, round(10 / self._batch.run.odd.av_substeps))

@@ -1,0 +1,99 @@
+"""What agents see and do, as Gymnasium spaces, with finite bounds that follow from the ODD."""
+
+from __future__ import annotations
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from cornerforge.errors import InputError
+from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
+from cornerforge.sim.neighbours import SIGHT
+from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.types import ACCELERATIONS, N_ACTIONS, Odd
+
+__all__ = [
+    "MAX_ACCELERATION",
+    "MAX_BRAKING",
+    "adversary_observations",
+    "av_commands",
+    "driving_actions",
+    "driving_observations",
+    "one_of_33",
+]
+
+MAX_BRAKING = 8.0
+"""Most that the AV of `Driving-v0` can brake [m/s2]."""
+MAX_ACCELERATION = 2.0
+"""Most that it can accelerate [m/s2]."""
+_LATERAL_SPEED = 25.0
+"""More than any lane change reaches [m/s], were it broken off and taken up again all the time."""
+_N_OWN = 20
+"""Entries of the adversary's observation before those of other vehicles (`sim/observe.py`)."""
+_LANE_ORDER_FROM = 1.0 / 3.0
+"""A lateral command beyond this is a lane order."""
+
+
+def adversary_observations(odd: Odd) -> spaces.Box:
+    """Space of `sim.observe.observe`: float32 (N_OBSERVATION,), bounds in its own scaled units."""
+    speed, width, lanes = odd.max_speed / 10.0, odd.n_lanes * odd.lane_width / 4.0, odd.n_lanes - 1.0
+    low, high = np.zeros(N_OBSERVATION), np.ones(N_OBSERVATION)
+    limits = {2: width, 3: _LATERAL_SPEED / 2.0, 4: 4.0, 8: width, 9: _LATERAL_SPEED / 2.0}
+    limits |= {12: 3.0, 13: 3.0, 14: width, 15: speed, 16: lanes}
+    for place in range(_N_OWN, N_OBSERVATION, 5):
+        limits |= {place: 3.0, place + 1: width, place + 2: speed, place + 3: lanes}
+    for place, limit in limits.items():
+        low[place], high[place] = -limit, limit
+    low[0], high[0] = -odd.max_speed / 400.0, odd.test_length / 400.0
+    low[[1, 7]], high[[1, 7]] = -3.0, speed - 3.0
+    return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+
+
+def driving_observations(odd: Odd) -> spaces.Box:
+    """Space of `sim.av_view.view_of_av`: float32 (VIEW_ROWS, VIEW_COLUMNS), SI units."""
+    width = odd.n_lanes * odd.lane_width
+    lanes = odd.n_lanes - 1.0
+    low, high = np.zeros((VIEW_ROWS, VIEW_COLUMNS)), np.ones((VIEW_ROWS, VIEW_COLUMNS))
+    low[:], high[:] = (
+        [0.0, -SIGHT, -width, 0.0, -_LATERAL_SPEED, -MAX_BRAKING, 0.0, 0.0],
+        [1.0, SIGHT, width, odd.max_speed, _LATERAL_SPEED, MAX_ACCELERATION, lanes, 1.0],
+    )
+    low[0, 1:3] = -odd.max_speed, 0.0
+    high[0, 1:3] = odd.test_length, width
+    return spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+
+
+def one_of_33() -> spaces.Discrete:
+    """The action set of all BVs: 0 left, 1 right (both hold the speed), 2 to 32 accelerations -4.0 to 2.0 m/s2."""
+    return spaces.Discrete(N_ACTIONS)
+
+
+def driving_actions(kind: str) -> spaces.Space[NDArray[np.float32]] | spaces.Discrete:
+    """Action space of the AV: "discrete", the 33 actions of BVs, or "box", two numbers in [-1, 1] (`av_commands`).
+
+    Raises:
+        InputError: It is neither.
+    """
+    if kind == "discrete":
+        return one_of_33()
+    if kind == "box":
+        return spaces.Box(-1.0, 1.0, (2,), dtype=np.float32)
+    raise InputError(f'actions = {kind!r} is not known; allowed: "discrete" or "box".')
+
+
+def av_commands(actions: NDArray[np.generic], *, box: bool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Acceleration [m/s2] and lane order (1 left, 0 keep, -1 right) of B actions, each of shape (B,).
+
+    Args:
+        actions: Indices, (B,), or for `box` float (B, 2): the first number times 8 m/s2 where it is negative and times
+            2 m/s2 where it is positive, so that 0 holds the speed; the second above 1/3 changes to the left, below -1/3
+            to the right. Numbers beyond [-1, 1] are cut.
+        box: Which of the two.
+    """
+    if box:
+        wish = np.clip(actions.astype(np.float64), -1.0, 1.0)
+        held = np.where(wish[:, 0] < 0.0, MAX_BRAKING, MAX_ACCELERATION) * wish[:, 0]
+        return held, ((wish[:, 1] > _LANE_ORDER_FROM).astype(np.int64) - (wish[:, 1] < -_LANE_ORDER_FROM))
+    index = actions.astype(np.int64)
+    held = np.where(index >= 2, ACCELERATIONS[np.maximum(index - 2, 0)], 0.0)
+    return held, np.where(index == 0, 1, np.where(index == 1, -1, 0))

@@ -1,0 +1,225 @@
+"""An agent that decides as a built-in driver does gets the tests of `simulate`, to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cornerforge.adversary.train import TRAINING_TESTS
+from cornerforge.envs.batch import FIRST_TEST, AvBatch, BvBatch
+from cornerforge.envs.runs import adversary_batch, driving_batch
+from cornerforge.envs.spaces import av_commands
+from cornerforge.errors import InputError
+from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch, choose_action
+from cornerforge.sim.agents import ordered_lane, substitute_action
+from cornerforge.sim.av import av_decide
+from cornerforge.sim.drive import Outcomes, world_row
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.runner import drive_chunk
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, CONTROLLED, FRAME, N_VEHICLES, World
+from cornerforge.types import Odd
+
+SEED = 3
+N = 96
+
+
+def world(batch: BvBatch | AvBatch, b: int) -> World:
+    found: World = world_row.py_func(batch.worlds, b)  # type: ignore[attr-defined]
+    return found
+
+
+def drive_to_the_end(batch: BvBatch | AvBatch, act) -> None:
+    """Drive tests 0.. of SEED, one a world, until all are over; `act(batch, running)` steps them."""
+    for b in range(batch.n):
+        batch.name(b, SEED, b, lambda: 0)
+    batch.begin(np.ones(batch.n, dtype=np.bool_))
+    while not batch.is_over.all():
+        act(batch, ~batch.is_over)
+
+
+def as_adversary(kind: str):
+    """Steps that take the choices of a plain adversary."""
+
+    def act(batch: BvBatch, running: np.ndarray) -> None:
+        policy = batch.run.setting.policy
+        s = allocate_choice_scratch(policy)
+        actions = np.zeros(batch.n, dtype=np.int64)
+        for b in np.flatnonzero(running):
+            w = world(batch, b)
+            s.allowed[:] = batch.allowed[b]
+            test = int(batch.tests[b])
+            actions[b] = choose_action(w, int(w.info[CONTROLLED]), ADVERSARIES[kind], 0.0, SEED, test, policy, s)
+        batch.step(actions, running)
+
+    return act
+
+
+def as_built_in_av(batch: AvBatch, running: np.ndarray) -> None:
+    """Steps that take the decisions of the built-in AV, as accelerations and lane orders."""
+    command, order = np.zeros(batch.n), np.zeros(batch.n, dtype=np.int64)
+    for b in np.flatnonzero(running):
+        w = world(batch, b)
+        command[b], lane = av_decide(w, batch.run.setting.road, batch.run.setting.av)
+        order[b] = lane - w.vehicles["target_lane"][0]
+    batch.drive(command, order, running)
+
+
+def assert_same_tests(batch: BvBatch | AvBatch, run: Experiment) -> Outcomes:
+    out, _ = drive_chunk(run.setting, run.slots, SEED, 0, batch.n, False)
+    np.testing.assert_array_equal(batch.outcome, out.code)
+    np.testing.assert_array_equal(batch.worlds.info[:, FRAME], out.frame)
+    np.testing.assert_array_equal(batch.worlds.vehicles["x"][:, 0] - run.odd.av_start, out.distance)
+    return out
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounded", "odd"),
+    [("swerve", False, "default"), ("uniform", False, "paper"), ("uniform", True, "swift")],
+)
+def test_the_controlled_bv_does_what_the_agent_says(kind: str, bounded: bool, odd: str, reckless: Path) -> None:
+    batch = adversary_batch(N, 2, av="idm-mobil", odd=odd, lanes=None, model=reckless, bounded=bounded, reward="crash")
+    drive_to_the_end(batch, as_adversary(kind))
+    out = assert_same_tests(batch, experiment(odd=odd, model=reckless, bv=kind, bounded=bounded))
+    assert len(set(out.code.tolist())) > 1, "too little happened"
+
+
+@pytest.mark.parametrize(
+    ("bv", "odd"), [("nde", "default"), ("swerve", "default"), ("uniform", "paper"), ("idm", "swift")]
+)
+def test_the_av_does_what_the_agent_says(bv: str, odd: str, reckless: Path) -> None:
+    batch = driving_batch(N, 2, bv=bv, odd=odd, lanes=None, model=reckless, bounded=False, box=False, act_every=None)
+    drive_to_the_end(batch, as_built_in_av)
+    assert_same_tests(batch, experiment(odd=odd, model=reckless, bv=bv))
+
+
+@pytest.mark.parametrize("act_every", [2, 5, 10])
+def test_the_av_may_decide_less_often(act_every: int, reckless: Path) -> None:
+    batch = driving_batch(
+        N, 1, bv="swerve", odd="default", lanes=None, model=reckless, bounded=False, box=False, act_every=act_every
+    )
+    drive_to_the_end(batch, as_built_in_av)
+    run = experiment(model=reckless, bv="swerve")
+    slower = run.setting._replace(road=run.setting.road._replace(av_substeps=act_every))
+    out = assert_same_tests(batch, replace(run, setting=slower))
+    assert (out.code == AV_CRASH).sum() > 10
+
+
+def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) -> None:
+    """A fast test moves only whom somebody may touch or see; what is shown last must be of one moment all the same."""
+    batch = adversary_batch(
+        N, 1, av="idm-mobil", odd="default", lanes=None, model=reckless, bounded=False, reward="crash"
+    )
+    drive_to_the_end(batch, as_adversary("swerve"))
+    assert {AV_CRASH, BV_CRASH, COMPLETED} <= set(batch.outcome.tolist())
+    recorder = Recorder(experiment(model=reckless, bv="swerve").setting, Odd())
+    within_a_second = 0
+    for b in range(N):
+        last = recorder.record(SEED, b)
+        w = world(batch, b)
+        there = w.vehicles[: w.info[N_VEHICLES]]
+        np.testing.assert_array_equal(there["present"] == 1, last.present[-1])
+        for name in ("x", "y", "speed", "heading"):
+            np.testing.assert_array_equal(there[name][last.present[-1]], getattr(last, name)[-1][last.present[-1]])
+        within_a_second += w.info[FRAME] % 10 > 0
+    assert within_a_second > N // 4
+
+
+def test_rewards_by_hand(reckless: Path) -> None:
+    batch = adversary_batch(
+        N, 1, av="idm-mobil", odd="default", lanes=None, model=reckless, bounded=False, reward="crash"
+    )
+    total = np.zeros(N)
+    swerve = as_adversary("swerve")
+
+    def act(batch: BvBatch, running: np.ndarray) -> None:
+        swerve(batch, running)
+        total[running] += batch.reward[running]
+
+    drive_to_the_end(batch, act)
+    assert {AV_CRASH, BV_CRASH, COMPLETED} <= set(batch.outcome.tolist())
+    np.testing.assert_array_equal(total, np.select([batch.outcome == AV_CRASH, batch.outcome == BV_CRASH], [1.0, -1.0]))
+
+
+def test_the_av_is_paid_for_metres_and_pays_for_crashes(reckless: Path) -> None:
+    batch = driving_batch(
+        N, 1, bv="swerve", odd="default", lanes=None, model=reckless, bounded=False, box=False, act_every=None
+    )
+    total = np.zeros(N)
+
+    def act(batch: AvBatch, running: np.ndarray) -> None:
+        as_built_in_av(batch, running)
+        total[running] += batch.reward[running]
+
+    drive_to_the_end(batch, act)
+    crashed = batch.outcome == AV_CRASH
+    assert 0 < crashed.sum() < N
+    np.testing.assert_allclose(total, (batch.worlds.vehicles["x"][:, 0] - 240.0) / 400.0 - crashed, rtol=1e-12)
+    assert total[batch.outcome == COMPLETED].min() >= 1.0
+    assert total[crashed].max() < 0.0
+
+
+def test_the_substitute_of_a_forbidden_action_is_the_nearest_allowed_acceleration(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(500):
+        allowed = rng.random(33) < rng.random()
+        allowed[rng.integers(33)] = True
+        for wished in range(33):
+            taken = substitute_action(wished, allowed)
+            assert allowed[taken]
+            goal = wished if wished > 1 else 22
+            if allowed[wished]:
+                assert taken == wished
+            elif allowed[2:].any():
+                assert taken > 1
+                assert abs(taken - goal) == np.abs(2 + np.flatnonzero(allowed[2:]) - goal).min()
+
+
+def test_accelerations_and_lane_orders_by_hand() -> None:
+    command, order = av_commands(np.array([0, 1, 2, 22, 32]), box=False)
+    np.testing.assert_allclose(command, [0.0, 0.0, -4.0, 0.0, 2.0])
+    np.testing.assert_array_equal(order, [1, -1, 0, 0, 0])
+    wishes = np.array([[-1.0, 0.0], [1.0, 0.34], [0.5, -0.34], [-0.5, 0.33], [-7.0, 9.0]], dtype=np.float32)
+    command, order = av_commands(wishes, box=True)
+    np.testing.assert_allclose(command, [-8.0, 2.0, 1.0, -4.0, -8.0])
+    np.testing.assert_array_equal(order, [0, 1, -1, 0, 1])
+
+
+def test_lane_orders_begin_break_off_and_stay_on_the_road() -> None:
+    batch = driving_batch(1, 1, bv="nde", odd="default", lanes=2, model=None, bounded=False, box=False, act_every=None)
+    road = batch.run.setting.road
+    one = np.ones(1, dtype=np.bool_)
+    w = world(batch, 0)
+
+    def lane_after(order: int) -> int:
+        batch.drive(np.zeros(1), np.array([order]), one)
+        return int(w.vehicles["target_lane"][0])
+
+    batch.name(0, SEED, 0, lambda: 0)
+    batch.begin(one)
+    start = int(w.vehicles["target_lane"][0])
+    there, back = (1, -1) if start == 0 else (-1, 1)
+    assert ordered_lane(w, back, road) == start, "off the road"
+    assert lane_after(0) == start
+    assert lane_after(there) == 1 - start
+    assert lane_after(there) == 1 - start, "an order in the change's own direction changes nothing"
+    assert lane_after(back) == start, "an order against it breaks it off"
+    assert lane_after(0) == start
+
+
+def test_a_world_without_anybody_to_control_is_named() -> None:
+    run = experiment(bv="uniform")
+    empty = run.setting._replace(road=run.setting.road._replace(av_start=0.0, traffic_length=-1000.0))
+    batch = BvBatch(replace(run, setting=empty), 2, 1, 1)
+    for b in range(2):
+        batch.name(b, SEED, b, lambda: 0)
+    with pytest.raises(InputError, match="no background vehicle to control in 1000 tests"):
+        batch.begin(np.array([True, False]))
+    assert batch.is_over.all()
+
+
+def test_agents_learn_where_training_learns() -> None:
+    assert FIRST_TEST == TRAINING_TESTS
