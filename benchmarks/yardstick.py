@@ -55,7 +55,7 @@ class _Av(ctypes.Structure):
 
 
 _TABLES = ("cut", "lc_base", "lc_desire", "lc_accept")
-_NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict")
+_NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict", "lc_most")
 
 
 class _Tables(ctypes.Structure):
@@ -132,7 +132,7 @@ class Yardstick:
     def __init__(self, setting: Setting) -> None:
         if setting.bv_model != 0 or setting.adversary != 0:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
-        if VEHICLE.itemsize != 160 or INFO_FIELDS != 10 or setting.tables.cut.shape[1] != 32:
+        if VEHICLE.itemsize != 160 or INFO_FIELDS != 28 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a world or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
         self._kept = (setting, ACCELERATIONS)  # what the pointers below point to

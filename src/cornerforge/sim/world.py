@@ -12,7 +12,7 @@ from cornerforge._jit import inlined_kernel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
 from cornerforge.geometry import Path
-from cornerforge.types import Odd
+from cornerforge.types import MAX_LANES, Odd
 
 __all__ = [
     "INFO_FIELDS",
@@ -23,6 +23,7 @@ __all__ = [
     "all_current",
     "allocate_worlds",
     "av_numbers",
+    "forget_av_neighbours",
     "n_slots",
     "path_of",
     "road_numbers",
@@ -73,7 +74,7 @@ class World(NamedTuple):
         current: Slots whose state is that of this moment, int64 (N,), the first info[N_CURRENT] entries: at decision
             times all that are present, within a second only those that somebody may touch or look at. The AV is the
             first; the first info[N_SEEN] are whom somebody may look at; both parts rise.
-        info: int64 (10,): see the index constants below.
+        info: int64 (INFO_FIELDS,): see the index constants below.
     """
 
     vehicles: NDArray[np.void]
@@ -82,10 +83,16 @@ class World(NamedTuple):
     info: NDArray[np.int64]
 
 
-INFO_FIELDS = 10
-N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN = range(
-    INFO_FIELDS
-)
+N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN = range(10)
+AV_LEADS = 10
+"""info[AV_LEADS + lane]: the one vehicle that can be the AV's nearest ahead in a lane until the end of the second, -1
+for none, or UNKNOWN: then look at all."""
+AV_REARS = AV_LEADS + MAX_LANES
+"""info[AV_REARS + lane]: the same behind, where info[AV_LEADS + lane] is not UNKNOWN."""
+AHEAD = AV_REARS + MAX_LANES
+"""info[AHEAD + lane]: scratch, the rearmost vehicle so far of a walk from the front to the rear."""
+INFO_FIELDS = AHEAD + MAX_LANES
+UNKNOWN = -2
 
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
@@ -153,13 +160,20 @@ def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> 
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 10)."""
+    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, INFO_FIELDS)."""
     return World(
         np.zeros((n_worlds, slots), dtype=VEHICLE),
         np.zeros((n_worlds, slots), dtype=np.int64),
         np.zeros((n_worlds, slots), dtype=np.int64),
         np.zeros((n_worlds, INFO_FIELDS), dtype=np.int64),
     )
+
+
+@inlined_kernel
+def forget_av_neighbours(w: World) -> None:
+    """Note that nothing is known about who is the AV's nearest in any lane."""
+    for lane in range(MAX_LANES):
+        w.info[AV_LEADS + lane] = UNKNOWN
 
 
 @inlined_kernel
@@ -172,6 +186,7 @@ def all_current(w: World) -> None:
             found += 1
     w.info[N_CURRENT] = found
     w.info[N_SEEN] = found
+    forget_av_neighbours(w)
 
 
 @inlined_kernel
