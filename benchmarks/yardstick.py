@@ -55,7 +55,7 @@ class _Av(ctypes.Structure):
 
 
 _TABLES = ("cut", "lc_base", "lc_desire", "lc_accept")
-_NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict")
+_NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict", "lc_most")
 
 
 class _Tables(ctypes.Structure):
@@ -134,7 +134,7 @@ class Yardstick:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
         if setting.av.kind != 0:
             raise ValueError("The yardstick drives a plain AV, IDM and MOBIL.")
-        if VEHICLE.itemsize != 160 or INFO_FIELDS != 11 or setting.tables.cut.shape[1] != 32:
+        if VEHICLE.itemsize != 160 or INFO_FIELDS != 29 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a world or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
         self._kept = (setting, ACCELERATIONS)  # what the pointers below point to

@@ -9,9 +9,21 @@
 #define SIGHT 200.0
 #define CONFLICT_GAP 10.0
 
+static void known_neighbours(const World *w, int64_t lane, int64_t *lead, int64_t *rear) {
+    const Vehicle *v = w->v;
+    *lead = w->info[AV_LEADS + lane];
+    *rear = w->info[AV_REARS + lane];
+    if (*lead >= 0 && v[*lead].x - v[0].x >= SIGHT) *lead = -1;
+    if (*rear >= 0 && v[0].x - v[*rear].x >= SIGHT) *rear = -1;
+}
+
 static void neighbours_in_lane(
     const World *w, int64_t i, int64_t lane, double lane_width, int64_t sees_intentions, int64_t *lead, int64_t *rear
 ) {
+    if (i == 0 && w->info[AV_LEADS + lane] != UNKNOWN) {
+        known_neighbours(w, lane, lead, rear);
+        return;
+    }
     const Vehicle *v = w->v;
     const int64_t bit = (int64_t)1 << lane;
     double best_lead = SIGHT, best_rear = SIGHT;
@@ -57,7 +69,7 @@ static void start_lane_change(World *w, int64_t i, int64_t target_lane, const Ro
 static double lead_acceleration(const World *w, int64_t i, int64_t lanes, const Road *road, const Av *av) {
     const Vehicle *v = w->v;
     double speed = v[i].speed;
-    double command = idm_acceleration(speed, INFINITY, 0.0, &av->idm);
+    double command = free_acceleration(speed, &av->idm);
     for (int64_t lane = 0; lane < road->n_lanes; lane++) {
         if ((lanes & ((int64_t)1 << lane)) == 0) continue;
         int64_t lead, rear;
@@ -120,7 +132,7 @@ static double av_decide(const World *w, const Road *road, const Av *av, int64_t 
         return command;
     }
     double best_gain = av->mobil.min_gain;
-    if (av->mobil.politeness == 0.0 && idm_acceleration(v[0].speed, INFINITY, 0.0, &av->idm) - command <= best_gain)
+    if (av->mobil.politeness == 0.0 && free_acceleration(v[0].speed, &av->idm) - command <= best_gain)
         return command;
     for (int64_t side = 1; side >= -1; side -= 2) {
         if (0 <= now + side && now + side < road->n_lanes) {
@@ -134,8 +146,11 @@ static double av_decide(const World *w, const Road *road, const Av *av, int64_t 
     return command;
 }
 
-/* Row and random word in one number, larger than any action: the look-up is put off. */
-static inline int64_t draw_later(int64_t row, uint64_t word) { return (row + 1) << 32 | (int64_t)word; }
+/* Row and random word in one number, larger than any action: the look-up is put off, the row asked for now. */
+static inline int64_t draw_later(const Tables *tables, int64_t row, uint64_t word) {
+    __builtin_prefetch(&tables->cut[row * CUT_COLUMNS + FIRST_PROBE]);
+    return (row + 1) << 32 | (int64_t)word;
+}
 
 static inline int64_t drawn(const Tables *tables, int64_t action) {
     if (action <= 0xFFFFFFFF) return action;
@@ -156,7 +171,7 @@ static int64_t worst_follow(
         if (dx >= SIGHT) break;
         if (v[j].present == 0 || (v[j].lanes & wanted) == 0) continue;
         double here = dx - road->length, closing = v[j].speed - v[i].speed;
-        int64_t later = draw_later(following_row(v[i].speed, here, closing, rounding), word);
+        int64_t later = draw_later(tables, following_row(v[i].speed, here, closing, rounding), word);
         if (action < 0) {
             *gap = here;
             *rate = closing;
@@ -168,7 +183,23 @@ static int64_t worst_follow(
         wanted &= ~v[j].lanes;
         if (wanted == 0) break;
     }
-    return action < 0 ? draw_later(free_row(v[i].speed), word) : action;
+    return action < 0 ? draw_later(tables, free_row(v[i].speed), word) : action;
+}
+
+static inline int64_t follow(
+    const World *w, int64_t i, int64_t lead, const Road *road, const Tables *tables, uint64_t word, double rounding,
+    double *gap, double *rate
+) {
+    const Vehicle *v = w->v;
+    double speed = v[i].speed, dx = lead >= 0 ? v[lead].x - v[i].x : INFINITY;
+    if (dx >= SIGHT) {
+        *gap = INFINITY;
+        *rate = 0.0;
+        return draw_later(tables, free_row(speed), word);
+    }
+    *gap = dx - road->length;
+    *rate = v[lead].speed - speed;
+    return draw_later(tables, following_row(speed, *gap, *rate, rounding), word);
 }
 
 static double side_chance(
@@ -197,16 +228,20 @@ static double return_chance(const World *w, int64_t i, double overlook, const Ro
     return 1.0 - overlook;
 }
 
-static int64_t decide_naturalistic(
+static inline int64_t decide_naturalistic(
     const World *w, int64_t rank, int64_t seed, int64_t test, const Road *road, const Tables *tables
 ) {
     const Vehicle *v = w->v;
     int64_t i = w->order[rank];
     Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
-    double gap, rate;
-    int64_t action = worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
+    double gap, rate, rounding = uniform(words.w[3]);
+    int64_t lead = w->info[AHEAD + v[i].target_lane];
+    int64_t action = keeps_one_lane(&v[i])
+        ? follow(w, i, lead, road, tables, words.w[1], rounding, &gap, &rate)
+        : worst_follow(w, rank, road, tables, words.w[1], rounding, &gap, &rate);
     if (v[i].duration == 0.0) {
         double draw = uniform(words.w[0]);
+        if (draw >= 2.0 * tables->lc_most) return action;
         double base = lane_change_base(tables, v[i].speed, gap, rate);
         if (draw < 2.0 * base) {
             int64_t lane = v[i].target_lane;
@@ -284,12 +319,17 @@ static void sort_by_x(World *w) {
 
 static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road *road, const Tables *tables) {
     Vehicle *v = w->v;
-    int64_t changes = 0;
-    for (int64_t rank = 0; rank < w->info[N_VEHICLES]; rank++) {
+    int64_t *ahead = w->info + AHEAD, changes = 0;
+    for (int64_t lane = 0; lane < road->n_lanes; lane++) ahead[lane] = -1;
+    for (int64_t rank = w->info[N_VEHICLES] - 1; rank >= 0; rank--) {
         int64_t i = w->order[rank];
-        if (i == 0 || v[i].present == 0) continue;
-        v[i].action = decide_naturalistic(w, rank, seed, test, road, tables);
-        if (v[i].action < 2) changes++;
+        if (v[i].present == 0) continue;
+        if (i > 0) {
+            v[i].action = decide_naturalistic(w, rank, seed, test, road, tables);
+            if (v[i].action < 2) changes++;
+        }
+        for (int64_t lane = 0; lane < road->n_lanes; lane++)
+            if (v[i].lanes & ((int64_t)1 << lane)) ahead[lane] = i;
     }
     for (int64_t i = 1; i < w->info[N_VEHICLES]; i++) v[i].action = drawn(tables, v[i].action);
     return changes;

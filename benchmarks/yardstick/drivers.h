@@ -21,6 +21,14 @@ static inline double idm_acceleration(double speed, double gap, double range_rat
     return MIN(p->max_acceleration, above);
 }
 
+static inline double free_acceleration(double speed, const Idm *p) {
+    double ratio = speed / p->desired_speed;
+    ratio *= ratio;
+    double command = p->max_acceleration * (1.0 - ratio * ratio);
+    double above = MAX(-p->max_braking, command);
+    return MIN(p->max_acceleration, above);
+}
+
 static double mobil_gain(
     double speed, double acceleration_now, double lead_gap, double lead_speed, double rear_gap, double rear_speed,
     double rear_acceleration_now, const Idm *idm, const Mobil *mobil
@@ -34,7 +42,7 @@ static double mobil_gain(
     return gain;
 }
 
-enum { FIRST_FREE_ROW = 21 * 116 * 19, CUT_COLUMNS = 32 };
+enum { FIRST_FREE_ROW = 21 * 116 * 19, CUT_COLUMNS = 32, FIRST_PROBE = 15 };
 #define MAX_TABLE_CLOSING 10.0
 #define MAX_TABLE_GAP 115.5
 #define NEAREST 0.5
@@ -73,7 +81,7 @@ static inline int64_t following_row(double speed, double gap, double range_rate,
 static inline int64_t sample_row(const uint32_t *cuts, int64_t row, uint64_t word) {
     const uint32_t *cut = cuts + row * CUT_COLUMNS;
     word = MIN(word, 0xFFFFFFFEu);
-    int64_t index = 16 * (cut[15] <= word);
+    int64_t index = (FIRST_PROBE + 1) * (cut[FIRST_PROBE] <= word);
     index += 8 * (cut[index + 7] <= word);
     index += 4 * (cut[index + 3] <= word);
     index += 2 * (cut[index + 1] <= word);

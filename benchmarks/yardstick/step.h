@@ -96,11 +96,24 @@ static void bound_av_neighbours(const World *w, Pairs *pairs, const Road *road) 
 static inline bool is_seen(const World *w, int64_t j, const Pairs *pairs, const Road *road) {
     const Vehicle *v = w->v;
     double dx = v[j].x - v[0].x, change = approach(v, j);
+    int64_t own = v[j].target_lane;
+    if (keeps_one_lane(&v[j])) return -pairs->behind[own] - change <= dx && dx <= pairs->ahead[own] + change;
     for (int64_t lane = 0; lane < road->n_lanes; lane++)
         if ((v[j].lanes & ((int64_t)1 << lane)) && -pairs->behind[lane] - change <= dx &&
             dx <= pairs->ahead[lane] + change)
             return true;
     return false;
+}
+
+static inline void note_av_neighbour(World *w, int64_t j) {
+    const Vehicle *v = w->v;
+    int64_t lane = v[j].target_lane, *leads = w->info + AV_LEADS, *rears = w->info + AV_REARS;
+    double dx = v[j].x - v[0].x;
+    int64_t *spot = dx > 0.0 ? &leads[lane] : &rears[lane];
+    if (fabs(dx) <= approach(v, j) || *spot != -1)
+        leads[lane] = UNKNOWN;
+    else
+        *spot = j;
 }
 
 static void choose_current(World *w, Pairs *pairs, int64_t n_pairs, bool everybody, const Road *road) {
@@ -116,15 +129,20 @@ static void choose_current(World *w, Pairs *pairs, int64_t n_pairs, bool everybo
         pairs->is_watched[pairs->b[k]] = UNSURE;
     }
     bound_av_neighbours(w, pairs, road);
+    for (int64_t lane = 0; lane < road->n_lanes; lane++) w->info[AV_LEADS + lane] = w->info[AV_REARS + lane] = -1;
+    bool steady = true;
     w->current[0] = 0;
     int64_t found = 1;
     for (int64_t j = 1; j < n; j++) {
         if (v[j].present && is_seen(w, j, pairs, road)) {
             pairs->is_watched[j] = 0;
             w->current[found++] = j;
+            steady = steady && v[j].duration == 0.0 && keeps_one_lane(&v[j]);
+            note_av_neighbour(w, j);
         }
     }
     w->info[N_SEEN] = found;
+    if (!steady) forget_av_neighbours(w);
     for (int64_t j = 1; j < n; j++)
         if (pairs->is_watched[j] && v[j].present) w->current[found++] = j;
     w->info[N_CURRENT] = found;
@@ -146,6 +164,7 @@ static void drop_absent(World *w) {
     }
     w->info[N_CURRENT] = kept;
     w->info[N_SEEN] = seen;
+    forget_av_neighbours(w);
 }
 
 static bool check_contacts(World *w, const Pairs *pairs, int64_t n_pairs, int64_t frame, const Road *road) {

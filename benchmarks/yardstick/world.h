@@ -16,7 +16,9 @@ typedef struct {
     int64_t target_lane, lanes, present, action;
 } Vehicle;
 
-enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN, BUDGET_LEFT, INFO_FIELDS };
+enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };
+enum { BUDGET_LEFT = 10, AV_LEADS = 11, MAX_LANES = 6 };
+enum { AV_REARS = AV_LEADS + MAX_LANES, AHEAD = AV_REARS + MAX_LANES, INFO_FIELDS = AHEAD + MAX_LANES, UNKNOWN = -2 };
 enum { RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP };
 
 typedef struct {
@@ -50,7 +52,7 @@ typedef struct {
 typedef struct {
     const uint32_t *cut;
     const float *lc_base, *lc_desire, *lc_accept;
-    double lc_desire_free, overlook, overlook_conflict;
+    double lc_desire_free, overlook, overlook_conflict, lc_most;
     const double *initial;
 } Tables;
 
@@ -60,12 +62,19 @@ typedef struct {
     int64_t capacity;
 } Pairs;
 
+static inline void forget_av_neighbours(World *w) {
+    for (int64_t lane = 0; lane < MAX_LANES; lane++) w->info[AV_LEADS + lane] = UNKNOWN;
+}
+
+static inline bool keeps_one_lane(const Vehicle *v) { return v->lanes == (int64_t)1 << v->target_lane; }
+
 static void all_current(World *w) {
     int64_t found = 0;
     for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
         if (w->v[i].present) w->current[found++] = i;
     w->info[N_CURRENT] = found;
     w->info[N_SEEN] = found;
+    forget_av_neighbours(w);
 }
 
 #endif

@@ -17,11 +17,17 @@ import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numba
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
-__all__ = ["cache_folder", "inlined_kernel", "kernel"]
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["cache_folder", "inlined_kernel", "kernel", "prefetch"]
 
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 # `_nrt`: no reference counting, which took most of the time where arrays travel in tuples, and no allocation, which
@@ -93,3 +99,27 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
         return cast("F", numba.njit(**options)(function))
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+
+
+def _prefetch(_: object, array: Any, row: Any, column: Any) -> tuple[Any, Callable[..., Any]]:
+    """Typing and code of `prefetch`, as Numba asks for them."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        fields = context.make_array(signature.args[0])(context, builder, arguments[0])
+        place = cgutils.get_item_pointer(  # type: ignore[no-untyped-call]
+            context, builder, signature.args[0], fields, list(arguments[1:])
+        )
+        form = ir.FunctionType(ir.VoidType(), [place.type, *[cgutils.int32_t] * 3])
+        hint = builder.module.declare_intrinsic("llvm.prefetch", [cgutils.voidptr_t], form)
+        read, keep_near, data = (cgutils.int32_t(number) for number in (0, 3, 1))
+        builder.call(hint, [place, read, keep_near, data])
+        return context.get_dummy_value()
+
+    return types.none(array, row, column), generate
+
+
+prefetch = cast("Callable[[NDArray[Any], int, int], None]", intrinsic(_prefetch))
+"""For kernels: `prefetch(array, row, column)` asks for memory that will be read soon, and waits for nothing.
+
+It changes no result. The array has two axes, the indices are int64, and the place must lie within it.
+"""

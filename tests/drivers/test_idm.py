@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cornerforge.drivers.idm import IdmNumbers, IdmParams, desired_gap, idm_acceleration
+from cornerforge.drivers.idm import IdmNumbers, IdmParams, desired_gap, free_acceleration, idm_acceleration
 from cornerforge.errors import InputError
 
 P = IdmNumbers(*dataclasses.astuple(IdmParams()))
@@ -19,6 +19,12 @@ RATE = st.floats(-20.0, 20.0)
 
 def test_numbers_have_the_fields_of_the_parameters() -> None:
     assert IdmNumbers._fields == tuple(field.name for field in dataclasses.fields(IdmParams))
+
+
+@given(SPEED, st.floats(0.1, 10.0), st.floats(0.1, 12.0), st.floats(1.0, 80.0))
+def test_a_free_road_is_an_infinite_gap_to_the_bit(speed: float, most: float, braking: float, wished: float) -> None:
+    p = P._replace(max_acceleration=most, max_braking=braking, desired_speed=wished)
+    assert free_acceleration(speed, p).hex() == idm_acceleration(speed, math.inf, 0.0, p).hex()
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -205,6 +206,15 @@ def test_lane_change_base_is_base_times_desire(model: NddModel, tables: NddTable
         assert lane_change_base(tables, SPEEDS[i], GAPS[j], RANGE_RATES[k]) == pytest.approx(expected, rel=1e-12)
     free = float(model.lc_base[10]) * model.lc_desire_free
     assert lane_change_base(tables, 30.0, math.inf, 0.0) == pytest.approx(free, rel=1e-12)
+
+
+def test_nobody_wants_to_change_lanes_more_than_the_bound(model: NddModel, tables: NddTables) -> None:
+    # `>=` in floating point, since a draw is compared with the bound before the chance itself is looked up
+    chances = model.lc_base.astype(float)[:, None, None] * model.lc_desire.astype(float)
+    assert chances.max() <= tables.lc_most
+    assert tables.lc_most >= float(model.lc_base.max()) * model.lc_desire_free
+    eager = tables_of(replace(model, lc_desire_free=50.0))
+    assert eager.lc_most == lane_change_base(eager, float(SPEEDS[int(model.lc_base.argmax())]), math.inf, 0.0)
 
 
 def test_accept_chance(model: NddModel, tables: NddTables) -> None:

@@ -14,9 +14,19 @@ from cornerforge.geometry import lane_bits
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording, step_world
+from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
+from cornerforge.sim.step import (
+    SUBSTEPS,
+    _choose_current,
+    _find_pairs,
+    allocate_pairs,
+    allocate_recording,
+    move_vehicle,
+    step_world,
+)
 from cornerforge.sim.world import (
     AV_CRASH,
+    AV_LEADS,
     BV_CRASH,
     COMPLETED,
     CONTROLLED,
@@ -27,6 +37,7 @@ from cornerforge.sim.world import (
     SLOT_A,
     SLOT_B,
     TIME_UP,
+    UNKNOWN,
     World,
 )
 from cornerforge.types import Odd
@@ -259,3 +270,41 @@ def test_once_a_second_is_not_ten_times_a_second(model: NddModel) -> None:
         recording = step(world, setting, frames=10)
         ways.append(np.unique(recording["acceleration"][:, 0]).size)
     assert ways == [10, 1]
+
+
+# Who is nearest to the AV
+
+
+def nearest_of_all(world: World, lane: int) -> tuple[int, int]:
+    """The AV's lead and rear in a lane, by looking at everybody."""
+    v = world.vehicles
+    dx = {j: v["x"][j] - v["x"][0] for j in range(1, v.size) if v["lanes"][j] & (1 << lane) and v["present"][j]}
+    ahead = [j for j in dx if 0.0 <= dx[j] < SIGHT]
+    behind = [j for j in dx if -SIGHT < dx[j] < 0.0]
+    return min(ahead, key=dx.__getitem__, default=-1), max(behind, key=dx.__getitem__, default=-1)
+
+
+def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> None:
+    rng = np.random.default_rng(5)
+    road, noted = setting_of(model, ODD).road, 0
+    for _ in range(300):
+        cars = [Car(200.0, int(rng.integers(3)), rng.uniform(20.0, 40.0))]
+        cars += [Car(rng.uniform(-60.0, 460.0), int(rng.integers(3)), rng.uniform(20.0, 40.0)) for _ in range(12)]
+        world = world_of(cars)
+        v = world.vehicles
+        v["x_held"], v["speed_held"] = v["x"], v["speed"]
+        v["acceleration"] = rng.choice([-4.0, 0.0, 2.0], v.size)
+        v["acceleration"][0] = rng.choice([-8.0, 2.0])
+        world.order[:] = np.argsort(v["x"])
+        pairs = allocate_pairs(v.size)
+        _choose_current(world, pairs, _find_pairs(world, road, pairs), False, road)
+        lanes = [lane for lane in range(3) if world.info[AV_LEADS + lane] != UNKNOWN]
+        noted += len(lanes)
+        for substep in range(SUBSTEPS):
+            for i in range(v.size):
+                move_vehicle(v, i, 0.1 * (substep + 1), road)
+            for lane in lanes:
+                now = nearest_of_all(world, lane)
+                assert neighbours_in_lane(world, 0, lane, road.lane_width, 1) == now
+                assert neighbours_in_lane(world, 0, lane, road.lane_width, 0) == now
+    assert 300 < noted < 800, f"{noted} of 900 lanes are noted"

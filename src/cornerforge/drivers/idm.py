@@ -9,7 +9,7 @@ from typing import NamedTuple
 from cornerforge._checks import check_number
 from cornerforge._jit import inlined_kernel
 
-__all__ = ["IdmNumbers", "IdmParams", "desired_gap", "idm_acceleration"]
+__all__ = ["IdmNumbers", "IdmParams", "desired_gap", "free_acceleration", "idm_acceleration"]
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,20 @@ def desired_gap(speed: float, range_rate: float, p: IdmNumbers) -> float:
     """
     dynamic = speed * p.time_gap - speed * range_rate / (2.0 * math.sqrt(p.max_acceleration * p.comfortable_braking))
     return p.standstill_gap + max(0.0, dynamic)
+
+
+@inlined_kernel
+def free_acceleration(speed: float, p: IdmNumbers) -> float:
+    """Acceleration without a lead [m/s2]: to the bit that of `idm_acceleration` for an infinite gap, and cheaper.
+
+    Args:
+        speed: Of the subject [m/s].
+        p: Parameters.
+    """
+    ratio = speed / p.desired_speed
+    ratio *= ratio
+    command = p.max_acceleration * (1.0 - ratio * ratio)
+    return min(p.max_acceleration, max(-p.max_braking, command))
 
 
 @inlined_kernel

@@ -30,6 +30,8 @@ MAX_TABLE_CLOSING = 10.0
 MAX_TABLE_GAP = 115.5
 NEAREST = 0.5
 """The rounding that takes the nearest column; lane-change tables, which are smooth, are looked up so."""
+FIRST_PROBE = 15
+"""The column of `cut` where `sample_row` begins; it shares a cache line with most of those that it asks next."""
 _FIRST_FREE_ROW = 21 * 116 * 19
 _LAST_WORD = np.uint64(0xFFFFFFFE)
 
@@ -42,6 +44,7 @@ class NddTables(NamedTuple):
         cut: Cumulative, scaled to 2^32, uint32 (21 * 116 * 19 + 21, 32): the last column is never passed.
         lc_base: (21,); lc_desire: (116, 19); lc_accept: (2, 116, 19), lead and rear. float32.
         lc_desire_free, overlook, overlook_conflict: Numbers of the model.
+        lc_most: No `lane_change_base` is larger.
         initial: Fields of `InitialState` in order, float64 (12,).
     """
 
@@ -53,6 +56,7 @@ class NddTables(NamedTuple):
     lc_desire_free: float
     overlook: float
     overlook_conflict: float
+    lc_most: float
     initial: NDArray[np.float64]
 
 
@@ -78,6 +82,7 @@ def tables_of(model: NddModel) -> NddTables:
         lc_desire_free=float(model.lc_desire_free),
         overlook=float(model.overlook),
         overlook_conflict=float(model.overlook_conflict),
+        lc_most=float(model.lc_base.max()) * max(float(model.lc_desire.max()), float(model.lc_desire_free)),
         initial=np.array(initial, dtype=np.float64),
     )
 
@@ -152,7 +157,7 @@ def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
     several rows it draws an action at least as hard as in the milder row.
     """
     word = min(word, _LAST_WORD)  # the last cut stands for 2^32: without this an impossible last action could be drawn
-    index = 16 if np.uint64(cut[row, 15]) <= word else 0
+    index = FIRST_PROBE + 1 if np.uint64(cut[row, FIRST_PROBE]) <= word else 0
     index += 8 if np.uint64(cut[row, index + 7]) <= word else 0
     index += 4 if np.uint64(cut[row, index + 3]) <= word else 0
     index += 2 if np.uint64(cut[row, index + 1]) <= word else 0

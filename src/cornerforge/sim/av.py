@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.drivers.idm import idm_acceleration
+from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
 from cornerforge.geometry import lane_of
 from cornerforge.sim.neighbours import neighbours_in_lane
@@ -29,7 +29,7 @@ def lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNum
     """IDM acceleration of slot i behind the worst of its leads in all lanes of the bit mask."""
     v = w.vehicles
     speed = v[i].speed
-    command = idm_acceleration(speed, np.inf, 0.0, av.idm)
+    command = free_acceleration(speed, av.idm)
     for lane in range(road.n_lanes):
         if lanes & (1 << lane):
             lead, _ = neighbours_in_lane(w, i, lane, road.lane_width, av.sees_intentions)
@@ -95,7 +95,7 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
         return command, lane
     best_gain = av.mobil.min_gain
     # No lane is better than a free one: an AV that is hardly hindered need not look at the others.
-    if av.mobil.politeness == 0.0 and idm_acceleration(v[0].speed, np.inf, 0.0, av.idm) - command <= best_gain:
+    if av.mobil.politeness == 0.0 and free_acceleration(v[0].speed, av.idm) - command <= best_gain:
         return command, lane
     best_lane = lane
     for side in _SIDES:

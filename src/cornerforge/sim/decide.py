@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel, kernel, prefetch
 from cornerforge._philox import PURPOSE_DECIDE, block, uniform
 from cornerforge.drivers.naturalistic import (
+    FIRST_PROBE,
     accept_chance,
     following_row,
     free_row,
@@ -24,7 +25,7 @@ from cornerforge.drivers.naturalistic import (
 from cornerforge.geometry import lane_of
 from cornerforge.sim.av import lead_acceleration
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.sim.world import CONTROLLED, N_DECISIONS, N_VEHICLES
+from cornerforge.sim.world import AHEAD, CONTROLLED, N_DECISIONS, N_VEHICLES
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -42,8 +43,13 @@ _WORD_MASK = 0xFFFFFFFF
 
 
 @inlined_kernel
-def _draw_later(row: int, word: uint64) -> int:
-    """Row and random word in one number, which is larger than any action."""
+def _draw_later(tables: NddTables, row: int, word: uint64) -> int:
+    """Row and random word in one number, which is larger than any action.
+
+    The row is asked for now: the table is larger than the processor's nearer caches, and by the time of the look-up the
+    row is there.
+    """
+    prefetch(tables.cut, row, FIRST_PROBE)
     later: int = ((row + 1) << _WORD_BITS) | np.int64(word)  # type: ignore[assignment]
     return later
 
@@ -86,7 +92,7 @@ def _worst_follow(
             continue
         gap = dx - road.length
         rate = v[j].speed - v[i].speed
-        later = _draw_later(following_row(v[i].speed, gap, rate, rounding), word)
+        later = _draw_later(tables, following_row(v[i].speed, gap, rate, rounding), word)
         if action < 0:
             nearest_gap = gap
             nearest_rate = rate
@@ -97,8 +103,23 @@ def _worst_follow(
         if wanted == 0:
             break
     if action < 0:
-        action = _draw_later(free_row(v[i].speed), word)
+        action = _draw_later(tables, free_row(v[i].speed), word)
     return action, nearest_gap, nearest_rate
+
+
+@inlined_kernel
+def _follow(
+    w: World, i: int, lead: int, road: RoadNumbers, tables: NddTables, word: uint64, rounding: float
+) -> tuple[int, float, float]:
+    """`_worst_follow` for slot i that occupies one lane, in which `lead` is the next ahead, -1 for none."""
+    v = w.vehicles
+    speed = v[i].speed
+    dx = v[lead].x - v[i].x if lead >= 0 else np.inf
+    if dx >= SIGHT:
+        return _draw_later(tables, free_row(speed), word), np.inf, 0.0
+    gap = dx - road.length
+    rate = v[lead].speed - speed
+    return _draw_later(tables, following_row(speed, gap, rate, rounding), word), gap, rate
 
 
 @inlined_kernel
@@ -138,15 +159,24 @@ def _return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables:
 
 @inlined_kernel
 def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> int:
-    """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE), which may be put off."""
+    """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE), which may be put off.
+
+    info[AHEAD + lane] names the next vehicle ahead of it in each lane.
+    """
     v = w.vehicles
     order = w.order
     info = w.info
     i = order[rank]
     words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-    action, gap, rate = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
+    if v[i].lanes == 1 << v[i].target_lane:
+        lead = info[AHEAD + v[i].target_lane]
+        action, gap, rate = _follow(w, i, lead, road, tables, words[1], uniform(words[3]))
+    else:
+        action, gap, rate = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
     if v[i].duration == 0.0:
         draw = uniform(words[0])
+        if draw >= 2.0 * tables.lc_most:  # nine times in ten this spares the look-up of what it wants
+            return action
         base = lane_change_base(tables, v[i].speed, gap, rate)
         if draw < 2.0 * base:  # the chance of both sides together is at most this: the neighbours need no look
             lane = v[i].target_lane
@@ -331,19 +361,27 @@ def _all_naturalistic(
 ) -> int:
     """Every BV draws its action; the controlled one takes `controlled_action`. Returns how many begin a lane change.
 
+    The walk goes from the front to the rear and keeps the last vehicle of each lane, so that a lead is found at once.
     Look-ups come last, all in one loop without branches: the processor then waits for the table once, not once a BV.
     """
     v = w.vehicles
-    controlled = w.info[CONTROLLED]
+    info = w.info
+    controlled = info[CONTROLLED]
     changes = 0
-    for rank in range(w.info[N_VEHICLES]):
+    for lane in range(road.n_lanes):
+        info[AHEAD + lane] = -1
+    for rank in range(info[N_VEHICLES] - 1, -1, -1):
         i = w.order[rank]
-        if i == 0 or v[i].present == 0:
+        if v[i].present == 0:
             continue
-        action = controlled_action if i == controlled else _decide_naturalistic(w, rank, seed, test, road, tables)
-        v[i].action = action
-        if action < 2:
-            changes += 1
+        if i > 0:
+            action = controlled_action if i == controlled else _decide_naturalistic(w, rank, seed, test, road, tables)
+            v[i].action = action
+            if action < 2:
+                changes += 1
+        for lane in range(road.n_lanes):
+            if v[i].lanes & (1 << lane):
+                info[AHEAD + lane] = i
     for i in range(1, w.info[N_VEHICLES]):
         v[i].action = _drawn(tables, v[i].action)
     return changes

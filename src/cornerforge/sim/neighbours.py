@@ -8,7 +8,7 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_of
-from cornerforge.sim.world import N_SEEN, N_VEHICLES
+from cornerforge.sim.world import AV_LEADS, AV_REARS, N_SEEN, N_VEHICLES, UNKNOWN
 
 if TYPE_CHECKING:
     from cornerforge.sim.world import World
@@ -20,12 +20,27 @@ SIGHT = 200.0
 
 
 @inlined_kernel
+def _known_neighbours(w: World, lane: int) -> tuple[int, int]:
+    """The AV's lead and rear in a lane, where `step` noted who alone they can be; -1 for none within sight."""
+    v = w.vehicles
+    lead = w.info[AV_LEADS + lane]
+    rear = w.info[AV_REARS + lane]
+    if lead >= 0 and v[lead].x - v[0].x >= SIGHT:
+        lead = -1
+    if rear >= 0 and v[0].x - v[rear].x >= SIGHT:
+        rear = -1
+    return lead, rear
+
+
+@inlined_kernel
 def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_intentions: int) -> tuple[int, int]:
     """Nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
 
     Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x
     are ordered by slot.
     """
+    if i == 0 and w.info[AV_LEADS + lane] != UNKNOWN:
+        return _known_neighbours(w, lane)
     v = w.vehicles
     info = w.info
     lead = -1

@@ -15,6 +15,8 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.world import (
     AV_CRASH,
+    AV_LEADS,
+    AV_REARS,
     BV_CRASH,
     COMPLETED,
     CONTROLLED,
@@ -29,7 +31,9 @@ from cornerforge.sim.world import (
     SLOT_A,
     SLOT_B,
     TIME_UP,
+    UNKNOWN,
     all_current,
+    forget_av_neighbours,
     path_of,
 )
 from cornerforge.types import ACCELERATIONS, FRAME_S, MAX_LANES
@@ -227,10 +231,31 @@ def _is_seen(w: World, j: int, pairs: Pairs, road: RoadNumbers) -> bool:
     v = w.vehicles
     dx = v[j].x - v[0].x
     change = _approach(v, j)
+    lane = v[j].target_lane
+    if v[j].lanes == 1 << lane:
+        seen: bool = -pairs.behind[lane] - change <= dx <= pairs.ahead[lane] + change
+        return seen
     for lane in range(road.n_lanes):
         if v[j].lanes & (1 << lane) and -pairs.behind[lane] - change <= dx <= pairs.ahead[lane] + change:
             return True
     return False
+
+
+@inlined_kernel
+def _note_av_neighbour(w: World, j: int) -> None:
+    """Note vehicle j, which the AV may see and which keeps its lane, as the AV's lead or rear there.
+
+    A lane where it could be either within the second, or is not the only one, is left to a look at all.
+    """
+    v = w.vehicles
+    info = w.info
+    lane = v[j].target_lane
+    dx = v[j].x - v[0].x
+    place = AV_LEADS + lane if dx > 0.0 else AV_REARS + lane
+    if abs(dx) <= _approach(v, j) or info[place] != -1:
+        info[AV_LEADS + lane] = UNKNOWN
+    else:
+        info[place] = j
 
 
 @inlined_kernel
@@ -248,6 +273,10 @@ def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road:
         pairs.is_watched[pairs.a[k]] = UNSURE
         pairs.is_watched[pairs.b[k]] = UNSURE
     _bound_av_neighbours(w, pairs, road)
+    for lane in range(road.n_lanes):
+        info[AV_LEADS + lane] = -1
+        info[AV_REARS + lane] = -1
+    steady = True
     w.current[0] = 0
     found = 1
     for j in range(1, n):
@@ -255,7 +284,11 @@ def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road:
             pairs.is_watched[j] = 0
             w.current[found] = j
             found += 1
+            steady = steady and v[j].duration == 0.0 and v[j].lanes == 1 << v[j].target_lane
+            _note_av_neighbour(w, j)
     info[N_SEEN] = found
+    if not steady:
+        forget_av_neighbours(w)
     for j in range(1, n):
         if pairs.is_watched[j] and v[j].present:
             w.current[found] = j
@@ -285,6 +318,7 @@ def _drop_absent(w: World) -> None:
                 seen = kept
     w.info[N_CURRENT] = kept
     w.info[N_SEEN] = seen
+    forget_av_neighbours(w)
 
 
 @inlined_kernel

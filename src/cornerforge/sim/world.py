@@ -15,7 +15,7 @@ from cornerforge.drivers.mobil import MobilNumbers, MobilParams
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
 from cornerforge.drivers.rss import RssNumbers
 from cornerforge.geometry import Path
-from cornerforge.types import Odd
+from cornerforge.types import MAX_LANES, Odd
 
 __all__ = [
     "INFO_FIELDS",
@@ -26,6 +26,7 @@ __all__ = [
     "all_current",
     "allocate_worlds",
     "av_numbers",
+    "forget_av_neighbours",
     "n_slots",
     "numbers_of_av",
     "path_of",
@@ -77,7 +78,7 @@ class World(NamedTuple):
         current: Slots whose state is that of this moment, int64 (N,), the first info[N_CURRENT] entries: at decision
             times all that are present, within a second only those that somebody may touch or look at. The AV is the
             first; the first info[N_SEEN] are whom somebody may look at; both parts rise.
-        info: int64 (11,): see the index constants below.
+        info: int64 (INFO_FIELDS,): see the index constants below.
     """
 
     vehicles: NDArray[np.void]
@@ -86,11 +87,18 @@ class World(NamedTuple):
     info: NDArray[np.int64]
 
 
-INFO_FIELDS = 11
-N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN, BUDGET_LEFT = (
-    range(INFO_FIELDS)
-)
-"""BUDGET_LEFT: what is left of the adversary's likelihood budget, in millionths of a nat, plus 1; 0: no limit."""
+N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN = range(10)
+BUDGET_LEFT = 10
+"""What is left of the adversary's likelihood budget, in millionths of a nat, plus 1; 0: no limit."""
+AV_LEADS = 11
+"""info[AV_LEADS + lane]: the one vehicle that can be the AV's nearest ahead in a lane until the end of the second, -1
+for none, or UNKNOWN: then look at all."""
+AV_REARS = AV_LEADS + MAX_LANES
+"""info[AV_REARS + lane]: the same behind, where info[AV_LEADS + lane] is not UNKNOWN."""
+AHEAD = AV_REARS + MAX_LANES
+"""info[AHEAD + lane]: scratch, the rearmost vehicle so far of a walk from the front to the rear."""
+INFO_FIELDS = AHEAD + MAX_LANES
+UNKNOWN = -2
 
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
@@ -177,13 +185,20 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, 11)."""
+    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, INFO_FIELDS)."""
     return World(
         np.zeros((n_worlds, slots), dtype=VEHICLE),
         np.zeros((n_worlds, slots), dtype=np.int64),
         np.zeros((n_worlds, slots), dtype=np.int64),
         np.zeros((n_worlds, INFO_FIELDS), dtype=np.int64),
     )
+
+
+@inlined_kernel
+def forget_av_neighbours(w: World) -> None:
+    """Note that nothing is known about who is the AV's nearest in any lane."""
+    for lane in range(MAX_LANES):
+        w.info[AV_LEADS + lane] = UNKNOWN
 
 
 @inlined_kernel
@@ -196,6 +211,7 @@ def all_current(w: World) -> None:
             found += 1
     w.info[N_CURRENT] = found
     w.info[N_SEEN] = found
+    forget_av_neighbours(w)
 
 
 @inlined_kernel
