@@ -6,6 +6,10 @@ Counts whole blocks of tests for a fixed list of settings (`--list`), in order, 
 working folder are. A stop at any moment (Ctrl-C, kill, end of `--minutes`) loses the block in progress; Ctrl-C and the
 end write the ledger too. Commit `benchmarks/ground_truth.json` and another machine goes on from it; counts of another
 model, AV, road, simulation code or seed are refused.
+
+After a change of the simulation code that should leave all outcomes as they are, `--same-bits` takes an entry over if
+this code drives its first block to the same digest and each of its crashes to the same crash again; the entry then
+names the old code among its `earlier_simulations`. What comes out otherwise is refused, and nothing is lost.
 """
 
 from __future__ import annotations
@@ -48,6 +52,7 @@ class Session:
         until: Moment of `time.monotonic` at which no new block is begun.
         most: Never more tests than this per setting, for a trial.
         restart: Forget entries of other hashes.
+        same_bits: Take over entries of other simulation code that drives the same.
     """
 
     out: Path
@@ -56,6 +61,7 @@ class Session:
     until: float
     most: int | None
     restart: bool
+    same_bits: bool
 
     def wanted(self, setting: Setting) -> int:
         return setting.tests if self.most is None else min(setting.tests, self.most)
@@ -76,13 +82,15 @@ def prepare(setting: Setting, session: Session) -> tuple[Experiment, dict[str, A
 def take_up(setting: Setting, known: Entry | None, session: Session) -> tuple[Experiment, Entry]:
     """The run of a setting and its entry so far, the further one of ledger and working folder.
 
+    With `session.same_bits` the entry may be of other simulation code; `count` then compares before it goes on.
+
     Raises:
         InputError: One of them was counted with something else.
     """
     run, identity = prepare(setting, session)
     place = _place(setting, session)
     sources = {f"The ledger's entry {setting.name}": known, str(place): _readable(place, session)}
-    return run, furthest(sources, identity, restart=session.restart)
+    return run, furthest(sources, identity, restart=session.restart, same_bits=session.same_bits)
 
 
 def _place(setting: Setting, session: Session) -> Path:
@@ -93,13 +101,16 @@ def count(setting: Setting, run: Experiment, entry: Entry, session: Session) -> 
     """Go on with one setting; yields its entry at the start and after every block.
 
     Raises:
-        InputError: This machine computes other bits than the one that began.
+        InputError: This machine, or this code, computes other bits than the one that began.
     """
+    compared = entry.identity["simulation"] != simulation_hash()
+    if compared:
+        entry = _taken_over(setting, run, entry, session)
     yield entry
     if entry.counts.tests >= session.wanted(setting) or time.monotonic() >= session.until:
         return
     warm_up(run.setting, run.slots)
-    if entry.counts.tests:
+    if entry.counts.tests and not compared:
         _check_bits(setting, run, entry, session)
     if entry.travel is None:
         travel = bv_travel(run.setting, run.slots, seed=SEED, tests=SAMPLE_TESTS, threads=session.threads)
@@ -128,6 +139,41 @@ def _readable(place: Path, session: Session) -> Entry | None:
 
 def _block(run: Experiment, first: int, session: Session) -> Block:
     return drive_block(run.setting, run.slots, seed=SEED, first=first, tests=BLOCK, threads=session.threads)
+
+
+def _taken_over(setting: Setting, run: Experiment, entry: Entry, session: Session) -> Entry:
+    """An entry of other simulation code as one of this code, which drives the same.
+
+    Raises:
+        InputError: It does not: the first block, or a crash, comes out otherwise.
+    """
+    taken = entry.driven_by(simulation_hash())
+    if entry.counts.tests == 0:
+        return taken
+    warm_up(run.setting, run.slots)
+    if _block(run, 0, session).digest != entry.first_block:
+        raise _other_bits(setting, f"tests 0 to {BLOCK - 1} come out otherwise")
+    crashes = NaturalCrashes(run, SEED)
+    for crash in entry.crashes:
+        test = crash["test"]
+        try:
+            again = Entry(taken.identity).with_crash(test, crashes.record(test)[1]).crashes[0]
+        except InputError as error:
+            raise _other_bits(setting, f"test {test} does not end in a crash") from error
+        if again != crash:
+            named = ", ".join(
+                f"{name} {crash[name]} (here {again[name]})" for name in crash if crash[name] != again[name]
+            )
+            raise _other_bits(setting, f"the crash of test {test} has other {named}")
+    write_text(_place(setting, session), taken.to_text() + "\n")
+    return taken
+
+
+def _other_bits(setting: Setting, what: str) -> InputError:
+    return InputError(
+        f"{setting.name}: with this simulation code {what}, unlike in the ledger, so its counts are not taken over. "
+        "Go back to that version, or begin the setting anew with --restart."
+    )
 
 
 def _check_bits(setting: Setting, run: Experiment, entry: Entry, session: Session) -> None:
@@ -178,7 +224,9 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--data", nargs="+", type=Path, default=[], help="trajectory files, for variations of the fit")
     parser.add_argument("--out", type=Path, default=Path("out/ground-truth"), help="working folder")
     parser.add_argument("--ledger", type=Path, default=LEDGER, help="the committed ledger")
-    parser.add_argument("--restart", action="store_true", help="forget counts of the chosen settings of other hashes")
+    stale = parser.add_mutually_exclusive_group()
+    stale.add_argument("--restart", action="store_true", help="forget counts of the chosen settings of other hashes")
+    stale.add_argument("--same-bits", action="store_true", help="take over counts of other code that drives the same")
     parser.add_argument("--write", type=Path, metavar="PATH", help="replace the marked block of this document")
     parsed = parser.parse_args(arguments)
     patterns = parsed.only or ["*"]
@@ -214,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         until = time.monotonic() + 60.0 * given.minutes if given.minutes else float("inf")
         threads = check_threads(given.threads)
-        session = Session(given.out, given.data, threads, until, given.tests, given.restart)
+        session = Session(given.out, given.data, threads, until, given.tests, given.restart, given.same_bits)
         status = 0
         try:
             work(_without_data(given.chosen, given), entries, session)

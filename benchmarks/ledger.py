@@ -2,7 +2,8 @@
 
 An entry holds all that tests 0 .. n-1 of a setting gave, and the hashes of what they were driven with: natural traffic
 of the same model, AV, road, simulation code and seed gives the same tests to the bit, so test n follows on any machine.
-Counts of different hashes never mix.
+Counts of different hashes never mix. One exception, on request and checked (`Entry.driven_by`): simulation code that
+was rewritten, say for speed, and still drives the same bits.
 """
 
 from __future__ import annotations
@@ -78,6 +79,8 @@ class Entry:
         first_block: Digest of block 0 alone: to see whether another machine computes the same bits.
         travel: Distance of BVs, from a counted sample; None before the first block.
         crashes: `CrashStudy` columns and `test` of every AV crash, in the order of the tests.
+        earlier_simulations: Hashes of the simulation code that counted before that of `identity`, oldest first; each
+            was seen to drive the same bits as the next.
     """
 
     identity: dict[str, Any]
@@ -85,6 +88,14 @@ class Entry:
     first_block: str = ""
     travel: BvTravel | None = None
     crashes: tuple[dict[str, Any], ...] = ()
+    earlier_simulations: tuple[str, ...] = ()
+
+    def driven_by(self, simulation: str) -> Entry:
+        """This entry as one of other simulation code, which drives the same bits: the caller has seen that it does."""
+        if simulation == self.identity["simulation"]:
+            return self
+        earlier = (*self.earlier_simulations, str(self.identity["simulation"]))
+        return replace(self, identity={**self.identity, "simulation": simulation}, earlier_simulations=earlier)
 
     def with_crash(self, test: int, study: CrashStudy) -> Entry:
         """This entry with one more crash described."""
@@ -99,7 +110,13 @@ class Entry:
         for key in ("seconds", "cpu_seconds"):
             counts[key] = round(counts[key], 1)
         travel = None if self.travel is None else vars(self.travel)
-        parts = {"identity": self.identity, "counts": counts, "first_block": self.first_block, "bv_travel": travel}
+        parts = {
+            "identity": self.identity,
+            "earlier_simulations": self.earlier_simulations,
+            "counts": counts,
+            "first_block": self.first_block,
+            "bv_travel": travel,
+        }
         lines = [f'"{name}": {json.dumps(value, allow_nan=False)}' for name, value in parts.items()]
         rows = [json.dumps([crash[name] for name in _CRASH_COLUMNS]) for crash in self.crashes]
         crashes = "[\n" + ",\n".join(rows) + "\n]" if rows else "[]"
@@ -122,6 +139,7 @@ def _entry(content: Mapping[str, Any], where: str) -> Entry:
             str(content["first_block"]),
             None if travel is None else BvTravel(**travel),
             crashes,
+            tuple(str(name) for name in content.get("earlier_simulations", ())),
         )
     except (KeyError, TypeError, ValueError, FileFormatError) as error:
         raise FileFormatError(f"{where} is no entry of a ledger of this version ({error}); remove it.") from error
@@ -163,17 +181,23 @@ def agree(entry: Entry, identity: Mapping[str, Any], where: str) -> None:
         differences = ", ".join(f"{key} {entry.identity.get(key)} (here {identity.get(key)})" for key in keys)
         raise InputError(
             f"{where} was counted with other {differences}. Such counts do not mix: "
-            "go back to that version, or begin this setting anew with --restart."
+            + ("try whether both drive the same with --same-bits, " if keys == ["simulation"] else "")
+            + "go back to that version, or begin this setting anew with --restart."
         )
 
 
-def furthest(entries: Mapping[str, Entry | None], identity: Mapping[str, Any], *, restart: bool) -> Entry:
+def furthest(
+    entries: Mapping[str, Entry | None], identity: Mapping[str, Any], *, restart: bool, same_bits: bool = False
+) -> Entry:
     """The entry with the most tests among those of the same identity; a new one if there is none.
+
+    With `same_bits` it may be one of other simulation code: compare its identity.
 
     Args:
         entries: By where they lie.
         identity: What is to be driven now.
         restart: Forget entries of another identity instead of refusing them.
+        same_bits: Take entries that differ in nothing but the simulation code, too; the caller compares the bits.
 
     Raises:
         InputError: One is of another identity, and `restart` is False.
@@ -183,7 +207,7 @@ def furthest(entries: Mapping[str, Entry | None], identity: Mapping[str, Any], *
         if entry is None:
             continue
         try:
-            agree(entry, identity, where)
+            agree(entry.driven_by(identity["simulation"]) if same_bits else entry, identity, where)
         except InputError:
             if not restart:
                 raise

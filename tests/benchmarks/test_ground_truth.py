@@ -51,7 +51,7 @@ def some_entry(blocks: int = 2, identity: dict[str, Any] | None = None) -> Entry
 
 
 def test_a_ledger_comes_back_as_it_was(tmp_path: Path) -> None:
-    entries = {"b": some_entry(3), "a": Entry({"seed": 0})}
+    entries = {"b": some_entry(3), "a": Entry({"seed": 0}), "c": some_entry().driven_by("new").driven_by("newest")}
     write_ledger(tmp_path / "l.json", entries)
     found = read_ledger(tmp_path / "l.json")
     assert found == entries
@@ -63,7 +63,8 @@ def test_a_ledger_comes_back_as_it_was(tmp_path: Path) -> None:
     write_ledger(tmp_path / "l.json", found)
     assert (tmp_path / "l.json").read_bytes() == first
     json.loads(first)
-    assert first.decode().count("\n[") == 3, "a line for each crash"
+    assert first.decode().count("\n[") == 5, "a line for each crash"
+    assert found["c"].earlier_simulations == ("s", "new")
     write_ledger(tmp_path / "none.json", {})
     assert read_ledger(tmp_path / "none.json") == {} == read_ledger(tmp_path / "missing.json")
 
@@ -210,6 +211,74 @@ def test_other_code_and_other_bits_are_refused(
     assert run(tmp_path, "r", "--tests", "1", "--restart") == 0
     again = read_ledger(tmp_path / "r.json")[small.name]
     assert (again.identity["simulation"], again.counts.tests) == ("other", 3_000)
+
+
+def other_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ground_truth, "simulation_hash", lambda: "rewritten")
+
+
+def test_rewritten_code_of_the_same_bits_takes_an_entry_over(
+    crashing: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, "whole") == 0
+    whole = read_ledger(tmp_path / "whole.json")[crashing.name]
+    assert run(tmp_path, "r", "--tests", "5000") == 0
+    before = read_ledger(tmp_path / "r.json")[crashing.name]
+    assert before.counts.av_crashes > 0, "no crash to compare"
+    other_code(monkeypatch)
+    assert run(tmp_path, "r") == 2
+    assert "--same-bits" in capsys.readouterr().err
+    assert run(tmp_path, "r", "--same-bits", "--tests", "5000") == 0
+    after = read_ledger(tmp_path / "r.json")[crashing.name]
+    assert after == before.driven_by("rewritten"), "taken over, though nothing was left to count"
+    assert after.identity == {**before.identity, "simulation": "rewritten"}
+    assert after.earlier_simulations == (before.identity["simulation"],)
+    assert run(tmp_path, "r") == 0, "it is an entry like any other now"
+    assert untimed(read_ledger(tmp_path / "r.json")[crashing.name]) == untimed(whole.driven_by("rewritten"))
+
+
+SPOILED = {
+    "first block": (lambda entry: replace(entry, first_block="00"), "tests 0 to 2999 come out otherwise"),
+    "a column": (
+        lambda entry: replace(entry, crashes=({**entry.crashes[0], "overlooked": None}, *entry.crashes[1:])),
+        "has other overlooked None",
+    ),
+    "no crash": (
+        lambda entry: replace(entry, crashes=({**entry.crashes[0], "test": 0}, *entry.crashes[1:])),
+        "test 0 does not end in a crash",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SPOILED)
+def test_rewritten_code_of_other_bits_is_refused(
+    what: str, crashing: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, "r", "--tests", "5000") == 0
+    spoil, words = SPOILED[what]
+    spoiled = spoil(read_ledger(tmp_path / "r.json")[crashing.name])
+    write_ledger(tmp_path / "s.json", {crashing.name: spoiled})
+    written = (tmp_path / "s.json").read_bytes()
+    other_code(monkeypatch)
+    assert run(tmp_path, "s", "--same-bits") == 2
+    text = capsys.readouterr().err
+    assert words in text
+    assert "--restart" in text
+    assert (tmp_path / "s.json").read_bytes() == written, "nothing is lost by a refusal"
+
+
+def test_only_other_simulation_code_is_taken_over() -> None:
+    assert (
+        furthest({"one": some_entry()}, {**IDENTITY, "simulation": "new"}, restart=False, same_bits=True)
+        == some_entry()
+    )
+    with pytest.raises(InputError, match="av_hash"):
+        furthest({"one": some_entry()}, {**IDENTITY, "av_hash": "b"}, restart=False, same_bits=True)
+    with pytest.raises(InputError, match="av_hash") as refused:
+        furthest(
+            {"one": some_entry()}, {**IDENTITY, "av_hash": "b", "simulation": "new"}, restart=False, same_bits=True
+        )
+    assert "--same-bits" not in str(refused.value), "it would not help"
 
 
 @pytest.mark.usefixtures("small")
