@@ -63,7 +63,7 @@ typedef struct {
 } Pairs;
 
 static inline void forget_av_neighbours(World *w) {
-    for (int64_t lane = 0; lane < MAX_LANES; lane++) w->info[AV_LEADS + lane] = UNKNOWN;
+    for (int64_t place = AV_LEADS; place < AV_REARS + MAX_LANES; place++) w->info[place] = UNKNOWN;
 }
 
 static inline bool keeps_one_lane(const Vehicle *v) { return v->lanes == (int64_t)1 << v->target_lane; }

@@ -197,8 +197,8 @@ def allocate_worlds(n_worlds: int, slots: int) -> World:
 @inlined_kernel
 def forget_av_neighbours(w: World) -> None:
     """Note that nothing is known about who is the AV's nearest in any lane."""
-    for lane in range(MAX_LANES):
-        w.info[AV_LEADS + lane] = UNKNOWN
+    for place in range(AV_LEADS, AV_REARS + MAX_LANES):
+        w.info[place] = UNKNOWN
 
 
 @inlined_kernel
