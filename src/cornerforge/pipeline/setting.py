@@ -11,12 +11,16 @@ from cornerforge.drivers.avs import AvModel, av_hash, av_named
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.foreign.driver import ForeignAv, ForeignRecorder
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.output import config_hash
 from cornerforge.sim.adversaries import ADVERSARIES
 from cornerforge.sim.decide import IDM_BVS
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.runner import default_threads
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.runner import DriveChunk, default_threads, drive_chunk, warm_up
 from cornerforge.sim.world import av_numbers, n_slots, road_numbers
 from cornerforge.types import Odd, odd_named
 
@@ -28,12 +32,14 @@ class Experiment:
     """Everything constant in a run, by its user's names and as the kernels take it.
 
     Attributes:
-        odd, av, model: The world.
+        odd, av, model: The world. For a foreign AV `av` is idm-mobil under the foreign one's name: tests start at no
+            less than its desired gap.
         bv: How BVs drive: "nde", "idm", a plain adversary's name, or "policy".
         bounded: The NDD-bounded mask is on.
         policy: The adversary's policy when `bv` is "policy".
         setting: The kernels' form of all this.
         slots: Vehicle slots per world.
+        foreign: The AV, when it is not a built-in one.
     """
 
     odd: Odd
@@ -44,6 +50,25 @@ class Experiment:
     policy: Policy | None
     setting: Setting
     slots: int
+    foreign: ForeignAv | None = None
+
+    @property
+    def drive(self) -> DriveChunk:
+        """Who drives a range of tests."""
+        return drive_chunk if self.foreign is None else self.foreign
+
+    def warm_up(self) -> None:
+        """Load the compiled kernels, or compile them (once per installation), so that timings do not count it."""
+        if self.foreign is not None:
+            self.foreign.warm_up(self.setting, self.slots)
+        else:
+            warm_up(self.setting, self.slots)
+
+    def recorder(self) -> Recorder:
+        """Who records a test; serves one thread."""
+        if self.foreign is not None:
+            return ForeignRecorder(self.foreign, self.setting, self.odd)
+        return Recorder(self.setting, self.odd)
 
     def identity(self, seed: int) -> dict[str, str | int | float | bool | None]:
         """What names a test together with its number: seed, names, and hashes of settings, model, policy and AV."""
@@ -52,7 +77,7 @@ class Experiment:
             "odd": self.odd.name,
             "lanes": self.odd.n_lanes,
             "av": self.av.name,
-            "av_hash": av_hash(self.av),
+            "av_hash": av_hash(self.av) if self.foreign is None else self.foreign.hash,
             "model_hash": model_hash(self.model),
             "bv": self.bv,
             "bounded": self.bounded,
@@ -80,26 +105,38 @@ def experiment(
     bv: str = "nde",
     policy: Policy | None = None,
     bounded: bool = False,
+    takes_foreign: bool = False,
+    seed: int = 0,
+    av_timeout: float = DEFAULT_TIMEOUT,
 ) -> Experiment:
     """Put a run together.
 
     Args:
-        av: Name of a built-in AV.
+        av: Name of a built-in AV, or a foreign one: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         odd: Name of an ODD.
         lanes: Number of lanes, 2 to 6; None for the ODD's own.
         model: Model file; None for the one that ships with the package.
         bv: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or the path of a policy file.
         policy: A policy in memory instead of a path in `bv`.
         bounded: Mask actions that the naturalistic model calls impossible; a policy brings its own answer.
+        takes_foreign: A foreign AV may be given.
+        seed: Told to a foreign AV.
+        av_timeout: How long it may take for an answer [s].
 
     Raises:
         UnknownNameError, InputError: A name or number is not known or out of range.
+        AvFaultError: The foreign AV fails at once.
         FileFormatError: A file is missing, damaged or of another version.
     """
     road = odd_named(odd)
     if lanes is not None:
         road = replace(road, n_lanes=lanes)
-    av_model = av_named(av)
+    if is_foreign(av) and not takes_foreign:
+        raise InputError(
+            f"The AV {av} is not built in, and this command takes built-in ones only. What you can do: train on a "
+            f"built-in AV, then: cornerforge generate --policy P.safetensors --av {av}"
+        )
+    av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_named(av)
     ndd = load_model(default_model_path() if model is None else model)
     known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))
     if policy is None and bv not in known:
@@ -120,4 +157,5 @@ def experiment(
         int(bounded),
         NO_POLICY if policy is None else policy_numbers(policy),
     )
-    return Experiment(road, av_model, ndd, bv, bounded, policy, setting, n_slots(road))
+    foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None
+    return Experiment(road, av_model, ndd, bv, bounded, policy, setting, n_slots(road), foreign)
