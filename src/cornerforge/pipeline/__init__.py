@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cornerforge.pipeline.cases import analyse, query, replay
+from cornerforge.pipeline.check_av import check_av
 from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
 from cornerforge.pipeline.rate import rate
@@ -14,6 +15,7 @@ from cornerforge.pipeline.validate import ndd_validate
 
 __all__ = [
     "analyse",
+    "check_av",
     "generate",
     "ndd_fit",
     "ndd_import",

@@ -7,17 +7,21 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import save_policy
-from cornerforge.errors import CornerForgeError, InputError, OutputError
+from cornerforge.errors import AvFaultError, CornerForgeError, InputError, OutputError
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
-from cornerforge.sim.recorder import Recorder, scenario_digest
-from cornerforge.sim.runner import crashed_tests, simulate_chunks, warm_up
+from cornerforge.sim.recorder import scenario_digest
+from cornerforge.sim.runner import crashed_tests, simulate_chunks
+from cornerforge.sim.world import AV_FAULT
 
 __all__ = ["fill_library", "generate", "store_tests"]
 
@@ -47,10 +51,16 @@ class _Filler:
 
     def __init__(self, run: Experiment, library: CaseLibrary, seed: int) -> None:
         self._library = library
-        self._recorder = Recorder(run.setting, run.odd)
+        self._recorder = run.recorder()
         self._seed = seed
         self._pending: list[CaseRecord] = []
         self._committed_at = time.monotonic()
+        self._earlier_faults = library.next_test - library.tests
+        self._faults: list[int] = []
+
+    def leave_out(self, tests: list[int]) -> None:
+        """Note tests that the AV spoiled: they are done, and are no tests."""
+        self._faults += tests
 
     @property
     def crashes(self) -> int:
@@ -68,7 +78,8 @@ class _Filler:
         """Store what is recorded; all tests below `next_test` are done."""
         if next_test == self._library.next_test:
             return
-        self._library.append(self._pending, next_test=next_test, tests=next_test, crashes=self.crashes)
+        tests = next_test - self._earlier_faults - sum(test < next_test for test in self._faults)
+        self._library.append(self._pending, next_test=next_test, tests=tests, crashes=self.crashes)
         self._pending = []
         self._committed_at = time.monotonic()
 
@@ -113,13 +124,13 @@ def fill_library(
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
     """
     n_threads = check_threads(threads)
-    warm_up(run.setting, run.slots)
+    run.warm_up()
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
     filler = _Filler(run, library, seed)
     try:
         _fill(run, filler, library.next_test, seed, cases, tests, n_threads, progress, stage)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, AvFaultError):
         filler.rescue()
         raise
     library.finish()
@@ -138,11 +149,13 @@ def _fill(
     last = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
     next_test = first
     chunks = simulate_chunks(
-        run.setting, run.slots, seed=seed, first=first, tests=max(0, last - first), threads=threads
-    )
+        run.setting, run.slots, seed=seed, first=first, tests=max(0, last - first), threads=threads,
+        drive=run.drive,
+    )  # fmt: skip
     with contextlib.closing(chunks):
         for start, outcomes, _ in chunks:
             next_test = start + outcomes.code.size
+            filler.leave_out([start + int(k) for k in np.flatnonzero(outcomes.code == AV_FAULT)])
             for test in crashed_tests(start, outcomes):
                 filler.record(test)
                 if filler.crashes == cases:
@@ -170,6 +183,7 @@ def _library_summary(library: CaseLibrary, seconds: float) -> dict[str, Any]:
         "cases": len(library),
         "tests": library.tests,
         "av_crashes": library.crashes,
+        "av_faults": library.next_test - library.tests,
         "crashes_per_test": library.crashes / library.tests,
         "interval95": [low, high],
         "seconds": round(seconds, 3),
@@ -207,6 +221,7 @@ def generate(
     bounded: bool = False,
     seed: int = 0,
     threads: int | None = None,
+    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
     """Fill a case library with crashes that an adversary makes.
@@ -215,12 +230,13 @@ def generate(
         policy: Policy file of `train`, or the name of a plain adversary.
         cases: How many, at least 1.
         out: The library's folder; must be new unless `resume`.
-        av: AV under test.
+        av: The AV under test: a built-in name, `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         resume: Go on where an earlier call, or its kill, stopped.
         lanes, odd, model: The world, as for `simulate`.
         bounded: Keep a plain adversary to what the naturalistic model calls possible; a policy brings its own answer.
         seed: Of the tests, 0 or more.
         threads: None for all cores; does not change the result.
+        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
 
     Returns:
@@ -232,8 +248,9 @@ def generate(
     check_integer("cases", cases, low=1, high=10**8)
     check_integer("seed", seed, low=0, high=2**63 - 1)
     run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=str(policy), bounded=bounded
-    )
+        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=str(policy), bounded=bounded,
+        takes_foreign=True, seed=seed, av_timeout=av_timeout,
+    )  # fmt: skip
     if run.bv in ("nde", "idm"):
         raise InputError(
             f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB"
