@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cornerforge.pipeline import (
         analyse,
+        check_av,
         generate,
         ndd_fit,
         ndd_import,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "__version__",
     "analyse",
+    "check_av",
     "generate",
     "ndd_fit",
     "ndd_import",

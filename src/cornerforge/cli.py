@@ -34,7 +34,14 @@ IdleThreads = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", help="No text and no progress bars.")]
 Json = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
-Av = Annotated[str, typer.Option(help="AV under test; `cornerforge avs` lists them.")]
+Av = Annotated[
+    str,
+    typer.Option(
+        help="AV under test: a name (`cornerforge avs` lists them), module:Class, or an .onnx or SB3 .zip file."
+    ),
+]
+AvTimeout = Annotated[float, typer.Option(help="Seconds that an AV which is not built in may take for an answer.")]
+AV_TIMEOUT = 5.0
 Lanes = Annotated[int | None, typer.Option(help="Lanes, 2 to 6; 3 by default.", show_default=False)]
 OddName = Annotated[str, typer.Option("--odd", help="default (4 s lane change), swift (2.5 s) or paper (1 s).")]
 Model = Annotated[Path | None, typer.Option(help="Naturalistic model; the shipped one by default.", show_default=False)]
@@ -148,6 +155,14 @@ def _yield_text(r: dict[str, Any], what: str) -> str:
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
 
 
+def _fault_text(r: dict[str, Any]) -> list[str]:
+    """A line on tests that the AV spoiled, if it did."""
+    n = r.get("av_faults", 0)
+    if n == 0:
+        return []
+    return [f"{n:,} tests left out, because the AV raised, hung or gave no usable answer in them."]
+
+
 @app.command()
 def run(
     budget: Annotated[str, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.")] = "quick",
@@ -214,6 +229,7 @@ def simulate(
     resume: Resume = False,
     seed: Seed = 0,
     threads: Threads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -229,6 +245,7 @@ def simulate(
             f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
             f"{r['tests_per_second']:,.0f} tests/s, {r['world_steps_per_second']:,.0f} world-steps/s; "
             f"digest {r['digest'][:16]}",
+            *_fault_text(r),
         ]
         for name, d in r.get("distributions", {}).items():
             if isinstance(d, dict) and d.get("n"):
@@ -243,7 +260,8 @@ def simulate(
     _run(
         lambda bars: pipeline.simulate(
             tests=tests, av=av, bv=drivers, lanes=lanes, odd=odd, model=model, bounded=bounded, budget=budget,
-            acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads, progress=bars,
+            acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads, av_timeout=av_timeout,
+            progress=bars,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
@@ -352,6 +370,7 @@ def generate(
     acting: Acting = "greedy",
     seed: Seed = 0,
     threads: Threads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -362,9 +381,11 @@ def generate(
     _run(
         lambda bars: pipeline.generate(
             policy=policy, cases=cases, out=out, av=av, resume=resume, lanes=lanes, odd=odd, model=model,
-            bounded=bounded, budget=budget, acting=acting, seed=seed, threads=threads, progress=bars,
+            bounded=bounded, budget=budget, acting=acting, seed=seed, threads=threads, av_timeout=av_timeout,
+            progress=bars,
         ),
-        lambda r: _rate_text(r, f"{r['cases']:,} cases in {r['library']}"), as_json=as_json, quiet=quiet,
+        lambda r: "\n".join([_rate_text(r, f"{r['cases']:,} cases in {r['library']}"), *_fault_text(r)]),
+        as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
@@ -492,6 +513,7 @@ def rate(
     model: Model = None,
     seed: Seed = 0,
     threads: Threads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -505,9 +527,10 @@ def rate(
     _run(
         lambda bars: pipeline.rate(
             method=method, av=av, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, lanes=lanes,
-            odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+            odd=odd, model=model, seed=seed, threads=threads, av_timeout=av_timeout, progress=bars,
         ),
-        lambda r: "\n".join([_rate_text(r, f"{av}, natural traffic"), *rate_text(r)]), as_json=as_json, quiet=quiet,
+        lambda r: "\n".join([_rate_text(r, f"{av}, natural traffic"), *_fault_text(r), *rate_text(r)]),
+        as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
@@ -561,6 +584,7 @@ def replay(
     ] = False,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -576,8 +600,9 @@ def replay(
         return f"Case {r['case']}: {verdict}; crash at {r['crash_time_s']} s"
 
     result = _run(
-        lambda bars: pipeline.replay(library, case, check=check, progress=bars), text, as_json=as_json, quiet=quiet
-    )
+        lambda bars: pipeline.replay(library, case, check=check, av_timeout=av_timeout, progress=bars),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
     if result["identical"] is False:
         if "note" in result:
             typer.echo(result["note"], err=True)
@@ -620,6 +645,43 @@ def avs(
         lambda bars: {"avs": [{"name": m.name, "about": m.about} for m in AVS.values()]},  # noqa: ARG005
         lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet,
     )  # fmt: skip
+
+
+@app.command("check-av")
+def check_av(
+    av: Annotated[
+        str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
+    ],
+    odd: OddName = "default",
+    lanes: Lanes = None,
+    tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
+    seed: Seed = 0,
+    threads: IdleThreads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        lines = [f"{c['verdict']:<5}{c['name']}: {c['found']}" for c in r["checks"]]
+        lines += [
+            f"speed, {s['worlds']:>4} worlds: {s['calls_per_second']:,.0f} calls/s, "
+            f"{s['decisions_per_second']:,.0f} decisions/s"
+            for s in r["speed"]
+        ]
+        return "\n".join([f"{r['av']} ({r['kind']}, {r['hash']})", *lines])
+
+    result = _run(
+        lambda bars: pipeline.check_av(
+            av=av, odd=odd, lanes=lanes, tests=tests, seed=seed, av_timeout=av_timeout, progress=bars
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+    if not result["passed"]:
+        raise typer.Exit(EXIT_GATE)
 
 
 @ndd.command("fit")

@@ -8,7 +8,8 @@ CornerForgeError                     everything the user can mend; the command l
 ├── FileFormatError (ValueError)     a model, policy or library file is damaged, foreign, or of another schema
 ├── OutputError (OSError)            the output place cannot be written or holds something else
 ├── MissingExtraError (ImportError)  an optional dependency is not installed
-└── ReplayError (RuntimeError)       a stored case did not happen again
+├── ReplayError (RuntimeError)       a stored case did not happen again
+└── AvFaultError (RuntimeError)      an AV from outside raised, hung, ended, or gave no usable answer
 ```
 """
 
@@ -18,6 +19,7 @@ import difflib
 from collections.abc import Iterable
 
 __all__ = [
+    "AvFaultError",
     "CornerForgeError",
     "DataError",
     "FileFormatError",
@@ -79,3 +81,7 @@ class MissingExtraError(CornerForgeError, ImportError):
 
 class ReplayError(CornerForgeError, RuntimeError):
     """A stored case, driven again from its seed, did not happen as stored."""
+
+
+class AvFaultError(CornerForgeError, RuntimeError):
+    """An AV from outside raised, hung, ended its process, or gave no usable answer."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cornerforge.pipeline.cases import analyse, query, replay
+from cornerforge.pipeline.check_av import check_av
 from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
 from cornerforge.pipeline.plausibility import plausibility
@@ -18,6 +19,7 @@ from cornerforge.pipeline.variety import variety
 
 __all__ = [
     "analyse",
+    "check_av",
     "generate",
     "ndd_fit",
     "ndd_import",

@@ -12,12 +12,13 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash, open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.sim.recorder import Recorder, scenario_digest
+from cornerforge.sim.recorder import scenario_digest
 from cornerforge.types import Scenario
 
 __all__ = ["analyse", "query", "replay"]
@@ -88,7 +89,7 @@ def _write_analysis(out: Path, summary: dict[str, Any], points: dict[str, Any]) 
         pq.write_table(pa.table({name: pa.array(values) for name, values in points.items()}), part)
 
 
-def _experiment_of(cases: CaseLibrary) -> Experiment:
+def _experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:
     """The experiment that made a library, from its identity and the files beside it.
 
     Raises:
@@ -111,6 +112,9 @@ def _experiment_of(cases: CaseLibrary) -> Experiment:
         # Policies bring their budgets, which need not be the same.
         budget=None if budget is None or policies else float(budget),
         acting=str(identity["acting"]),
+        takes_foreign=True,
+        seed=int(str(identity["seed"])),
+        av_timeout=av_timeout,
     )
     for key, value in run.identity(int(str(identity["seed"]))).items():
         if identity.get(key) != value:
@@ -137,13 +141,21 @@ def _same(driven: Scenario, stored: StoredCase) -> bool:
     )
 
 
-def replay(library: Path | str, case: str, *, check: bool = False, progress: Progress = NO_PROGRESS) -> dict[str, Any]:
+def replay(
+    library: Path | str,
+    case: str,
+    *,
+    check: bool = False,
+    av_timeout: float = DEFAULT_TIMEOUT,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
     """Drive a case again from its seed.
 
     Args:
         library: The library's folder.
         case: Case id, or "all".
         check: Also compare with what is stored.
+        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
 
     Returns:
@@ -154,17 +166,20 @@ def replay(library: Path | str, case: str, *, check: bool = False, progress: Pro
         CornerForgeError: No such case, or the library, its policy or model cannot be read.
     """
     cases = CaseLibrary.open(Path(library))
-    run = _experiment_of(cases)
-    recorder = Recorder(run.setting, run.odd)
+    run = _experiment_of(cases, av_timeout)
+    recorder = run.recorder()
     ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
     differ: list[str] = []
     crash_time = None
+    note: str | None = None
     for done, case_id in enumerate(ids):
         stored = cases.scenario(case_id)
         driven = recorder.record(stored.scenario.seed, stored.scenario.test)
         crash_time = None if driven.crash is None else driven.crash.time
         if check and not _same(driven, stored):
             differ.append(case_id)
+            if note is None:
+                note = _why_different(cases, run, driven)
         progress("replay", done + 1, len(ids))
     summary: dict[str, Any] = {
         "case": case,
@@ -173,9 +188,21 @@ def replay(library: Path | str, case: str, *, check: bool = False, progress: Pro
     }
     if case == "all":
         summary |= {"cases": len(ids), "differ": differ}
-    if differ and cases.identity.get("code") != code_hash():
-        summary["note"] = "The library was made by other code; install the version that made it to see the same."
+    if note is not None:
+        summary["note"] = note
     return summary
+
+
+def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str | None:
+    """What may explain that a case, driven again, is another."""
+    if run.foreign is not None and not run.foreign.repeats(run.setting, run.slots, driven.seed, driven.test):
+        return (
+            f"The AV {run.av.name} is not deterministic: asked twice about the same test, it drives differently. "
+            "What is stored is what it did then."
+        )
+    if cases.identity.get("code") != code_hash():
+        return "The library was made by other code; install the version that made it to see the same."
+    return None
 
 
 def query(library: Path | str, sql: str) -> dict[str, Any]:

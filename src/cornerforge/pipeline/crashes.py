@@ -9,9 +9,9 @@ from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES, classify_crashes
 from cornerforge.analysis.mechanism import MECHANISMS, contact_pose, mechanism_of
+from cornerforge.foreign.driver import ScriptedSeconds
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates.attention import action_chances, oversight
-from cornerforge.sim.recorder import Recorder
 from cornerforge.types import Scenario
 
 __all__ = ["CrashStudy", "NaturalCrashes", "crash_tables"]
@@ -54,7 +54,7 @@ class NaturalCrashes:
     def __init__(self, run: Experiment, seed: int) -> None:
         self._run = run
         self._seed = seed
-        self._recorder = Recorder(run.setting, run.odd)
+        self._recorder = run.recorder()
 
     def record(self, test: int) -> tuple[Scenario, CrashStudy]:
         """Drive a test that is known to end in an AV crash again.
@@ -67,7 +67,11 @@ class NaturalCrashes:
         odd, setting = self._run.odd, self._run.setting
         kind = classify_crashes(contact_pose(scenario)[None], odd.vehicle_length, odd.vehicle_width).names[0]
         assert scenario.crash is not None  # mechanism_of has looked
-        chances = action_chances(setting, self._run.slots, seed=self._seed, test=test, slot=scenario.crash.slot_b)
+        foreign = self._run.foreign
+        step = None if foreign is None else ScriptedSeconds(foreign, self._run.slots)
+        chances = action_chances(
+            setting, self._run.slots, seed=self._seed, test=test, slot=scenario.crash.slot_b, step=step
+        )
         eyes = oversight(chances, scenario.crash.time, setting.tables.overlook)
         return scenario, CrashStudy(
             crash_type=kind,

@@ -11,20 +11,25 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
-from cornerforge.errors import CornerForgeError, InputError, OutputError
-from cornerforge.library import CaseLibrary
+from cornerforge.errors import AvFaultError, CornerForgeError, InputError, OutputError
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
+from cornerforge.library import CaseLibrary, case_record
 from cornerforge.library.harvester import Harvested, Harvester, extra_columns
 from cornerforge.library.shards import EncodedShard, encode_tables
+from cornerforge.library.tables import cases_table, tracks_table
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
-from cornerforge.sim.runner import warm_up
+from cornerforge.sim.recorder import Recorder, scenario_digest
+from cornerforge.sim.runner import crashed_tests
+from cornerforge.sim.world import AV_FAULT
 
 __all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
 
@@ -69,10 +74,27 @@ class _Harvest:
         self._threads = threads
         self._policies = [policy_hash(policy) for policy in run.policies]
         self._idle: SimpleQueue[Harvester] = SimpleQueue()
+        self._recorders: SimpleQueue[Recorder] = SimpleQueue()
         self.pool = ThreadPoolExecutor(threads)
-        self.extra = extra_columns(with_policy=bool(self._policies))
+        self.extra = extra_columns(with_policy=bool(self._policies)) if run.foreign is None else {}
+
+    def _foreign(self, first: int, count: int) -> Harvested:
+        """The same for a foreign AV: it drives every crashed test again, alone, and the recording becomes a case."""
+        outcomes, _ = self._run.drive(self._run.setting, self._run.slots, self._seed, first, count, False)
+        crashed = crashed_tests(first, outcomes)
+        try:
+            recorder = self._recorders.get_nowait()
+        except Empty:
+            recorder = self._run.recorder()
+        scenarios = [recorder.record(self._seed, test) for test in crashed]
+        self._recorders.put(recorder)
+        records = [case_record(scenario, trajectory_digest=scenario_digest(scenario)) for scenario in scenarios]
+        tests = np.array(crashed, dtype=np.int64)
+        return Harvested(first, outcomes, tests, cases_table(records, {}), tracks_table(records))
 
     def _one(self, first: int, count: int) -> Harvested:
+        if self._run.foreign is not None:
+            return self._foreign(first, count)
         try:
             harvester = self._idle.get_nowait()
         except Empty:
@@ -128,11 +150,18 @@ class _Filler:
         self._loose = 0
         self._packing: deque[tuple[Future[EncodedShard], int, int]] = deque()
         self._committed_at = time.monotonic()
+        self._earlier_faults = library.next_test - library.tests
+        self._faults: list[int] = []
         self.crashes = library.crashes
         """Crashes taken so far, committed or not."""
 
+    def _tests_below(self, next_test: int) -> int:
+        """How many tests below `next_test` count: those that the AV spoiled are done, and are no tests."""
+        return next_test - self._earlier_faults - sum(test < next_test for test in self._faults)
+
     def take(self, harvested: Harvested, most: int | None) -> int:
         """Take the cases of a range of tests, `most` at most; returns the first test that is not done."""
+        self._faults += [harvested.first + int(k) for k in np.flatnonzero(harvested.outcomes.code == AV_FAULT)]
         tests = harvested.tests if most is None else harvested.tests[:most]
         done = 0
         while done < tests.size:
@@ -160,7 +189,8 @@ class _Filler:
         while self._packing and (self._packing[0][0].done() or len(self._packing) > wait_beyond):
             future, next_test, crashes = self._packing[0]
             shard = future.result()
-            self._library.append_shard(shard, next_test=next_test, tests=next_test, crashes=crashes)
+            tests = self._tests_below(next_test)
+            self._library.append_shard(shard, next_test=next_test, tests=tests, crashes=crashes)
             self._packing.popleft()
             self._committed_at = time.monotonic()
 
@@ -170,7 +200,8 @@ class _Filler:
             self._pack(next_test)
         self._commit_packed(wait_beyond=0)
         if next_test != self._library.next_test:
-            self._library.append_shard(None, next_test=next_test, tests=next_test, crashes=self.crashes)
+            tests = self._tests_below(next_test)
+            self._library.append_shard(None, next_test=next_test, tests=tests, crashes=self.crashes)
         self._committed_at = time.monotonic()
 
     def commit_if_due(self, next_test: int) -> None:
@@ -216,14 +247,14 @@ def fill_library(
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
     """
     n_threads = check_threads(threads)
-    warm_up(run.setting, run.slots)
+    run.warm_up()
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
     with _Harvest(run, seed, n_threads) as harvest:
         filler = _Filler(library, harvest)
         try:
             _fill(harvest, filler, library.next_test, cases, tests, progress, stage)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, AvFaultError):
             filler.rescue()
             raise
     library.finish()
@@ -265,6 +296,7 @@ def _library_summary(library: CaseLibrary, seconds: float) -> dict[str, Any]:
         "cases": len(library),
         "tests": library.tests,
         "av_crashes": library.crashes,
+        "av_faults": library.next_test - library.tests,
         "crashes_per_test": library.crashes / library.tests,
         "interval95": [low, high],
         "seconds": round(seconds, 3),
@@ -304,6 +336,7 @@ def generate(
     acting: str = "greedy",
     seed: int = 0,
     threads: int | None = None,
+    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
     """Fill a case library with crashes that an adversary makes.
@@ -313,7 +346,7 @@ def generate(
             these policies, drawn at random.
         cases: How many, at least 1.
         out: The library's folder; must be new unless `resume`.
-        av: AV under test.
+        av: The AV under test: a built-in name, `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         resume: Go on where an earlier call, or its kill, stopped.
         lanes, odd, model: The world, as for `simulate`.
         bounded: Keep a plain adversary to what the naturalistic model calls possible; a policy brings its own answer.
@@ -321,6 +354,7 @@ def generate(
         acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
         seed: Of the tests, 0 or more.
         threads: None for all cores; does not change the result.
+        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
 
     Returns:
@@ -333,7 +367,7 @@ def generate(
     check_integer("seed", seed, low=0, high=2**63 - 1)
     run = experiment(
         av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=policy, bounded=bounded,
-        budget=budget, acting=acting,
+        budget=budget, acting=acting, takes_foreign=True, seed=seed, av_timeout=av_timeout,
     )  # fmt: skip
     if run.bv in ("nde", "idm"):
         raise InputError(

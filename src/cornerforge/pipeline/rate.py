@@ -14,6 +14,7 @@ from typing import Any
 
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import CornerForgeError
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
@@ -26,7 +27,6 @@ from cornerforge.rates import poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block
 from cornerforge.sim.recorder import scenario_digest
-from cornerforge.sim.runner import warm_up
 
 __all__ = ["rate"]
 
@@ -69,10 +69,11 @@ class _Keeper:
                 digest = scenario_digest(scenario)
                 pending.append(case_record(scenario, trajectory_digest=digest, extra=study.columns()))
             if len(pending) >= _SHARD_CASES:
-                self._commit(pending, test + 1, len(counts.crashed) - len(missing) + done, test + 1)
+                crashes = len(counts.crashed) - len(missing) + done
+                self._commit(pending, test + 1, crashes, min(test + 1, counts.valid_tests))
                 pending = []
             progress("record crashes", done, len(missing))
-        self._commit(pending, counts.tests, counts.av_crashes, counts.tests)
+        self._commit(pending, counts.tests, counts.av_crashes, counts.valid_tests)
 
     def _commit(self, pending: list[CaseRecord], next_test: int, crashes: int, tests: int) -> None:
         if next_test > self._next_test and self._library is not None:
@@ -115,7 +116,7 @@ class _Session:
             if open_output(self._out, identity, resume=resume) and save.exists():
                 self.counts = MonteCarlo.from_json(read_json_file(save))
         self._keeper = _Keeper(self._run, self._seed, self._out)
-        warm_up(self._run.setting, self._run.slots)
+        self._run.warm_up()
 
     def drive(self, target: float, max_tests: int) -> str:
         """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""
@@ -131,6 +132,7 @@ class _Session:
                 tests=tests,
                 threads=self._threads,
                 tell=lambda done, crashes: self._tell(target, max_tests, done, crashes),
+                drive=self._run.drive,
             )
             self.counts = self.counts.plus(block)
             # A part of a block at the end is not saved: a later, longer run drives the whole block, so that its digest
@@ -158,7 +160,12 @@ class _Session:
         if self._travel is None or self._travel.tests < SAMPLE_TESTS:
             sample = min(SAMPLE_TESTS, self.counts.tests)
             self._travel = bv_travel(
-                self._run.setting, self._run.slots, seed=self._seed, tests=sample, threads=self._threads
+                self._run.setting,
+                self._run.slots,
+                seed=self._seed,
+                tests=sample,
+                threads=self._threads,
+                drive=self._run.drive,
             )
         if state not in ("running", "interrupted"):
             self._keeper.finish()
@@ -182,13 +189,14 @@ def rate(
     model: Path | str | None = None,
     seed: int = 0,
     threads: int | None = None,
+    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
     """The AV's natural crash rate in 400 m tests, without bias.
 
     Args:
         method: "mc", plain Monte Carlo.
-        av: Name of the AV under test.
+        av: The AV under test: a built-in name, `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         target_rhw: Stop when half the exact 95 % interval is at most this share of the rate, 0.001 to 10.
         max_tests: Stop here at the latest.
         out: Folder for `rate.json`, the counts so far, and `library/` with all crashes; None keeps nothing.
@@ -196,6 +204,7 @@ def rate(
         lanes, odd, model: The world, as for `simulate`.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
+        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
 
     Returns:
@@ -209,7 +218,10 @@ def rate(
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("max_tests", max_tests, low=1, high=10**12)
     check_number("target_rhw", target_rhw, low=1e-3, high=10.0)
-    run = experiment(av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model))
+    run = experiment(
+        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), takes_foreign=True, seed=seed,
+        av_timeout=av_timeout,
+    )  # fmt: skip
     folder = None if out is None else Path(out)
     session = _Session(run, seed, method, folder, threads=check_threads(threads), progress=progress)
     identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}
@@ -228,7 +240,7 @@ def rate(
 
 
 def _summary(run: Experiment, counts: MonteCarlo, travel: BvTravel, method: str) -> dict[str, Any]:
-    bv_miles = travel.miles_per_test * counts.tests
+    bv_miles = travel.miles_per_test * counts.valid_tests
     per_mile = None if bv_miles == 0.0 else counts.bv_crashes / bv_miles
     interval = None if bv_miles == 0.0 else [bound / bv_miles for bound in poisson_interval(counts.bv_crashes)]
     return {
@@ -236,16 +248,17 @@ def _summary(run: Experiment, counts: MonteCarlo, travel: BvTravel, method: str)
         "av": run.av.name,
         "odd": run.odd.name,
         "lanes": run.odd.n_lanes,
-        **rate_summary(counts.av_crashes, counts.tests, counts.miles),
+        **rate_summary(counts.av_crashes, counts.valid_tests, counts.miles),
         "relative_half_width": counts.half_width(),
         "av_crashes": counts.av_crashes,
+        "av_faults": counts.av_faults,
         "bv_crashes": counts.bv_crashes,
-        "bv_crashes_per_test": counts.bv_crashes / counts.tests,
+        "bv_crashes_per_test": counts.bv_crashes / counts.valid_tests,
         "bv_crashes_per_bv_mile": per_mile,
         "interval95_bv_crashes_per_bv_mile": interval,
         "bv_miles": bv_miles,
         "bv_miles_estimate": {"tests": travel.tests, "relative_error": travel.relative_error},
-        "effective_sample_size": counts.tests,
+        "effective_sample_size": counts.valid_tests,
         "acceleration": 1.0,
         "seconds": round(counts.seconds, 3),
         "cpu_seconds": round(counts.cpu_seconds, 3),

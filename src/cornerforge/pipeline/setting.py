@@ -9,10 +9,13 @@ from pathlib import Path
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.policy_file import Policy, check_budget, load_policy, policy_hash, policy_numbers
-from cornerforge.drivers.avs import AvModel, av_hash
+from cornerforge.drivers.avs import AvModel, av_hash, av_named
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.foreign.driver import ForeignAv, ForeignRecorder
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.output import config_hash
@@ -20,7 +23,8 @@ from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST, cast_of
 from cornerforge.sim.decide import IDM_BVS
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.observe import budget_units
-from cornerforge.sim.runner import default_threads
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.runner import DriveChunk, default_threads, drive_chunk, warm_up
 from cornerforge.sim.world import n_slots, numbers_of_av, road_numbers
 from cornerforge.types import Odd, odd_named
 
@@ -35,7 +39,8 @@ class Experiment:
     """Everything constant in a run, by its user's names and as the kernels take it.
 
     Attributes:
-        odd, av, model: The world.
+        odd, av, model: The world. For a foreign AV `av` is idm-mobil under the foreign one's name: tests start at no
+            less than its desired gap.
         bv: How BVs drive: "nde", "idm", a plain adversary's name, or "policy".
         bounded: The NDD-bounded mask is on (in a mixture: for every policy).
         policies: The adversary's policies when `bv` is "policy"; each test is driven by one of them.
@@ -43,6 +48,7 @@ class Experiment:
         acting: How policies act: "greedy" or "softmax:T".
         setting: The kernels' form of all this.
         slots: Vehicle slots per world.
+        foreign: The AV, when it is not a built-in one.
     """
 
     odd: Odd
@@ -55,6 +61,25 @@ class Experiment:
     acting: str
     setting: Setting
     slots: int
+    foreign: ForeignAv | None = None
+
+    @property
+    def drive(self) -> DriveChunk:
+        """Who drives a range of tests."""
+        return drive_chunk if self.foreign is None else self.foreign
+
+    def warm_up(self) -> None:
+        """Load the compiled kernels, or compile them (once per installation), so that timings do not count it."""
+        if self.foreign is not None:
+            self.foreign.warm_up(self.setting, self.slots)
+        else:
+            warm_up(self.setting, self.slots)
+
+    def recorder(self) -> Recorder:
+        """Who records a test; serves one thread."""
+        if self.foreign is not None:
+            return ForeignRecorder(self.foreign, self.setting, self.odd)
+        return Recorder(self.setting, self.odd)
 
     @property
     def policy(self) -> Policy | None:
@@ -68,7 +93,7 @@ class Experiment:
             "odd": self.odd.name,
             "lanes": self.odd.n_lanes,
             "av": self.av.name,
-            "av_hash": av_hash(self.av),
+            "av_hash": av_hash(self.av) if self.foreign is None else self.foreign.hash,
             "model_hash": model_hash(self.model),
             "bv": self.bv,
             "bounded": self.bounded,
@@ -158,11 +183,15 @@ def experiment(
     bounded: bool = False,
     budget: float | None = None,
     acting: str = "greedy",
+    takes_foreign: bool = False,
+    seed: int = 0,
+    av_timeout: float = DEFAULT_TIMEOUT,
 ) -> Experiment:
     """Put a run together.
 
     Args:
-        av: Name of a built-in AV, or the file of one that `train-av` made.
+        av: Name of a built-in AV, the file of one that `train-av` made, or a foreign one: `module:Class`, an `.onnx` or
+            a Stable-Baselines3 `.zip` file.
         odd: Name of an ODD.
         lanes: Number of lanes, 2 to 6; None for the ODD's own.
         model: Model file; None for the one that ships with the package.
@@ -173,15 +202,24 @@ def experiment(
         budget: Likelihood budget of a test [nats], 0 or more; it implies `bounded`, and goes before what a policy
             brings. None: no limit, or the policy's own.
         acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
+        takes_foreign: A foreign AV may be given.
+        seed: Told to a foreign AV.
+        av_timeout: How long it may take for an answer [s].
 
     Raises:
         UnknownNameError, InputError: A name or number is not known or out of range.
+        AvFaultError: The foreign AV fails at once.
         FileFormatError: A file is missing, damaged or of another version.
     """
     road = odd_named(odd)
     if lanes is not None:
         road = replace(road, n_lanes=lanes)
-    av_model = av_of(av)
+    if is_foreign(av) and not takes_foreign:
+        raise InputError(
+            f"The AV {av} is not built in, and this command takes built-in ones only. What you can do: train on a "
+            f"built-in AV, then: cornerforge generate --policy P.safetensors --av {av}"
+        )
+    av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
     ndd = load_model(default_model_path() if model is None else model)
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
@@ -224,4 +262,5 @@ def experiment(
         else cast_of(numbers, [p.bounded for p in policies], [budget_units(p.budget) for p in policies]),
     )
     spoken = "greedy" if temperature == 0.0 else f"softmax:{temperature:g}"
-    return Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road))
+    foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None
+    return Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road), foreign)

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_integer
+from cornerforge.errors import AvFaultError
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim import statistics
-from cornerforge.sim.runner import METRES_PER_MILE, Tally, warm_up
+from cornerforge.sim.runner import METRES_PER_MILE, Tally
 from cornerforge.sim.runner import simulate as drive
 
 __all__ = ["distributions_of", "rate_summary", "simulate", "simulate_experiment", "tally_summary"]
@@ -58,6 +60,7 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
     summary = rate_summary(tally.av_crashes, tally.tests, tally.miles)
     summary |= {
         "av_crashes": tally.av_crashes,
+        "av_faults": tally.av_faults,
         "bv_crashes": tally.bv_crashes,
         "seconds": round(seconds, 3),
         "world_steps": tally.decisions,
@@ -82,7 +85,7 @@ def simulate_experiment(
     stage: str = "simulate",
 ) -> tuple[Tally, float]:
     """Drive tests of an experiment; returns the sums and the seconds it took."""
-    warm_up(run.setting, run.slots)
+    run.warm_up()
     start = time.perf_counter()
     tally = drive(
         run.setting,
@@ -93,7 +96,14 @@ def simulate_experiment(
         threads=check_threads(threads),
         counting=counting,
         progress=lambda done: progress(stage, done, tests),
+        drive=run.drive,
     )
+    if tally.tests == 0 and run.foreign is not None:
+        fault = next(iter(run.foreign.faults.values()))
+        raise AvFaultError(
+            f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
+            f"Mend it; to look closer: cornerforge check-av {run.av.name}"
+        )
     return tally, time.perf_counter() - start
 
 
@@ -113,13 +123,15 @@ def simulate(
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
+    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
     """Run tests of an AV; crashes are counted, and stored only when `out` names a library.
 
     Args:
         tests: How many tests (drives of 400 m), at least 1.
-        av: Name of the AV under test.
+        av: The AV under test: a built-in name, the file of one that `train-av` made, `module:Class`, an `.onnx` or a
+            Stable-Baselines3 `.zip` file.
         bv: How background vehicles drive: "nde", "idm", a plain adversary's name, or a policy file; several files:
             each test is driven by one of these policies, drawn at random.
         lanes: 2 to 6; None for the ODD's own.
@@ -133,6 +145,7 @@ def simulate(
         resume: Go on with that library.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
+        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
 
     Returns:
@@ -145,7 +158,7 @@ def simulate(
     check_integer("seed", seed, low=0, high=2**63 - 1)
     run = experiment(
         av=av, bv=bv, lanes=lanes, odd=odd, model=None if model is None else Path(model), bounded=bounded,
-        budget=budget, acting=acting,
+        budget=budget, acting=acting, takes_foreign=True, seed=seed, av_timeout=av_timeout,
     )  # fmt: skip
     if out is not None:
         from cornerforge.pipeline.generate import store_tests

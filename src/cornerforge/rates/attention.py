@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from cornerforge.errors import InputError
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.drive import Setting, world_row
-from cornerforge.sim.step import allocate_pairs, allocate_recording, step_world
+from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import CONTROLLED, N_DECISIONS, N_VEHICLES, OUTCOME, RUNNING, World, allocate_worlds
 from cornerforge.types import ACTION_RIGHT
@@ -57,7 +58,13 @@ class Oversight:
     overlooked: bool
 
 
-def action_chances(setting: Setting, slots: int, *, seed: int, test: int, slot: int) -> ActionChances:
+StepSecond = Callable[[World, int, int, Setting, Pairs], None]
+"""Advances a running world by one decision: (world, seed, test, setting, pairs)."""
+
+
+def action_chances(
+    setting: Setting, slots: int, *, seed: int, test: int, slot: int, step: StepSecond | None = None
+) -> ActionChances:
     """Drive one natural test again and look up the chance of every action of the BV in `slot`.
 
     A BV that wanted to change lanes but gave way to another one's simultaneous change shows the acceleration it took.
@@ -66,6 +73,7 @@ def action_chances(setting: Setting, slots: int, *, seed: int, test: int, slot: 
         setting, slots: The run, without an adversary, and its vehicle slots per world.
         seed, test: The test.
         slot: A BV, at least 1.
+        step: Who steps, when the AV decides outside the kernels; None for `step_world`.
 
     Raises:
         InputError: The run has an adversary, BVs that follow the IDM, or there is no such BV.
@@ -89,7 +97,12 @@ def action_chances(setting: Setting, slots: int, *, seed: int, test: int, slot: 
         for row, overlook in enumerate((0.0, setting.tables.overlook) if present else ()):
             action_probabilities(world, slot, overlook, setting.road, setting.tables, p)
             chances[row] = p
-        step_world(world, seed, test, setting.bv_model, -1, setting.road, setting.av, setting.tables, pairs, recording)
+        if step is not None:
+            step(world, seed, test, setting, pairs)
+        else:
+            step_world(
+                world, seed, test, setting.bv_model, -1, setting.road, setting.av, setting.tables, pairs, recording
+            )
         action = int(world.vehicles["action"][slot]) if present else -1
         actions.append(action)
         rows.append(chances[:, action])

@@ -14,7 +14,7 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.runner import METRES_PER_MILE, simulate_chunks
+from cornerforge.sim.runner import METRES_PER_MILE, DriveChunk, drive_chunk, simulate_chunks
 from cornerforge.sim.statistics import BV_TRAVEL_MM
 from cornerforge.types import FRAME_S
 
@@ -40,7 +40,15 @@ class BvTravel:
     tests: int
 
 
-def bv_travel(setting: Setting, slots: int, *, seed: int, tests: int = SAMPLE_TESTS, threads: int = 1) -> BvTravel:
+def bv_travel(
+    setting: Setting,
+    slots: int,
+    *,
+    seed: int,
+    tests: int = SAMPLE_TESTS,
+    threads: int = 1,
+    drive: DriveChunk = drive_chunk,
+) -> BvTravel:
     """Drive tests 0 .. `tests` - 1 of a seed with counting on, and take the mean distance of all BVs.
 
     Counted is speed times one second at every decision; a test ends within a second, so the sum is scaled by the time
@@ -51,6 +59,7 @@ def bv_travel(setting: Setting, slots: int, *, seed: int, tests: int = SAMPLE_TE
         seed: Of the tests.
         tests: How many, at least 1.
         threads: Pool size; does not change the result.
+        drive: Who drives a chunk (`sim.runner.simulate`).
 
     Raises:
         InputError: A number is out of range.
@@ -60,7 +69,7 @@ def bv_travel(setting: Setting, slots: int, *, seed: int, tests: int = SAMPLE_TE
         raise InputError("The distance of BVs is asked for natural traffic; this run has an adversary.")
     millimetres, driven, counted = [], 0.0, 0
     for _, outcomes, counts in simulate_chunks(
-        setting, slots, seed=seed, first=0, tests=tests, threads=threads, counting=True, chunk=_GROUP
+        setting, slots, seed=seed, first=0, tests=tests, threads=threads, counting=True, chunk=_GROUP, drive=drive
     ):
         millimetres.append(int(counts.totals[BV_TRAVEL_MM]))
         driven += float(outcomes.frame.sum(dtype=np.int64)) * FRAME_S

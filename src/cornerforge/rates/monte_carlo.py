@@ -12,7 +12,7 @@ from typing import Any
 from cornerforge.errors import FileFormatError
 from cornerforge.rates.intervals import binomial_interval
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.runner import METRES_PER_MILE, Tally, crashed_tests, simulate_chunks
+from cornerforge.sim.runner import METRES_PER_MILE, DriveChunk, Tally, crashed_tests, drive_chunk, simulate_chunks
 
 __all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "relative_half_width"]
 
@@ -40,6 +40,7 @@ class Block:
         seconds, cpu_seconds: Wall-clock, and time on processors over all threads of this process [s].
         crashed: Numbers of the tests in which the AV crashed, rising.
         digest: SHA-256 over the outcomes.
+        av_faults: Those of `tests` that an AV from outside spoiled.
     """
 
     tests: int
@@ -50,6 +51,7 @@ class Block:
     cpu_seconds: float
     crashed: tuple[int, ...]
     digest: str
+    av_faults: int = 0
 
 
 def drive_block(
@@ -61,6 +63,7 @@ def drive_block(
     tests: int,
     threads: int,
     tell: Callable[[int, int], None] | None = None,
+    drive: DriveChunk = drive_chunk,
 ) -> Block:
     """Drive tests `first` .. `first` + `tests` - 1 of a seed.
 
@@ -69,19 +72,20 @@ def drive_block(
         seed, first, tests: Which tests.
         threads: Pool size; does not change the result.
         tell: Told the tests done and the AV crashes so far, about ten times a second.
+        drive: Who drives a chunk (`sim.runner.simulate`).
     """
     start, cpu_start = time.perf_counter(), time.process_time()
     tally = Tally()
     crashed: list[int] = []
     chunks = simulate_chunks(
-        setting, slots, seed=seed, first=first, tests=tests, threads=threads, chunk=min(_CHUNK, tests)
+        setting, slots, seed=seed, first=first, tests=tests, threads=threads, chunk=min(_CHUNK, tests), drive=drive
     )
     with contextlib.closing(chunks):  # an interrupt between two chunks must not leave the pool at work
         for begin, outcomes, counts in chunks:
             tally.add(outcomes, counts)
             crashed += crashed_tests(begin, outcomes)
             if tell is not None:
-                tell(tally.tests, len(crashed))
+                tell(tally.tests + tally.av_faults, len(crashed))
     return Block(
         tests=tests,
         bv_crashes=tally.bv_crashes,
@@ -91,6 +95,7 @@ def drive_block(
         cpu_seconds=time.process_time() - cpu_start,
         crashed=tuple(crashed),
         digest=tally.digest.hexdigest(),
+        av_faults=tally.av_faults,
     )
 
 
@@ -104,6 +109,7 @@ class MonteCarlo:
         seconds, cpu_seconds: Wall-clock, and time on processors, over all sessions [s].
         crashed: Numbers of the tests in which the AV crashed, rising.
         digest: Chain of SHA-256: each block's digest hashed onto the chain before it; the same for any resume.
+        av_faults: Those of `tests` that an AV from outside spoiled: they are driven, but are no tests.
     """
 
     tests: int = 0
@@ -115,6 +121,7 @@ class MonteCarlo:
     cpu_seconds: float = 0.0
     crashed: tuple[int, ...] = field(default=())
     digest: str = ""
+    av_faults: int = 0
 
     def plus(self, block: Block) -> MonteCarlo:
         """The counts after one more block, which must begin at test number `tests`."""
@@ -129,7 +136,13 @@ class MonteCarlo:
             cpu_seconds=self.cpu_seconds + block.cpu_seconds,
             crashed=self.crashed + block.crashed,
             digest=hashlib.sha256((self.digest + block.digest).encode()).hexdigest(),
+            av_faults=self.av_faults + block.av_faults,
         )
+
+    @property
+    def valid_tests(self) -> int:
+        """Tests that count: those that the AV did not spoil."""
+        return self.tests - self.av_faults
 
     @property
     def miles(self) -> float:
@@ -138,10 +151,10 @@ class MonteCarlo:
 
     def half_width(self) -> float | None:
         """Relative half-width of the exact 95 % interval; None without tests or crashes."""
-        if self.av_crashes == 0 or self.tests == 0:
+        if self.av_crashes == 0 or self.valid_tests == 0:
             return None
-        low, high = binomial_interval(self.av_crashes, self.tests)
-        return relative_half_width(low, high, self.av_crashes / self.tests)
+        low, high = binomial_interval(self.av_crashes, self.valid_tests)
+        return relative_half_width(low, high, self.av_crashes / self.valid_tests)
 
     def is_enough(self, target: float) -> bool:
         """Is the relative half-width of the exact 95 % interval at most `target`?"""

@@ -63,10 +63,13 @@ __all__ = [
     "Setting",
     "Transitions",
     "allocate_decisions",
+    "choose_hostile",
     "collect",
     "drive_range",
     "drive_test",
     "judge_range",
+    "record_choice",
+    "start_test",
     "start_worlds",
     "world_row",
 ]
@@ -174,21 +177,78 @@ def _start(w: World, seed: int, test: int, budget: int, setting: Setting) -> Non
 
 
 @kernel
-def _record_choice(
-    bv: int, step: int, action: int, log_prob_policy: float, s: ChoiceScratch, decisions: Decisions
-) -> None:
-    """Note how likely the critical BV's action was; `s.p` and `s.attentive` hold the chances before anybody moved."""
+def start_test(w: World, seed: int, test: int, setting: Setting) -> None:
+    """Put a world at the start of a test, with the likelihood budget of the policy that drives it."""
+    budget = setting.budget
+    members = setting.cast.members
+    if members.shape[0] > 0:
+        budget = max(0, members[cast_index(seed, test, members.shape[0]), 6] - 1)
+    _start(w, seed, test, budget, setting)
+
+
+@kernel
+def choose_hostile(
+    w: World, seed: int, test: int, setting: Setting, recorded: bool, s: ChoiceScratch
+) -> tuple[int, int, float]:
+    """Find the critical BV and, where the setting has an adversary, choose what it does.
+
+    Args:
+        w: The world, whose info[CONTROLLED] is set.
+        seed, test: Name the random numbers.
+        setting: The run.
+        recorded: Fill `s.p` and `s.attentive` for `record_choice`: the tables must see the state before anybody moves,
+            and a natural driver's action is known only after it.
+        s: Scratch.
+
+    Returns:
+        Slot of the critical BV, -1 for none; its action, -1 where it drives naturally; the natural log of the action's
+        probability under the policy, 0 without one.
+    """
+    road, tables = setting.road, setting.tables
+    bounded, policy = setting.bounded, setting.policy
+    action = -1
+    log_prob_policy = 0.0
+    bv = nearest_bv(w)
+    w.info[CONTROLLED] = -1
+    if setting.adversary > 0 and bv >= 0:
+        members = setting.cast.members
+        if members.shape[0] > 0:
+            index = cast_index(seed, test, members.shape[0])
+            policy = cast_member(setting.cast, index)
+            bounded = min(1, members[index, 6])
+        w.info[CONTROLLED] = bv
+        allowed_actions(w, bv, bounded, road, tables, s.p, s.allowed)
+        if setting.adversary == POLICY:
+            observe(w, bv, road, s.found, s.observation)
+            action, log_prob_policy = sample_action(w, bv, setting.temperature, seed, test, policy, s)
+        else:
+            action = choose_action(w, bv, setting.adversary, 0.0, seed, test, policy, s)
+        spend_budget(w, bv, action, road, tables, s.p)
+    if recorded and bv >= 0:
+        action_probabilities(w, bv, tables.overlook, road, tables, s.p)
+        action_probabilities(w, bv, 0.0, road, tables, s.attentive)
+    return bv, action, log_prob_policy
+
+
+@kernel
+def record_choice(w: World, step: int, bv: int, log_prob_policy: float, s: ChoiceScratch, decisions: Decisions) -> None:
+    """Note everybody's action, and how likely the critical BV's was; `s.p` and `s.attentive` are `choose_hostile`'s."""
+    decisions.controlled[step] = bv
     decisions.log_prob[step] = 0.0
     decisions.shortfall[step] = 0.0
     decisions.log_prob_policy[step] = log_prob_policy
-    if bv >= 0:
-        p = s.p[action]
-        decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
-        most = 0.0
-        for a in range(33):
-            most = max(most, s.attentive[a])
-        p = s.attentive[action]
-        decisions.shortfall[step] = math.log(most) - math.log(p) if p > 0.0 else math.inf
+    for i in range(w.info[N_VEHICLES]):
+        decisions.action[step, i] = w.vehicles[i].action
+    if bv < 0:
+        return
+    action = w.vehicles[bv].action
+    p = s.p[action]
+    decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
+    most = 0.0
+    for a in range(33):
+        most = max(most, s.attentive[a])
+    p = s.attentive[action]
+    decisions.shortfall[step] = math.log(most) - math.log(p) if p > 0.0 else math.inf
 
 
 @kernel
@@ -202,13 +262,7 @@ def drive_test(
     setting has an adversary.
     """
     road, av, tables, bv_model = setting.road, setting.av, setting.tables, setting.bv_model
-    adversary, bounded, policy, budget = setting.adversary, setting.bounded, setting.policy, setting.budget
-    if setting.cast.members.shape[0] > 0:
-        index = cast_index(seed, test, setting.cast.members.shape[0])
-        policy = cast_member(setting.cast, index)
-        bounded = min(1, setting.cast.members[index, 6])
-        budget = max(0, setting.cast.members[index, 6] - 1)
-    _start(w, seed, test, budget, setting)
+    start_test(w, seed, test, setting)
     travel = 0.0
     for step in range(road.max_decisions):
         if w.info[OUTCOME] != RUNNING:
@@ -218,21 +272,8 @@ def drive_test(
         bv = -1
         log_prob_policy = 0.0
         w.info[CONTROLLED] = -1
-        if adversary > 0 or recorded:
-            bv = nearest_bv(w)
-        if adversary > 0 and bv >= 0:
-            w.info[CONTROLLED] = bv
-            allowed_actions(w, bv, bounded, road, tables, s.p, s.allowed)
-            if adversary == POLICY:
-                observe(w, bv, road, s.found, s.observation)
-                action, log_prob_policy = sample_action(w, bv, setting.temperature, seed, test, policy, s)
-            else:
-                action = choose_action(w, bv, adversary, 0.0, seed, test, policy, s)
-            spend_budget(w, bv, action, road, tables, s.p)
-        if recorded and bv >= 0:
-            # The tables must see the state before anybody moves; the action of a natural driver is known only after it.
-            action_probabilities(w, bv, tables.overlook, road, tables, s.p)
-            action_probabilities(w, bv, 0.0, road, tables, s.attentive)
+        if setting.adversary > 0 or recorded:
+            bv, action, log_prob_policy = choose_hostile(w, seed, test, setting, recorded, s)
         counting = census.on and census.first <= step < census.until
         crashes = w.info[N_BV_CRASHES]
         if counting:
@@ -242,10 +283,7 @@ def drive_test(
         if counting:
             count_choices(w, crashes, road, counts)
         if recorded:
-            decisions.controlled[step] = bv
-            _record_choice(bv, step, w.vehicles[bv].action, log_prob_policy, s, decisions)
-            for i in range(w.info[N_VEHICLES]):
-                decisions.action[step, i] = w.vehicles[i].action
+            record_choice(w, step, bv, log_prob_policy, s, decisions)
     if census.on:
         counts.totals[BV_TRAVEL_MM] += int(travel * 1000.0)
 

@@ -19,6 +19,7 @@ from cornerforge.sim.world import (
     OUTCOME,
     SLOT_A,
     SLOT_B,
+    World,
     allocate_worlds,
     n_slots,
 )
@@ -60,12 +61,8 @@ class Recorder:
         self._decisions = allocate_decisions(decisions, slots)
         self._counts = allocate_counts()
 
-    def record(self, seed: int, test: int) -> Scenario:
-        """Drive one test and return it whole: all vehicles, every 0.1 s."""
-        check_integer("seed", seed, low=0, high=2**63 - 1)
-        check_integer("test", test, low=0, high=2**62)
-        self._recording["present"] = 0
-        world = world_row.py_func(self._worlds, 0)  # type: ignore[attr-defined]
+    def _drive(self, world: World, seed: int, test: int) -> None:
+        """Drive the test in `world`, the one world of `_worlds`, into `_recording` and `_decisions`."""
         drive_test(
             world,
             seed,
@@ -78,6 +75,14 @@ class Recorder:
             self._counts,
             NOBODY,
         )
+
+    def record(self, seed: int, test: int) -> Scenario:
+        """Drive one test and return it whole: all vehicles, every 0.1 s."""
+        check_integer("seed", seed, low=0, high=2**63 - 1)
+        check_integer("test", test, low=0, high=2**62)
+        self._recording["present"] = 0
+        world = world_row.py_func(self._worlds, 0)  # type: ignore[attr-defined]
+        self._drive(world, seed, test)
         n = int(world.info[N_VEHICLES])
         last = int(world.info[FRAME])
         frames = self._recording[: last + 1, :n]

@@ -16,17 +16,22 @@ from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_range
 from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
 from cornerforge.sim.step import allocate_pairs, allocate_recording
-from cornerforge.sim.world import AV_CRASH, allocate_worlds
+from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds
 
 __all__ = [
+    "DriveChunk",
     "Tally",
     "allocate_outcomes",
     "crashed_tests",
     "default_threads",
+    "drive_chunk",
     "simulate",
     "simulate_chunks",
     "warm_up",
 ]
+
+DriveChunk = Callable[[Setting, int, int, int, int, "bool | Census"], tuple[Outcomes, Counts]]
+"""Drives a range of tests: (setting, slots, seed, first, count, counting) as `drive_chunk`, from several threads."""
 
 METRES_PER_MILE = 1609.344
 _CHUNK = 512
@@ -49,6 +54,7 @@ class Tally:
 
     Attributes:
         tests, av_crashes, bv_crashes, decisions: Counts; `bv_crashes` counts contacts between two BVs.
+        av_faults: Tests that an AV from outside spoiled; they are not among `tests`.
         metres: Distance that the AV drove [m], each test rounded to 1 mm so that sums do not depend on their order.
         digest: SHA-256 over all outcomes, fed in test order.
         counts: Histograms, when asked for.
@@ -57,6 +63,7 @@ class Tally:
     tests: int = 0
     av_crashes: int = 0
     bv_crashes: int = 0
+    av_faults: int = 0
     decisions: int = 0
     millimetres: int = 0
     digest: hashlib._Hash = field(default_factory=hashlib.sha256)
@@ -69,7 +76,9 @@ class Tally:
 
     def add(self, out: Outcomes, counts: Counts) -> None:
         """Add one chunk; chunks must come in test order for the digest."""
-        self.tests += out.code.size
+        faults = int((out.code == AV_FAULT).sum())
+        self.tests += out.code.size - faults
+        self.av_faults += faults
         self.av_crashes += int((out.code == AV_CRASH).sum())
         self.bv_crashes += int(out.bv_crashes.sum())
         self.decisions += int(out.decisions.sum())
@@ -140,10 +149,11 @@ def simulate_chunks(
     threads: int,
     counting: bool | Census = False,
     chunk: int = _CHUNK,
+    drive: DriveChunk = drive_chunk,
 ) -> Generator[tuple[int, Outcomes, Counts], None, None]:
     """Drive tests in a thread pool and yield (first test, outcomes, counts) per chunk, in test order.
 
-    Results do not depend on `threads` or `chunk`. `counting` is as in `simulate`. Closing the iterator
+    Results do not depend on `threads` or `chunk`. `counting` and `drive` are as in `simulate`. Closing the iterator
     early drops what was not yet yielded.
     """
     check_integer("threads", threads, low=1, high=1024)
@@ -155,7 +165,7 @@ def simulate_chunks(
             while True:
                 while len(pending) < 2 * threads and (start := next(starts, None)) is not None:
                     count = min(chunk, first + tests - start)
-                    pending.append((start, pool.submit(drive_chunk, setting, slots, seed, start, count, counting)))
+                    pending.append((start, pool.submit(drive, setting, slots, seed, start, count, counting)))
                 if not pending:
                     return
                 start, future = pending.popleft()
@@ -176,6 +186,7 @@ def simulate(
     threads: int = 1,
     counting: bool | Census = False,
     progress: Callable[[int], None] | None = None,
+    drive: DriveChunk = drive_chunk,
 ) -> Tally:
     """Drive tests and sum them up.
 
@@ -188,6 +199,7 @@ def simulate(
         threads: Pool size; does not change the result.
         counting: Fill the histograms too (slower): of all BVs at all times, or of those of a census.
         progress: Called with the number of tests done after each chunk.
+        drive: Who drives a chunk: the kernels, unless the AV decides outside of them.
 
     Raises:
         InputError: A number is out of range.
@@ -197,11 +209,11 @@ def simulate(
     check_integer("first", first, low=0, high=2**62)
     tally = Tally()
     for _, out, counts in simulate_chunks(
-        setting, slots, seed=seed, first=first, tests=tests, threads=threads, counting=counting
+        setting, slots, seed=seed, first=first, tests=tests, threads=threads, counting=counting, drive=drive
     ):
         tally.add(out, counts)
         if progress is not None:
-            progress(tally.tests)
+            progress(tally.tests + tally.av_faults)
     return tally
 
 

@@ -103,6 +103,8 @@ UNKNOWN = -2
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
 removed."""
+AV_FAULT = 5
+"""Outcome code of a test that an AV from outside spoiled (it raised, hung, or gave no usable answer): it is no test."""
 
 
 class RoadNumbers(NamedTuple):

@@ -1,0 +1,7 @@
+"""AVs that are not built in: a Python class, a Stable-Baselines3 file, an ONNX file, each in a process of its own."""
+
+from __future__ import annotations
+
+from cornerforge.foreign.interface import Av, AvContext
+
+__all__ = ["Av", "AvContext"]

@@ -1,0 +1,539 @@
+"""Tests with a foreign AV: batches in lockstep, faults narrowed down to the tests that they belong to, recordings."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer, check_number
+from cornerforge.errors import AvFaultError
+from cornerforge.foreign.interface import AvContext
+from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
+from cornerforge.sim import lockstep
+from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.av_view import AV_VIEW_VERSION
+from cornerforge.sim.drive import Decisions, Outcomes, Setting, allocate_decisions
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.runner import allocate_outcomes
+from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
+from cornerforge.sim.step import SUBSTEPS, allocate_recording
+from cornerforge.sim.world import (
+    AV_CRASH,
+    AV_FAULT,
+    FRAME,
+    N_BV_CRASHES,
+    N_DECISIONS,
+    OUTCOME,
+    SLOT_A,
+    SLOT_B,
+    World,
+)
+from cornerforge.types import FRAME_S, Odd
+
+if TYPE_CHECKING:
+    from cornerforge.sim.step import Pairs
+
+__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "ForeignRecorder", "ScriptedSeconds", "context_of", "seeds_of"]
+
+BATCH = 256
+"""Worlds driven side by side."""
+MAX_FAULTS = 20
+"""So many spoiled tests end a run."""
+MAX_HANGS = 5
+"""So many that hung do."""
+_KEPT_SCRIPTS = 20_000
+
+
+def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
+    """What an AV is told of its world."""
+    return AvContext(
+        batch=batch,
+        n_lanes=odd.n_lanes,
+        lane_width=odd.lane_width,
+        vehicle_length=odd.vehicle_length,
+        vehicle_width=odd.vehicle_width,
+        max_speed=odd.max_speed,
+        lane_change_duration=odd.lane_change_duration,
+        interval=round(odd.av_substeps * FRAME_S, 1),
+        test_length=odd.test_length,
+        view_version=AV_VIEW_VERSION,
+        seed=seed,
+    )
+
+
+def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number per test, 0 or more, that depends on seed and test alone (SplitMix64), shape as `tests`."""
+    start = np.uint64(seed * 0x9E3779B97F4A7C15 % 2**64)  # in Python's integers: NumPy warns where one number overflows
+    z = np.full(tests.shape, start) + tests.astype(np.uint64)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return ((z ^ (z >> np.uint64(31))) >> np.uint64(1)).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A test that the AV spoiled.
+
+    Attributes:
+        test: Its number.
+        what: "raised", "answer" (no usable one), "hung" or "ended" (its process).
+        message: Rest of a sentence that begins with the AV's name.
+    """
+
+    test: int
+    what: str
+    message: str
+
+
+class _SpoiledError(Exception):
+    """Driving a group of tests came to an end.
+
+    Args:
+        what, message: As in `Fault`.
+        suspects: Tests that were being driven.
+        left: Other tests of the group that must be driven (again).
+        certain: It is known that every suspect is to blame.
+    """
+
+    def __init__(self, what: str, message: str, suspects: list[int], left: list[int], *, certain: bool) -> None:
+        super().__init__(message)
+        self.what, self.message = what, message
+        self.suspects, self.left, self.certain = suspects, left, certain
+
+
+class _Lane:
+    """One AV process and the worlds that it drives; serves one thread at a time."""
+
+    def __init__(self, spec: str, context: AvContext, timeout: float, first_timeout: float) -> None:
+        self._spec, self._context = spec, context
+        self._timeouts = {"timeout": timeout, "first_timeout": first_timeout}
+        self._process: AvProcess | None = None
+        self._batch: lockstep.Batch | None = None
+
+    def process(self) -> AvProcess:
+        """The AV's process, set up; a new one after a failure."""
+        if self._process is None:
+            process = AvProcess(self._spec, **self._timeouts)
+            process.setup(self._context)
+            self._process = process
+        return self._process
+
+    @property
+    def is_fresh(self) -> bool:
+        """Will the next question be the first to its process?"""
+        return self._process is None
+
+    def renew(self) -> None:
+        """After a failure: the AV made anew, in a new process if that must be."""
+        if self._process is not None and not self._process.renew(self._context):
+            self.drop()
+
+    def drop(self) -> None:
+        """Give the process up."""
+        if self._process is not None:
+            self._process.close()
+            self._process = None
+
+    def batch(self, slots: int) -> lockstep.Batch:
+        """Idle worlds."""
+        if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
+            self._batch = lockstep.allocate_batch(self._context.batch, slots)
+        self._batch.test[:] = lockstep.IDLE
+        return self._batch
+
+
+class ForeignAv:
+    """A foreign AV, ready to drive tests; an instance is a `DriveChunk` (see `sim.runner`).
+
+    An answer that is no array of (B, 2) real numbers, an exception, an end of the process, or more than `timeout` for
+    an answer fails the whole batch; the tests in it are driven again in ever smaller groups by the AV made anew, until
+    those that fail alone are found. An answer of NaN, infinity, or a lane order other than -1, 0, 1 fails its own test.
+    Such tests are faults: they are named in `faults` and are not among the tests that count.
+
+    Args:
+        spec: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        odd: The world.
+        seed: Told to the AV.
+        timeout: For one answer, 0.01 to 3600 [s]; the first answer of a process has 60 s, or this if it is more.
+        batch: Worlds side by side, 1 to 65,536.
+        first_timeout: Instead of 60 s.
+
+    Attributes:
+        spec, kind, hash: What it is, and SHA-256 (16 hex digits) of its source or file.
+        faults: Faults so far, by (seed, test).
+
+    Raises:
+        InputError, FileFormatError: It is no AV.
+        AvFaultError: It fails at once.
+    """
+
+    def __init__(
+        self,
+        spec: str,
+        odd: Odd,
+        *,
+        seed: int = 0,
+        timeout: float = DEFAULT_TIMEOUT,
+        batch: int = BATCH,
+        first_timeout: float = FIRST_TIMEOUT,
+    ) -> None:
+        check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
+        check_integer("batch", batch, low=1, high=65_536)
+        self.spec = spec
+        self._odd = odd
+        self._context = context_of(odd, batch=batch, seed=seed)
+        self._timeouts = (timeout, first_timeout)
+        self._lock = threading.Lock()
+        self._free: queue.SimpleQueue[_Lane] = queue.SimpleQueue()
+        self.faults: dict[tuple[int, int], Fault] = {}
+        self._driven = 0
+        self._keeps_scripts = False
+        self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
+        first = _Lane(spec, self._context, *self._timeouts)
+        about = first.process().about
+        self.kind, self.hash = about["kind"], about["hash"]
+        self._try(first)
+        self._free.put(first)
+
+    def _try(self, lane: _Lane) -> None:
+        """Ask once about an ordinary road, so that what never works is said at once and not test by test."""
+        view = np.zeros((self._context.batch, 13, 8), dtype=np.float32)
+        view[:, 0] = 1.0, self._context.test_length, 1.5 * self._context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
+        view[:, 1] = 1.0, 60.0, 0.0, 28.0, 0.0, 0.0, 1.0, 0.0
+        everywhere = np.arange(self._context.batch)
+        try:
+            lane.process().act(view, everywhere, np.zeros_like(everywhere))
+        except AvFailureError as failure:
+            raise AvFaultError(
+                f"The AV {self.spec} {failure} at its first question; "
+                f"look closer with: cornerforge check-av {self.spec}"
+            ) from failure
+
+    def warm_up(self, setting: Setting, slots: int) -> None:
+        """Load the compiled kernels, or compile them, so that timings do not count it."""
+        batch = lockstep.allocate_batch(1, slots)
+        lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
+        lockstep.see(batch, setting.road)
+        _Steps(setting, slots, 0, batch, 1).act(np.zeros((1, 2)))
+
+    def close(self) -> None:
+        """End its processes; they end with this object or the program anyway."""
+        while not self._free.empty():
+            self._free.get().drop()
+
+    @contextmanager
+    def _lane(self) -> Iterator[_Lane]:
+        """A process of its own for this thread."""
+        try:
+            lane = self._free.get_nowait()
+        except queue.Empty:
+            lane = _Lane(self.spec, self._context, *self._timeouts)
+        try:
+            yield lane
+        except BaseException:
+            lane.drop()
+            raise
+        finally:
+            self._free.put(lane)
+
+    # --- driving ---
+
+    def __call__(
+        self, setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | Census
+    ) -> tuple[Outcomes, Counts]:
+        """Drive `count` tests from `first` on; outcome code AV_FAULT where the AV spoiled one.
+
+        Raises:
+            AvFaultError: It spoils too many.
+        """
+        census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
+        out, total = allocate_outcomes(count), allocate_counts(slots)
+        groups = [list(range(first, first + count))] if count else []
+        with self._lane() as lane:
+            while groups:
+                group = groups.pop()
+                is_fresh = lane.is_fresh
+                counts = allocate_counts(slots)
+                try:
+                    self._drive(lane, setting, slots, seed, group, first, census, out, counts)
+                except _SpoiledError as spoiled:
+                    if len(group) == 1 and not (is_fresh or spoiled.certain):  # what was before may be to blame
+                        lane.drop()
+                        groups.append(group)
+                    else:
+                        groups += self._narrow(spoiled, group, seed, first, out)
+                    if census.on:
+                        continue
+                if census.on:
+                    total.add(counts)
+        with self._lock:
+            self._driven += count
+        return out, total
+
+    def _narrow(
+        self, spoiled: _SpoiledError, group: list[int], seed: int, first: int, out: Outcomes
+    ) -> list[list[int]]:
+        """Note faults that are certain; which groups are to be driven next."""
+        suspects = spoiled.suspects
+        groups = [spoiled.left] if spoiled.left else []
+        if spoiled.certain or len(group) == 1:
+            for test in suspects:
+                _clear(out, test - first)
+                self._note(seed, Fault(test, spoiled.what, spoiled.message))
+        elif spoiled.what == "hung" or len(suspects) == 1:  # a hang costs the whole time limit: look once at each
+            groups += [[test] for test in reversed(suspects)]
+        else:
+            half = (len(suspects) + 1) // 2
+            groups += [suspects[half:], suspects[:half]]
+        return groups
+
+    def _note(self, seed: int, fault: Fault) -> None:
+        with self._lock:
+            self.faults[seed, fault.test] = fault
+            n = len(self.faults)
+            hangs = sum(other.what == "hung" for other in self.faults.values())
+            driven = self._driven
+        if n >= MAX_FAULTS or hangs >= MAX_HANGS:
+            tests = ", ".join(str(test) for test in sorted(test for _, test in list(self.faults))[:5])
+            raise AvFaultError(
+                f"The AV {self.spec} spoiled {n} tests (such as {tests}; {driven:,} were done before). "
+                f"In test {fault.test} it {fault.message}. Mend it; to look closer: cornerforge check-av {self.spec}"
+            )
+
+    def _drive(
+        self, lane: _Lane, setting: Setting, slots: int, seed: int, group: list[int], first: int, census: Census,
+        out: Outcomes, counts: Counts,
+    ) -> None:  # fmt: skip
+        """Drive a group of tests from start to end.
+
+        Raises:
+            _SpoiledError: Not all of them could be.
+        """
+        batch = lane.batch(slots)
+        size = batch.test.size
+        scratch = allocate_choice_scratch(setting.policy)
+        recording, decisions = allocate_recording(0, slots), _no_decisions(slots)
+        done = np.zeros(size, dtype=np.int64)
+        tests = np.array(group, dtype=np.int64)
+        log = np.zeros((size, _most_answers(setting), 2)) if self._keeps_scripts else None
+        answered = np.zeros(size, dtype=np.int64)
+        begun = 0
+        finished: set[int] = set()
+        while True:
+            fresh = np.flatnonzero(batch.test == lockstep.IDLE)[: tests.size - begun]
+            if fresh.size:
+                lockstep.begin(seed, fresh, tests[begun : begun + fresh.size], setting, batch)
+                answered[fresh] = 0
+                begun += fresh.size
+            driving = np.flatnonzero(batch.test != lockstep.IDLE)
+            if driving.size == 0:
+                return
+            lockstep.see(batch, setting.road)
+            try:
+                answers = lane.process().act(batch.views, fresh, seeds_of(seed, batch.test[fresh]))
+            except AvFailureError as failure:
+                lane.renew()
+                suspects = sorted(int(test) for test in batch.test[driving])
+                again = () if census.on else finished
+                left = [test for test in group if test not in again and test not in suspects]
+                raise _SpoiledError(failure.what, str(failure), suspects, left, certain=False) from failure
+            bad = driving[~_usable(answers[driving])]
+            if bad.size:
+                answers = answers.copy()
+                answers[bad] = 0.0
+                self._set_aside(batch, bad, group, finished, seed, first, census, out)
+                if driving.size == bad.size:
+                    continue
+            if log is not None:
+                log[driving, answered[driving]] = answers[driving]
+                answered[driving] += 1
+            running = batch.test.copy()
+            n = lockstep.act(seed, answers, False, setting, batch, scratch, recording, decisions, counts, census, done)
+            for b in done[:n]:
+                test = int(running[b])
+                finished.add(test)
+                _write_outcome(out, test - first, batch.worlds, int(b), setting)
+                if log is not None and batch.worlds.info[b, OUTCOME] == AV_CRASH:
+                    self._keep_script(seed, test, log[b, : answered[b]].copy())
+
+    def _set_aside(
+        self, batch: lockstep.Batch, bad: NDArray[np.int64], group: list[int], finished: set[int], seed: int,
+        first: int, census: Census, out: Outcomes,
+    ) -> None:  # fmt: skip
+        """End the tests whose answer is unusable. Where traffic is counted, the whole group begins anew without them.
+
+        Raises:
+            _SpoiledError: It does.
+        """
+        message = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
+        spoiled = sorted(int(test) for test in batch.test[bad])
+        if census.on:
+            left = [test for test in group if test not in spoiled]
+            raise _SpoiledError("answer", message, spoiled, left, certain=True)
+        for test in spoiled:
+            _clear(out, test - first)
+            self._note(seed, Fault(test, "answer", message))
+            finished.add(test)
+        batch.test[bad] = lockstep.IDLE
+
+    # --- scripts: what the AV answered in one test ---
+
+    def keep_scripts(self) -> None:
+        """From now on keep the answers of crashed tests, so that recording one need not ask the AV again."""
+        self._keeps_scripts = True
+
+    def _keep_script(self, seed: int, test: int, script: NDArray[np.float64]) -> None:
+        with self._lock:
+            self._scripts[seed, test] = script
+            if len(self._scripts) > _KEPT_SCRIPTS:
+                self._scripts.popitem(last=False)
+
+    def script(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
+        """The AV's answers in one test, (number of answers, 2); asked for again unless they are kept.
+
+        Raises:
+            AvFaultError: The AV spoils this test.
+        """
+        with self._lock:
+            if (seed, test) in self._scripts:
+                return self._scripts[seed, test]
+        with self._lane() as lane:
+            batch = lane.batch(slots)
+            lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
+            steps = _Steps(setting, slots, seed, batch, batch.test.size)
+            fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
+            answers = []
+            while batch.test[0] != lockstep.IDLE:
+                lockstep.see(batch, setting.road)
+                try:
+                    given = lane.process().act(batch.views, fresh, seeds)
+                except AvFailureError as failure:
+                    raise AvFaultError(f"The AV {self.spec} {failure} in test {test}.") from failure
+                fresh, seeds = fresh[:0], seeds[:0]
+                if not _usable(given[:1]).all():
+                    raise AvFaultError(f"The AV {self.spec} gave no usable answer in test {test}: {given[0]}.")
+                answers.append(given[0])
+                steps.act(given)
+        script = np.array(answers)
+        self._keep_script(seed, test, script)
+        return script
+
+    def repeats(self, setting: Setting, slots: int, seed: int, test: int) -> bool:
+        """Does it answer the same when the test is driven twice more?
+
+        Raises:
+            AvFaultError: The AV spoils this test.
+        """
+        scripts = []
+        for _ in range(2):
+            with self._lock:
+                self._scripts.pop((seed, test), None)
+            scripts.append(self.script(setting, slots, seed, test))
+        return np.array_equal(scripts[0], scripts[1])
+
+
+def _usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Per row (K, 2): is the acceleration finite and the lane order -1, 0 or 1?"""
+    usable: NDArray[np.bool_] = np.isfinite(answers).all(axis=1) & np.isin(answers[:, 1], (-1.0, 0.0, 1.0))
+    return usable
+
+
+def _no_decisions(slots: int) -> Decisions:
+    return allocate_decisions(0, slots)
+
+
+def _most_answers(setting: Setting) -> int:
+    return int(setting.road.max_decisions) * -(-SUBSTEPS // int(setting.road.av_substeps))
+
+
+def _write_outcome(out: Outcomes, k: int, worlds: World, b: int, setting: Setting) -> None:
+    info = worlds.info[b]
+    out.code[k] = info[OUTCOME]
+    out.frame[k] = info[FRAME]
+    out.slot_a[k], out.slot_b[k] = info[SLOT_A], info[SLOT_B]
+    out.bv_crashes[k] = info[N_BV_CRASHES]
+    out.decisions[k] = info[N_DECISIONS]
+    out.distance[k] = worlds.vehicles["x"][b, 0] - setting.road.av_start
+
+
+def _clear(out: Outcomes, k: int) -> None:
+    for column in out:
+        column[k] = 0
+    out.code[k] = AV_FAULT
+
+
+class _Steps:
+    """One test in world 0 of a batch, answer by answer."""
+
+    def __init__(
+        self, setting: Setting, slots: int, seed: int, batch: lockstep.Batch, size: int,
+        recording: NDArray[np.void] | None = None, decisions: Decisions | None = None,
+    ) -> None:  # fmt: skip
+        self._seed, self._setting, self._batch = seed, setting, batch
+        self._scratch = allocate_choice_scratch(setting.policy)
+        self._recording = allocate_recording(0, slots) if recording is None else recording
+        self._decisions = _no_decisions(slots) if decisions is None else decisions
+        self._counts, self._done = allocate_counts(slots), np.zeros(size, dtype=np.int64)
+
+    def act(self, answers: NDArray[np.float64]) -> None:
+        """Go on to the AV's next decision."""
+        lockstep.act(
+            self._seed, answers, False, self._setting, self._batch, self._scratch, self._recording, self._decisions,
+            self._counts, NOBODY, self._done,
+        )  # fmt: skip
+
+
+class ForeignRecorder(Recorder):
+    """Records tests of a foreign AV: drives them once more with the answers that it gave.
+
+    So what is recorded is what happened, even if the AV would answer differently now.
+
+    Args:
+        av: The AV.
+        setting, odd: As for `Recorder`.
+    """
+
+    def __init__(self, av: ForeignAv, setting: Setting, odd: Odd) -> None:
+        super().__init__(setting, odd)
+        self._av = av
+        av.keep_scripts()
+
+    def _drive(self, world: World, seed: int, test: int) -> None:
+        slots = world.vehicles.size
+        script = self._av.script(self._setting, slots, seed, test)
+        batch = lockstep.allocate_batch(1, slots)._replace(worlds=self._worlds)
+        lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), self._setting, batch)
+        steps = _Steps(self._setting, slots, seed, batch, 1, self._recording, self._decisions)
+        for answer in script:
+            steps.act(answer[None])
+
+
+class ScriptedSeconds:
+    """Steps a world of one test by whole seconds with the answers that a foreign AV gave: for `rates.attention`.
+
+    Args:
+        av: The AV.
+        slots: Vehicle slots per world.
+    """
+
+    def __init__(self, av: ForeignAv, slots: int) -> None:
+        self._av, self._slots = av, slots
+
+    def __call__(self, world: World, seed: int, test: int, setting: Setting, _pairs: Pairs) -> None:
+        """Advance a running world by one decision of the BVs."""
+        script = self._av.script(setting, self._slots, seed, test)
+        per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
+        worlds = World(world.vehicles[None], world.order[None], world.current[None], world.info[None])
+        batch = lockstep.allocate_batch(1, self._slots)._replace(worlds=worlds, test=np.array([test], dtype=np.int64))
+        steps = _Steps(setting, self._slots, seed, batch, 1)
+        begin = int(world.info[N_DECISIONS]) * per_second
+        for answer in script[begin : begin + per_second]:
+            steps.act(answer[None])

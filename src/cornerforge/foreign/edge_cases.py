@@ -1,0 +1,118 @@
+"""Views in which AVs tend to fail: what `check-av` tries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.types import Odd
+
+__all__ = ["EDGE_CASES", "EdgeCase", "edge_case", "random_views"]
+
+_ROWS, _COLUMNS = 13, 8
+
+
+@dataclass(frozen=True)
+class Other:
+    """A vehicle as the AV sees it: metres ahead, lanes to the left, speed [m/s]."""
+
+    ahead: float
+    lanes_left: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class EdgeCase:
+    """A moment on the road.
+
+    Attributes:
+        speed: Of the AV [m/s].
+        others: Who is around, nearest first.
+        doubt: From acceleration [m/s2] and lane order to what is strange about that answer here, or "".
+        lane: Of the AV; None for the middle one.
+        left_to_drive: [m].
+        between_lanes: How far the AV stands left of its lane's centre [m], on the way to the next.
+    """
+
+    speed: float
+    others: Sequence[Other] = ()
+    doubt: Callable[[float, float], str] = lambda _a, _order: ""
+    lane: int | None = None
+    left_to_drive: float = 200.0
+    between_lanes: float = 0.0
+
+
+def _should_brake(acceleration: float, order: float) -> str:
+    if acceleration >= 0.0 and order == 0.0:
+        return "it does not brake; is the sign right?"
+    return ""
+
+
+def _should_not_brake(acceleration: float, _order: float) -> str:
+    return "it brakes on an empty road" if acceleration < -1.0 else ""
+
+
+def _should_stay(_acceleration: float, order: float) -> str:
+    return "it changes lanes into a vehicle beside it" if order != 0.0 else ""
+
+
+_BOX = (Other(0.5, 1, 30.0), Other(-0.5, -1, 30.0), Other(9.0, 0, 30.0), Other(-9.0, 0, 30.0))
+_FULL = tuple(Other(sign * 15.0 * k, lane, 40.0) for k in range(1, 5) for sign, lane in ((1, 0), (-1, 0), (1, 1)))
+
+EDGE_CASES: dict[str, EdgeCase] = {
+    "empty road": EdgeCase(30.0, doubt=_should_not_brake),
+    "lead stands still": EdgeCase(30.0, [Other(60.0, 0, 0.0)], doubt=_should_brake),
+    "all stand still": EdgeCase(0.0, [Other(7.0, 0, 0.0), Other(-7.0, 0, 0.0)]),
+    "boxed in": EdgeCase(30.0, _BOX, doubt=_should_stay),
+    "bumper to bumper": EdgeCase(35.0, [Other(5.01, 0, 35.0), Other(-5.01, 0, 35.0)]),
+    "vehicle exactly beside": EdgeCase(30.0, [Other(0.0, 1, 30.0)]),
+    "rightmost lane": EdgeCase(25.0, [Other(30.0, 0, 20.0)], lane=0),
+    "leftmost lane": EdgeCase(25.0, [Other(30.0, 0, 20.0)], lane=-1),
+    "between two lanes": EdgeCase(30.0, [Other(20.0, 0, 25.0)], between_lanes=2.0),
+    "twelve vehicles at top speed": EdgeCase(40.0, _FULL),
+    "standing alone": EdgeCase(0.0),
+    "end of the test": EdgeCase(30.0, left_to_drive=-0.5),
+}
+"""By name."""
+
+
+def edge_case(name: str, odd: Odd) -> NDArray[np.float32]:
+    """The view (13, 8) of an edge case."""
+    case = EDGE_CASES[name]
+    view = np.zeros((_ROWS, _COLUMNS), dtype=np.float32)
+    lane = odd.n_lanes // 2 if case.lane is None else case.lane % odd.n_lanes
+    y = (lane + 0.5) * odd.lane_width + case.between_lanes
+    sideways = case.between_lanes > 0.0
+    view[0] = 1.0, case.left_to_drive, y, case.speed, float(sideways), 0.0, lane, float(sideways)
+    shown = [other for other in case.others if 0 <= lane + other.lanes_left < odd.n_lanes]
+    for row, other in enumerate(shown, start=1):
+        side = other.lanes_left * odd.lane_width - case.between_lanes
+        view[row] = 1.0, other.ahead, side, other.speed, 0.0, 0.0, lane + other.lanes_left, 0.0
+    return view
+
+
+def random_views(rng: np.random.Generator, shape: tuple[int, int], odd: Odd) -> NDArray[np.float32]:
+    """Views (*shape, 13, 8) of random traffic; no motion from one to the next."""
+    view = np.zeros((*shape, _ROWS, _COLUMNS), dtype=np.float32)
+    lanes = rng.integers(0, odd.n_lanes, (*shape, _ROWS))
+    view[..., 0] = rng.random((*shape, _ROWS)) < 0.8
+    view[..., 0, 0] = 1.0
+    ahead = rng.uniform(-150.0, 150.0, (*shape, _ROWS - 1))
+    view[..., 1:, 1] = np.take_along_axis(ahead, np.argsort(np.abs(ahead), axis=-1), axis=-1)
+    view[..., 0, 1] = rng.uniform(0.0, odd.test_length, shape)
+    view[..., 2] = (lanes - lanes[..., :1]) * odd.lane_width
+    view[..., 0, 2] = (lanes[..., 0] + 0.5) * odd.lane_width
+    view[..., 3] = rng.uniform(10.0, odd.max_speed, (*shape, _ROWS))
+    view[..., 5] = rng.uniform(-3.0, 2.0, (*shape, _ROWS))
+    view[..., 6] = lanes
+    # absent vehicles leave no gap between those present
+    for step in range(shape[0]):
+        for b in range(shape[1]):
+            there = view[step, b, :, 0] == 1.0
+            rows = view[step, b, there]
+            view[step, b] = 0.0
+            view[step, b, : len(rows)] = rows
+    return view

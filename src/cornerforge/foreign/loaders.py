@@ -1,0 +1,99 @@
+"""From what a user writes behind --av to an object that acts; runs in the AV's own process."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+from cornerforge.errors import FileFormatError, InputError, UnknownNameError
+
+__all__ = ["is_foreign", "load_av", "source_hash"]
+
+FILE_KINDS = (".onnx", ".zip")
+
+
+def is_foreign(spec: str) -> bool:
+    """Does this name an AV that is not built in: `module:Class`, or an `.onnx` or `.zip` file?
+
+    >>> is_foreign("my_av:MyAv"), is_foreign("net.onnx"), is_foreign("idm-mobil")
+    (True, True, False)
+    """
+    return ":" in spec or spec.lower().endswith(FILE_KINDS)
+
+
+def source_hash(*parts: bytes) -> str:
+    """SHA-256 (first 16 hex digits) over what decides how an AV drives."""
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def load_av(spec: str) -> tuple[Any, dict[str, str]]:
+    """The AV that a text names, and what is known of it: `kind`, `hash`.
+
+    Raises:
+        InputError: There is none, or it is none.
+        FileFormatError: A file is missing, damaged, or of the wrong shapes.
+        MissingExtraError: The library that reads such a file is not installed.
+    """
+    if not spec.lower().endswith(FILE_KINDS):
+        return _load_class(spec)
+    path = Path(spec)
+    if not path.is_file():
+        raise FileFormatError(f"No AV file {spec} (looked in {Path.cwd()}).")
+    content = path.read_bytes()
+    about = {"kind": path.suffix[1:].lower(), "hash": source_hash(content)}
+    if about["kind"] == "onnx":
+        from cornerforge.foreign.onnx_file import OnnxAv
+
+        return OnnxAv(spec, content), about
+    from cornerforge.foreign.sb3_file import sb3_av
+
+    return sb3_av(spec, content), about
+
+
+def _load_class(spec: str) -> tuple[Any, dict[str, str]]:
+    name, _, attribute = spec.partition(":")
+    if not name or not all(part.isidentifier() for part in name.split(".")) or not attribute.isidentifier():
+        raise InputError(f'"{spec}" names no AV; write it as package.module:Class, such as my_av:MyAv.')
+    module = _import(spec, name)
+    classes = {key: value for key, value in vars(module).items() if inspect.isclass(value)}
+    if attribute not in classes and attribute in vars(module):
+        what = type(vars(module)[attribute]).__name__
+        raise InputError(f"{spec} is a {what}, not a class; name a class with a method act(view).")
+    if attribute not in classes:
+        raise UnknownNameError(f"class in module {name}", attribute, [c for c in classes if not c.startswith("_")])
+    made = classes[attribute]
+    if not callable(getattr(made, "act", None)):
+        raise InputError(f"{spec} is no AV: it has no method act(view); see examples/my_av.py.")
+    try:
+        av = made()
+    except Exception as error:  # whatever a stranger's code raises is the user's to mend
+        raise InputError(f"{spec} cannot be made: {type(error).__name__}({error}){_place(error)}.") from error
+    file = getattr(sys.modules.get(made.__module__), "__file__", None)
+    source = Path(file).read_bytes() if file else b""
+    return av, {"kind": "class", "hash": source_hash(made.__qualname__.encode(), source)}
+
+
+def _import(spec: str, name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        parents = {name.rsplit(".", k)[0] for k in range(name.count(".") + 1)}
+        if error.name in parents:
+            raise InputError(
+                f"No module {error.name} for the AV {spec}; looked in {Path.cwd()} and where Python finds packages."
+            ) from error
+        raise InputError(f"Importing {name} for the AV {spec} failed: {error}{_place(error)}.") from error
+    except Exception as error:  # see above
+        what = f"{type(error).__name__}({' '.join(str(error).split())})"
+        raise InputError(f"Importing {name} for the AV {spec} failed: {what}{_place(error)}.") from error
+
+
+def _place(error: BaseException) -> str:
+    """File and line of the user's code where an exception came up, if any."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__)[1:] if "importlib" not in f.filename]
+    return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""

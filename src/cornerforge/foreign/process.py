@@ -1,0 +1,183 @@
+"""The simulator's end of a foreign AV: its process is started, asked, waited for so long and no longer, and ended."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import weakref
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError
+from cornerforge.foreign.protocol import ACT, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
+
+if TYPE_CHECKING:
+    from cornerforge.foreign.interface import AvContext
+
+__all__ = ["DEFAULT_TIMEOUT", "FIRST_TIMEOUT", "AvFailureError", "AvProcess"]
+
+DEFAULT_TIMEOUT = 5.0
+"""How long an AV may take for one answer [s]."""
+FIRST_TIMEOUT = 60.0
+"""How long it may take to be loaded, set up, and for its first answer [s]."""
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+class AvFailureError(Exception):
+    """The AV did not answer as it should.
+
+    Args:
+        what: "raised", "answer", "hung" or "ended".
+        message: Rest of a sentence that begins with the AV's name.
+    """
+
+    def __init__(self, what: str, message: str) -> None:
+        super().__init__(message)
+        self.what = what
+
+
+def _end(process: subprocess.Popen[bytes], connection: socket.socket) -> None:
+    """End a process and what it started."""
+    connection.close()
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(process.pid, signal.SIGKILL)
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(timeout=5.0)
+
+
+class AvProcess:
+    """One process with one AV in it. After an AvFailureError `renew` it if that works, else make another.
+
+    Args:
+        spec: The AV, as behind --av.
+        timeout: For one answer [s].
+        first_timeout: For loading, for setting up, and for the first answer [s].
+
+    Attributes:
+        about: What loading told: `kind` and `hash`.
+
+    Raises:
+        InputError, FileFormatError: It is no AV.
+        AvFaultError: It ended or hung while it was loaded.
+    """
+
+    def __init__(self, spec: str, *, timeout: float, first_timeout: float) -> None:
+        self._spec = spec
+        self._timeout, self._first_timeout = timeout, max(first_timeout, timeout)
+        self._batch = 0
+        self._is_first = True
+        ours, theirs = socket.socketpair()
+        package = Path(__file__).parents[2]
+        search = [str(package), *filter(None, [os.environ.get("PYTHONPATH")])]
+        environment = dict.fromkeys(_ONE_THREAD, "1") | dict(os.environ) | {"PYTHONPATH": os.pathsep.join(search)}
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "cornerforge.foreign.worker", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=sys.stderr.fileno() if _has_file(sys.stderr) else subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+                env=environment,
+            )
+        self._connection = ours
+        self._finalizer = weakref.finalize(self, _end, self._process, ours)
+        try:
+            self.about: dict[str, str] = unpack_json(self._ask(pack_json(LOAD, {"av": spec}), self._first_timeout))
+        except AvFailureError as failure:
+            self.close()
+            raise AvFaultError(f"The AV {spec} {failure} while it was loaded.") from failure
+
+    def setup(self, context: AvContext) -> None:
+        """Put the AV into a world.
+
+        Raises:
+            AvFaultError: It failed there.
+        """
+        self._batch = context.batch
+        self._is_first = True
+        try:
+            self._ask(pack_json(SETUP, asdict(context)), self._first_timeout)
+        except AvFailureError as failure:
+            self.close()
+            raise AvFaultError(f"The AV {self._spec} {failure} in setup.") from failure
+
+    def renew(self, context: AvContext) -> bool:
+        """After the AV raised or gave no usable answer: make it anew in the same process. False if that cannot be."""
+        if not self._finalizer.alive:
+            return False
+        try:
+            self._ask(pack_json(LOAD, {"av": self._spec}), self._first_timeout)
+            self.setup(context)
+        except (AvFailureError, CornerForgeError):
+            self.close()
+            return False
+        return True
+
+    def act(
+        self, view: NDArray[np.float32], worlds: NDArray[np.int64], seeds: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Reset `worlds` if there are any, then the AV's answers to the view: (B, 2), as it gave them.
+
+        Raises:
+            AvFailureError: There is none.
+        """
+        head = np.array([worlds.size], dtype=np.int64)
+        frame = pack(ACT, head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes())
+        body = self._ask(frame, self._first_timeout if self._is_first else self._timeout)
+        self._is_first = False
+        return np.frombuffer(body, dtype=np.float64).reshape(self._batch, 2)
+
+    def close(self) -> None:
+        """End the process."""
+        self._finalizer()
+
+    def _ask(self, frame: bytes, timeout: float) -> bytearray:
+        self._connection.settimeout(timeout)
+        try:
+            self._connection.sendall(frame)
+            kind, body = receive(self._connection)
+        except TimeoutError as error:
+            self.close()
+            raise AvFailureError("hung", f"gave no answer within {timeout:g} s") from error
+        except (EOFError, BrokenPipeError, ConnectionResetError) as error:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(timeout=2.0)
+            status = self._process.returncode
+            self.close()
+            raise AvFailureError("ended", f"ended its process ({_status(status)})") from error
+        except BaseException:  # an interrupt: what would come now is no answer to the next question
+            self.close()
+            raise
+        if kind != FAILED:
+            return body
+        failed = unpack_json(body)
+        if failed["what"] == "refused":
+            self.close()
+            raise (FileFormatError if failed["error"] == "FileFormatError" else InputError)(failed["message"])
+        verb = "gave no usable answer:" if failed["what"] == "answer" else "raised"
+        raise AvFailureError(failed["what"], f"{verb} {failed['message']}")
+
+
+def _status(code: int | None) -> str:
+    if code is None:
+        return "it closed its connection"
+    if code < 0:
+        with suppress(ValueError):
+            return f"signal {signal.Signals(-code).name}"
+    return f"exit status {code}"
+
+
+def _has_file(stream: object) -> bool:
+    try:
+        stream.fileno()  # type: ignore[attr-defined]
+    except (AttributeError, OSError, ValueError):
+        return False
+    return True

@@ -1,0 +1,60 @@
+"""How the simulator and the process of a foreign AV talk: framed messages over a socket, numbers as raw bytes.
+
+Nothing is pickled in either direction. A frame is one byte of kind, eight bytes of length, and the body.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import socket
+
+__all__ = ["ACT", "ANSWER", "FAILED", "LOAD", "SETUP", "pack", "pack_json", "receive", "unpack_json"]
+
+LOAD, SETUP, ACT = b"L", b"S", b"A"
+"""To the AV's process: find the AV; put it into a world; new tests and views."""
+ANSWER, FAILED = b".", b"!"
+"""From it: done; it did not work, and why."""
+_HEAD = struct.Struct("<cQ")
+
+
+def pack(kind: bytes, *parts: bytes) -> bytes:
+    """One frame."""
+    return b"".join([_HEAD.pack(kind, sum(len(part) for part in parts)), *parts])
+
+
+def pack_json(kind: bytes, content: dict[str, Any]) -> bytes:
+    """One frame with a JSON object."""
+    return pack(kind, json.dumps(content).encode())
+
+
+def unpack_json(body: bytes | bytearray) -> dict[str, Any]:
+    """The object of a frame's body."""
+    content: dict[str, Any] = json.loads(bytes(body))
+    return content
+
+
+def _exactly(connection: socket.socket, size: int) -> bytearray:
+    data = bytearray(size)
+    view = memoryview(data)
+    got = 0
+    while got < size:
+        n = connection.recv_into(view[got:])
+        if n == 0:
+            raise EOFError
+        got += n
+    return data
+
+
+def receive(connection: socket.socket) -> tuple[bytes, bytearray]:
+    """Read one frame.
+
+    Raises:
+        EOFError: The other side is gone.
+        TimeoutError: It did not come in the socket's time.
+    """
+    kind, size = _HEAD.unpack(_exactly(connection, _HEAD.size))
+    return kind, _exactly(connection, size)

@@ -1,0 +1,124 @@
+"""The process in which a foreign AV lives: loads it, asks it, and says in one line what went wrong if anything did.
+
+Started as `python -m cornerforge.foreign.worker FD`; the simulator is at the other end of that socket. Nothing of the
+simulator is imported here.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+import threading
+import time
+import traceback
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cornerforge.foreign.interface import AvContext
+from cornerforge.foreign.protocol import ACT, ANSWER, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["main", "numbers_of"]
+
+VIEW_SHAPE = (13, 8)
+
+
+class _UnusableError(Exception):
+    """The AV's answer is no array of numbers of the right shape."""
+
+
+def numbers_of(answer: Any, batch: int) -> NDArray[np.float64]:
+    """An AV's answer as float64 (batch, 2).
+
+    Raises:
+        _UnusableError: It is nothing of that kind.
+    """
+    try:
+        array = np.asarray(answer)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise _UnusableError(f"act returned a {type(answer).__name__} that is no array ({error})") from error
+    if array.dtype.kind not in "fiu":
+        raise _UnusableError(f"act returned an array of type {array.dtype}; allowed: real numbers")
+    if array.shape != (batch, 2):
+        raise _UnusableError(f"act returned an array of shape {array.shape}; expected ({batch}, 2)")
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _where(error: BaseException) -> str:
+    """File and line of the AV's own code in which an exception came up."""
+    frames = traceback.extract_tb(error.__traceback__)[1:]
+    return f" ({os.path.basename(frames[-1].filename)}:{frames[-1].lineno})" if frames else ""
+
+
+def _described(error: BaseException) -> str:
+    text = " ".join(str(error).split())[:300]
+    return f"{type(error).__name__}({text}){_where(error)}"
+
+
+def _act(av: Any, context: AvContext, body: bytearray) -> bytes:
+    fresh = int(np.frombuffer(body, np.int64, 1)[0])
+    worlds = np.frombuffer(body, np.int64, fresh, 8).copy()
+    seeds = np.frombuffer(body, np.int64, fresh, 8 + 8 * fresh).copy()
+    view = np.frombuffer(body, np.float32, offset=8 + 16 * fresh).reshape(context.batch, *VIEW_SHAPE)
+    if fresh and hasattr(av, "reset"):
+        av.reset(worlds, seeds)
+    return numbers_of(av.act(view), context.batch).tobytes()
+
+
+def _serve(connection: socket.socket) -> None:
+    """Answer until the simulator hangs up."""
+    av: Any = None
+    context: AvContext | None = None
+    while True:
+        kind, body = receive(connection)
+        try:
+            if kind == LOAD:
+                from cornerforge.foreign.loaders import load_av
+
+                av, about = load_av(unpack_json(body)["av"])
+                reply = pack_json(ANSWER, about)
+            elif kind == SETUP:
+                context = AvContext(**unpack_json(body))
+                if hasattr(av, "setup"):
+                    av.setup(context)
+                reply = pack(ANSWER)
+            elif kind == ACT and context is not None:
+                reply = pack(ANSWER, _act(av, context, body))
+            else:
+                return
+        except _UnusableError as error:
+            reply = pack_json(FAILED, {"what": "answer", "message": str(error)})
+        except Exception as error:  # whatever a stranger's code raises is to be reported, not to end this process
+            from cornerforge.errors import CornerForgeError
+
+            if isinstance(error, CornerForgeError):
+                reply = pack_json(FAILED, {"what": "refused", "message": str(error), "error": type(error).__name__})
+            else:
+                reply = pack_json(FAILED, {"what": "raised", "message": _described(error)})
+        connection.sendall(reply)
+
+
+def _leave_with(parent: int) -> None:
+    """End this process when its parent is gone, even while the AV hangs."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def main(fd: int) -> None:
+    """Serve on the socket `fd`."""
+    threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
+    sys.path.insert(0, os.getcwd())
+    with socket.socket(fileno=fd) as connection:
+        try:
+            _serve(connection)
+        except (EOFError, BrokenPipeError, ConnectionResetError, KeyboardInterrupt):
+            return
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

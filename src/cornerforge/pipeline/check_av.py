@@ -1,0 +1,245 @@
+"""`check-av`: try an AV that is not built in on edge cases, and measure its speed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.errors import AvFaultError, InputError
+from cornerforge.foreign.driver import context_of
+from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import experiment
+from cornerforge.pipeline.simulate import simulate_experiment
+from cornerforge.types import Odd, odd_named
+
+__all__ = ["check_av"]
+
+_OK, _WARN, _FAIL = "ok", "warn", "FAIL"
+_BATCH = 64
+_STEPS = 12
+_SPEED_BATCHES = (1, 64, 256)
+_SPEED_SECONDS = 0.5
+_ROUNDING = 1e-3
+
+
+class _Bench:
+    """Asks one AV in processes of its own, and keeps a list of what was found."""
+
+    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float) -> None:
+        self._spec, self._odd, self._seed, self._timeout = spec, odd, seed, timeout
+        self._process: AvProcess | None = None
+        self._batch = 0
+        self.checks: list[dict[str, str]] = []
+        self.about: dict[str, str] = {}
+
+    def note(self, name: str, verdict: str, found: str) -> None:
+        """Add a line to the list."""
+        self.checks.append({"name": name, "verdict": verdict, "found": found})
+
+    def process(self, batch: int) -> AvProcess:
+        """The AV set up for so many worlds."""
+        if self._process is None or self._batch != batch:
+            self.close()
+            process = AvProcess(self._spec, timeout=self._timeout, first_timeout=FIRST_TIMEOUT)
+            self.about = process.about
+            process.setup(context_of(self._odd, batch=batch, seed=self._seed))
+            self._process, self._batch = process, batch
+        return self._process
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.close()
+            self._process = None
+
+    def answers(self, views: NDArray[np.float32], order: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
+        """Answers (T, B, 2) to T views in a row after a reset of all worlds; world b is put into row order[b]."""
+        steps, batch = views.shape[:2]
+        rows = np.arange(batch) if order is None else order
+        process, given = self.process(batch), []
+        fresh, seeds = rows.astype(np.int64), np.arange(batch, dtype=np.int64)
+        for step in range(steps):
+            shown = np.empty_like(views[step])
+            shown[rows] = views[step]
+            try:
+                given.append(process.act(shown, fresh, seeds)[rows])
+            except AvFailureError:
+                self._process = None
+                raise
+            fresh, seeds = fresh[:0], seeds[:0]
+        return np.array(given)
+
+
+def check_av(
+    *,
+    av: str,
+    odd: str = "default",
+    lanes: int | None = None,
+    tests: int = 256,
+    seed: int = 0,
+    av_timeout: float = DEFAULT_TIMEOUT,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Try an AV on edge cases, ask whether its answers repeat, and measure its speed.
+
+    Args:
+        av: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        odd, lanes: The world.
+        tests: Tests to drive in natural traffic at the end.
+        seed: Of tests and views.
+        av_timeout: How long it may take for an answer [s].
+        progress: Told how far it is.
+
+    Returns:
+        `av`, `kind`, `hash`, `checks` (each with `name`, `verdict` "ok", "warn" or "FAIL", and `found`), `passed` (none
+        failed), and `speed`: calls and decisions per second for 1, 64 and 256 worlds, the way to its process included.
+
+    Raises:
+        CornerForgeError: It is no AV, or fails at once.
+    """
+    check_integer("tests", tests, low=1, high=10**6)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    if not is_foreign(av):
+        raise InputError(f'"{av}" is a built-in name or none; check-av tries module:Class, .onnx and .zip files.')
+    road = odd_named(odd)
+    road = road if lanes is None else replace(road, n_lanes=lanes)
+    bench = _Bench(av, road, seed, av_timeout)
+    try:
+        bench.process(_BATCH)
+        speed: list[dict[str, Any]] = []
+        bench.note("loads", _OK, "it can be made and set up")
+        for k, name in enumerate(EDGE_CASES):
+            progress("edge cases", k, len(EDGE_CASES))
+            _try_edge_case(bench, name, road)
+        if all(check["verdict"] != _FAIL for check in bench.checks):
+            progress("repeats", 0, 1)
+            _try_repeats(bench, road, seed)
+            progress("speed", 0, 1)
+            speed = _speeds(bench, road, seed)
+    finally:
+        bench.close()
+    _drive(bench, av, odd, lanes, tests, seed, av_timeout, progress)
+    return {
+        "av": av,
+        **bench.about,
+        "checks": bench.checks,
+        "passed": all(check["verdict"] != _FAIL for check in bench.checks),
+        "speed": speed,
+    }
+
+
+def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
+    view = np.broadcast_to(edge_case(name, odd), (1, _BATCH, 13, 8)).astype(np.float32)
+    try:
+        answer = bench.answers(view)[0, 0]
+    except AvFailureError as failure:
+        bench.note(name, _FAIL, f"it {failure}")
+        return
+    if not np.isfinite(answer).all():
+        bench.note(name, _FAIL, f"it answers {answer.tolist()}, which is not finite")
+    elif answer[1] not in (-1.0, 0.0, 1.0):
+        bench.note(name, _FAIL, f"its lane order is {answer[1]:g}; allowed: -1 (right), 0, 1 (left)")
+    else:
+        text = f"{answer[0]:.2f} m/s2, lane order {answer[1]:+.0f}"
+        doubt = EDGE_CASES[name].doubt(float(answer[0]), float(answer[1]))
+        beyond = "" if -8.0 <= answer[0] <= 2.0 else "; commands are cut to -8 to 2 m/s2"
+        bench.note(name, _WARN if doubt else _OK, text + beyond + (f"; {doubt}" if doubt else ""))
+
+
+def _difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Largest difference of two sets of answers; +inf where one is not finite."""
+    difference = np.abs(a - b)
+    return float(difference.max()) if np.isfinite(difference).all() else np.inf
+
+
+def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
+    """Same views twice, in another order, in batches of other sizes: are the answers the same?"""
+    rng = np.random.default_rng(seed)
+    views = random_views(rng, (_STEPS, 512), odd)
+    few = views[:, :_BATCH]
+    try:
+        first = bench.answers(few)
+        again = _difference(first, bench.answers(few))
+        order = rng.permutation(_BATCH)
+        turned = _difference(first, bench.answers(few, order))
+        alone = _difference(first[:, :1], bench.answers(few[:, :1]))
+        many = _difference(first, bench.answers(views)[:, :_BATCH])
+    except AvFailureError as failure:
+        bench.note("random traffic", _FAIL, f"it {failure}")
+        return
+    if not np.isfinite(first).all():
+        bench.note("random traffic", _FAIL, "it answers with NaN or infinity")
+        return
+    if not np.isin(first[..., 1], (-1.0, 0.0, 1.0)).all():
+        bench.note("random traffic", _FAIL, "it gives lane orders other than -1, 0 and 1")
+        return
+    bench.note("random traffic", _OK, f"{_STEPS} seconds in {_BATCH} worlds")
+    if again > 0.0:
+        bench.note(
+            "repeats", _WARN, f"the same views, asked twice, differ by up to {again:.3g}: it is not deterministic, so "
+            "results cannot be repeated. Draw random numbers by the seeds that reset() gives."
+        )  # fmt: skip
+        return
+    bench.note("repeats", _OK, "the same views give the same answers")
+    for name, difference in (("order of worlds", turned), ("alone", alone), ("512 worlds", many)):
+        if difference == 0.0:
+            bench.note(name, _OK, "the same answers")
+        elif difference <= _ROUNDING:
+            bench.note(
+                name, _WARN, f"answers differ by up to {difference:.2g} (rounding): tests may come out differently in "
+                "batches of another size"
+            )  # fmt: skip
+        else:
+            bench.note(name, _FAIL, f"answers differ by up to {difference:.3g}: worlds have an influence on each other")
+
+
+def _speeds(bench: _Bench, odd: Odd, seed: int) -> list[dict[str, Any]]:
+    try:
+        return [_speed(bench, odd, seed, batch) for batch in _SPEED_BATCHES]
+    except AvFailureError as failure:
+        bench.note("speed", _FAIL, f"it {failure}")
+        return []
+
+
+def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> dict[str, Any]:
+    view = random_views(np.random.default_rng(seed), (1, batch), odd)
+    bench.answers(view)
+    process, none = bench.process(batch), np.zeros(0, dtype=np.int64)
+    calls, start = 0, time.perf_counter()
+    while (seconds := time.perf_counter() - start) < _SPEED_SECONDS:
+        process.act(view[0], none, none)
+        calls += 1
+    return {
+        "worlds": batch,
+        "calls_per_second": round(calls / seconds, 1),
+        "decisions_per_second": round(calls * batch / seconds, 1),
+    }
+
+
+def _drive(
+    bench: _Bench, av: str, odd: str, lanes: int | None, tests: int, seed: int, timeout: float, progress: Progress
+) -> None:
+    """Natural traffic: does it get through, and how often does it crash?"""
+    try:
+        run = experiment(av=av, odd=odd, lanes=lanes, takes_foreign=True, seed=seed, av_timeout=timeout)
+        tally, seconds = simulate_experiment(run, tests=tests, seed=seed, threads=1, progress=progress, stage="tests")
+    except AvFaultError as error:
+        bench.note("tests in natural traffic", _FAIL, str(error))
+        return
+    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.0f} tests/s"
+    if tally.av_faults and run.foreign is not None:
+        fault = min(run.foreign.faults.values(), key=lambda fault: fault.test)
+        text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"
+        bench.note("tests in natural traffic", _FAIL, text)
+    elif tally.av_crashes > 0.05 * tests:
+        bench.note("tests in natural traffic", _WARN, found + ": more than one in twenty")
+    else:
+        bench.note("tests in natural traffic", _OK, found)

@@ -1,0 +1,161 @@
+"""Foreign AVs through the real command line: the example, libraries, rates, check-av, and refusals."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cornerforge.cli import main
+
+Capture = pytest.CaptureFixture[str]
+EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
+
+
+@pytest.fixture
+def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    shutil.copy(EXAMPLE, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(capsys: Capture, *arguments: object) -> tuple[int, dict[str, Any], str]:
+    capsys.readouterr()
+    status = main([*map(str, arguments), "--json"])
+    captured = capsys.readouterr()
+    return status, json.loads(captured.out) if captured.out else {}, captured.err
+
+
+def test_the_example_is_short() -> None:
+    assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) < 30
+
+
+def test_the_example_simulates_generates_and_replays(example: Path, capsys: Capture) -> None:  # noqa: ARG001
+    status, natural, err = call(capsys, "simulate", "--av", "my_av:MyAv", "--tests", 400, "--seed", 1)
+    assert (status, err) == (0, "")
+    assert natural["tests"] == 400
+    assert natural["av_faults"] == 0
+    assert natural["crashes_per_test"] < 0.05  # a time gap of 1.5 s is enough for natural traffic
+    status, filled, _ = call(
+        capsys, "generate", "--policy", "swerve", "--cases", 30, "--av", "my_av:MyAv", "--out", "lib"
+    )
+    assert status == 0
+    assert filled["cases"] == 30
+    status, again, _ = call(capsys, "replay", "lib", "all", "--check")
+    assert (status, again["identical"], again["cases"]) == (0, True, 30)
+    identity = json.loads(Path("lib/provenance.json").read_text(encoding="utf-8"))["identity"]
+    assert identity["av"] == "my_av:MyAv"
+    assert len(identity["av_hash"]) == 16
+    with Path("my_av.py").open("a", encoding="utf-8") as file:
+        file.write("# another AV\n")
+    status, _, err = call(capsys, "replay", "lib", "all", "--check")
+    assert status == 2
+    assert "av_hash" in err
+
+
+def test_crashes_of_simulate_are_stored(avs: Path, capsys: Capture) -> None:  # noqa: ARG001
+    arguments = ("simulate", "--av", "avs:Accelerates", "--tests", 150, "--stats")
+    _, counted, _ = call(capsys, *arguments)
+    _, stored, _ = call(capsys, *arguments, "--out", "lib")
+    assert stored["cases"] == stored["av_crashes"] == counted["av_crashes"] > 10
+    assert stored["digest"] == counted["digest"]
+    assert counted["distributions"]["speed"]["n"] > 1000
+    assert call(capsys, "replay", "lib", "all", "--check")[1]["identical"]
+
+
+def test_a_random_av_is_named_when_its_case_does_not_come_again(avs: Path, capsys: Capture) -> None:  # noqa: ARG001
+    call(capsys, "generate", "--policy", "swerve", "--cases", 3, "--av", "avs:Random", "--out", "lib")
+    status, again, err = call(capsys, "replay", "lib", "all", "--check")
+    assert status == 1
+    assert again["identical"] is False
+    assert "avs:Random is not deterministic" in err
+
+
+def test_the_rate_of_a_foreign_av(avs: Path, capsys: Capture) -> None:  # noqa: ARG001
+    arguments = ("rate", "--av", "avs:Accelerates", "--max-tests", 200, "--target-rhw", 0.01)
+    status, first, _ = call(capsys, *arguments, "--out", "out")
+    assert status == 0
+    assert first["tests"] == 200
+    assert first["av_crashes"] == sum(first["crash_types"].values()) > 10
+    assert call(capsys, *arguments)[1]["digest"] == first["digest"]
+
+
+def test_spoiled_tests_do_not_count(avs: Path, capsys: Capture) -> None:  # noqa: ARG001
+    _, good, _ = call(capsys, "simulate", "--av", "avs:Good", "--tests", 200)
+    status, bad, _ = call(capsys, "simulate", "--av", "avs:Raises", "--tests", 200)
+    assert status == 0
+    assert bad["av_faults"] >= 2
+    assert bad["tests"] == 200 - bad["av_faults"]
+    assert good["av_faults"] == 0
+    _, filled, _ = call(capsys, "simulate", "--av", "avs:Raises", "--tests", 200, "--out", "lib")
+    assert (filled["tests"], filled["av_faults"]) == (bad["tests"], bad["av_faults"])
+    capsys.readouterr()
+    assert main(["simulate", "--av", "avs:Raises", "--tests", "200"]) == 0
+    assert f"{bad['av_faults']} tests left out, because the AV raised" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["simulate", "--av", "gone:Av"], "No module gone"),
+        (["simulate", "--av", "gone.onnx"], "No AV file gone.onnx"),
+        (["simulate", "--av", "avs:AlwaysRaises"], "spoiled 2"),
+        (["simulate", "--av", "avs:AlwaysRaises", "--tests", "5"], "spoiled every one of 5 tests"),
+        (["simulate", "--av", "avs:Good", "--av-timeout", "0"], "av_timeout = 0.0 s is out of range"),
+        (["generate", "--av", "avs:AlwaysRaises", "--policy", "swerve", "--out", "lib"], "spoiled 2"),
+        (["train", "--av", "avs:Good", "--out", "p.safetensors"], "this command takes built-in ones only"),
+        (["run", "--av", "avs:Good", "--out", "all"], "this command takes built-in ones only"),
+        (["check-av", "idm-mobil"], "is a built-in name or none"),
+        (["check-av", "avs:np"], "is a module, not a class"),
+    ],
+)
+def test_bad_avs_are_refused_in_plain_lines(avs: Path, capsys: Capture, arguments: list[str], text: str) -> None:  # noqa: ARG001
+    status, result, err = call(capsys, *arguments)
+    assert status == 2
+    assert result == {}
+    assert text in err
+    assert "Traceback" not in err
+    assert len(err.splitlines()) <= 2
+
+
+# --- check-av ---
+
+
+def verdicts(result: dict[str, Any]) -> dict[str, str]:
+    return {check["name"]: check["verdict"] for check in result["checks"]}
+
+
+def test_the_example_passes_check_av(example: Path, capsys: Capture) -> None:  # noqa: ARG001
+    status, result, err = call(capsys, "check-av", "my_av:MyAv", "--tests", 64)
+    assert (status, err) == (0, "")
+    assert result["passed"]
+    assert set(verdicts(result).values()) == {"ok"}
+    assert [entry["worlds"] for entry in result["speed"]] == [1, 64, 256]
+    assert all(entry["decisions_per_second"] > 0.0 for entry in result["speed"])
+    capsys.readouterr()
+    assert main(["check-av", "my_av:MyAv", "--tests", "8"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("my_av:MyAv (class, ")
+    assert len(lines) == 1 + len(result["checks"]) + 3
+
+
+@pytest.mark.parametrize(
+    ("name", "check", "verdict"),
+    [
+        ("RaisesAtOnce", "empty road", "FAIL"),
+        ("Neighbours", "order of worlds", "FAIL"),
+        ("Random", "repeats", "warn"),
+        ("Accelerates", "lead stands still", "warn"),
+        ("Accelerates", "tests in natural traffic", "warn"),
+        ("Nan", "tests in natural traffic", "FAIL"),
+        ("AlwaysRaises", "tests in natural traffic", "FAIL"),
+    ],
+)
+def test_check_av_finds(avs: Path, capsys: Capture, name: str, check: str, verdict: str) -> None:  # noqa: ARG001
+    status, result, _ = call(capsys, "check-av", f"avs:{name}", "--tests", 150)
+    assert verdicts(result)[check] == verdict
+    assert status == (0 if "FAIL" not in verdicts(result).values() else 1)
+    assert result["passed"] == (status == 0)

@@ -1,0 +1,121 @@
+"""Worlds in lockstep: with a built-in AV's answers the same bits as the kernels' own loop, in any batch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_built import Car, setting_of, world_of
+from numpy.typing import NDArray
+
+from cornerforge._jit import kernel
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim import lockstep
+from cornerforge.sim.actions import start_lane_change
+from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.av import av_decide
+from cornerforge.sim.drive import Decisions, Outcomes, Setting, world_row
+from cornerforge.sim.runner import allocate_outcomes, drive_chunk
+from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
+from cornerforge.sim.step import allocate_recording
+from cornerforge.sim.world import FRAME, N_BV_CRASHES, N_DECISIONS, OUTCOME, SLOT_A, SLOT_B, n_slots
+from cornerforge.types import ODDS, Odd
+
+
+@kernel
+def answers_of_built_in(batch: lockstep.Batch, setting: Setting, answers: NDArray[np.float64]) -> None:
+    for b in range(batch.test.size):
+        if batch.test[b] != lockstep.IDLE:
+            command, lane = av_decide(world_row(batch.worlds, b), setting.road, setting.av)
+            answers[b, 0] = command
+            answers[b, 1] = lane
+
+
+def drive(setting: Setting, slots: int, tests: int, size: int, census: Census = NOBODY) -> tuple[Outcomes, Counts]:
+    """Tests 0, 1, ... of seed 5 in a batch of `size` worlds, refilled as tests end."""
+    batch, out, counts = lockstep.allocate_batch(size, slots), allocate_outcomes(tests), allocate_counts(slots)
+    scratch, done, answers = allocate_choice_scratch(setting.policy), np.zeros(size, np.int64), np.zeros((size, 2))
+    recording = allocate_recording(0, slots)
+    decisions = Decisions(np.zeros((0, slots), np.int8), np.zeros(0, np.int16), np.zeros(0))
+    begun = 0
+    while True:
+        fresh = np.flatnonzero(batch.test == lockstep.IDLE)[: tests - begun]
+        lockstep.begin(5, fresh, np.arange(begun, begun + fresh.size), setting, batch)
+        begun += fresh.size
+        if (batch.test == lockstep.IDLE).all():
+            return out, counts
+        answers_of_built_in(batch, setting, answers)
+        running = batch.test.copy()
+        n = lockstep.act(5, answers, True, setting, batch, scratch, recording, decisions, counts, census, done)
+        for b in done[:n]:
+            info, test = batch.worlds.info[b], running[b]
+            out.code[test], out.frame[test] = info[OUTCOME], info[FRAME]
+            out.slot_a[test], out.slot_b[test] = info[SLOT_A], info[SLOT_B]
+            out.bv_crashes[test], out.decisions[test] = info[N_BV_CRASHES], info[N_DECISIONS]
+            out.distance[test] = batch.worlds.vehicles["x"][b, 0] - setting.road.av_start
+
+
+def assert_same(a: tuple[Outcomes, Counts], b: tuple[Outcomes, Counts]) -> None:
+    for ours, theirs in zip((*a[0], a[1].histograms, a[1].totals), (*b[0], b[1].histograms, b[1].totals), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("adversary", [None, "swerve", "lane-changer"])
+@pytest.mark.parametrize("odd", ["default", "paper", "every 0.3 s"])
+def test_the_same_bits_as_the_loop_of_the_kernels(model: NddModel, adversary: str | None, odd: str) -> None:
+    road = ODDS[odd] if odd in ODDS else replace(ODDS["default"], av_substeps=3)
+    setting, slots = setting_of(model, road, adversary=adversary), n_slots(road)
+    loop = drive_chunk(setting, slots, 5, 0, 150, True)
+    assert_same(loop, drive(setting, slots, 150, 32, EVERYBODY))
+    if adversary:
+        assert (loop[0].code == 2).any()  # there were crashes to agree on
+
+
+def test_any_batch_gives_the_same(model: NddModel) -> None:
+    setting, slots = setting_of(model, adversary="swerve"), n_slots(Odd())
+    one = drive(setting, slots, 60, 1)
+    for size in (7, 60, 100):
+        assert_same(one, drive(setting, slots, 60, size))
+
+
+def test_idle_worlds_show_nothing(model: NddModel) -> None:
+    setting, slots = setting_of(model), n_slots(Odd())
+    batch = lockstep.allocate_batch(3, slots)
+    batch.views[:] = np.nan
+    lockstep.begin(0, np.array([1]), np.array([9]), setting, batch)
+    lockstep.see(batch, setting.road)
+    assert not batch.views[[0, 2]].any()
+    assert batch.views[1, 0, 0] == 1.0
+    assert batch.test.tolist() == [lockstep.IDLE, 9, lockstep.IDLE]
+
+
+def test_commands_are_cut_to_what_a_vehicle_can_do(model: NddModel) -> None:
+    setting, slots = setting_of(model), n_slots(Odd())
+    for wish, held in ((-50.0, -8.0), (50.0, 2.0), (-1.5, -1.5)):
+        batch = lockstep.allocate_batch(1, slots)
+        lockstep.begin(0, np.array([0]), np.array([0]), setting, batch)
+        decisions = Decisions(np.zeros((0, slots), np.int8), np.zeros(0, np.int16), np.zeros(0))
+        lockstep.act(
+            0, np.array([[wish, 0.0]]), False, setting, batch, allocate_choice_scratch(setting.policy),
+            allocate_recording(0, slots), decisions, allocate_counts(slots), NOBODY, np.zeros(1, np.int64),
+        )  # fmt: skip
+        assert batch.worlds.vehicles["acceleration"][0, 0] == held
+
+
+@pytest.mark.parametrize(
+    ("lane", "change_to", "order", "then"),
+    [
+        (1, None, 0, 1), (1, None, 1, 2), (1, None, -1, 0),
+        (2, None, 1, 2), (0, None, -1, 0),  # it would leave the road
+        (1, 2, 1, 2), (1, 0, -1, 0),  # in the direction of the running change: nothing
+        (1, 2, -1, 1), (1, 0, 1, 1),  # against it: back
+        (1, 2, 0, 2),
+    ],
+)  # fmt: skip
+def test_lane_orders(model: NddModel, lane: int, change_to: int | None, order: int, then: int) -> None:
+    road = setting_of(model).road
+    world = world_of([Car(400.0, lane, 30.0)])
+    if change_to is not None:
+        start_lane_change(world, 0, change_to, road)
+    assert lockstep.ordered_lane(world, float(order), road) == then
