@@ -40,9 +40,9 @@ def test_summary_and_file_agree(trained: tuple[Path, dict[str, object]]) -> None
         "nobody", "uniform", "uniform, bounded", "lane-changer", "lane-changer, bounded", "swerve", "swerve, bounded",
     ]  # fmt: skip
     for rate in (summary, *baselines):
-        low, high = rate["avoidable_interval95"]  # type: ignore[misc]
-        assert 0.0 <= low <= rate["avoidable_per_test"] <= rate["crashes_per_test"]  # type: ignore[operator]
-        assert rate["avoidable_per_test"] <= high  # type: ignore[operator]
+        low, high = rate["avoidable_interval95"]
+        assert 0.0 <= low <= rate["avoidable_per_test"] <= rate["crashes_per_test"]
+        assert rate["avoidable_per_test"] <= high
     swerve = baselines[5]
     assert swerve["crashes_per_test"] > 0.5
     assert 0.0 < swerve["avoidable_per_test"] < swerve["crashes_per_test"]
