@@ -49,7 +49,7 @@ def as_adversary(kind: str):
         s = allocate_choice_scratch(policy)
         actions = np.zeros(batch.n, dtype=np.int64)
         for b in np.flatnonzero(running):
-            w = world(batch, b)
+            w = world(batch, int(b))
             s.allowed[:] = batch.allowed[b]
             test = int(batch.tests[b])
             actions[b] = choose_action(w, int(w.info[CONTROLLED]), ADVERSARIES[kind], 0.0, SEED, test, policy, s)
@@ -62,7 +62,7 @@ def as_built_in_av(batch: AvBatch, running: np.ndarray) -> None:
     """Steps that take the decisions of the built-in AV, as accelerations and lane orders."""
     command, order = np.zeros(batch.n), np.zeros(batch.n, dtype=np.int64)
     for b in np.flatnonzero(running):
-        w = world(batch, b)
+        w = world(batch, int(b))
         command[b], lane = av_decide(w, batch.run.setting.road, batch.run.setting.av)
         order[b] = lane - w.vehicles["target_lane"][0]
     batch.drive(command, order, running)
@@ -119,7 +119,7 @@ def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) ->
     within_a_second = 0
     for b in range(N):
         last = recorder.record(SEED, b)
-        w = world(batch, b)
+        w = world(batch, int(b))
         there = w.vehicles[: w.info[N_VEHICLES]]
         np.testing.assert_array_equal(there["present"] == 1, last.present[-1])
         for name in ("x", "y", "speed", "heading"):
