@@ -14,6 +14,7 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import _epsilon, _Learner, _learning_rate
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.sim.drive import Transitions
+from cornerforge.sim.observe import N_OBSERVATION
 
 SMALL = replace(
     PRESETS["fast"], width=32, batch=64, replay_size=4096, replay_start=64, worlds=64, decisions_per_update=64,
@@ -81,7 +82,7 @@ def learned_q(allowed: tuple[int, ...]) -> np.ndarray:
     learner.memory.add(corridor(allowed))
     for learning_rate in (3e-3, 1e-3, 1e-4):
         learner.learn(500, learning_rate)
-    states = torch.zeros(N_STATES, 40)
+    states = torch.zeros(N_STATES, N_OBSERVATION)
     states[torch.arange(N_STATES), torch.arange(N_STATES)] = 1.0
     with torch.no_grad():
         q: np.ndarray = learner.online(states).numpy()[:, ACTIONS]
@@ -123,7 +124,7 @@ def test_targets_are_cut_to_what_a_return_can_be() -> None:
     learner.memory.add(batch)
     learner.learn(600, 3e-3)
     with torch.no_grad():
-        assert float(learner.online(torch.zeros(1, 40))[0, 0]) == pytest.approx(1.0, abs=0.05)
+        assert float(learner.online(torch.zeros(1, N_OBSERVATION))[0, 0]) == pytest.approx(1.0, abs=0.05)
 
 
 def test_making_a_learner_leaves_the_users_random_numbers_alone() -> None:
