@@ -15,6 +15,7 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import _epsilon, _learning_rate
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.sim.drive import Transitions
+from cornerforge.sim.observe import N_OBSERVATION
 
 SMALL = replace(
     PRESETS["fast"], width=32, batch=64, replay_size=4096, replay_start=64, worlds=64, decisions_per_update=64,
@@ -82,7 +83,7 @@ def learned_q(allowed: tuple[int, ...]) -> np.ndarray:
     learner.memory.add(corridor(allowed))
     for learning_rate in (3e-3, 1e-3, 1e-4):
         learner.learn(500, learning_rate)
-    return learner.q(np.eye(N_STATES, 40, dtype=np.float32))[:, ACTIONS]
+    return learner.q(np.eye(N_STATES, N_OBSERVATION, dtype=np.float32))[:, ACTIONS]
 
 
 def test_learner_reaches_exact_q_and_never_takes_the_maximum_over_a_masked_action() -> None:
@@ -119,7 +120,7 @@ def test_targets_are_cut_to_what_a_return_can_be() -> None:
     batch.end[:] = True
     learner.memory.add(batch)
     learner.learn(600, 3e-3)
-    assert learner.q(np.zeros((1, 40), dtype=np.float32))[0, 0] == pytest.approx(1.0, abs=0.05)
+    assert learner.q(np.zeros((1, N_OBSERVATION), dtype=np.float32))[0, 0] == pytest.approx(1.0, abs=0.05)
 
 
 def test_making_a_learner_leaves_the_users_random_numbers_alone() -> None:

@@ -9,13 +9,23 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.decide import action_probabilities
-from cornerforge.sim.drive import collect, start_worlds, world_row
+from cornerforge.sim.drive import N_FINISHED, History, Setting, collect, start_worlds, world_row
 from cornerforge.sim.observe import UNITS_PER_NAT, budget_units
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.rewards import reward_numbers
+from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import BUDGET_LEFT, CONTROLLED, allocate_worlds, n_slots
 from cornerforge.types import Odd
 
 WORLDS, STEPS, BUDGET = 48, 40, 6.0
+REWARD = reward_numbers("crash", 1.0)
+
+
+def history_of(n: int, setting: Setting, slots: int) -> History:
+    longest = setting.road.max_decisions
+    return History(
+        np.zeros((n, longest), np.int16), np.zeros((n, longest), np.int8), allocate_worlds(1, slots),
+        allocate_recording(SUBSTEPS * longest + 1, slots),
+    )  # fmt: skip
 
 
 def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
@@ -26,7 +36,8 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
     tests = np.arange(WORLDS, dtype=np.int64)
     observation = allocate_transitions(WORLDS).observation
     allowed = np.zeros((WORLDS, 33), dtype=np.bool_)
-    out, finished = allocate_transitions(WORLDS), np.zeros(3, dtype=np.int64)
+    out, finished = allocate_transitions(WORLDS), np.zeros(N_FINISHED, dtype=np.int64)
+    history = history_of(WORLDS, setting, n_slots(odd))
     pairs, nothing = allocate_pairs(n_slots(odd)), allocate_recording(0, n_slots(odd))
     start_worlds(1, tests, setting, worlds, scratch, observation, allowed)
     assert (worlds.info[:, BUDGET_LEFT] == budget_units(BUDGET)).all()
@@ -44,7 +55,10 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
             close = np.abs(costs[b] - left) < 2.0 / UNITS_PER_NAT
             np.testing.assert_array_equal(allowed[b][~close], (costs[b] <= left)[~close])
             assert observation[b, 20] == np.float32(min(1.0, left / 10.0))
-        collect(1, 0, WORLDS, tests, 0.0, setting, worlds, pairs, scratch, nothing, observation, allowed, out, finished)
+        collect(
+            1, 0, WORLDS, tests, 0.0, 0, setting, REWARD, worlds, pairs, scratch, nothing, history, observation,
+            allowed, out, finished,
+        )  # fmt: skip
         after = worlds.info[:, BUDGET_LEFT]
         goes_on = ~out.end
         spent = (before - after)[goes_on] / UNITS_PER_NAT
@@ -68,8 +82,9 @@ def test_without_a_budget_nothing_is_counted(model: NddModel) -> None:
     start_worlds(1, tests, setting, worlds, scratch, observation, allowed)
     for _ in range(5):
         collect(
-            1, 0, 4, tests, 0.0, setting, worlds, allocate_pairs(n_slots(odd)), scratch,
-            allocate_recording(0, n_slots(odd)), observation, allowed, out, np.zeros(3, dtype=np.int64),
+            1, 0, 4, tests, 0.0, 0, setting, REWARD, worlds, allocate_pairs(n_slots(odd)), scratch,
+            allocate_recording(0, n_slots(odd)), history_of(4, setting, n_slots(odd)), observation, allowed, out,
+            np.zeros(N_FINISHED, dtype=np.int64),
         )  # fmt: skip
         assert (worlds.info[:, BUDGET_LEFT] == 0).all()
         assert (observation[:, 20] == 1.0).all()
