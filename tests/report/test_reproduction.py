@@ -27,7 +27,8 @@ def a_cell(trained_on: str | None, bounded: bool, av: str) -> dict[str, Any]:
     name = "swerve" if trained_on is None else f"{trained_on}.crash"
     return {
         "adversary": "swerve" if trained_on is None else "learned", "trained_on": trained_on, "bounded": bounded,
-        "av": av, "net_per_test": 0.5, "typed": 10, "crash_types": TYPES,
+        "av": av, "net_per_test": 0.5,
+        "paper": None if trained_on is None or bounded else 0.286, "typed": 10, "crash_types": TYPES,
         "key": f"{name}.{'bounded' if bounded else 'free'}",
     }  # fmt: skip
 

@@ -137,17 +137,22 @@ def _shown(key: str) -> str:
 def _yield_map(data: Data, what: str, name: str, title: str) -> Picture:
     cells, avs = data["cells"], data["avs"]
     rows = _row_names(cells)
-    drawing, panels = new_figure(1, 2, 3.6 + 1.9 * len(avs), 1.9 + 0.34 * len(rows))
+    drawing, panels = new_figure(1, 2, 3.6 + 1.9 * len(avs), 1.9 + 0.38 * len(rows))
     for panel, bounded in zip(panels, (False, True), strict=True):
         values = np.full((len(rows), len(avs)), np.nan)
+        said: dict[tuple[int, int], float] = {}
         for cell in cells:
             if cell["bounded"] == bounded and cell.get(what) is not None:
-                values[rows.index(cell["key"].rpartition(".")[0]), avs.index(cell["av"])] = cell[what]
+                place = rows.index(cell["key"].rpartition(".")[0]), avs.index(cell["av"])
+                values[place] = cell[what]
+                if what == "net_per_test" and cell.get("paper") is not None:
+                    said[place] = cell["paper"]
         panel.grid(visible=False)
         panel.imshow(values, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
         for (y, x), value in np.ndenumerate(values):
             if np.isfinite(value):
-                panel.text(x, y, _short(value), ha="center", va="center", fontsize=8,
+                paper = f"\n(paper {said[y, x]:g})" if (y, x) in said else ""
+                panel.text(x, y, _short(value) + paper, ha="center", va="center", fontsize=8,
                            color="white" if value > 0.55 else "black")  # fmt: skip
         panel.set_xticks(range(len(avs)), avs, rotation=30, ha="right")
         panel.set_yticks(range(len(rows)), [_shown(row) for row in rows] if not bounded else [])

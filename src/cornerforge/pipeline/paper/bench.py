@@ -69,7 +69,7 @@ class ReproduceBudget:
 
 REPRODUCE_BUDGETS = {
     "quick": ReproduceBudget(
-        decisions=500_000, bounded_decisions=500_000, seeds=1, trained_on=("idm-mobil",),
+        decisions=1_000_000, bounded_decisions=700_000, seeds=1, trained_on=("idm-mobil",),
         rewards=("crash", "avoidable"), tests=1_024, natural_tests=20_000, typed=100, miles=100.0, cases=2_000,
     ),
     "standard": ReproduceBudget(

