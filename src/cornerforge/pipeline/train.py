@@ -265,7 +265,6 @@ def train(
     rate = evaluate(trained, **measured, progress=progress)
     return {
         "decisions": policy.about["decisions"],
-        "decisions_per_second": round(int(str(policy.about["decisions"])) / seconds, 1) if seconds > 0.0 else None,
         "updates": policy.about["updates"],
         "seconds": round(seconds, 3),
         "preset": preset,
