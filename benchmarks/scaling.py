@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from measuring import Series, interleave, on_one_core, table
 from worlds import SEED, driven_seconds, mean_bvs, with_bvs
@@ -129,6 +130,11 @@ def _resident() -> int:
     return int(path.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if path.exists() else 0
 
 
+def _bytes(parts: tuple[Any, ...]) -> int:
+    """Size of all arrays in nested tuples."""
+    return sum(_bytes(part) if isinstance(part, tuple) else part.nbytes for part in parts)
+
+
 def measure_memory(run: Experiment, worlds: int) -> Memory:
     """Fill a batch of worlds with traffic and see how the process grows."""
     before = _resident()
@@ -138,7 +144,7 @@ def measure_memory(run: Experiment, worlds: int) -> Memory:
         w = world_row.py_func(batch, b)  # type: ignore[attr-defined]
         reset_world(w, SEED, b, run.setting.road, run.setting.av, run.setting.tables.initial)
     grown = (_resident() - before) / worlds
-    computed = sum(part.nbytes for part in batch) // worlds + sum(part.nbytes for part in scratch[0])
+    computed = _bytes(batch) // worlds + _bytes(scratch[0])
     return Memory(run.slots, computed, grown, worlds)
 
 

@@ -35,7 +35,8 @@ def lane_changer(_world: World, _bv: Vehicle, allowed: list[int], draw: tuple[fl
     changes = [action for action in allowed if action < 2]
     if draw[0] < 2.0 / 3.0 and changes:
         return _any_of(changes, draw[1])
-    return _any_of([action for action in allowed if action >= 2], draw[1])
+    accelerations = [action for action in allowed if action >= 2]
+    return _any_of(accelerations or allowed, draw[1])
 
 
 def swerve(world: World, bv: Vehicle, allowed: list[int], _draw: tuple[float, float]) -> int:

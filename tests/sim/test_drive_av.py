@@ -54,7 +54,7 @@ class Worlds:
 
 
 def test_what_is_seen_next_is_what_is_seen(model: NddModel, seed: int) -> None:
-    worlds = Worlds(model, seed, NOBODY, AV_TRAINING.reward)
+    worlds = Worlds(model, seed, NOBODY, AV_TRAINING.av_reward)
     for _ in range(30):
         before, tests = worlds.observation.copy(), worlds.tests.copy()
         batch = worlds.second()
@@ -103,7 +103,7 @@ def test_nearness_costs(model: NddModel, seed: int) -> None:
 
 
 def test_only_a_crash_is_an_end(model: NddModel, seed: int) -> None:
-    worlds = Worlds(model, seed, SWERVE, AV_TRAINING.reward)
+    worlds = Worlds(model, seed, SWERVE, AV_TRAINING.av_reward)
     ends = sum(int(worlds.second().end.sum()) for _ in range(30))
     assert ends == worlds.finished[1] > 10
     assert worlds.finished[0] > worlds.finished[1]
@@ -112,7 +112,7 @@ def test_only_a_crash_is_an_end(model: NddModel, seed: int) -> None:
 
 @pytest.mark.parametrize("epsilon", [0.0, 1.0])
 def test_the_same_seed_drives_the_same(model: NddModel, seed: int, epsilon: float) -> None:
-    runs = [Worlds(model, seed, NOBODY, AV_TRAINING.reward) for _ in range(2)]
+    runs = [Worlds(model, seed, NOBODY, AV_TRAINING.av_reward) for _ in range(2)]
     for _ in range(5):
         for ours, theirs in zip(*(run.second(epsilon) for run in runs), strict=True):
             np.testing.assert_array_equal(ours, theirs)

@@ -15,7 +15,7 @@ from cornerforge.sim import lockstep
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.drive import Decisions, Outcomes, Setting, world_row
+from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, world_row
 from cornerforge.sim.runner import allocate_outcomes, drive_chunk
 from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
 from cornerforge.sim.step import allocate_recording
@@ -37,7 +37,7 @@ def drive(setting: Setting, slots: int, tests: int, size: int, census: Census = 
     batch, out, counts = lockstep.allocate_batch(size, slots), allocate_outcomes(tests), allocate_counts(slots)
     scratch, done, answers = allocate_choice_scratch(setting.policy), np.zeros(size, np.int64), np.zeros((size, 2))
     recording = allocate_recording(0, slots)
-    decisions = Decisions(np.zeros((0, slots), np.int8), np.zeros(0, np.int16), np.zeros(0))
+    decisions = allocate_decisions(0, slots)
     begun = 0
     while True:
         fresh = np.flatnonzero(batch.test == lockstep.IDLE)[: tests - begun]
@@ -95,7 +95,7 @@ def test_commands_are_cut_to_what_a_vehicle_can_do(model: NddModel) -> None:
     for wish, held in ((-50.0, -8.0), (50.0, 2.0), (-1.5, -1.5)):
         batch = lockstep.allocate_batch(1, slots)
         lockstep.begin(0, np.array([0]), np.array([0]), setting, batch)
-        decisions = Decisions(np.zeros((0, slots), np.int8), np.zeros(0, np.int16), np.zeros(0))
+        decisions = allocate_decisions(0, slots)
         lockstep.act(
             0, np.array([[wish, 0.0]]), False, setting, batch, allocate_choice_scratch(setting.policy),
             allocate_recording(0, slots), decisions, allocate_counts(slots), NOBODY, np.zeros(1, np.int64),

@@ -143,7 +143,7 @@ def test_an_action_costs_by_how_much_less_likely_it_is(model: NddModel, lead_gap
     for action in np.flatnonzero(np.isfinite(cost)):
         for budget in (5.0, 40.0):
             world.info[BUDGET_LEFT] = budget_units(budget)
-            spend_budget(world, 1, action, setting.road, setting.tables, np.zeros(33))
+            spend_budget(world, 1, int(action), setting.road, setting.tables, np.zeros(33))
             left = (world.info[BUDGET_LEFT] - 1) / UNITS_PER_NAT
             assert left == pytest.approx(max(0.0, budget - cost[action]), abs=1.1 / UNITS_PER_NAT)
     assert len(set(np.round(cost[np.isfinite(cost)], 3))) > 5

@@ -140,7 +140,9 @@ def choose_action(
             change = _pick_allowed(s.allowed, 0, 2, draw)
             if change >= 0:
                 return change
-        return _pick_allowed(s.allowed, 2, 33, draw)
+        rest = _pick_allowed(s.allowed, 2, 33, draw)
+        # In a running change that every attentive driver would break off, turning back is all that is left.
+        return rest if rest >= 0 else _pick_allowed(s.allowed, 0, 33, draw)
     return _swerve(w, bv, s.allowed)
 
 
