@@ -25,8 +25,8 @@ demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, within mi
 	@$(BIN)/cornerforge run --budget quick --out $(OUT) --resume
 	@echo "The report: $(OUT)/report.html (open it in a browser)"
 
-test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU
-	@$(BIN)/python -m pytest
+test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU, on all cores
+	@$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
 	@$(BIN)/python -m pytest -m "not gpu" --seed random --hypothesis-profile slow

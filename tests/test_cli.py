@@ -191,7 +191,7 @@ def test_analysis_names_clusters_and_cases(files: Path, capsys: Capture) -> None
 
 
 def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    tiny = run_module.Budget(nde_tests=200, decisions=25_000, evaluation_tests=200, exposure_tests=100, cases=12)
+    tiny = run_module.Budget(nde_tests=200, decisions=120_000, evaluation_tests=200, exposure_tests=100, cases=12)
     monkeypatch.setitem(run_module.BUDGETS, "quick", tiny)
     command = ["run", "--budget", "quick", "--out", tmp_path / "out", "--seed", "2", "--json"]
     status, out, err = call(capsys, *command)
@@ -260,8 +260,8 @@ def test_a_case_that_happens_differently_is_status_1(
     cases = importlib.import_module("cornerforge.pipeline.cases")
     honest = cases._experiment_of
 
-    def other(library: Any) -> Any:
-        run = honest(library)
+    def other(*arguments: Any) -> Any:
+        run = honest(*arguments)
         return run.__class__(**{**vars(run), "setting": run.setting._replace(bounded=1)})
 
     monkeypatch.setattr(cases, "_experiment_of", other)

@@ -21,6 +21,7 @@ from cornerforge.drivers.policy import allocate_scratch, q_values
 from cornerforge.envs import ADVERSARY_ID, DRIVING_ID
 from cornerforge.envs.sb3 import policy_of_sb3
 from cornerforge.errors import InputError
+from cornerforge.sim.observe import N_OBSERVATION
 
 
 @pytest.fixture(autouse=True)
@@ -74,7 +75,7 @@ def test_the_policy_file_has_the_networks_values(small_dqn: DQN, tmp_path: Path,
     assert policy.bounded
     assert policy.about["decisions"] == 200
     numbers = policy_numbers(policy)
-    observations = np.random.default_rng(seed).normal(size=(50, 40)).astype(np.float32)
+    observations = np.random.default_rng(seed).normal(size=(50, N_OBSERVATION)).astype(np.float32)
     with torch.no_grad():
         theirs = small_dqn.q_net(torch.from_numpy(observations)).numpy()
     ours = np.zeros((50, 33), dtype=np.float32)
@@ -103,7 +104,7 @@ def test_networks_of_another_kind_are_named() -> None:
         (dqn(net_arch=[32, 16]), "hidden layers of one width"),
         (dqn(net_arch=[]), "layers are"),
         (dqn(activation_fn=torch.nn.Tanh), "ReLU between them"),
-        (dqn(gymnasium.make(DRIVING_ID)), "from 40 observations"),
+        (dqn(gymnasium.make(DRIVING_ID)), f"from {N_OBSERVATION} observations"),
         ("model.zip", "str has no Q-network"),
     ):
         with pytest.raises(InputError, match=message):

@@ -88,23 +88,23 @@ def test_counts_and_provenance(swerve_library: Path) -> None:
 def unbroken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three shards, written in one go."""
     path = tmp_path_factory.mktemp("unbroken") / "library"
-    pipeline.generate(policy="swerve", cases=2300, out=path, seed=1)
+    pipeline.generate(policy="swerve", cases=9300, out=path, seed=1)
     return path
 
 
 def test_a_library_goes_on_after_kills_as_if_nothing_had_happened(unbroken: Path, tmp_path: Path) -> None:
     """Shards hold 1000 cases; the process is killed right after its first shard, and again after its second."""
     library = tmp_path / "killed"
-    command = ["generate", "--policy", "swerve", "--cases", "2300", "--seed", "1", "--out", str(library), "--resume"]
+    command = ["generate", "--policy", "swerve", "--cases", "9300", "--seed", "1", "--out", str(library), "--resume"]
     for cases in (0, 1000):
         process = start(*command)
         wait_for_cases(library, cases, process)
         process.kill()
         process.communicate()
-        assert 1000 <= len(CaseLibrary.open(library)) < 2300
+        assert 1000 <= len(CaseLibrary.open(library)) < 9300
         assert not CaseLibrary.open(library).finished
-    resumed = pipeline.generate(policy="swerve", cases=2300, out=library, seed=1, resume=True)
-    assert resumed["cases"] == 2300
+    resumed = pipeline.generate(policy="swerve", cases=9300, out=library, seed=1, resume=True)
+    assert resumed["cases"] == 9300
     files, expected = snapshot(library), snapshot(unbroken)
     del files["provenance.json"], expected["provenance.json"]  # it tells the time
     assert files == expected
@@ -127,7 +127,7 @@ def test_ctrl_c_exits_130_and_keeps_what_was_recorded(unbroken: Path, tmp_path: 
     assert not CaseLibrary.open(library).finished
     resumed = pipeline.generate(policy="swerve", cases=kept + 5, out=library, seed=1, resume=True)
     assert resumed["cases"] == kept + 5
-    both = min(kept + 5, 2300)
+    both = min(kept + 5, 9300)
     assert table(library).slice(0, both).equals(table(unbroken).slice(0, both))
 
 

@@ -20,7 +20,7 @@ from cornerforge.pipeline.output import code_hash, version
 run_module = importlib.import_module("cornerforge.pipeline.run")  # the attribute of that name is the function
 
 # Beyond replay_start of preset `fast`, so that it learns a little; enough to crash now and then.
-TINY = run_module.Budget(nde_tests=600, decisions=30_000, evaluation_tests=300, exposure_tests=200, cases=25)
+TINY = run_module.Budget(nde_tests=600, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
 STAGES = ("nde", "train", "evaluate", "baselines", "exposure", "generate", "analyse")
 ARTEFACTS = {
     "policy.safetensors", "training.json", "library", "analysis", "exposure.json", "summary.json", "report.html",
@@ -150,7 +150,7 @@ def test_a_folder_of_another_run_is_refused_by_name(
 def test_another_size_under_the_same_name_is_refused(
     finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    larger = run_module.Budget(nde_tests=700, decisions=30_000, evaluation_tests=300, exposure_tests=200, cases=25)
+    larger = run_module.Budget(nde_tests=700, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
     monkeypatch.setitem(run_module.BUDGETS, "quick", larger)
     with pytest.raises(InputError, match="config_hash"):
         pipeline.run(budget="quick", out=finished[0], seed=2, resume=True)

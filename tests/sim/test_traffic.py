@@ -13,7 +13,7 @@ from cornerforge.drivers.idm import desired_gap
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import CONTROLLED, N_VEHICLES, World, allocate_worlds, n_slots
+from cornerforge.sim.world import AHEAD, AV_LEADS, CONTROLLED, N_VEHICLES, UNKNOWN, World, allocate_worlds, n_slots
 from cornerforge.types import Odd
 
 ODD = Odd()
@@ -129,6 +129,8 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
     world = World(*(part[0] for part in batch))
     world.info[:] = 77
     reset_world(world, 5, 3, setting.road, setting.av, setting.tables.initial)
-    assert world.info.tolist() == [fresh.size, 0, -1, 0, 0, 0, 0, 0, fresh.size, fresh.size]
+    assert world.info[:AV_LEADS].tolist() == [fresh.size, 0, -1, 0, 0, 0, 0, 0, fresh.size, fresh.size, 0]
+    assert (world.info[AV_LEADS:AHEAD] == UNKNOWN).all()
+    assert (world.info[AHEAD:] == 0).all()
     assert world.info[CONTROLLED] == -1
     assert sorted(world.order[: fresh.size]) == list(range(fresh.size))

@@ -113,7 +113,7 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
 class AdversaryEnv(_SingleEnv):
     """The agent drives, second by second, the background vehicle that is nearest to the AV (paper, equations 5 to 9).
 
-    Observation: float32 (40,), `sim.observe.observe`. Action: one of 33, see `info["action_mask"]`.
+    Observation: float32 (41,), `sim.observe.observe`. Action: one of 33, see `info["action_mask"]`.
 
     Args:
         av: Name of the built-in AV under test.

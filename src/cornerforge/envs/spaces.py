@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cornerforge.errors import InputError
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.neighbours import SIGHT
-from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.observe import N_OBSERVATION, N_OWN
 from cornerforge.types import ACCELERATIONS, N_ACTIONS, Odd
 
 __all__ = [
@@ -28,8 +28,6 @@ MAX_ACCELERATION = 2.0
 """Most that it can accelerate [m/s2]."""
 _LATERAL_SPEED = 25.0
 """More than any lane change reaches [m/s], were it broken off and taken up again all the time."""
-_N_OWN = 20
-"""Entries of the adversary's observation before those of other vehicles (`sim/observe.py`)."""
 _LANE_ORDER_FROM = 1.0 / 3.0
 """A lateral command beyond this is a lane order."""
 
@@ -40,7 +38,7 @@ def adversary_observations(odd: Odd) -> spaces.Box:
     low, high = np.zeros(N_OBSERVATION), np.ones(N_OBSERVATION)
     limits = {2: width, 3: _LATERAL_SPEED / 2.0, 4: 4.0, 8: width, 9: _LATERAL_SPEED / 2.0}
     limits |= {12: 3.0, 13: 3.0, 14: width, 15: speed, 16: lanes}
-    for place in range(_N_OWN, N_OBSERVATION, 5):
+    for place in range(N_OWN, N_OBSERVATION, 5):
         limits |= {place: 3.0, place + 1: width, place + 2: speed, place + 3: lanes}
     for place, limit in limits.items():
         low[place], high[place] = -limit, limit

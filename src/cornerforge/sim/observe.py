@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "N_OBSERVATION",
+    "N_OWN",
     "OBSERVATION_VERSION",
     "UNITS_PER_NAT",
     "allowed_actions",
@@ -34,10 +35,10 @@ OBSERVATION_VERSION = 2
 UNITS_PER_NAT = 1_000_000
 """A budget is counted in whole numbers, so that sums are exact and do not depend on their order."""
 _NATS_SHOWN = 10.0
-_N_OWN = 21
+N_OWN = 21
 _N_OTHERS = 4
 _PER_OTHER = 5
-N_OBSERVATION = _N_OWN + _N_OTHERS * _PER_OTHER
+N_OBSERVATION = N_OWN + _N_OTHERS * _PER_OTHER
 
 
 @kernel
@@ -115,7 +116,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[20] = min(1.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
     for k in range(_nearest_others(w, bv, found)):
         j = found[k]
-        place = _N_OWN + _PER_OTHER * k
+        place = N_OWN + _PER_OTHER * k
         out[place] = _clip((v[j].x - v[bv].x) / 50.0, 3.0)
         out[place + 1] = (v[j].y - v[bv].y) / 4.0
         out[place + 2] = (v[j].speed - v[bv].speed) / 10.0
