@@ -18,7 +18,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, wr
 from cornerforge.errors import CornerForgeError, InputError
 from cornerforge.ndd.model import default_model_path, load_model, save_model
 from cornerforge.pipeline.crashes import NaturalCrashes
-from cornerforge.pipeline.output import write_text
+from cornerforge.pipeline.output import config_hash, write_text
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates.exposure import SAMPLE_TESTS, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, Block, drive_block
@@ -76,7 +76,14 @@ def prepare(setting: Setting, session: Session) -> tuple[Experiment, dict[str, A
         model.parent.mkdir(parents=True, exist_ok=True)
         save_model(varied, model)
     run = experiment(av=setting.av, lanes=setting.lanes, model=model)
-    return run, {**run.identity(SEED), "simulation": simulation_hash()}
+    return run, _identity(run)
+
+
+def _identity(run: Experiment) -> dict[str, Any]:
+    """What names a count of natural traffic: nothing of adversaries, so that their new options leave counts alone."""
+    names = run.identity(SEED)
+    kept = {key: names[key] for key in ("seed", "odd", "lanes", "av", "av_hash", "model_hash")}
+    return {**kept, "road_hash": config_hash(asdict(run.odd)), "simulation": simulation_hash()}
 
 
 def take_up(setting: Setting, known: Entry | None, session: Session) -> tuple[Experiment, Entry]:

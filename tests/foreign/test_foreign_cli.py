@@ -67,7 +67,10 @@ def test_crashes_of_simulate_are_stored(avs: Path, capsys: Capture) -> None:  # 
 
 
 def test_a_random_av_is_named_when_its_case_does_not_come_again(avs: Path, capsys: Capture) -> None:  # noqa: ARG001
-    call(capsys, "generate", "--policy", "swerve", "--cases", 3, "--av", "avs:Random", "--out", "lib")
+    status, made, err = call(
+        capsys, "generate", "--policy", "swerve", "--cases", 3, "--av", "avs:Random", "--out", "lib"
+    )
+    assert (status, made.get("cases")) == (0, 3), (err, made)
     status, again, err = call(capsys, "replay", "lib", "all", "--check")
     assert status == 1
     assert again["identical"] is False

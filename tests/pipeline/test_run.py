@@ -79,7 +79,14 @@ def test_the_summary_is_of_what_was_asked_for(finished: tuple[Path, dict[str, An
     assert (
         summary["generate"]["cases"] == summary["analyse"]["cases"] == len(CaseLibrary.open(folder / "library")) == 25
     )
-    assert [rate["name"] for rate in summary["baselines"]] == ["uniform", "lane-changer", "swerve"]
+    assert [rate["name"] for rate in summary["baselines"]] == [
+        "uniform",
+        "uniform, bounded",
+        "lane-changer",
+        "lane-changer, bounded",
+        "swerve",
+        "swerve, bounded",
+    ]
 
 
 def test_provenance_names_all_that_decided(finished: tuple[Path, dict[str, Any]]) -> None:

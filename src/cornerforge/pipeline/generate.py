@@ -80,12 +80,12 @@ class _Harvest:
 
     def _foreign(self, first: int, count: int) -> Harvested:
         """The same for a foreign AV: it drives every crashed test again, alone, and the recording becomes a case."""
-        outcomes, _ = self._run.drive(self._run.setting, self._run.slots, self._seed, first, count, False)
-        crashed = crashed_tests(first, outcomes)
         try:
             recorder = self._recorders.get_nowait()
         except Empty:
-            recorder = self._run.recorder()
+            recorder = self._run.recorder()  # before the tests: it has the AV's answers kept, for AVs that draw lots
+        outcomes, _ = self._run.drive(self._run.setting, self._run.slots, self._seed, first, count, False)
+        crashed = crashed_tests(first, outcomes)
         scenarios = [recorder.record(self._seed, test) for test in crashed]
         self._recorders.put(recorder)
         records = [case_record(scenario, trajectory_digest=scenario_digest(scenario)) for scenario in scenarios]
