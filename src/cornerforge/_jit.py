@@ -24,18 +24,20 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+from cornerforge._kernel_parts import KernelDispatcher
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = ["cache_folder", "inlined_kernel", "kernel", "prefetch"]
 
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_OPTIONS: dict[str, Any] = {"nopython": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 # `_nrt`: no reference counting, which took most of the time where arrays travel in tuples, and no allocation, which
 # kernels must not do anyway. The switch is private to Numba (docs/adr/0006-compiled-kernels.md).
 
 F = TypeVar("F", bound=Callable[..., object])
 
-_SOURCES = ("_jit.py", "_philox.py", "geometry.py", "types.py", "drivers/*.py", "sim/*.py")
+_SOURCES = ("_jit.py", "_kernel_parts.py", "_philox.py", "geometry.py", "types.py", "drivers/*.py", "sim/*.py")
 _KEEP_DAYS = 3.0
 
 
@@ -96,7 +98,9 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
     before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
     try:
-        return cast("F", numba.njit(**options)(function))
+        dispatcher = KernelDispatcher(function, options)
+        dispatcher.enable_caching()
+        return cast("F", dispatcher)
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
 
