@@ -238,7 +238,7 @@ def test_a_terminal_sees_progress_with_rate_and_standard_output_stays_clean() ->
 
 def test_one_bar_serves_a_stage_whose_note_changes_and_old_work_is_no_speed() -> None:
     bars = _Bars(quiet=False)
-    bars._show = True
+    bars.show = True
     try:
         for stage, done in (("rate (3 crashes)", 500.0), ("rate (3 crashes)", 500.0), ("rate (4 crashes)", 600.0)):
             bars(stage, done, 1000.0)

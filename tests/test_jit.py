@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import announce_compiling, inlined_kernel, kernel
 
 CACHED = """
 import numpy as np
@@ -65,6 +65,17 @@ def test_a_part_that_raises_reaches_python() -> None:
     """The exception comes out of the program that the part is in."""
     with pytest.raises(ValueError, match="no such value"):
         _all(np.ones(3), 8)
+
+
+def test_compiling_is_announced_once() -> None:
+    """Said when the first kernel is compiled, not for those after it and not for what is there."""
+    said = []
+    announce_compiling(lambda: said.append("compiling"))
+
+    assert said == []
+    _first(np.ones(3, np.int64))
+    _doubled(np.ones(3, np.int64), 0)
+    assert said == ["compiling"]
 
 
 def test_machine_code_is_kept_for_the_next_process(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numba
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba.core import cgutils, types
+from numba.core import cgutils, event, types
 from numba.extending import intrinsic
 
 from cornerforge._kernel_parts import KernelDispatcher
@@ -29,7 +29,7 @@ from cornerforge._kernel_parts import KernelDispatcher
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["cache_folder", "inlined_kernel", "kernel", "prefetch"]
+__all__ = ["announce_compiling", "cache_folder", "inlined_kernel", "kernel", "prefetch"]
 
 _OPTIONS: dict[str, Any] = {"nopython": True, "nogil": True, "error_model": "numpy", "_nrt": False}
 # `_nrt`: no reference counting, which took most of the time where arrays travel in tuples, and no allocation, which
@@ -103,6 +103,23 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
         return cast("F", dispatcher)
     finally:
         numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+
+
+def announce_compiling(say: Callable[[], None]) -> None:
+    """Call `say` once, when the first kernel that no earlier process left machine code of begins to be compiled."""
+
+    class _Once(event.Listener):
+        said = False
+
+        def on_start(self, event: object) -> None:  # noqa: ARG002
+            if not self.said:
+                self.said = True
+                say()
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    event.register("numba:compile", _Once())  # type: ignore[no-untyped-call]
 
 
 def _prefetch(_: object, array: Any, row: Any, column: Any) -> tuple[Any, Callable[..., Any]]:

@@ -80,14 +80,14 @@ class _Bars:
     """Progress bars on standard error, one per stage, with rate and time left; silent when that is no terminal."""
 
     def __init__(self, quiet: bool) -> None:
-        self._show = not quiet and sys.stderr.isatty()
+        self.show = not quiet and sys.stderr.isatty()
         self._bars: Bars | None = None
         self._stage = ""
         self._task: TaskID | None = None
 
     def __call__(self, stage: str, done: float, total: float) -> None:
         """Draw; a new stage gets a new bar."""
-        if not self._show:
+        if not self.show:
             return
         from rich.console import Console
         from rich.progress import (
@@ -128,6 +128,12 @@ def _run(
 ) -> dict[str, Any]:
     """Do the work with progress bars, then print its object or the text made of it."""
     bars = _Bars(quiet)
+    if bars.show:
+        from cornerforge._jit import announce_compiling
+
+        announce_compiling(
+            lambda: typer.echo("Compiling the simulator, once per installation; about a minute.", err=True)
+        )
     try:
         result = work(bars)
     finally:

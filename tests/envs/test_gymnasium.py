@@ -93,12 +93,20 @@ def test_without_a_seed_one_is_drawn() -> None:
     np.testing.assert_array_equal(seeds, seeds[0] + np.arange(3))
 
 
+class _LaneChanges(np.random.Generator):
+    """Draws lane changes only: about one test in ten ends in a crash of the AV (0.0999 of 8,192 tests)."""
+
+    def integers(self, *_: Any, **__: Any) -> Any:
+        return super().integers(2)
+
+
 def test_the_end_says_what_happened_and_when() -> None:
+    """Sixty tests without a crash of the AV would be a chance of 0.002, and the seed is fixed."""
     env = AdversaryEnv()
     outcomes = set()
-    rng = np.random.default_rng(2)
-    for _ in range(60):
-        last = episode(env, rng)[-1]
+    rng = _LaneChanges(np.random.PCG64(2))
+    for index in range(60):
+        last = episode(env, rng, seed=0, options={"test": FIRST_TEST + index})[-1]
         info = last[4]
         outcomes.add(info["outcome"])
         assert last[1] == {"av-crash": 1.0, "bv-crash": -1.0}.get(info["outcome"], 0.0)

@@ -14,8 +14,9 @@ from cornerforge.envs.runs import adversary_batch, driving_batch
 from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError
 from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch, choose_action
-from cornerforge.sim.agents import ordered_lane, substitute_action
+from cornerforge.sim.agents import substitute_action
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.drive import Outcomes, world_row
 from cornerforge.sim.recorder import Recorder
@@ -202,7 +203,7 @@ def test_lane_orders_begin_break_off_and_stay_on_the_road() -> None:
     batch.begin(one)
     start = int(w.vehicles["target_lane"][0])
     there, back = (1, -1) if start == 0 else (-1, 1)
-    assert ordered_lane(w, back, road) == start, "off the road"
+    assert ordered_lane(w, 0, back, road) == start, "off the road"
     assert lane_after(0) == start
     assert lane_after(there) == 1 - start
     assert lane_after(there) == 1 - start, "an order in the change's own direction changes nothing"

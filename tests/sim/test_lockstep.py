@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cornerforge._jit import kernel
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim import lockstep
-from cornerforge.sim.actions import start_lane_change
+from cornerforge.sim.actions import ordered_lane, start_lane_change
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, world_row
@@ -118,4 +118,4 @@ def test_lane_orders(model: NddModel, lane: int, change_to: int | None, order: i
     world = world_of([Car(400.0, lane, 30.0)])
     if change_to is not None:
         start_lane_change(world, 0, change_to, road)
-    assert lockstep.ordered_lane(world, float(order), road) == then
+    assert ordered_lane(world, 0, order, road) == then

@@ -103,6 +103,9 @@ class Actor(Protocol):
 
     finished: NDArray[np.int64]
 
+    def warm_up(self) -> None:
+        """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
+
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
         """One decision of every world; what it gives may lie in `out`, and is copied before the next call."""
 
@@ -139,10 +142,17 @@ class _Actor:
         self.finished = np.zeros(N_FINISHED, dtype=np.int64)
         start_worlds(seed, self._tests, setting, self._worlds, self._scratch, self._observation, self._allowed)
 
+    def warm_up(self) -> None:
+        """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
+        self._collect(0, self._setting.policy.weights, 0.0, allocate_transitions(1))
+
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
         """One decision of every world with the given weights; returns `out`."""
+        return self._collect(self._tests.size, weights, epsilon, out)
+
+    def _collect(self, n: int, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
+        """One decision of the first n worlds."""
         setting = self._setting._replace(policy=self._setting.policy._replace(weights=weights))
-        n = self._tests.size
         collect(
             self._seed,
             0,
@@ -266,6 +276,7 @@ class _Training:
         self._loss: float | None = None
         self.point_every = _POINT_EVERY
         self.result = TrainResult(weights, 0, 0, 0.0)
+        self._actor.warm_up()
 
     def iterate(self, pool: ThreadPoolExecutor, threads: int, share_of_time: float) -> None:
         """One decision of each world, and the updates that go with them."""
@@ -373,12 +384,11 @@ def _train(
     worlds: Callable[[PolicyNumbers], Actor], config: TrainConfig, seed: int, threads: int, max_seconds: float | None,
     progress: Callable[[CurvePoint], None] | None, checkpoint: CheckpointFile | None,
 ) -> TrainResult:  # fmt: skip
-    start = time.perf_counter()
     training = _Training(worlds, config, seed)
     if checkpoint is not None:
         _take_up(training, checkpoint)
     result = training.result
-    start -= result.seconds
+    start = time.perf_counter() - result.seconds  # the time to compile kernels is not the training's
     iterations = -(-config.decisions // config.worlds)
     with ThreadPoolExecutor(1) as pool, _interrupt_held(checkpoint is not None) as interrupted:
         for iteration in range(result.decisions // config.worlds, iterations):

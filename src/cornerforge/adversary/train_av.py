@@ -124,12 +124,21 @@ class _Actor:
         self.finished = np.zeros(N_FINISHED, dtype=np.int64)
         start_av_worlds(seed, self._tests, setting, self._worlds, self._pairs, self._observation, self._allowed)
 
+    def warm_up(self) -> None:
+        """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
+        self._collect(0, self._setting.av.network.weights, 0.0)
+
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:  # noqa: ARG002
         """One second of every world with the given weights."""
+        rows = self._collect(self._tests.size, weights, epsilon)
+        return Transitions._make(part[:rows] for part in self._out)
+
+    def _collect(self, n: int, weights: NDArray[np.float32], epsilon: float) -> int:
+        """One second of the first n worlds into `_out`; returns the number of transitions."""
         av = self._setting.av
-        rows = collect_av(
+        return collect_av(
             self._seed,
-            self._tests,
+            self._tests[:n],
             epsilon,
             self._setting._replace(av=av._replace(network=av.network._replace(weights=weights))),
             self._mix,
@@ -143,7 +152,6 @@ class _Actor:
             self._out,
             self.finished,
         )
-        return Transitions._make(part[:rows] for part in self._out)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Everything that `act` changes and needs again, by name; views, the vehicles as bytes."""

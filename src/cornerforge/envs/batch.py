@@ -291,7 +291,7 @@ class AvBatch(Batch):
         self._drive(command, order, chosen)
 
     def drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
-        """As `step`, by acceleration [m/s2] and lane order (`sim.agents.ordered_lane`), each of shape (B,)."""
+        """As `step`, by acceleration [m/s2] and lane order (`sim.actions.ordered_lane`), each of shape (B,)."""
         self._drive(command, order, chosen)
         self._note_ends(chosen)
 

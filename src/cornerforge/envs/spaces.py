@@ -7,14 +7,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
+from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.observe import N_OBSERVATION, N_OWN
 from cornerforge.types import ACCELERATIONS, N_ACTIONS, Odd
 
 __all__ = [
-    "MAX_ACCELERATION",
-    "MAX_BRAKING",
     "adversary_observations",
     "av_commands",
     "driving_actions",
@@ -22,10 +21,6 @@ __all__ = [
     "one_of_33",
 ]
 
-MAX_BRAKING = 8.0
-"""Most that the AV of `Driving-v0` can brake [m/s2]."""
-MAX_ACCELERATION = 2.0
-"""Most that it can accelerate [m/s2]."""
 _LATERAL_SPEED = 25.0
 """More than any lane change reaches [m/s], were it broken off and taken up again all the time."""
 _LANE_ORDER_FROM = 1.0 / 3.0
@@ -53,8 +48,8 @@ def driving_observations(odd: Odd) -> spaces.Box:
     lanes = odd.n_lanes - 1.0
     low, high = np.zeros((VIEW_ROWS, VIEW_COLUMNS)), np.ones((VIEW_ROWS, VIEW_COLUMNS))
     low[:], high[:] = (
-        [0.0, -SIGHT, -width, 0.0, -_LATERAL_SPEED, -MAX_BRAKING, 0.0, 0.0],
-        [1.0, SIGHT, width, odd.max_speed, _LATERAL_SPEED, MAX_ACCELERATION, lanes, 1.0],
+        [0.0, -SIGHT, -width, 0.0, -_LATERAL_SPEED, LOWEST_COMMAND, 0.0, 0.0],
+        [1.0, SIGHT, width, odd.max_speed, _LATERAL_SPEED, HIGHEST_COMMAND, lanes, 1.0],
     )
     low[0, 1:3] = -odd.max_speed, 0.0
     high[0, 1:3] = odd.test_length, width
@@ -90,7 +85,7 @@ def av_commands(actions: NDArray[np.generic], *, box: bool) -> tuple[NDArray[np.
     """
     if box:
         wish = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        held = np.where(wish[:, 0] < 0.0, MAX_BRAKING, MAX_ACCELERATION) * wish[:, 0]
+        held = np.where(wish[:, 0] < 0.0, -LOWEST_COMMAND, HIGHEST_COMMAND) * wish[:, 0]
         return held, ((wish[:, 1] > _LANE_ORDER_FROM).astype(np.int64) - (wish[:, 1] < -_LANE_ORDER_FROM))
     index = actions.astype(np.int64)
     held = np.where(index >= 2, ACCELERATIONS[np.maximum(index - 2, 0)], 0.0)

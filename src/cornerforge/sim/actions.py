@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
     from cornerforge.sim.world import RoadNumbers, World
 
-__all__ = ["apply_action", "hold", "start_lane_change"]
+__all__ = ["HIGHEST_COMMAND", "LOWEST_COMMAND", "apply_action", "hold", "ordered_lane", "start_lane_change"]
+
+LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
+"""What an AV outside the kernels can make of its vehicle [m/s2]: commands are cut to this."""
 
 
 @kernel
@@ -49,22 +52,31 @@ def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
 
 
 @inlined_kernel
-def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
-    """Carry out an action index for slot i: 0 left, 1 right (speed held), 2.. acceleration.
+def ordered_lane(w: World, i: int, side: int, road: RoadNumbers) -> int:
+    """Target lane of slot i after an order: 1 left, 0 keep, -1 right.
 
-    A change against the running one returns to the lane it came from; one in its direction changes nothing.
-    A change that would leave the road is not carried out.
+    An order against the running change returns to the lane it came from; one in its direction changes nothing. One that
+    would leave the road is not carried out.
     """
+    v = w.vehicles
+    lane: int = v[i].target_lane
+    if side == 0:
+        return lane
+    if v[i].duration > 0.0:
+        running = 1 if v[i].c0 < lane_centre(lane, road.lane_width) else -1
+        if running == side:
+            return lane
+    return lane + side if 0 <= lane + side < road.n_lanes else lane
+
+
+@inlined_kernel
+def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
+    """Carry out an action index for slot i: 0 left, 1 right (speed held, see `ordered_lane`), 2.. acceleration."""
     v = w.vehicles
     if action >= 2:
         hold(v, i, accelerations[action - 2])
         return
     hold(v, i, 0.0)
-    side = 1 - 2 * action
-    target = v[i].target_lane + side
-    if v[i].duration > 0.0:
-        running = 1 if v[i].c0 < lane_centre(v[i].target_lane, road.lane_width) else -1
-        if running == side:
-            return
-    if 0 <= target < road.n_lanes:
+    target = ordered_lane(w, i, 1 - 2 * action, road)
+    if target != v[i].target_lane:
         start_lane_change(w, i, target, road)

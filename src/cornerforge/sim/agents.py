@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.geometry import lane_centre
+from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_view import view_of_av
-from cornerforge.sim.drive import world_row
-from cornerforge.sim.neighbours import nearest_bv
-from cornerforge.sim.observe import allowed_actions, observe
+from cornerforge.sim.drive import look_as_bv, world_row
 from cornerforge.sim.step import SUBSTEPS, Pairs, av_acts, begin_second, move_on, move_vehicle, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -44,7 +42,6 @@ __all__ = [
     "AvSeconds",
     "allocate_av_seconds",
     "drive_on_as_av",
-    "ordered_lane",
     "start_as_av",
     "start_as_bv",
     "step_as_bv",
@@ -94,20 +91,6 @@ def _bring_up_to_date(w: World, road: RoadNumbers) -> None:
     all_current(w)
 
 
-@inlined_kernel
-def _look(
-    w: World, setting: Setting, s: ChoiceScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
-) -> bool:
-    """Name the BV nearest to the AV as the controlled one, fill its observation and mask; False when there is none."""
-    bv = nearest_bv(w)
-    w.info[CONTROLLED] = bv
-    if bv < 0:
-        return False
-    observe(w, bv, setting.road, s.found, observation)
-    allowed_actions(w, bv, setting.bounded, setting.road, setting.tables, s.p, allowed)
-    return True
-
-
 @kernel
 def start_as_bv(
     begin: int, end: int, chosen: NDArray[np.bool_], seeds: NDArray[np.int64], tests: NDArray[np.int64],
@@ -134,7 +117,7 @@ def start_as_bv(
         w = world_row(worlds, b)
         for _ in range(MAX_TRIES):
             reset_world(w, seeds[b], tests[b], setting.road, setting.av, setting.tables.initial)
-            if _look(w, setting, s, observation[b], allowed[b]):
+            if look_as_bv(w, setting, s, observation[b], allowed[b]):
                 break
             tests[b] += 1
         if w.info[CONTROLLED] < 0:
@@ -170,7 +153,7 @@ def step_as_bv(
         code = w.info[OUTCOME]
         if code != RUNNING:
             _bring_up_to_date(w, setting.road)
-        if not _look(w, setting, s, observation[b], allowed[b]) and code == RUNNING:
+        if not look_as_bv(w, setting, s, observation[b], allowed[b]) and code == RUNNING:
             code = NOBODY_LEFT
         outcome[b] = code
 
@@ -195,24 +178,6 @@ def allocate_av_seconds(n_worlds: int, pairs: Pairs) -> AvSeconds:
     substep, n_pairs = np.zeros(n_worlds, dtype=np.int64), np.zeros(n_worlds, dtype=np.int64)
     a, b = (np.zeros((n_worlds, pairs.a.size), dtype=np.int64) for _ in range(2))
     return AvSeconds(substep, n_pairs, a, b)
-
-
-@inlined_kernel
-def ordered_lane(w: World, order: int, road: RoadNumbers) -> int:
-    """The AV's target lane after a lane order: 1 left, 0 keep, -1 right.
-
-    An order against the running change returns to the lane that it came from; one in its direction changes nothing; one
-    that would leave the road is ignored.
-    """
-    v = w.vehicles
-    lane: int = v[0].target_lane
-    if order == 0:
-        return lane
-    if v[0].duration > 0.0:
-        running = 1 if v[0].c0 < lane_centre(lane, road.lane_width) else -1
-        if running == order:
-            return lane
-    return lane + order if 0 <= lane + order < road.n_lanes else lane
 
 
 @kernel
@@ -240,7 +205,7 @@ def start_as_av(
 def _hostile_choice(w: World, seed: int, test: int, setting: Setting, s: ChoiceScratch) -> int:
     """The controlled BV's action in this second, -1 where nobody is controlled."""
     w.info[CONTROLLED] = -1
-    if setting.adversary == 0 or not _look(w, setting, s, s.observation, s.allowed):
+    if setting.adversary == 0 or not look_as_bv(w, setting, s, s.observation, s.allowed):
         return -1
     return choose_action(w, w.info[CONTROLLED], setting.adversary, 0.0, seed, test, setting.policy, s)
 
@@ -271,7 +236,7 @@ def drive_on_as_av(
             continue
         w = world_row(worlds, b)
         held = Pairs(seconds.a[b], seconds.b[b], pairs.is_watched, pairs.ahead, pairs.behind, pairs.av)
-        lane = ordered_lane(w, order[b], road)
+        lane = ordered_lane(w, 0, order[b], road)
         from_x = w.vehicles[0].x
         if seconds.substep[b] == 0:
             action = _hostile_choice(w, seeds[b], tests[b], setting, s)

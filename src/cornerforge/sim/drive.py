@@ -68,6 +68,7 @@ __all__ = [
     "drive_range",
     "drive_test",
     "judge_range",
+    "look_as_bv",
     "record_choice",
     "start_test",
     "start_worlds",
@@ -323,7 +324,7 @@ def world_row(worlds: World, b: int) -> World:
 
 
 @kernel
-def _prepare(
+def look_as_bv(
     w: World, setting: Setting, s: ChoiceScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
 ) -> bool:
     """Name the controlled BV and fill its observation and mask; False when there is no BV."""
@@ -346,7 +347,7 @@ def start_worlds(
     for b in range(n):
         w = world_row(worlds, b)
         _start(w, seed, tests[b], setting.budget, setting)
-        while not _prepare(w, setting, s, observation[b], allowed[b]):
+        while not look_as_bv(w, setting, s, observation[b], allowed[b]):
             tests[b] += n
             _start(w, seed, tests[b], setting.budget, setting)
 
@@ -515,7 +516,7 @@ def collect(
         out.action[b] = action
         code = w.info[OUTCOME]
         out.reward[b] = _reward(w, b, seed, tests[b], setting, reward, history, pairs)
-        ended = code != RUNNING or not _prepare(w, setting, s, observation[b], allowed[b])
+        ended = code != RUNNING or not look_as_bv(w, setting, s, observation[b], allowed[b])
         out.end[b] = ended
         if ended:
             finished[0] += 1
@@ -524,7 +525,7 @@ def collect(
             finished[3] += code == AV_CRASH and out.reward[b] > 0.0
             tests[b] += n
             _start(w, seed, tests[b], setting.budget, setting)
-            while not _prepare(w, setting, s, observation[b], allowed[b]):
+            while not look_as_bv(w, setting, s, observation[b], allowed[b]):
                 tests[b] += n
                 _start(w, seed, tests[b], setting.budget, setting)
         _copy_view(observation[b], allowed[b], out.next_observation[b], out.next_allowed[b])

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.geometry import lane_centre
+from cornerforge._jit import kernel
+from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lane
 from cornerforge.sim.adversaries import ChoiceScratch
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.drive import Decisions, Setting, choose_hostile, record_choice, start_test, world_row
@@ -42,21 +42,16 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import RoadNumbers
 
 __all__ = [
-    "HIGHEST_COMMAND",
     "IDLE",
-    "LOWEST_COMMAND",
     "Batch",
     "act",
     "allocate_batch",
     "begin",
-    "ordered_lane",
     "see",
 ]
 
 IDLE = -1
 """Test number of a world that drives none."""
-LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
-"""What an AV outside the kernels can make of its vehicle [m/s2]: commands are cut to this."""
 
 
 class Batch(NamedTuple):
@@ -134,27 +129,6 @@ def see(batch: Batch, road: RoadNumbers) -> None:
             view_of_av(world_row(batch.worlds, b), road, batch.found, batch.views[b])
 
 
-@inlined_kernel
-def ordered_lane(w: World, order: float, road: RoadNumbers) -> int:
-    """Target lane of the AV after an order: +1 left, 0 keep, -1 right of the lane that it keeps or changes to.
-
-    An order against a running change returns to the lane it came from, one in its direction changes nothing, and one
-    that would leave the road is not carried out: as for BVs (`apply_action`).
-    """
-    v = w.vehicles
-    lane: int = v[0].target_lane
-    if order == 0.0:
-        return lane
-    side = 1 if order > 0.0 else -1
-    if v[0].duration > 0.0:
-        running = 1 if v[0].c0 < lane_centre(lane, road.lane_width) else -1
-        if running == side:
-            return lane
-    if 0 <= lane + side < road.n_lanes:
-        return lane + side
-    return lane
-
-
 @kernel
 def _begin_second(
     w: World, seed: int, test: int, command: float, lane: int, setting: Setting, pairs: Pairs, s: ChoiceScratch,
@@ -218,7 +192,7 @@ def act(
         lane = int(answers[b, 1])
         if not as_lanes:
             command = min(max(command, LOWEST_COMMAND), HIGHEST_COMMAND)
-            lane = ordered_lane(w, answers[b, 1], road)
+            lane = ordered_lane(w, 0, int(np.sign(answers[b, 1])), road)
         step = w.info[N_DECISIONS] - (batch.substep[b] > 0)
         counting = census.on and census.first <= step < census.until
         own = Counts(counts.histograms, counts.joint, counts.totals, batch.seen[b])
