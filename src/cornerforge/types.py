@@ -19,6 +19,7 @@ __all__ = [
     "ACTION_LEFT",
     "ACTION_RIGHT",
     "FRAME_S",
+    "METRES_PER_MILE",
     "N_ACTIONS",
     "ODDS",
     "Crash",
@@ -29,6 +30,8 @@ __all__ = [
 
 FRAME_S = 0.1
 """Length of one physics substep and of one recorded frame [s]."""
+
+METRES_PER_MILE = 1609.344
 
 MAX_LANES = 6
 """Most lanes that an ODD may have."""

@@ -9,9 +9,8 @@ from cornerforge.errors import InputError
 from cornerforge.ndd.model import default_model_path, load_model
 from cornerforge.rates.exposure import bv_travel
 from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.runner import METRES_PER_MILE
 from cornerforge.sim.world import n_slots
-from cornerforge.types import Odd
+from cornerforge.types import METRES_PER_MILE, Odd
 
 ODD = Odd()
 SLOTS = n_slots(ODD)

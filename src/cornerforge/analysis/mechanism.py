@@ -27,7 +27,16 @@ from cornerforge.analysis.contact import FRONT, REAR, find_contact
 from cornerforge.errors import InputError
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["AT_START_S", "MECHANISMS", "Mechanism", "contact_pose", "mechanism_of"]
+__all__ = [
+    "AT_START_S",
+    "MECHANISMS",
+    "LaneChange",
+    "Mechanism",
+    "contact_pose",
+    "crash_frame",
+    "lane_changes_before",
+    "mechanism_of",
+]
 
 MECHANISMS: dict[str, str] = {
     "follow-up": "follows a crash between two BVs close by",
@@ -82,7 +91,7 @@ class Mechanism:
 
 
 @dataclass(frozen=True)
-class _Change:
+class LaneChange:
     """A vehicle's last lane change before contact: first frame, last frame, target lane, side (1 left, -1 right)."""
 
     start: int
@@ -91,7 +100,7 @@ class _Change:
     side: int
 
 
-def _crash_frame(scenario: Scenario) -> tuple[int, int]:
+def crash_frame(scenario: Scenario) -> tuple[int, int]:
     """Frame of the contact and column of the AV's partner.
 
     Raises:
@@ -117,7 +126,7 @@ def contact_pose(scenario: Scenario) -> NDArray[np.float64]:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    frame, partner = _crash_frame(scenario)
+    frame, partner = crash_frame(scenario)
     pair = [0, partner]
     columns = (scenario.x, scenario.y, scenario.speed, scenario.heading)
     return np.stack([values[frame, pair] for values in columns], axis=-1).astype(np.float64)
@@ -136,8 +145,8 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    frame, partner = _crash_frame(scenario)
-    av_changes, bv_changes = _recent_changes(scenario, frame, 0), _recent_changes(scenario, frame, partner)
+    frame, partner = crash_frame(scenario)
+    av_changes, bv_changes = lane_changes_before(scenario, frame, 0), lane_changes_before(scenario, frame, partner)
     av, bv = next(iter(av_changes), None), next(iter(bv_changes), None)
     contact = _contact_kind(scenario)
     name = "follow-up" if _follows_bv_crash(scenario, frame) else _of_two_changes(av_changes, bv_changes)
@@ -161,7 +170,7 @@ def _contact_kind(scenario: Scenario) -> str:
     return "rear-end by BV" if (av, bv) == (REAR, FRONT) else "side"
 
 
-def _recent_changes(scenario: Scenario, frame: int, column: int) -> list[_Change]:
+def lane_changes_before(scenario: Scenario, frame: int, column: int) -> list[LaneChange]:
     """Lane changes that a vehicle is in at a frame, or ended at most 3 s before, the newest first.
 
     One that is aborted ends where the next, back to where it came from, begins. Frames hold the target lane that was
@@ -178,11 +187,11 @@ def _recent_changes(scenario: Scenario, frame: int, column: int) -> list[_Change
         settled = np.flatnonzero(np.abs(away[start : following + 1]) <= _SETTLED_M)
         end = start + int(settled[0]) if settled.size else following
         if (frame - end) * FRAME_S <= _RECENT_S:
-            changes.append(_Change(start, end, int(target[start]), 1 if away[start] > 0.0 else -1))
+            changes.append(LaneChange(start, end, int(target[start]), 1 if away[start] > 0.0 else -1))
     return changes[::-1]
 
 
-def _of_two_changes(av_changes: list[_Change], bv_changes: list[_Change]) -> str | None:
+def _of_two_changes(av_changes: list[LaneChange], bv_changes: list[LaneChange]) -> str | None:
     """Rule 2: both change lanes at the same time; None if it does not fit."""
     for av, bv in itertools.product(av_changes, bv_changes):
         if av.start > bv.end or bv.start > av.end:
@@ -194,7 +203,7 @@ def _of_two_changes(av_changes: list[_Change], bv_changes: list[_Change]) -> str
     return None
 
 
-def _came_from_outside(scenario: Scenario, change: _Change, mover: int, other: int) -> bool:
+def _came_from_outside(scenario: Scenario, change: LaneChange, mover: int, other: int) -> bool:
     """Did the mover, when its lane change began, stand clear of the other laterally and turn towards it?"""
     start = change.start
     towards = (scenario.y[start, other] - scenario.y[start, mover]) * change.side

@@ -14,6 +14,7 @@ from cornerforge.ndd.decisions import smooth_tracks
 from cornerforge.ndd.readers import Reading
 from cornerforge.ndd.row_checks import MEAN_LENGTH
 from cornerforge.ndd.tables import Table, read_header, read_table
+from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["START_BEFORE", "LaneObservations", "observe_lane_changes"]
 
@@ -27,7 +28,6 @@ _DWELL = 0.5
 """A vehicle seen in a lane for less than this [s] on its way is noise of the lane number."""
 _SEEN_AHEAD = 120.0
 _FASTEST = 70.0
-_METRES_PER_MILE = 1609.344
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations |
     tracks = _tracks(reading)
     same = np.diff(tracks.vehicle) == 0
     step = same & (np.diff(tracks.tick) == 1)
-    moved = np.where(step, np.maximum(np.diff(tracks.along), 0.0), 0.0) / _METRES_PER_MILE
+    moved = np.where(step, np.maximum(np.diff(tracks.along), 0.0), 0.0) / METRES_PER_MILE
     vehicles = int(tracks.vehicle[-1]) + 1 if tracks.vehicle.size else 0
     owner = tracks.vehicle[:-1]
     is_fast = np.nan_to_num(tracks.speed[:-1]) >= fast

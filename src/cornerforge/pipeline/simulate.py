@@ -14,8 +14,9 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim import statistics
-from cornerforge.sim.runner import METRES_PER_MILE, Tally
+from cornerforge.sim.runner import Tally
 from cornerforge.sim.runner import simulate as drive
+from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["distributions_of", "rate_summary", "simulate", "simulate_experiment", "tally_summary"]
 

@@ -14,9 +14,9 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.sim.drive import Setting
-from cornerforge.sim.runner import METRES_PER_MILE, DriveChunk, drive_chunk, simulate_chunks
+from cornerforge.sim.runner import DriveChunk, drive_chunk, simulate_chunks
 from cornerforge.sim.statistics import BV_TRAVEL_MM
-from cornerforge.types import FRAME_S
+from cornerforge.types import FRAME_S, METRES_PER_MILE
 
 __all__ = ["SAMPLE_TESTS", "BvTravel", "bv_travel"]
 

@@ -17,6 +17,7 @@ from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_r
 from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
 from cornerforge.sim.step import allocate_pairs, allocate_recording
 from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds
+from cornerforge.types import METRES_PER_MILE
 
 __all__ = [
     "DriveChunk",
@@ -33,7 +34,6 @@ __all__ = [
 DriveChunk = Callable[[Setting, int, int, int, int, "bool | Census"], tuple[Outcomes, Counts]]
 """Drives a range of tests: (setting, slots, seed, first, count, counting) as `drive_chunk`, from several threads."""
 
-METRES_PER_MILE = 1609.344
 _CHUNK = 512
 _DIGESTED = np.dtype(
     [

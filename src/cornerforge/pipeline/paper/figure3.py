@@ -14,8 +14,9 @@ from cornerforge.drivers.avs import av_hash
 from cornerforge.pipeline.paper.bench import Adversary, Bench
 from cornerforge.pipeline.paper.item import Finding, Item, Row
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.sim.runner import METRES_PER_MILE, simulate_chunks, warm_up
+from cornerforge.sim.runner import simulate_chunks, warm_up
 from cornerforge.sim.statistics import AV_STATES, EXPOSURE, TRAFFIC, HistogramGrid, grid_edges
+from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["FIGURE3"]
 

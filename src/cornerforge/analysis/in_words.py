@@ -1,0 +1,103 @@
+"""One sentence on a case, for people: what happened, whether the AV could have avoided it, how often it happens."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cornerforge.analysis.mechanism import MECHANISMS, crash_frame, lane_changes_before, mechanism_of
+from cornerforge.types import FRAME_S, METRES_PER_MILE, Scenario
+
+__all__ = ["case_in_words", "miles_between", "what_happened"]
+
+
+def what_happened(scenario: Scenario) -> str:
+    """What happened, such as "BV cuts in from the left at 11 m with -4 m/s2".
+
+    The distance is from bumper to bumper when the lane change began, the acceleration the strongest braking that the
+    mover (for rear-ends: the one in front) held from then on.
+
+    Raises:
+        InputError: There is no crash of the AV, or the recording does not hold its contact.
+    """
+    frame, partner = crash_frame(scenario)
+    name = mechanism_of(scenario).name
+    mover = {"bv-side": partner, "av-rear-bv-cut-in": partner, "bv-rear-bv-change": partner}.get(name)
+    if mover is None and name in ("av-side", "bv-rear-av-cut-in", "av-rear-av-change"):
+        mover = 0
+    if mover is not None:
+        return _lane_change(scenario, frame, mover, partner if mover == 0 else 0)
+    if name.endswith("-braking"):
+        front = 0 if name.startswith("bv") else partner
+        who, whom = ("AV", "BV") if front == 0 else ("BV", "AV")
+        return f"{who} brakes with {_hardest(scenario, frame, front, 0):.1f} m/s2 in front of the {whom}"
+    return MECHANISMS[name]
+
+
+def _lane_change(scenario: Scenario, frame: int, mover: int, other: int) -> str:
+    """The mover changes lanes towards the other."""
+    change = lane_changes_before(scenario, frame, mover)[0]
+    start = change.start
+    ahead = scenario.x[start, mover] - scenario.x[start, other]
+    gap = abs(ahead) - scenario.odd.vehicle_length
+    who, whom = ("AV", "BV") if mover == 0 else ("BV", "AV")
+    side = "right" if change.side > 0 else "left"
+    if gap < 0.0:
+        text = f"{who} changes lanes from the {side} into the {whom} beside it"
+    elif ahead > 0.0:
+        text = f"{who} cuts in from the {side} at {gap:.0f} m"
+    else:
+        text = f"{who} changes lanes from the {side}, {gap:.0f} m behind the {whom}"
+    hardest = _hardest(scenario, frame, mover, start)
+    return f"{text} with {hardest:.1f} m/s2" if hardest <= -1.0 else text
+
+
+def _hardest(scenario: Scenario, frame: int, column: int, start: int) -> float:
+    """Strongest braking that a vehicle held within [start, frame) and 3 s before the contact [m/s2]; at most 0."""
+    held = scenario.acceleration[max(start, frame - round(3.0 / FRAME_S)) : max(frame, 1), column]
+    return min(0.0, float(np.nanmin(held, initial=0.0)))
+
+
+def miles_between(natural_log_likelihood: float, metres: float) -> float:
+    """How many miles lie between two tests in which drivers do as here, at a guess [miles]; inf if they never do.
+
+    Args:
+        natural_log_likelihood: As for `value.likelihood_part`.
+        metres: That the AV drives in a test [m].
+    """
+    if math.isinf(natural_log_likelihood):
+        return math.inf
+    return metres / METRES_PER_MILE * math.exp(min(-natural_log_likelihood, 700.0))
+
+
+def case_in_words(scenario: Scenario, avoidance: str, natural_log_likelihood: float) -> str:
+    """The sentence: what happened; could it be avoided; how often natural drivers do this.
+
+    Args:
+        scenario: Recording of the case.
+        avoidance: Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked.
+        natural_log_likelihood: As for `value.likelihood_part`; NaN where it is not known.
+
+    Raises:
+        InputError: There is no crash of the AV, or the recording does not hold its contact.
+    """
+    parts = [what_happened(scenario)]
+    if avoidance:
+        parts.append(avoidance)
+    if not math.isnan(natural_log_likelihood):
+        miles = miles_between(natural_log_likelihood, scenario.odd.test_length)
+        parts.append("natural drivers never do this" if math.isinf(miles) else f"about once in {_round(miles)} miles")
+    return "; ".join(parts)
+
+
+def _round(miles: float) -> str:
+    """One digit: what is a guess shall not look like more.
+
+    >>> _round(31_000_000.0), _round(0.25)
+    ('3e7', '0.2')
+    """
+    if miles < 10_000.0:
+        return f"{float(f'{miles:.0e}'):g}"
+    mantissa, exponent = f"{miles:.0e}".split("e")
+    return f"{mantissa}e{int(exponent)}"

@@ -1,0 +1,167 @@
+"""What a case is worth an engineer's time: four parts between 0 and 1, and their weighted mean (docs/adr/0017).
+
+A part is a scale, not a rank, wherever a number means the same in every library; only novelty compares cases with each
+other. Nothing is hidden in the sum: the parts stand beside it, and 1 and 0 have a meaning of their own in each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cornerforge.analysis.dbscan import choose_min_samples, neighbour_distance
+from cornerforge.errors import InputError
+
+__all__ = [
+    "LIKELIHOOD_DECADES",
+    "PARTS",
+    "REACTION_S",
+    "RISK_DECADES",
+    "Value",
+    "avoidability_part",
+    "likelihood_part",
+    "novelty_part",
+    "severity_part",
+    "value_of",
+]
+
+PARTS = ("avoidability", "severity", "likelihood", "novelty")
+
+REACTION_S = 2.0
+"""An AV that had so long to react [s] had all the time that it needs: part 1."""
+RISK_DECADES = 3.0
+"""Severity is 1 at a certain injury and 0 at a chance of 10^-3 and less."""
+LIKELIHOOD_DECADES = 9.0
+"""Likelihood is 1 for what natural drivers do all the time and 0 for what is 10^-9 times as likely, and less."""
+
+
+def avoidability_part(time_to_react_s: ArrayLike) -> NDArray[np.float64]:
+    """How well the AV could have avoided it: the time that it had to react over 2 s, at most 1.
+
+    Args:
+        time_to_react_s: From the begin of the manoeuvre to the last moment at which some manoeuvre of the AV avoids the
+            crash [s], shape (S,); 0 or less where none does or only an immediate one; NaN where nobody looked.
+
+    Returns:
+        Shape (S,), in [0, 1]; NaN stays NaN.
+
+    >>> avoidability_part([-0.5, 1.0, 6.0]).tolist()
+    [0.0, 0.5, 1.0]
+    """
+    return np.clip(np.asarray(time_to_react_s, np.float64) / REACTION_S, 0.0, 1.0)
+
+
+def severity_part(injury_probability: ArrayLike) -> NDArray[np.float64]:
+    """How bad it is: a factor of 10 in the chance of a serious injury counts a third.
+
+    Args:
+        injury_probability: Of a serious injury (MAIS 3 or more) in the AV, shape (S,), in [0, 1].
+
+    Returns:
+        Shape (S,), in [0, 1]: 1 + log10(p) / 3, 0 below p = 10^-3.
+
+    >>> severity_part([0.0, 0.001, 0.1, 1.0]).round(3).tolist()
+    [0.0, 0.0, 0.667, 1.0]
+    """
+    return _decades(np.asarray(injury_probability, np.float64), RISK_DECADES)
+
+
+def likelihood_part(natural_log_likelihood: ArrayLike) -> NDArray[np.float64]:
+    """How natural it is: a factor of 1,000 in the likelihood of what the BV did counts a third.
+
+    Args:
+        natural_log_likelihood: Natural log of the likelihood of the critical BV's actions relative to the likeliest
+            ones, shape (S,), at most 0; -inf for what natural drivers never do.
+
+    Returns:
+        Shape (S,), in [0, 1]: 1 + log10(L) / 9, 0 below L = 10^-9.
+
+    >>> likelihood_part([0.0, -6.907755, -np.inf]).round(3).tolist()
+    [1.0, 0.667, 0.0]
+    """
+    return _decades(np.exp(np.asarray(natural_log_likelihood, np.float64)), LIKELIHOOD_DECADES)
+
+
+def _decades(share: NDArray[np.float64], decades: float) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return np.clip(1.0 + np.log10(share) / decades, 0.0, 1.0)
+
+
+def novelty_part(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How unlike the others it is: the share of the other cases that lie in denser company.
+
+    Args:
+        points: The cases in the plane of the analysis, shape (S, 2), finite.
+
+    Returns:
+        Shape (S,), in [0, 1]: of the S - 1 others, the share whose distance to their k-th nearest case (k as DBSCAN's
+        `min_samples`) is smaller; 0 for a single case and where all cases are equal.
+
+    >>> novelty_part(np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.1], [0.1, 0.1], [9.0, 9.0]])).tolist()[-1]
+    1.0
+    """
+    n = len(points)
+    if n < 2:
+        return np.zeros(n)
+    distance = neighbour_distance(points, choose_min_samples(n))
+    return np.searchsorted(np.sort(distance), distance, side="left") / (n - 1)
+
+
+@dataclass(frozen=True)
+class Value:
+    """Values of S cases.
+
+    Attributes:
+        parts: Name (`PARTS`) to values in [0, 1], shape (S,); NaN where a part is not known.
+        weights: Name to weight; they sum to 1.
+        score: Weighted mean of the parts, shape (S,), in [0, 1]; NaN where a part with a weight is not known.
+    """
+
+    parts: dict[str, NDArray[np.float64]]
+    weights: dict[str, float]
+    score: NDArray[np.float64]
+
+    def best(self, n: int) -> NDArray[np.intp]:
+        """Rows of the n most valuable cases, the best first (ties: the earlier case); only those with a score."""
+        known = np.flatnonzero(np.isfinite(self.score))
+        return known[np.argsort(-self.score[known], kind="stable")[:n]]
+
+
+def value_of(parts: Mapping[str, ArrayLike], weights: Mapping[str, float] | None = None) -> Value:
+    """Put the parts together.
+
+    Args:
+        parts: A value for each of `PARTS`, shape (S,), in [0, 1] or NaN.
+        weights: Of the parts, at least 0, not all 0; taken relative to their sum. Equal if None.
+
+    Raises:
+        InputError: A part or a weight is missing, unknown or out of range, or the shapes differ.
+
+    >>> value_of({"avoidability": [1.0], "severity": [0.5], "likelihood": [0.5], "novelty": [0.0]}).score.tolist()
+    [0.5]
+    """
+    given = dict.fromkeys(PARTS, 1.0) if weights is None else dict(weights)
+    for what, names in (("parts", set(parts)), ("weights", set(given))):
+        if names != set(PARTS):
+            raise InputError(f"The {what} are named {', '.join(sorted(names))}; needed: {', '.join(PARTS)}.")
+    bad = [name for name, weight in given.items() if not (math.isfinite(weight) and weight >= 0.0)]
+    total = sum(given.values())
+    if bad or total <= 0.0:
+        raise InputError(f"Weights {given}: each must be at least 0 and one above it.")
+    arrays = {name: np.asarray(parts[name], np.float64) for name in PARTS}
+    for name, array in arrays.items():
+        if array.shape != arrays[PARTS[0]].shape or array.ndim != 1:
+            raise InputError(
+                f"The part {name} has shape {array.shape}, {PARTS[0]} {arrays[PARTS[0]].shape}; give one value a case."
+            )
+        if ((array < 0.0) | (array > 1.0)).any():
+            raise InputError(f"The part {name} has values outside 0 to 1.")
+    share = {name: given[name] / total for name in PARTS}
+    score = sum(
+        (share[name] * array for name, array in arrays.items() if share[name] > 0.0), np.zeros(arrays[PARTS[0]].shape)
+    )
+    return Value(arrays, share, score)
