@@ -19,7 +19,9 @@ from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch, ch
 from cornerforge.sim.agents import substitute_action
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.drive import Outcomes, world_row
+from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, CONTROLLED, FRAME, N_VEHICLES, World
 from cornerforge.types import Odd
@@ -129,20 +131,32 @@ def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) ->
     assert within_a_second > N // 4
 
 
-def test_rewards_by_hand(reckless: Path) -> None:
+@pytest.mark.parametrize("reward", ["crash", "striking", "avoidable"])
+def test_the_adversary_is_paid_as_its_crashes_are_judged(reward: str, reckless: Path) -> None:
+    """One sum per test, by the judgement of the same tests driven again; two threads with scratch of their own."""
     batch = adversary_batch(
-        N, 1, av="idm-mobil", odd="default", lanes=None, model=reckless, bounded=False, reward="crash"
+        N, 2, av="idm-mobil", odd="default", lanes=None, model=reckless, bounded=False, reward=reward, delay=0.3
     )
     total = np.zeros(N)
-    swerve = as_adversary("swerve")
+    drive = as_adversary("swerve")
 
     def act(batch: BvBatch, running: np.ndarray) -> None:
-        swerve(batch, running)
+        drive(batch, running)
         total[running] += batch.reward[running]
 
     drive_to_the_end(batch, act)
     assert {AV_CRASH, BV_CRASH, COMPLETED} <= set(batch.outcome.tolist())
-    np.testing.assert_array_equal(total, np.select([batch.outcome == AV_CRASH, batch.outcome == BV_CRASH], [1.0, -1.0]))
+    crashed = np.flatnonzero(batch.outcome == AV_CRASH)
+    run = experiment(model=reckless, bv="swerve")
+    strikes, avoidable = judge_crashes(
+        run.setting, run.slots, seed=SEED, tests=crashed.tolist(), braking=reward_numbers(reward, 0.3).braking
+    )
+    paid = {"crash": np.ones(crashed.size, np.bool_), "striking": strikes, "avoidable": avoidable}[reward]
+    assert paid.all() == (reward == "crash")
+    assert paid.any() or reward == "striking", "nobody who is swerved into strikes"
+    expected = np.where(batch.outcome == BV_CRASH, -1.0, 0.0)
+    expected[crashed] = paid
+    np.testing.assert_array_equal(total, expected)
 
 
 def test_the_av_is_paid_for_metres_and_pays_for_crashes(reckless: Path) -> None:
@@ -214,7 +228,7 @@ def test_lane_orders_begin_break_off_and_stay_on_the_road() -> None:
 def test_a_world_without_anybody_to_control_is_named() -> None:
     run = experiment(bv="uniform")
     empty = run.setting._replace(road=run.setting.road._replace(av_start=0.0, traffic_length=-1000.0))
-    batch = BvBatch(replace(run, setting=empty), 2, 1, 1)
+    batch = BvBatch(replace(run, setting=empty), 2, 1, 1, reward_numbers("crash"))
     for b in range(2):
         batch.name(b, SEED, b, lambda: 0)
     with pytest.raises(InputError, match="no background vehicle to control in 1000 tests"):

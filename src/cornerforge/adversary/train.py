@@ -28,10 +28,10 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
-from cornerforge.sim.drive import N_FINISHED, History, Setting, Transitions, collect, start_worlds
+from cornerforge.sim.drive import N_FINISHED, Setting, Transitions, allocate_history, collect, start_worlds
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
+from cornerforge.sim.step import allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds
 from cornerforge.types import N_ACTIONS
 
@@ -132,13 +132,7 @@ class _Actor:
         self._pairs = allocate_pairs(slots)
         self._recording = allocate_recording(0, slots)
         self._scratch = allocate_choice_scratch(setting.policy)
-        decisions = setting.road.max_decisions
-        self._history = History(
-            np.zeros((n, decisions), dtype=np.int16),
-            np.zeros((n, decisions), dtype=np.int8),
-            allocate_worlds(1, slots),
-            allocate_recording(SUBSTEPS * decisions + 1, slots),
-        )
+        self._history = allocate_history(n, setting, slots)
         self.finished = np.zeros(N_FINISHED, dtype=np.int64)
         start_worlds(seed, self._tests, setting, self._worlds, self._scratch, self._observation, self._allowed)
 

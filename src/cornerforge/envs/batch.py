@@ -26,9 +26,11 @@ from cornerforge.sim.agents import (
     step_as_bv,
 )
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
+from cornerforge.sim.drive import History, allocate_history
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.rewards import RewardNumbers
 from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, FRAME, RUNNING, TIME_UP, allocate_worlds
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, FRAME, RUNNING, TIME_UP, World, allocate_worlds
 from cornerforge.types import FRAME_S, N_ACTIONS
 
 __all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "read_options"]
@@ -191,16 +193,30 @@ class Batch(ABC):
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None: ...
 
 
+def _with_own_scratch(history: History) -> History:
+    """The same record of decisions, with a world and a recording of its own for another thread."""
+    return history._replace(
+        world=World._make(array.copy() for array in history.world), recording=history.recording.copy()
+    )
+
+
 class BvBatch(Batch):
     """Worlds in which the agent is the BV nearest to the AV.
+
+    Args:
+        run, n, threads, cores: As for `Batch`.
+        reward: What the agent is paid for.
 
     Attributes:
         observation: float32 (B, N_OBSERVATION).
         allowed: Action mask, bool (B, 33).
     """
 
-    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int) -> None:
+    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, reward: RewardNumbers) -> None:
         super().__init__(run, n, threads, cores)
+        self._pays = reward
+        done = allocate_history(n, run.setting, run.slots)
+        self._histories = [done, *(_with_own_scratch(done) for _ in self._parts[1:])]
         self.observation = np.zeros((n, N_OBSERVATION), dtype=np.float32)
         self.allowed = np.zeros((n, N_ACTIONS), dtype=np.bool_)
         self._taken = np.zeros(n, dtype=np.int64)
@@ -235,14 +251,14 @@ class BvBatch(Batch):
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         self._taken[:] = actions
 
-        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:  # noqa: ARG001
+        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:
             step_as_bv(
-                begin, end, chosen, self.seeds, self.tests, self._taken, self.run.setting, self.worlds, pairs, s,
-                self._recording, self.observation, self.allowed, self.outcome,
+                begin, end, chosen, self.seeds, self.tests, self._taken, self.run.setting, self._pays, self.worlds,
+                pairs, s, self._recording, self._histories[k], self.observation, self.allowed, self.outcome,
+                self.reward,
             )  # fmt: skip
 
         self._share(work)
-        self.reward[:] = (self.outcome == AV_CRASH).astype(np.float64) - (self.outcome == BV_CRASH)
 
 
 class AvBatch(Batch):

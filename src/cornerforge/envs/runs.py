@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from cornerforge._checks import check_in
 from cornerforge.envs.batch import AvBatch, BvBatch
 from cornerforge.errors import InputError
 from cornerforge.pipeline.setting import check_threads, experiment
+from cornerforge.sim.rewards import reward_numbers
 
-__all__ = ["ADVERSARY_REWARDS", "adversary_batch", "driving_batch"]
+__all__ = ["adversary_batch", "driving_batch"]
 
-ADVERSARY_REWARDS = ("crash",)
-"""crash: +1 the AV crashes, -1 the controlled BV crashes with another BV, else 0 (paper, equation 6)."""
 _ACT_EVERY = (1, 2, 5, 10)
 
 
@@ -27,13 +25,14 @@ def adversary_batch(
     model: Path | str | None,
     bounded: bool,
     reward: str,
+    delay: float = 1.0,
 ) -> BvBatch:
     """Worlds for `Adversary-v0`; arguments as for `AdversaryEnv`."""
-    check_in("reward", reward, ADVERSARY_REWARDS)
+    pays = reward_numbers(reward, delay)
     path = None if model is None else Path(model)
     # The choice of the controlled BV is the agent's; an adversary is named so that the mask may be bounded.
     run = experiment(av=av, odd=odd, lanes=lanes, model=path, bv="uniform", bounded=bounded)
-    return BvBatch(run, n, threads, check_threads(None))
+    return BvBatch(run, n, threads, check_threads(None), pays)
 
 
 def driving_batch(

@@ -119,7 +119,8 @@ class AdversaryEnv(_SingleEnv):
         av: Name of the built-in AV under test.
         odd, lanes, model: The world, as for `simulate`.
         bounded: The mask forbids what the naturalistic model calls impossible (paper, equation 12).
-        reward: One of `runs.ADVERSARY_REWARDS`.
+        reward: One of `sim.rewards.REWARDS`: crash (the paper's), striking or avoidable.
+        delay: For `avoidable`: the AV's time to react [s], 0 to 10.
         render_mode: None or "rgb_array".
 
     Raises:
@@ -135,10 +136,11 @@ class AdversaryEnv(_SingleEnv):
         model: Path | str | None = None,
         bounded: bool = False,
         reward: str = "crash",
+        delay: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
         self._batch = self._worlds = adversary_batch(
-            1, 1, av=av, odd=odd, lanes=lanes, model=model, bounded=bounded, reward=reward
+            1, 1, av=av, odd=odd, lanes=lanes, model=model, bounded=bounded, reward=reward, delay=delay
         )
         self.observation_space = adversary_observations(self._batch.run.odd)
         self.action_space = one_of_33()

@@ -192,7 +192,7 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         num_envs: Number of worlds.
         threads: Threads that share them; None for all cores where there are enough worlds. Changes no result.
         autoreset_mode: When worlds whose test ended begin anew: "NextStep", "SameStep" or "Disabled".
-        av, odd, lanes, model, bounded, reward, render_mode: As for `AdversaryEnv`.
+        av, odd, lanes, model, bounded, reward, delay, render_mode: As for `AdversaryEnv`.
 
     Raises:
         CornerForgeError: A name, number or file is not right.
@@ -210,11 +210,12 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         model: Path | str | None = None,
         bounded: bool = False,
         reward: str = "crash",
+        delay: float = 1.0,
         render_mode: str | None = None,
     ) -> None:
         check_integer("num_envs", num_envs, low=1, high=10**6)
         self._batch = self._worlds = adversary_batch(
-            num_envs, threads, av=av, odd=odd, lanes=lanes, model=model, bounded=bounded, reward=reward
+            num_envs, threads, av=av, odd=odd, lanes=lanes, model=model, bounded=bounded, reward=reward, delay=delay
         )
         self.single_observation_space = adversary_observations(self._batch.run.odd)
         self.single_action_space = one_of_33()

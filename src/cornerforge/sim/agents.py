@@ -14,7 +14,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_view import view_of_av
-from cornerforge.sim.drive import look_as_bv, world_row
+from cornerforge.sim.drive import look_as_bv, reward_of, world_row
 from cornerforge.sim.step import SUBSTEPS, Pairs, av_acts, begin_second, move_on, move_vehicle, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.sim.adversaries import ChoiceScratch
-    from cornerforge.sim.drive import Setting
+    from cornerforge.sim.drive import History, Setting
+    from cornerforge.sim.rewards import RewardNumbers
     from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = [
@@ -127,30 +128,36 @@ def start_as_bv(
 @kernel
 def step_as_bv(
     begin: int, end: int, chosen: NDArray[np.bool_], seeds: NDArray[np.int64], tests: NDArray[np.int64],
-    actions: NDArray[np.int64], setting: Setting, worlds: World, pairs: Pairs, s: ChoiceScratch,
-    recording: NDArray[np.void], observation: NDArray[np.float32], allowed: NDArray[np.bool_],
-    outcome: NDArray[np.int64],
+    actions: NDArray[np.int64], setting: Setting, reward: RewardNumbers, worlds: World, pairs: Pairs, s: ChoiceScratch,
+    recording: NDArray[np.void], history: History, observation: NDArray[np.float32], allowed: NDArray[np.bool_],
+    outcome: NDArray[np.int64], rewards: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """One decision (1 s) of the chosen worlds of [begin, end), in which the controlled BV does as it is told.
 
     Args:
         begin, end, chosen, seeds, tests, setting, worlds, s: As for `start_as_bv`.
         actions: Wished action indices, int64 (B,); afterwards those carried out (`substitute_action`).
+        reward: What is paid for.
         pairs: Scratch.
         recording: Of size 0.
+        history: Written; its world and recording are scratch.
         observation, allowed: Read, then written for the new moment; where a test ended, for the moment of its end.
         outcome: int64 (B,), written: codes of `world.py`, or NOBODY_LEFT.
+        rewards: float64 (B,), written: `drive.reward_of`.
     """
     for b in range(begin, end):
         if not chosen[b]:
             continue
         w = world_row(worlds, b)
         actions[b] = substitute_action(actions[b], allowed[b])
+        history.bv[b, w.info[N_DECISIONS]] = w.info[CONTROLLED]
+        history.action[b, w.info[N_DECISIONS]] = actions[b]
         step_world(
             w, seeds[b], tests[b], setting.bv_model, actions[b], setting.road, setting.av, setting.tables, pairs,
             recording,
         )  # fmt: skip
         code = w.info[OUTCOME]
+        rewards[b] = reward_of(w, b, seeds[b], tests[b], setting, reward, history, pairs)
         if code != RUNNING:
             _bring_up_to_date(w, setting.road)
         if not look_as_bv(w, setting, s, observation[b], allowed[b]) and code == RUNNING:

@@ -27,7 +27,7 @@ from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.sim.statistics import BV_TRAVEL_MM, Census, Counts, count_av, count_choices, count_states
-from cornerforge.sim.step import Pairs, step_world
+from cornerforge.sim.step import SUBSTEPS, Pairs, allocate_recording, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     AV_CRASH,
@@ -45,6 +45,7 @@ from cornerforge.sim.world import (
     AvNumbers,
     RoadNumbers,
     World,
+    allocate_worlds,
 )
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ __all__ = [
     "Setting",
     "Transitions",
     "allocate_decisions",
+    "allocate_history",
     "choose_hostile",
     "collect",
     "drive_range",
@@ -70,6 +72,7 @@ __all__ = [
     "judge_range",
     "look_as_bv",
     "record_choice",
+    "reward_of",
     "start_test",
     "start_worlds",
     "world_row",
@@ -164,6 +167,17 @@ class History(NamedTuple):
     action: NDArray[np.int8]
     world: World
     recording: NDArray[np.void]
+
+
+def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
+    """Room for the tests of so many worlds."""
+    decisions = setting.road.max_decisions
+    return History(
+        np.zeros((n_worlds, decisions), dtype=np.int16),
+        np.zeros((n_worlds, decisions), dtype=np.int8),
+        allocate_worlds(1, slots),
+        allocate_recording(SUBSTEPS * decisions + 1, slots),
+    )
 
 
 N_FINISHED = 4
@@ -425,10 +439,22 @@ def _drive_again(
 
 
 @kernel
-def _reward(
+def reward_of(
     w: World, b: int, seed: int, test: int, setting: Setting, reward: RewardNumbers, history: History, pairs: Pairs
 ) -> float:  # fmt: skip
-    """The reward of the decision that world b has just carried out."""
+    """The reward of the decision that world b has just carried out.
+
+    +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes with
+    another BV, else 0.
+
+    Args:
+        w: The world.
+        b: Its row in `history`, which holds what was decided since its test began.
+        seed, test, setting: What it drives.
+        reward: What is paid for.
+        history: Read; its world and recording are scratch.
+        pairs: Scratch.
+    """
     code = w.info[OUTCOME]
     if code != AV_CRASH:
         return -1.0 if code == BV_CRASH else 0.0
@@ -492,8 +518,7 @@ def collect(
     `finished` holds N_FINISHED counts. `tests`, `observation` and `allowed` hold each world's test number and present
     view, `history` what it did; a world that ends goes on with its test number plus the number of worlds.
 
-    Reward: +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes
-    with another BV, else 0.
+    Rewards: `reward_of`.
 
     Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds mostly one that helps to
     make a crash.
@@ -515,7 +540,7 @@ def collect(
         )
         out.action[b] = action
         code = w.info[OUTCOME]
-        out.reward[b] = _reward(w, b, seed, tests[b], setting, reward, history, pairs)
+        out.reward[b] = reward_of(w, b, seed, tests[b], setting, reward, history, pairs)
         ended = code != RUNNING or not look_as_bv(w, setting, s, observation[b], allowed[b])
         out.end[b] = ended
         if ended:
