@@ -325,6 +325,7 @@ def train_av(
     ] = None,
     tests: Annotated[int, typer.Option(help="Tests in natural traffic to measure it on.")] = 20_000,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
+    resume: Resume = False,
     lanes: Lanes = None,
     odd: OddName = "default",
     model: Model = None,
@@ -348,8 +349,8 @@ def train_av(
 
     _run(
         lambda bars: pipeline.train_av(
-            out=out, decisions=decisions, minutes=minutes, tests=tests, overwrite=overwrite, lanes=lanes, odd=odd,
-            model=model, seed=seed, threads=threads, progress=bars,
+            out=out, decisions=decisions, minutes=minutes, tests=tests, overwrite=overwrite, resume=resume,
+            lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,6 +54,25 @@ def test_nothing_is_overwritten_unasked(trained: tuple[Path, dict[str, object]])
     with pytest.raises(OutputError, match="exists already"):
         pipeline.train_av(out=path, decisions=600)
     assert path.read_bytes() == before
+
+
+def test_a_stopped_training_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    """Stopped at its 50th of 52 iterations; a new training does not overwrite what the stop left."""
+
+    def stop(stage: str, done: float, total: float) -> None:  # noqa: ARG001
+        raise KeyboardInterrupt
+
+    path, other = tmp_path / "mine.safetensors", tmp_path / "unbroken.safetensors"
+    wanted: dict[str, Any] = {"decisions": 52 * 512, "tests": 1, "seed": 4}
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.train_av(out=path, progress=stop, **wanted)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["mine.safetensors.checkpoint"]
+    with pytest.raises(OutputError, match="--resume"):
+        pipeline.train_av(out=path, **wanted)
+    pipeline.train_av(out=path, resume=True, **wanted)
+    pipeline.train_av(out=other, **wanted)
+    assert path.read_bytes() == other.read_bytes()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["mine.safetensors", "unbroken.safetensors"]
 
 
 @pytest.mark.parametrize(

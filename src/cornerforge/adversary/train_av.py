@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
+from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_in
@@ -182,6 +183,7 @@ def train_av(
     threads: int = 2,
     max_seconds: float | None = None,
     progress: Callable[[CurvePoint], None] | None = None,
+    checkpoint: CheckpointFile | None = None,
 ) -> TrainResult:
     """Learn to drive: a dueling double DQN on `sim.av_features`, paid as `AvReward` says.
 
@@ -194,12 +196,15 @@ def train_av(
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
         max_seconds: Stop earlier after this time [s]; then the result depends on the machine's speed.
         progress: Called with each new point of the curve, whose crashes count hostile tests too.
+        checkpoint: As for `train_adversary`.
 
     Returns:
         Final weights and the training curve.
 
     Raises:
-        InputError: The seed is out of range.
+        InputError: The seed is out of range, or the checkpoint is of another training.
+        FileFormatError: The checkpoint is damaged.
+        OutputError: The checkpoint cannot be written.
     """
     check_integer("seed", seed, low=0, high=2**63 - 1)
 
@@ -208,4 +213,4 @@ def train_av(
         road = setting.road._replace(av_substeps=DECIDES_EVERY)
         return _Actor(setting._replace(av=av, road=road, adversary=0), slots, config, seed)
 
-    return train_in(worlds, config, seed, threads, max_seconds, progress, None)
+    return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)

@@ -14,7 +14,7 @@ from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
-from cornerforge.pipeline.train import EVALUATION_TESTS
+from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside
 from cornerforge.sim.av_features import AV_FEATURES_VERSION
 
 __all__ = ["train_av"]
@@ -30,6 +30,7 @@ def train_av(
     model: Path | str | None = None,
     tests: int = 20_000,
     overwrite: bool = False,
+    resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
@@ -43,6 +44,8 @@ def train_av(
         lanes, odd, model: The world, as for `simulate`.
         tests: Tests in natural traffic to measure it on.
         overwrite: Replace what is there.
+        resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
+            weights are those of a training without the stop, unless `minutes` ends it.
         seed: 0 or more.
         threads: None for all cores; does not change the weights.
         progress: Told how far it is.
@@ -68,6 +71,10 @@ def train_av(
     check_new_file(path, overwrite=overwrite)
     ndd = None if model is None else Path(model)
     run = experiment(odd=odd, lanes=lanes, model=ndd)
+    checkpoint = checkpoint_beside(path, run, config, seed)
+    check_new_file(checkpoint.path, overwrite=True)
+    if not resume:
+        checkpoint.check_absent()
     max_seconds = None if minutes is None else 60.0 * minutes
 
     def report(point: CurvePoint) -> None:
@@ -78,7 +85,7 @@ def train_av(
 
     result = learn(
         run.setting, run.slots, config, seed=seed, threads=check_threads(threads), max_seconds=max_seconds,
-        progress=report,
+        progress=report, checkpoint=checkpoint,
     )  # fmt: skip
     network = AvNetwork(config.network, result.weights, AV_FEATURES_VERSION)
     about = {
@@ -93,6 +100,7 @@ def train_av(
         "curve": [asdict(point) | {"seconds": None} for point in result.curve],  # times would make bytes differ
     }
     save_av(network, about, path)
+    checkpoint.remove()
     trained = experiment(av=str(path), odd=odd, lanes=lanes, model=ndd)
     tally, _ = simulate_experiment(
         trained, tests=tests, seed=seed, first=EVALUATION_TESTS, threads=threads, progress=progress, stage="evaluate"
