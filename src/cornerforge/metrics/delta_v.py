@@ -42,7 +42,9 @@ def delta_v(
         impact_speed=impact_speed, mass=mass, other_mass=other_mass, restitution=restitution
     )
     if (speed < 0.0).any():
-        raise InputError(f"impact_speed = {float(speed.min())} m/s is negative; give the size of the relative velocity.")
+        raise InputError(
+            f"impact_speed = {float(speed.min())} m/s is negative; give the size of the relative velocity."
+        )
     if ((own <= 0.0) | (other <= 0.0)).any():
         raise InputError("A mass is not positive; give both masses in the same unit.")
     if ((bounce < 0.0) | (bounce > 1.0)).any():

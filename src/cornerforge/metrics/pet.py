@@ -46,4 +46,4 @@ def pet(enter_a: ArrayLike, leave_a: ArrayLike, enter_b: ArrayLike, leave_b: Arr
     np.subtract(in_b, out_a, out=between, where=both_enter)
     other = np.full(in_a.shape, np.inf)
     np.subtract(in_a, out_b, out=other, where=both_enter)
-    return np.maximum(np.maximum(between, other), 0.0)
+    return np.asarray(np.maximum(np.maximum(between, other), 0.0))
