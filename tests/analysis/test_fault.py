@@ -13,12 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.analysis.fault import FAULT_COLUMNS, FAULTS, RULES, Duties, Faults, RssRules, assign_fault
-from cornerforge.analysis.recordings import Recordings, recordings_of_scenarios
+from cornerforge.analysis.recordings import Recordings, pair_motion, recordings_of_scenarios
 from cornerforge.errors import InputError
 from cornerforge.geometry import boxes_overlap
 from cornerforge.types import ODDS, Crash, Scenario
 
 DT = 0.1
+Pair = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 NONE, NO_BRAKING, SPED_UP, BRAKED_HARD, MOVED_IN, DID_NOT_STOP = range(6)
 RIGHT, MIDDLE, LEFT = 2.0, 6.0, 10.0
 
@@ -205,6 +206,8 @@ def test_crashes_built_by_hand_and_their_mirror_images(name: str) -> None:
     build, expected = CASES[name]
     scenario = build()
     for image in (scenario, mirrored(scenario)):
+        contact = pair_motion(recordings_of_scenarios([image]))
+        assert max(contact.free_along[0, -1], contact.free_across[0, -1]) < 0.0
         faults = assign_fault(recordings_of_scenarios([image]))
         assert verdict(faults) == expected
         # Both rules hold only where both distances were unsafe from the start.
@@ -248,6 +251,14 @@ def test_a_cut_in_is_the_followers_fault_exactly_from_the_safe_distance_on() -> 
     assert verdict(far) == Expected("av", NO_BRAKING, NONE, True)
 
 
+def test_by_the_papers_letter_who_steers_round_the_intruder_shares_the_fault() -> None:
+    recordings = recordings_of_scenarios([CASES["cut off, the AV steers round the BV's other side"][0]()])
+    letter = assign_fault(recordings, RssRules(free_evasion=False))
+    assert verdict(letter) == Expected("both", MOVED_IN, MOVED_IN, False)
+    assert letter.rule[0] == MOVED_IN
+    assert letter.violation_s[0] == letter.bv_violation_s[0] > letter.av_violation_s[0]
+
+
 def test_other_numbers_give_other_verdicts() -> None:
     recordings = recordings_of_scenarios([CASES["AV brakes for no reason, BV does not respond"][0]()])
     lenient = replace(RssRules(), av=Duties(0.5, 2.0, 4.0, 8.0, 8.0))
@@ -273,11 +284,14 @@ def test_a_batch_is_its_cases_one_by_one() -> None:
 # --- the rules as plain loops -----------------------------------------------------------------------------------------
 
 
-def plain_fault(x: np.ndarray, y: np.ndarray, v: np.ndarray) -> tuple[str, int, int, int]:
+def plain_fault(x: np.ndarray, y: np.ndarray, v: np.ndarray, h: np.ndarray) -> tuple[str, int, int, int]:
     """Fault, blame frame, and each one's rule, from (T, 2) arrays: docs/adr/0015-fault.md, frame by frame."""
     response, gain, limit, hardest = (0.5, 1.0), 2.0, (4.0, 6.0), (6.0, 4.0)
     duty = (4.0, 4.0)
     last = len(x) - 1
+
+    def covered(t: int, along: float, across: float) -> float:
+        return sum(0.5 * (along * abs(math.cos(a)) + across * abs(math.sin(a))) for a in h[t])
 
     def sideways(t: int) -> list[float]:
         a, b = max(0, t - 1), min(last, t + 1)
@@ -288,7 +302,7 @@ def plain_fault(x: np.ndarray, y: np.ndarray, v: np.ndarray) -> tuple[str, int, 
         vr, vf, rho = v[t, behind], v[t, 1 - behind], response[behind]
         top = vr + rho * gain
         need = vr * rho + 0.5 * gain * rho**2 + top**2 / (2 * limit[behind]) - vf**2 / (2 * hardest[1 - behind])
-        return bool(abs(x[t, 1] - x[t, 0]) - 5.0 >= max(0.0, need))
+        return bool(abs(x[t, 1] - x[t, 0]) - covered(t, 5.0, 2.0) >= max(0.0, need))
 
     def lateral_safe(t: int) -> bool:
         side = math.copysign(1.0, y[t, 1] - y[t, 0]) if y[t, 1] != y[t, 0] else 0.0
@@ -297,7 +311,7 @@ def plain_fault(x: np.ndarray, y: np.ndarray, v: np.ndarray) -> tuple[str, int, 
             w = w * side * (1 if i == 0 else -1)
             after = w + response[i] * 0.2
             way += 0.5 * (w + after) * response[i] + after * abs(after) / 1.6
-        return bool(abs(y[t, 1] - y[t, 0]) - 2.0 >= 0.1 + max(0.0, way))
+        return bool(abs(y[t, 1] - y[t, 0]) - covered(t, 2.0, 5.0) >= 0.1 + max(0.0, way))
 
     safe = [[t for t in range(last) if is_safe(t)] for is_safe in (longitudinal_safe, lateral_safe)]
     since = [frames[-1] if frames else -1 for frames in safe]
@@ -323,7 +337,7 @@ def plain_fault(x: np.ndarray, y: np.ndarray, v: np.ndarray) -> tuple[str, int, 
                 elif i != behind and pull < -hardest[i] - 0.05:
                     found = BRAKED_HARD
             if not found and since[1] >= since[0]:
-                beside = abs(y[t, 1] - y[t, 0]) >= 2.0
+                beside = abs(y[t, 1] - y[t, 0]) >= covered(t, 2.0, 5.0)
                 change = (speed[t + 1] - speed[t]) / DT
                 starts = change > 0.25 if responding else speed[t] <= 0.05 < speed[t + 1]
                 goes_on = speed[t] > 0.05 and speed[t + 1] > 0.05 and change > 0.05 - 0.8
@@ -336,8 +350,8 @@ def plain_fault(x: np.ndarray, y: np.ndarray, v: np.ndarray) -> tuple[str, int, 
     return name[bool(rules[0]), bool(rules[1])], blame, rules[0], rules[1]
 
 
-def random_pair(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, y, speed, (T, 2) each: two vehicles that accelerate and change lanes at random, up to where they are nearest.
+def random_pair(rng: np.random.Generator) -> Pair:
+    """x, y, speed, heading, (T, 2) each: two vehicles that drive at random, up to where they are nearest.
 
     They need not touch: what a recording ends with counts as the contact.
     """
@@ -354,18 +368,18 @@ def random_pair(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.nd
             begin, turns = begin - half, (Turn(-20.0, 40.0, begin + half),)
         cars.append(Car(rng.uniform(0.0, 60.0), begin, rng.uniform(5.0, 35.0), pulls, turns))
     series = [motion(car, 6.0) for car in cars]
-    x, y, v = (np.stack([one[k] for one in series], axis=-1) for k in range(3))
+    x, y, v, h = (np.stack([one[k] for one in series], axis=-1) for k in range(4))
     apart = np.maximum(np.abs(x[:, 1] - x[:, 0]) / 5.0, np.abs(y[:, 1] - y[:, 0]) / 2.0)
     frames = int(apart.argmin()) + 1
-    return x[:frames], y[:frames], v[:frames]
+    return x[:frames], y[:frames], v[:frames], h[:frames]
 
 
 pairs = st.builds(lambda seed: random_pair(np.random.default_rng(seed)), st.integers(0, 2**32 - 1))
 
 
-def recorded(*all_pairs: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Recordings:
+def recorded(*all_pairs: Pair) -> Recordings:
     n = len(all_pairs)
-    flat = [np.concatenate([pair[k].T.ravel() for pair in all_pairs]) for k in range(3)]
+    flat = [np.concatenate([pair[k].T.ravel() for pair in all_pairs]) for k in range(4)]
     return Recordings(
         case_ids=tuple(f"0:{k}" for k in range(n)),
         n_frames=np.array([len(pair[0]) for pair in all_pairs]),
@@ -374,7 +388,7 @@ def recorded(*all_pairs: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Recording
         x=flat[0],
         y=flat[1],
         speed=flat[2],
-        heading=np.zeros_like(flat[0]),
+        heading=flat[3],
         present=np.ones(flat[0].size, np.bool_),
         length=5.0,
         width=2.0,
@@ -382,7 +396,7 @@ def recorded(*all_pairs: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Recording
 
 
 @given(st.lists(pairs, min_size=1, max_size=4))
-def test_arrays_equal_the_rules_as_plain_loops(all_pairs: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> None:
+def test_arrays_equal_the_rules_as_plain_loops(all_pairs: list[Pair]) -> None:
     faults = assign_fault(recorded(*all_pairs))
     for row, pair in enumerate(all_pairs):
         fault, blame, av, bv = plain_fault(*pair)
@@ -401,11 +415,11 @@ def test_random_pairs_reach_every_verdict_and_rule(seed: int) -> None:
 
 
 @given(pairs, st.floats(-200.0, 200.0))
-def test_mirror_and_translation_change_nothing(pair: tuple[np.ndarray, np.ndarray, np.ndarray], shift: float) -> None:
-    x, y, v = pair
+def test_mirror_and_translation_change_nothing(pair: Pair, shift: float) -> None:
+    x, y, v, h = pair
     original = assign_fault(recorded(pair))
     # Images differ in the last bit at most; no random pair meets a threshold that closely.
-    for image in ((x, 12.0 - y, v), (x + math.ldexp(round(shift), -2), y, v)):
+    for image in ((x, 12.0 - y, v, -h), (x + math.ldexp(round(shift), -2), y, v, h)):
         other = assign_fault(recorded(image))
         for name in Faults.__dataclass_fields__:
             one, two = getattr(original, name), getattr(other, name)

@@ -105,6 +105,7 @@ class RssRules:
         lateral_acceleration: The most that a vehicle may accelerate towards another while it responds.
         lateral_braking: What it brakes at least afterwards, while it still moves towards the other.
         lateral_margin: Space that must be left beside a vehicle (mu).
+        free_evasion: Who did not move in may steer either way once the two overlap sideways; False: the paper's letter.
 
     Raises:
         InputError: A value is out of range.
@@ -115,6 +116,7 @@ class RssRules:
     lateral_acceleration: float = field(default=0.2, metadata={"unit": "m/s2"})
     lateral_braking: float = field(default=0.8, metadata={"unit": "m/s2"})
     lateral_margin: float = field(default=0.1, metadata={"unit": "m"})
+    free_evasion: bool = True
 
     def __post_init__(self) -> None:
         check_number("rules.lateral_acceleration", self.lateral_acceleration, low=0.0, high=10.0, unit="m/s2")
@@ -183,20 +185,20 @@ class Faults:
 def pair_margins(motion: PairMotion, rules: RssRules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """By how much the AV and its partner exceed the safe distances, longitudinal and lateral [m], shape (S, T) each.
 
-    Boxes are taken as parallel to the road. Below 0 is unsafe; overlap (a distance of 0 or less) always is.
+    Below 0 is unsafe; overlap always is.
     """
     dx = motion.x[BV] - motion.x[AV]
     av, bv, v_av, v_bv = rules.av, rules.bv, motion.speed[AV], motion.speed[BV]
     behind = rss_longitudinal(v_av, v_bv, av.response_time, av.max_acceleration, av.min_braking, bv.max_braking)
     ahead = rss_longitudinal(v_bv, v_av, bv.response_time, bv.max_acceleration, bv.min_braking, av.max_braking)
-    longitudinal = rss_margin(np.abs(dx) - motion.length, np.where(dx > 0.0, behind, ahead))
+    longitudinal = rss_margin(motion.free_along, np.where(dx > 0.0, behind, ahead))
     dy = motion.y[BV] - motion.y[AV]
     sideways, side = _sideways_speed(motion), np.sign(dy)
     needed = rss_lateral(
         sideways[AV] * side, -sideways[BV] * side, av.response_time, bv.response_time,
         rules.lateral_acceleration, rules.lateral_braking, rules.lateral_margin,
     )  # fmt: skip
-    return longitudinal, rss_margin(np.abs(dy) - motion.width, needed)
+    return longitudinal, rss_margin(motion.free_across, needed)
 
 
 def _sideways_speed(motion: PairMotion) -> NDArray[np.float64]:
@@ -343,19 +345,19 @@ def _broken_sideways(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """From each frame to the next: does it move in, does it fail to stop moving in? Shape (S, T - 1) each.
 
-    Once the two overlap sideways, a vehicle that was not moving in by itself may steer either way: it can no longer
-    enter the other's path, only leave it.
+    Once the two overlap sideways, a vehicle that was not moving in by itself may steer either way (`free_evasion`): it
+    can no longer enter the other's path, only leave it.
     """
     steps = np.diff(motion.y[vehicle], axis=-1) / FRAME_S * towards[:, None]
     # The speed at a frame is the mean over the 0.1 s before it: what was decided later cannot be blamed on it.
     approach = np.concatenate([np.zeros((len(steps), 1)), steps], axis=-1)
     change = np.diff(approach, axis=-1) / FRAME_S
     moves, moves_on = approach[:, :-1] > _SPEED_TOLERANCE, approach[:, 1:] > _SPEED_TOLERANCE
-    beside = np.abs(motion.y[BV] - motion.y[AV])[:, :-1] >= motion.width
+    holds = (motion.free_across[:, :-1] >= 0.0) | (not rules.free_evasion)
     ever_since = np.logical_and.accumulate(moves | (since < 0), axis=1)
     gains = change > rules.lateral_acceleration + _ACCELERATION_TOLERANCE
-    moved_in = beside & np.where(responding, gains, ~moves & moves_on)
-    kept_on = (beside | ever_since) & ~responding & moves & moves_on
+    moved_in = holds & np.where(responding, gains, ~moves & moves_on)
+    kept_on = (holds | ever_since) & ~responding & moves & moves_on
     kept_on &= change > _ACCELERATION_TOLERANCE - rules.lateral_braking
     return moved_in, kept_on
 

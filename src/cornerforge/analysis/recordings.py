@@ -88,6 +88,9 @@ class PairMotion:
     Attributes:
         x, y, speed, heading: [m, m, m/s, rad], float64, shape (2, S, T); `AV` and `BV` on the first axis.
         recorded: The frame is of the recording, shape (S, T); the last column always is.
+        free_along, free_across: Room between what the two boxes, as they stand, cover along and across the road [m],
+            shape (S, T); negative: overlap. A box that stands askew covers more: that matters for vehicles that all but
+            stood while they changed lanes, and it makes every contact an overlap on both axes.
         length, width: Of both vehicles [m].
     """
 
@@ -96,6 +99,8 @@ class PairMotion:
     speed: NDArray[np.float64]
     heading: NDArray[np.float64]
     recorded: NDArray[np.bool_]
+    free_along: NDArray[np.float64]
+    free_across: NDArray[np.float64]
     length: float
     width: float
 
@@ -195,8 +200,8 @@ def pair_motion(recordings: Recordings) -> PairMotion:
         InputError: One of the two is absent at the contact, or where they are is not a finite number.
     """
     start, n_frames = recordings.start[:-1], recordings.n_frames
-    width = int(n_frames.max(initial=1))
-    frame = n_frames[:, None] - width + np.arange(width)
+    n_columns = int(n_frames.max(initial=1))
+    frame = n_frames[:, None] - n_columns + np.arange(n_columns)
     vehicle_start = np.stack([start, start + recordings.partner * n_frames])[:, :, None]
     within = np.maximum(frame, 0)
     absent = ~recordings.present[vehicle_start + within].all(axis=0)
@@ -213,4 +218,14 @@ def pair_motion(recordings: Recordings) -> PairMotion:
             raise InputError(
                 f"Case {recordings.case_ids[int(np.argmax(bad))]}: {name} of the AV or its crash partner is not finite."
             )
-    return PairMotion(recorded=frame >= first[:, None], length=recordings.length, width=recordings.width, **series)
+    length, width = recordings.length, recordings.width
+    cos, sin = np.abs(np.cos(series["heading"])), np.abs(np.sin(series["heading"]))
+    apart_x, apart_y = (np.abs(series[name][BV] - series[name][AV]) for name in ("x", "y"))
+    return PairMotion(
+        recorded=frame >= first[:, None],
+        free_along=apart_x - 0.5 * (length * cos + width * sin).sum(axis=0),
+        free_across=apart_y - 0.5 * (width * cos + length * sin).sum(axis=0),
+        length=length,
+        width=width,
+        **series,
+    )
