@@ -1,0 +1,370 @@
+"""Whose fault was a crash? Rules of responsibility-sensitive safety, RSS, applied to the recorded motion.
+
+Definitions are those of Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374; what they leave open, and why our
+numbers are what they are, stands in docs/adr/0015-fault.md. For the AV and the vehicle that it touched first:
+
+1. A moment is *dangerous* when both the longitudinal and the lateral distance are below the safe one.
+2. The danger that ended in the crash began, on each axis, after the last moment at which that axis was safe. The later
+   of the two is the *blame time*, and its axis says which rule holds from there on (both, if they coincide).
+3. *Proper response*. Longitudinal: who is behind at the blame time may at most accelerate with `max_acceleration`
+   until its response time is over and then brakes with `min_braking` at least, until it stands; who is ahead does not
+   brake harder than `max_braking`. Lateral: both accelerate at most with `lateral_acceleration` towards each other
+   until their response times are over; then who still moves towards the other brakes laterally with `lateral_braking`
+   at least, and who does not move towards the other does not begin to, unless the two overlap sideways already.
+4. At fault is who broke a rule that held for it at any time from the blame time to the contact: one, both, or none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_number
+from cornerforge.analysis.columns import CaseColumn
+from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
+from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
+from cornerforge.types import FRAME_S
+
+__all__ = ["FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "pair_margins"]
+
+FAULTS = ("av", "bv", "both", "none")
+"""Who broke a rule; `Faults.fault` holds places in this tuple."""
+
+RULES = (
+    "none",
+    "longitudinal: vehicle behind did not brake",
+    "longitudinal: vehicle behind sped up",
+    "longitudinal: vehicle ahead braked harder than allowed",
+    "lateral: moved in below the safe distance",
+    "lateral: did not stop moving in",
+)
+"""Rules by which a vehicle can be at fault; `Faults.rule` and its kin hold places in this tuple."""
+
+FAULT_COLUMNS: tuple[CaseColumn, ...] = (
+    CaseColumn("fault", "str", "", f"Who broke a rule of RSS: {', '.join(FAULTS)}."),
+    CaseColumn("fault_rule", "str", "", "The rule that was broken first; \"none\" where nobody broke one."),
+    CaseColumn("fault_s", "float", "s", "When it was first broken, before contact; null: nobody broke one."),
+    CaseColumn("av_rule", "str", "", "The rule that the AV broke first, or \"none\"."),
+    CaseColumn("av_fault_s", "float", "s", "When, before contact; null: none."),
+    CaseColumn("bv_rule", "str", "", "The rule that the crash partner broke first, or \"none\"."),
+    CaseColumn("bv_fault_s", "float", "s", "When, before contact; null: none."),
+    CaseColumn("blame_axis", "str", "", "Whose rules held: longitudinal, lateral, or both."),
+    CaseColumn("blame_s", "float", "s", "How long the danger lasted that ended in the crash."),
+    CaseColumn("blame_from_start", "bool", "", "The danger is older than the recording, so all this is less sure."),
+)  # fmt: skip
+"""Columns that `Faults.columns` makes, in its order."""
+
+_NONE, _DID_NOT_BRAKE, _SPED_UP, _BRAKED_HARD, _MOVED_IN, _DID_NOT_STOP = range(len(RULES))
+
+_BLOCK = 128
+"""Cases at a time: few enough that their arrays stay in the processor's cache, which halves the time."""
+# Accelerations are differences of recorded float32 values, wrong by up to 0.001 m/s2. Actions are 0.2 m/s2 apart, so
+# this tells them apart, and no rounding error becomes a fault.
+_ACCELERATION_TOLERANCE = 0.05
+_SPEED_TOLERANCE = 0.05
+
+
+@dataclass(frozen=True)
+class Duties:
+    """What RSS assumes of a vehicle, and asks of it.
+
+    Attributes:
+        response_time: Until it reacts to danger (rho).
+        max_acceleration: The most that it may gain meanwhile.
+        min_braking: What it brakes at least afterwards, when it is behind.
+        max_braking: The hardest that it may brake when it is ahead.
+        hardest_braking: What it can brake at all; who does so does all that `min_braking` may ask.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    response_time: float = field(metadata={"unit": "s"})
+    max_acceleration: float = field(metadata={"unit": "m/s2"})
+    min_braking: float = field(metadata={"unit": "m/s2"})
+    max_braking: float = field(metadata={"unit": "m/s2"})
+    hardest_braking: float = field(metadata={"unit": "m/s2"})
+
+    def __post_init__(self) -> None:
+        check_number("duties.response_time", self.response_time, low=0.0, high=5.0, unit="s")
+        check_number("duties.max_acceleration", self.max_acceleration, low=0.0, high=10.0, unit="m/s2")
+        for name in ("min_braking", "max_braking", "hardest_braking"):
+            check_number(f"duties.{name}", getattr(self, name), low=0.1, high=12.0, unit="m/s2")
+
+
+@dataclass(frozen=True)
+class RssRules:
+    """All numbers of the rules; the paper leaves them open (values and reasons: docs/adr/0015-fault.md).
+
+    Attributes:
+        av: The AV's duties.
+        bv: A BV's duties.
+        lateral_acceleration: The most that a vehicle may accelerate towards another while it responds.
+        lateral_braking: What it brakes at least afterwards, while it still moves towards the other.
+        lateral_margin: Space that must be left beside a vehicle (mu).
+        free_evasion: Who did not move in may steer either way once the two overlap sideways; False: the paper's letter.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    av: Duties = Duties(0.5, 2.0, 4.0, 6.0, 8.0)
+    bv: Duties = Duties(1.0, 2.0, 6.0, 4.0, 4.0)
+    lateral_acceleration: float = field(default=0.2, metadata={"unit": "m/s2"})
+    lateral_braking: float = field(default=0.8, metadata={"unit": "m/s2"})
+    lateral_margin: float = field(default=0.1, metadata={"unit": "m"})
+    free_evasion: bool = True
+
+    def __post_init__(self) -> None:
+        check_number("rules.lateral_acceleration", self.lateral_acceleration, low=0.0, high=10.0, unit="m/s2")
+        check_number("rules.lateral_braking", self.lateral_braking, low=0.1, high=10.0, unit="m/s2")
+        check_number("rules.lateral_margin", self.lateral_margin, low=0.0, high=1.0, unit="m")
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Verdict on each case. Times are before the contact [s]; a later violation has a smaller one.
+
+    Attributes:
+        case_ids: Names of the cases, length S.
+        fault: Places in `FAULTS`, int8, shape (S,).
+        rule: Place in `RULES` of the first violation of all, int8, shape (S,); that of the AV if both began at once.
+        violation_s: Its time, shape (S,); NaN where nobody broke a rule.
+        av_rule, bv_rule: Place in `RULES` of each vehicle's own first violation, int8, shape (S,).
+        av_violation_s, bv_violation_s: Their times, shape (S,); NaN where it broke none.
+        blame_s: Blame time, shape (S,): how long the danger lasted that ended in the crash.
+        longitudinal, lateral: Whether the longitudinal and the lateral rules held, bool, shape (S,); at least one did.
+        av_behind: The AV's centre was behind the partner's at the blame time, bool, shape (S,).
+        from_start: The danger was there from the first recorded frame on, so that the true blame time is earlier and
+            which rule held is not known for certain, bool, shape (S,).
+    """
+
+    case_ids: tuple[str, ...]
+    fault: NDArray[np.int8]
+    rule: NDArray[np.int8]
+    violation_s: NDArray[np.float64]
+    av_rule: NDArray[np.int8]
+    bv_rule: NDArray[np.int8]
+    av_violation_s: NDArray[np.float64]
+    bv_violation_s: NDArray[np.float64]
+    blame_s: NDArray[np.float64]
+    longitudinal: NDArray[np.bool_]
+    lateral: NDArray[np.bool_]
+    av_behind: NDArray[np.bool_]
+    from_start: NDArray[np.bool_]
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """A column of shape (S,) for each of `FAULT_COLUMNS`, in their order."""
+        faults, rules = np.array(FAULTS), np.array(RULES)
+        axis = np.where(self.longitudinal & self.lateral, "both", np.where(self.lateral, "lateral", "longitudinal"))
+        return {
+            "fault": faults[self.fault],
+            "fault_rule": rules[self.rule],
+            "fault_s": self.violation_s,
+            "av_rule": rules[self.av_rule],
+            "av_fault_s": self.av_violation_s,
+            "bv_rule": rules[self.bv_rule],
+            "bv_fault_s": self.bv_violation_s,
+            "blame_axis": axis,
+            "blame_s": self.blame_s,
+            "blame_from_start": self.from_start,
+        }
+
+    def counts(self) -> dict[str, int]:
+        """Cases by who is at fault, zeros included."""
+        return {name: int((self.fault == index).sum()) for index, name in enumerate(FAULTS)}
+
+    def rule_counts(self) -> dict[str, int]:
+        """Cases by the first violation's rule, zeros included."""
+        return {name: int((self.rule == index).sum()) for index, name in enumerate(RULES)}
+
+
+def pair_margins(motion: PairMotion, rules: RssRules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """By how much the AV and its partner exceed the safe distances, longitudinal and lateral [m], shape (S, T) each.
+
+    Below 0 is unsafe; overlap always is.
+    """
+    dx = motion.x[BV] - motion.x[AV]
+    av, bv, v_av, v_bv = rules.av, rules.bv, motion.speed[AV], motion.speed[BV]
+    behind = rss_longitudinal(v_av, v_bv, av.response_time, av.max_acceleration, av.min_braking, bv.max_braking)
+    ahead = rss_longitudinal(v_bv, v_av, bv.response_time, bv.max_acceleration, bv.min_braking, av.max_braking)
+    longitudinal = rss_margin(motion.free_along, np.where(dx > 0.0, behind, ahead))
+    dy = motion.y[BV] - motion.y[AV]
+    sideways, side = _sideways_speed(motion), np.sign(dy)
+    needed = rss_lateral(
+        sideways[AV] * side, -sideways[BV] * side, av.response_time, bv.response_time,
+        rules.lateral_acceleration, rules.lateral_braking, rules.lateral_margin,
+    )  # fmt: skip
+    return longitudinal, rss_margin(motion.free_across, needed)
+
+
+def _sideways_speed(motion: PairMotion) -> NDArray[np.float64]:
+    """Lateral speed [m/s] by central differences, one-sided at both ends of the recording, shape (2, S, T)."""
+    if motion.y.shape[-1] == 1:
+        return np.zeros_like(motion.y)
+    speed = np.gradient(motion.y, FRAME_S, axis=-1)
+    first = motion.recorded.argmax(axis=1)
+    rows = np.flatnonzero(first > 0)
+    speed[:, rows, first[rows]] *= 2.0  # the frame before repeats it, so half of a one-sided difference is there
+    return speed
+
+
+def assign_fault(recordings: Recordings, rules: RssRules | None = None) -> Faults:
+    """Say who was at fault in each case; the module's text states the rules.
+
+    Args:
+        recordings: The cases.
+        rules: Numbers of the rules; None: the default ones.
+
+    Returns:
+        One entry per case. Mirroring a road (left for right) changes nothing. "none" means that both responded
+        properly, or that the crash came before they had to.
+
+    Raises:
+        InputError: A case does not hold its contact (see `pair_motion`).
+    """
+    chosen = rules or RssRules()
+    parts = [_block_faults(block, chosen) for block in recordings.blocks(_BLOCK)]
+    if not parts:
+        parts = [_no_faults()]
+    names = [name for name in Faults.__dataclass_fields__ if name != "case_ids"]
+    return Faults(
+        case_ids=recordings.case_ids,
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+    )
+
+
+def _no_faults() -> Faults:
+    code, time, yes = np.empty(0, np.int8), np.empty(0), np.empty(0, np.bool_)
+    return Faults((), code, code, time, code, code, time, time, time, yes, yes, yes, yes)
+
+
+def _block_faults(recordings: Recordings, rules: RssRules) -> Faults:
+    motion = pair_motion(recordings)
+    longitudinal_margin, lateral_margin = pair_margins(motion, rules)
+    contact = motion.recorded.shape[1] - 1
+    safe_lon = _last_safe(longitudinal_margin, motion.recorded)
+    safe_lat = _last_safe(lateral_margin, motion.recorded)
+    first = motion.recorded.argmax(axis=1)
+    blame = np.maximum(np.maximum(safe_lon, safe_lat), first)
+    from_start = np.maximum(safe_lon, safe_lat) < first
+    by_lon, by_lat = safe_lon >= safe_lat, safe_lat >= safe_lon
+    rows = np.arange(len(recordings))
+    av_behind = motion.x[BV, rows, blame] > motion.x[AV, rows, blame]
+    side = np.sign(motion.y[BV, rows, blame] - motion.y[AV, rows, blame])
+    broken = [
+        _broken_rules(motion, vehicle, duties, rules, blame, by_lon, by_lat, is_behind, towards)
+        for vehicle, duties, is_behind, towards in (
+            (AV, rules.av, av_behind, side),
+            (BV, rules.bv, ~av_behind, -side),
+        )
+    ]
+    (av_rule, av_frame), (bv_rule, bv_frame) = (_first(rules_of_one) for rules_of_one in broken)
+    av_broke, bv_broke = av_rule != _NONE, bv_rule != _NONE
+    of_av = av_broke & (~bv_broke | (av_frame <= bv_frame))
+    frame = np.where(of_av, av_frame, bv_frame)
+    fault = np.select([av_broke & bv_broke, av_broke, bv_broke], [2, 0, 1], default=3)
+    return Faults(
+        case_ids=recordings.case_ids,
+        fault=fault.astype(np.int8),
+        rule=np.where(of_av, av_rule, bv_rule),
+        violation_s=_before_contact(frame, contact, av_broke | bv_broke),
+        av_rule=av_rule,
+        bv_rule=bv_rule,
+        av_violation_s=_before_contact(av_frame, contact, av_broke),
+        bv_violation_s=_before_contact(bv_frame, contact, bv_broke),
+        blame_s=_before_contact(blame, contact, np.ones(len(rows), np.bool_)),
+        longitudinal=by_lon,
+        lateral=by_lat,
+        av_behind=av_behind,
+        from_start=from_start,
+    )
+
+
+def _last_safe(margin: NDArray[np.float64], recorded: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Column of the last recorded frame that was safe, -1 if none was. The contact is not safe, whatever its margin."""
+    columns = np.arange(margin.shape[1] - 1)
+    return np.asarray(np.where((margin[:, :-1] >= 0.0) & recorded[:, :-1], columns, -1).max(axis=1, initial=-1))
+
+
+def _before_contact(frame: NDArray[np.intp], contact: int, known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    return np.where(known, np.round((contact - frame) * FRAME_S, 1), np.nan)
+
+
+def _broken_rules(
+    motion: PairMotion,
+    vehicle: int,
+    duties: Duties,
+    rules: RssRules,
+    blame: NDArray[np.intp],
+    by_lon: NDArray[np.bool_],
+    by_lat: NDArray[np.bool_],
+    is_behind: NDArray[np.bool_],
+    towards: NDArray[np.float64],
+) -> NDArray[np.int8]:
+    """The rule that one vehicle breaks from each frame to the next, `_NONE` where it keeps them, shape (S, T - 1).
+
+    Args:
+        motion: Of the pair.
+        vehicle: `AV` or `BV`.
+        duties: The vehicle's.
+        rules: All numbers.
+        blame: Column of the blame time, shape (S,).
+        by_lon, by_lat: Which rules hold, shape (S,).
+        is_behind: The vehicle is the one behind, shape (S,).
+        towards: Side of the other at the blame time: 1 left, -1 right, 0 neither, shape (S,).
+    """
+    columns = np.arange(motion.recorded.shape[1] - 1)
+    since = columns - blame[:, None]
+    responding = since < round(duties.response_time / FRAME_S)
+    holds = since > 0
+    acceleration = np.diff(motion.speed[vehicle], axis=-1) / FRAME_S
+    moving = motion.speed[vehicle, :, 1:] > _SPEED_TOLERANCE
+    duty = min(duties.min_braking, duties.hardest_braking)
+    lon, behind = holds & by_lon[:, None], is_behind[:, None]
+    sped_up = lon & behind & responding & (acceleration > duties.max_acceleration + _ACCELERATION_TOLERANCE)
+    no_braking = lon & behind & ~responding & moving & (acceleration > _ACCELERATION_TOLERANCE - duty)
+    braked_hard = lon & ~behind & (acceleration < -duties.max_braking - _ACCELERATION_TOLERANCE)
+    lat = holds & by_lat[:, None]
+    moved_in, kept_on = _broken_sideways(motion, vehicle, rules, since, responding, towards)
+    conditions = [no_braking, sped_up, braked_hard, lat & moved_in, lat & kept_on]
+    codes = [_DID_NOT_BRAKE, _SPED_UP, _BRAKED_HARD, _MOVED_IN, _DID_NOT_STOP]
+    return np.select(conditions, codes, default=_NONE).astype(np.int8)
+
+
+def _broken_sideways(
+    motion: PairMotion,
+    vehicle: int,
+    rules: RssRules,
+    since: NDArray[np.intp],
+    responding: NDArray[np.bool_],
+    towards: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """From each frame to the next: does it move in, does it fail to stop moving in? Shape (S, T - 1) each.
+
+    Once the two overlap sideways, a vehicle that was not moving in by itself may steer either way (`free_evasion`): it
+    can no longer enter the other's path, only leave it.
+    """
+    steps = np.diff(motion.y[vehicle], axis=-1) / FRAME_S * towards[:, None]
+    # The speed at a frame is the mean over the 0.1 s before it: what was decided later cannot be blamed on it.
+    approach = np.concatenate([np.zeros((len(steps), 1)), steps], axis=-1)
+    change = np.diff(approach, axis=-1) / FRAME_S
+    moves, moves_on = approach[:, :-1] > _SPEED_TOLERANCE, approach[:, 1:] > _SPEED_TOLERANCE
+    holds = (motion.free_across[:, :-1] >= 0.0) | (not rules.free_evasion)
+    ever_since = np.logical_and.accumulate(moves | (since < 0), axis=1)
+    gains = change > rules.lateral_acceleration + _ACCELERATION_TOLERANCE
+    moved_in = holds & np.where(responding, gains, ~moves & moves_on)
+    kept_on = (holds | ever_since) & ~responding & moves & moves_on
+    kept_on &= change > _ACCELERATION_TOLERANCE - rules.lateral_braking
+    return moved_in, kept_on
+
+
+def _first(broken: NDArray[np.int8]) -> tuple[NDArray[np.int8], NDArray[np.intp]]:
+    """The first rule that was broken and its column, (`_NONE`, 0) where none was."""
+    if broken.shape[1] == 0:
+        return np.full(len(broken), _NONE, np.int8), np.zeros(len(broken), np.intp)
+    frame = (broken != _NONE).argmax(axis=1)
+    return broken[np.arange(len(broken)), frame], frame

@@ -1,0 +1,277 @@
+"""Measures of every case: how near the AV came to others, and how hard the crash was. One row a case, in columns.
+
+Definitions of the single measures stand in `metrics/`; the columns are documented in `MEASURES`, in the manner of
+`library/schema.py`. NaN stands for null: there is no such value.
+
+In the AV's path is who overlaps it sideways, boxes taken as parallel to the road, in any frame before the contact.
+"Level" is who neither is ahead by a vehicle's length nor behind by one. The partner is the vehicle that the AV touches.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_number
+from cornerforge.analysis.columns import CaseColumn
+from cornerforge.analysis.fault import RssRules, pair_margins
+from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
+from cornerforge.metrics.delta_v import delta_v
+from cornerforge.metrics.drac import drac
+from cornerforge.metrics.injury import injury_probability
+from cornerforge.metrics.pet import pet
+from cornerforge.metrics.rss import rss_longitudinal, rss_margin
+from cornerforge.metrics.thw import thw
+from cornerforge.metrics.ttc import ttc
+from cornerforge.types import FRAME_S
+
+__all__ = ["MEASURES", "Impact", "measure_cases"]
+
+
+def _column(name: str, unit: str, meaning: str) -> CaseColumn:
+    return CaseColumn(name, "float", unit, meaning)
+
+
+MEASURES: tuple[CaseColumn, ...] = (
+    _column("min_bbd_front_m", "m", "Least bumper-to-bumper distance to who is ahead in the AV's path; null: nobody."),
+    _column("min_bbd_rear_m", "m", "Least bumper-to-bumper distance to who is behind in the AV's path; null: nobody."),
+    _column("min_ttc_front_s", "s", "Least TTC of the AV with who is ahead in its path; null: nobody, never closing."),
+    _column("min_ttc_rear_s", "s", "Least TTC of who is behind in the AV's path; null: nobody, never closing."),
+    _column("min_thw_front_s", "s", "Least time headway of the AV to who is ahead in its path; null: nobody."),
+    _column("min_thw_rear_s", "s", "Least time headway of who is behind in the AV's path; null: nobody, or standing."),
+    _column(
+        "max_drac_front_mps2", "m/s2",
+        "Most braking that the AV needed for who is ahead in its path; 0: never closing; inf: level; null: nobody.",
+    ),
+    _column(
+        "max_drac_rear_mps2", "m/s2",
+        "Most braking that who is behind in the AV's path needed; 0: never closing; inf: level; null: nobody.",
+    ),
+    _column(
+        "min_rss_margin_front_m", "m",
+        "Least room beyond the RSS distance of the AV to who is ahead in its path; < 0: unsafe; null: nobody.",
+    ),
+    _column(
+        "min_rss_margin_rear_m", "m",
+        "Least room beyond the RSS distance of who is behind in the AV's path; < 0: unsafe; null: nobody.",
+    ),
+    _column(
+        "min_rss_margin_m", "m",
+        "Least RSS margin of AV and partner before contact, that along or across, whichever is larger; < 0: danger; "
+        "null: no frame.",
+    ),
+    _column("rss_margin_1s_m", "m", "That margin 1 s before contact; null: not recorded then."),
+    _column("bbd_1s_m", "m", "BBD to the partner 1 s before contact, in any lane; < 0: level; null: not recorded."),
+    _column("ttc_1s_s", "s", "TTC with the partner then, in any lane; 0: level; null: not closing or not recorded."),
+    _column(
+        "pet_s", "s",
+        "From one entering the other's path until the rear one is where the front one's rear was then; 0: level; null: "
+        "they were in one path from the start.",
+    ),
+    _column("impact_speed_mps", "m/s", "Size of the relative velocity of AV and partner at contact."),
+    _column("impact_angle_rad", "rad", "Angle between the headings at contact, in [0, pi]; 0: the same direction."),
+    _column(
+        "av_force_direction_rad", "rad",
+        "Where the force on the AV comes from, from its heading counter-clockwise, in [-pi, pi]: 0 ahead, pi/2 left; "
+        "0 without relative velocity.",
+    ),
+    _column("bv_force_direction_rad", "rad", "The same of the partner."),
+    _column("av_delta_v_mps", "m/s", "Change of the AV's velocity; too large where vehicles slide along each other."),
+    _column("bv_delta_v_mps", "m/s", "The same of the partner."),
+    _column("av_injury_probability", "", "P(MAIS 3+) of an occupant of the AV, by delta-v and the force's direction."),
+    _column("bv_injury_probability", "", "The same of the partner."),
+)  # fmt: skip
+"""Columns that `measure_cases` makes, in its order."""
+
+_BLOCK = 128  # as in fault.py
+_SECOND = round(1.0 / FRAME_S)
+
+
+@dataclass(frozen=True)
+class Impact:
+    """What is assumed of an impact: as given, perfectly plastic between equal masses.
+
+    Attributes:
+        av_mass: Relative to `bv_mass`, in any unit.
+        bv_mass: In the same unit.
+        restitution: 0 plastic, 1 elastic.
+
+    Raises:
+        InputError: A value is out of range.
+    """
+
+    av_mass: float = 1.0
+    bv_mass: float = 1.0
+    restitution: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_number("impact.av_mass", self.av_mass, low=1e-6, high=1e6)
+        check_number("impact.bv_mass", self.bv_mass, low=1e-6, high=1e6)
+        check_number("impact.restitution", self.restitution, low=0.0, high=1.0)
+
+
+def measure_cases(
+    recordings: Recordings, rules: RssRules | None = None, impact: Impact | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Measure every case.
+
+    Args:
+        recordings: The cases.
+        rules: Numbers of RSS; None: the default ones.
+        impact: Masses and restitution; None: equal masses, perfectly plastic.
+
+    Returns:
+        A column of shape (S,) for each of `MEASURES`, in their order; NaN for null. Mirroring a road (left for right)
+        changes nothing but the signs of the two force directions, and with them near and far side.
+
+    Raises:
+        InputError: A case does not hold its contact (see `pair_motion`).
+    """
+    chosen, crash = rules or RssRules(), impact or Impact()
+    parts = []
+    for block in recordings.blocks(_BLOCK):
+        motion = pair_motion(block)
+        parts.append(_in_path(block, chosen) | _of_pair(motion, chosen) | _at_contact(motion, crash))
+    return {column.name: np.concatenate([np.empty(0), *(part[column.name] for part in parts)]) for column in MEASURES}
+
+
+def _in_path(recordings: Recordings, rules: RssRules) -> dict[str, NDArray[np.float64]]:
+    """Worst values over all frames before the contact and all vehicles in the AV's path."""
+    entry, of_av, case = _entries_in_path(recordings)
+    r = recordings
+    dx = r.x[entry].astype(np.float64) - r.x[of_av]
+    ahead = dx > 0.0
+    own, other = r.speed[of_av].astype(np.float64), r.speed[entry].astype(np.float64)
+    distance = np.abs(dx) - r.length
+    av, bv = rules.av, rules.bv
+    found: dict[str, NDArray[np.float64]] = {}
+    for side, chosen in (("front", np.flatnonzero(ahead)), ("rear", np.flatnonzero(~ahead))):
+        subject, lead = (own, other) if side == "front" else (other, own)
+        follower, leader = (av, bv) if side == "front" else (bv, av)
+        bbd, v, v_lead = distance[chosen], subject[chosen], lead[chosen]
+        safe = rss_longitudinal(
+            v, v_lead, follower.response_time, follower.max_acceleration, follower.min_braking, leader.max_braking
+        )
+        worst = _Worst(case[chosen], len(r))
+        found[f"min_bbd_{side}_m"] = worst.least(bbd)
+        found[f"min_ttc_{side}_s"] = _null_if_infinite(worst.least(ttc(bbd, v_lead - v)))
+        found[f"min_thw_{side}_s"] = _null_if_infinite(worst.least(thw(bbd, v)))
+        found[f"max_drac_{side}_mps2"] = worst.most(drac(bbd, v_lead - v))
+        found[f"min_rss_margin_{side}_m"] = worst.least(rss_margin(bbd, safe))
+    return found
+
+
+def _entries_in_path(
+    recordings: Recordings,
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Entries of others in the AV's path before contact, entries of the AV at the same frames, and cases, ascending."""
+    r = recordings
+    frames = np.repeat(r.n_frames, r.n_vehicles)
+    begin = np.cumsum(frames) - frames
+    of_case = np.repeat(np.arange(len(r)), r.n_vehicles)
+    to_av = begin - np.repeat(r.start[:-1], r.n_vehicles)  # from a vehicle's series back to that of its case's AV
+    entry = np.arange(r.x.size)
+    of_av = entry - np.repeat(to_av, frames)
+    chosen = r.present & (np.abs(r.y - r.y[of_av]) < r.width)
+    chosen[of_av == entry] = False
+    chosen[begin + frames - 1] = False
+    found = np.flatnonzero(chosen)
+    return found, of_av[found], np.repeat(of_case, frames)[found]
+
+
+class _Worst:
+    """Least and most of values that stand case by case; NaN where a case has none."""
+
+    def __init__(self, case: NDArray[np.intp], n: int) -> None:
+        self._n = n
+        is_first = np.ones(case.size, np.bool_)
+        is_first[1:] = np.diff(case) != 0
+        self._first = np.flatnonzero(is_first)
+        self._case = case[self._first]
+
+    def least(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self._spread(np.minimum.reduceat(values, self._first) if self._first.size else np.empty(0))
+
+    def most(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self._spread(np.maximum.reduceat(values, self._first) if self._first.size else np.empty(0))
+
+    def _spread(self, found: NDArray[np.float64]) -> NDArray[np.float64]:
+        result = np.full(self._n, np.nan)
+        result[self._case] = found
+        return result
+
+
+def _null_if_infinite(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(np.isinf(values), np.nan, values)
+
+
+def _of_pair(motion: PairMotion, rules: RssRules) -> dict[str, NDArray[np.float64]]:
+    """Measures between the AV and its crash partner before the contact."""
+    longitudinal, lateral = pair_margins(motion, rules)
+    margin = np.where(motion.recorded, np.maximum(longitudinal, lateral), np.nan)[:, :-1]
+    least = np.min(margin, axis=1, initial=np.inf, where=~np.isnan(margin))
+    found = {
+        "min_rss_margin_m": _null_if_infinite(least),
+        "pet_s": _encroachment(motion),
+    }
+    column = motion.recorded.shape[1] - 1 - _SECOND
+    nothing = np.full(len(least), np.nan)
+    if column < 0:
+        return found | {"rss_margin_1s_m": nothing, "bbd_1s_m": nothing, "ttc_1s_s": nothing}
+    known = motion.recorded[:, column]
+    dx = motion.x[BV, :, column] - motion.x[AV, :, column]
+    bbd = np.abs(dx) - motion.length
+    rate = (motion.speed[BV, :, column] - motion.speed[AV, :, column]) * np.sign(dx)
+    found["rss_margin_1s_m"] = margin[:, column]
+    found["bbd_1s_m"] = np.where(known, bbd, np.nan)
+    found["ttc_1s_s"] = np.where(known, _null_if_infinite(ttc(bbd, rate)), np.nan)
+    return found
+
+
+def _encroachment(motion: PairMotion) -> NDArray[np.float64]:
+    """Post-encroachment time of AV and partner; the conflict area is where the front one's rear was on entering.
+
+    Who never overlaps the other sideways as parallel boxes met it with a corner, side by side.
+    """
+    apart = (np.abs(motion.y[BV] - motion.y[AV]) >= motion.width) & motion.recorded
+    n, contact = apart.shape[0], apart.shape[1] - 1
+    rows = np.arange(n)
+    last_apart = np.where(apart, np.arange(contact + 1), -1).max(axis=1)
+    entered = np.minimum(last_apart + 1, contact)
+    dx = motion.x[BV, rows, entered] - motion.x[AV, rows, entered]
+    front = np.where(dx > 0.0, BV, AV)
+    mark = motion.x[front, rows, entered] - 0.5 * motion.length
+    bumper = np.where((front == BV)[:, None], motion.x[AV], motion.x[BV]) + 0.5 * motion.length
+    past = (bumper >= mark[:, None]) & (np.arange(contact + 1) >= entered[:, None])
+    reached = np.where(past.any(axis=1), past.argmax(axis=1), contact)
+    before = np.maximum(reached - 1, entered)
+    here, earlier = bumper[rows, reached], bumper[rows, before]
+    moved = np.where(here > earlier, here - earlier, 1.0)
+    part = np.where(before < reached, np.clip((mark - earlier) / moved, 0.0, 1.0), 0.0)
+    # On a clock that starts when one enters: then its rear leaves the mark, at once.
+    between = pet(0.0, 0.0, (before - entered + part) * FRAME_S, np.inf)
+    return np.where(last_apart < 0, np.nan, between)
+
+
+def _at_contact(motion: PairMotion, impact: Impact) -> dict[str, NDArray[np.float64]]:
+    """Speeds, directions and severity of the impact, from the velocities in the contact's frame."""
+    heading = motion.heading[:, :, -1]
+    along = motion.speed[:, :, -1]  # that along the road; a heading is the direction of the path
+    across = along * np.tan(heading)
+    push_x, push_y = along[BV] - along[AV], across[BV] - across[AV]  # the AV is pushed along the BV's relative velocity
+    speed = np.hypot(push_x, push_y)
+    between = np.abs((heading[BV] - heading[AV] + math.pi) % (2.0 * math.pi) - math.pi)
+    found = {"impact_speed_mps": speed, "impact_angle_rad": between}
+    masses = (impact.av_mass, impact.bv_mass)
+    for who, name in ((AV, "av"), (BV, "bv")):
+        sign = 1.0 if who == AV else -1.0
+        came_from = np.arctan2(-sign * push_y, -sign * push_x) - heading[who]
+        came_from = np.where(speed > 0.0, np.arctan2(np.sin(came_from), np.cos(came_from)), 0.0)
+        change = delta_v(speed, masses[who], masses[1 - who], impact.restitution)
+        found[f"{name}_force_direction_rad"] = came_from
+        found[f"{name}_delta_v_mps"] = change
+        found[f"{name}_injury_probability"] = injury_probability(change, came_from)
+    return found

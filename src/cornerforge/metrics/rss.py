@@ -1,0 +1,156 @@
+"""Safe distances of responsibility-sensitive safety, RSS, for vehicles that drive in the same direction.
+
+Definitions and lemmas are those of Shalev-Shwartz, Shammah and Shashua, "On a formal model of safe and scalable
+self-driving cars", arXiv:1708.06374. `drivers.rss.rss_distance` is the longitudinal one as a compiled kernel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cornerforge.errors import InputError
+from cornerforge.metrics._inputs import matching_arrays
+
+__all__ = ["rss_lateral", "rss_longitudinal", "rss_margin"]
+
+
+def rss_longitudinal(
+    rear_speed: ArrayLike,
+    lead_speed: ArrayLike,
+    response_time: ArrayLike,
+    acceleration: ArrayLike,
+    rear_braking: ArrayLike,
+    lead_braking: ArrayLike,
+) -> NDArray[np.float64]:
+    """The least bumper-to-bumper distance at which the vehicle behind cannot hit the one ahead [m].
+
+    The one ahead brakes with `lead_braking` from now on; the one behind accelerates with `acceleration` during its
+    response time and brakes with `rear_braking` after it, both until they stand.
+
+    Args:
+        rear_speed, lead_speed: [m/s], shape (*d), not negative.
+        response_time: Of the vehicle behind [s], not negative.
+        acceleration: What the vehicle behind may gain meanwhile [m/s2], not negative.
+        rear_braking: What the vehicle behind brakes at least [m/s2], positive.
+        lead_braking: What the vehicle ahead brakes at most [m/s2], positive.
+
+    Returns:
+        Shape (*d), in [0, inf), never NaN: 0 where the vehicle ahead is so much faster that no distance is needed.
+
+    Raises:
+        InputError: A value is NaN or out of range, or the shapes do not match.
+
+    Source: Shalev-Shwartz et al. (2017), definition 1 and lemma 2.
+    >>> rss_longitudinal([20.0, 20.0], [20.0, 40.0], 0.5, 2.0, 4.0, 4.0)
+    array([15.375,  0.   ])
+    """
+    rear, lead, response, gain, brakes, braked = matching_arrays(
+        rear_speed=rear_speed,
+        lead_speed=lead_speed,
+        response_time=response_time,
+        acceleration=acceleration,
+        rear_braking=rear_braking,
+        lead_braking=lead_braking,
+    )
+    _check_at_least(0.0, rear_speed=rear, lead_speed=lead, response_time=response, acceleration=gain)
+    _check_above_zero(rear_braking=brakes, lead_braking=braked)
+    # Term for term as in the kernel, so that both give the same bits.
+    faster = rear + response * gain
+    while_responding = rear * response + 0.5 * gain * response * response
+    distance = while_responding + faster * faster / (2.0 * brakes) - lead * lead / (2.0 * braked)
+    return np.maximum(0.0, distance)
+
+
+def rss_lateral(
+    towards_a: ArrayLike,
+    towards_b: ArrayLike,
+    response_time_a: ArrayLike,
+    response_time_b: ArrayLike,
+    acceleration: ArrayLike,
+    braking: ArrayLike,
+    margin: ArrayLike = 0.0,
+) -> NDArray[np.float64]:
+    """The least free space between the sides of two vehicles at which they cannot touch sideways [m].
+
+    Each accelerates towards the other with `acceleration` during its own response time and brakes laterally with
+    `braking` after it, until it has no lateral speed; then `margin` must be left.
+
+    Args:
+        towards_a: Lateral speed of one vehicle towards the other [m/s], shape (*d); negative: away from it.
+        towards_b: Lateral speed of the other towards the one [m/s], shape (*d); likewise.
+        response_time_a, response_time_b: [s], not negative.
+        acceleration: Lateral [m/s2], not negative.
+        braking: Lateral [m/s2], positive.
+        margin: Space that must be left [m], not negative; absorbs what vehicles sway within their lanes.
+
+    Returns:
+        Shape (*d), at least `margin`, never NaN.
+
+    Raises:
+        InputError: A value is NaN or out of range, or the shapes do not match.
+
+    Source: Shalev-Shwartz et al. (2017), definition 6 and lemma 4; the response times of the two may differ here, and
+    a vehicle that still moves away after its response time is credited with the way until it has stopped, as the
+    definition has it (the lemma writes out the case of two that move towards each other).
+    >>> rss_lateral([0.0, 1.0, -3.0], 0.0, 1.0, 1.0, 0.2, 0.8, 0.1)
+    array([0.35 , 2.225, 0.1  ])
+    """
+    a, b, response_a, response_b, gain, brakes, least = matching_arrays(
+        towards_a=towards_a,
+        towards_b=towards_b,
+        response_time_a=response_time_a,
+        response_time_b=response_time_b,
+        acceleration=acceleration,
+        braking=braking,
+        margin=margin,
+    )
+    _check_at_least(0.0, response_time_a=response_a, response_time_b=response_b, acceleration=gain, margin=least)
+    _check_above_zero(braking=brakes)
+    way = _way_to_rest(a, response_a, gain, brakes) + _way_to_rest(b, response_b, gain, brakes)
+    return np.asarray(least + np.maximum(0.0, way))
+
+
+def rss_margin(distance: ArrayLike, safe_distance: ArrayLike) -> NDArray[np.float64]:
+    """By how much a distance exceeds the safe one [m].
+
+    Args:
+        distance: Bumper to bumper, or side to side [m], shape (*d); negative means overlap, +inf no vehicle.
+        safe_distance: From `rss_longitudinal` or `rss_lateral` [m], shape (*d), at least 0.
+
+    Returns:
+        Shape (*d), in (-inf, inf], never NaN. Negative: unsafe. A pair is in danger where both the longitudinal and the
+        lateral margin are negative, so the larger of the two is the pair's margin.
+
+    Raises:
+        InputError: A value is NaN or a safe distance negative or infinite, or the shapes do not match.
+
+    Source: Shalev-Shwartz et al. (2017), definition 9.
+    >>> rss_margin([20.0, 10.0, np.inf], 15.375)
+    array([ 4.625, -5.375,    inf])
+    """
+    is_distance, needed = matching_arrays(distance=distance, safe_distance=safe_distance)
+    _check_at_least(0.0, safe_distance=needed)
+    if np.isinf(needed).any():
+        raise InputError("safe_distance is infinite; give a finite one.")
+    return np.asarray(is_distance - needed)
+
+
+def _way_to_rest(
+    speed: NDArray[np.float64], response: NDArray[np.float64], gain: NDArray[np.float64], brakes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """How far a vehicle comes towards the other [m]; negative: away."""
+    after = speed + response * gain
+    return np.asarray(0.5 * (speed + after) * response + after * np.abs(after) / (2.0 * brakes))
+
+
+def _check_at_least(low: float, **values: NDArray[np.float64]) -> None:
+    for name, array in values.items():
+        if (array < low).any():
+            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: {low} and more.")
+
+
+def _check_above_zero(**values: NDArray[np.float64]) -> None:
+    for name, array in values.items():
+        if (array <= 0.0).any():
+            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: more than 0.")

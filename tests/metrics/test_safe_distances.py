@@ -1,0 +1,159 @@
+"""PET and RSS distances: by hand, against motion in small steps, and the order of the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from cornerforge.drivers.rss import rss_distance
+from cornerforge.errors import InputError
+from cornerforge.metrics import pet, rss_lateral, rss_longitudinal, rss_margin
+
+speeds = st.floats(0.0, 40.0)
+drifts = st.floats(-4.0, 4.0)
+times = st.floats(0.0, 3.0)
+brakes = st.floats(0.5, 9.0)
+gains = st.floats(0.0, 4.0)
+moments = st.floats(-1e3, 1e3)
+lengths = st.floats(0.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        ((1.0, 2.0), (3.5, 4.0), 1.5),
+        ((1.0, 2.0), (2.0, 4.0), 0.0),
+        ((1.0, 5.0), (2.0, 3.0), 0.0),  # one within the other
+        ((1.0, 2.0), (np.inf, np.inf), np.inf),
+        ((np.inf, np.inf), (np.inf, np.inf), np.inf),
+        ((1.0, np.inf), (3.0, 4.0), 0.0),  # the first stays
+        ((5.0, np.inf), (3.0, 4.0), 1.0),
+    ],
+)
+def test_pet_by_hand(a: tuple[float, float], b: tuple[float, float], expected: float) -> None:
+    assert pet(*a, *b) == pet(*b, *a) == expected
+
+
+@given(enter_a=moments, stay_a=lengths, enter_b=moments, stay_b=lengths, shift=st.floats(0.0, 100.0))
+def test_pet_is_the_time_that_the_area_is_empty(
+    enter_a: float, stay_a: float, enter_b: float, stay_b: float, shift: float
+) -> None:
+    leave_a, leave_b = enter_a + stay_a, enter_b + stay_b
+    value = float(pet(enter_a, leave_a, enter_b, leave_b))
+    together = enter_a <= leave_b and enter_b <= leave_a
+    assert (value == 0.0) == together
+    if enter_b > leave_a:  # b is second: coming later makes it safer, by as much
+        assert pet(enter_a, leave_a, enter_b + shift, leave_b + shift) == pytest.approx(value + shift, abs=1e-9)
+    assert pet(enter_a + shift, leave_a + shift, enter_b + shift, leave_b + shift) == pytest.approx(value, abs=1e-9)
+
+
+def test_pet_refuses_the_wrong_order() -> None:
+    with pytest.raises(InputError, match=r"Vehicle b leaves at 1\.0 s, before it enters at 2\.0 s"):
+        pet(0.0, 1.0, 2.0, 1.0)
+
+
+@given(rear=speeds, lead=speeds, response=times, gain=gains, own=brakes, other=brakes)
+def test_longitudinal_is_bit_for_bit_that_of_the_driver(
+    rear: float, lead: float, response: float, gain: float, own: float, other: float
+) -> None:
+    numbers = (rear, lead, response, gain, own, other)
+    assert float(rss_longitudinal(*numbers)) == rss_distance(*numbers)
+
+
+def test_longitudinal_by_hand() -> None:
+    # 15 m + 0.25 m while responding, 31^2 / 8 to stop, 30^2 / 8 of the other's way.
+    assert rss_longitudinal(30.0, 30.0, 0.5, 2.0, 4.0, 4.0) == pytest.approx(15.25 + 961.0 / 8.0 - 900.0 / 8.0)
+    assert rss_longitudinal(0.0, 0.0, 1.0, 0.0, 4.0, 4.0) == 0.0
+
+
+@given(rear=speeds, lead=speeds, more=st.floats(0.0, 10.0), response=times, gain=gains, own=brakes, other=brakes)
+def test_longitudinal_grows_with_what_is_worse(
+    rear: float, lead: float, more: float, response: float, gain: float, own: float, other: float
+) -> None:
+    def needed(**changes: float) -> float:
+        numbers = {
+            "rear_speed": rear,
+            "lead_speed": lead,
+            "response_time": response,
+            "acceleration": gain,
+            "rear_braking": own,
+            "lead_braking": other,
+        }
+        return float(rss_longitudinal(**(numbers | changes)))
+
+    value = needed() - 1e-9  # rounding
+    assert needed(rear_speed=rear + more) >= value
+    assert needed(response_time=response + more) >= value
+    assert needed(acceleration=gain + more) >= value
+    assert needed(lead_braking=other + more) >= value
+    assert needed(lead_speed=lead + more) <= value + 2e-9
+    assert needed(rear_braking=own + more) <= value + 2e-9
+
+
+@pytest.mark.parametrize(
+    ("towards", "expected"),
+    [
+        ((0.0, 0.0), 0.1 + 0.025 + 0.1**2 / 1.6 + 0.1 + 0.2**2 / 1.6),
+        ((1.0, 0.0), 0.1 + 0.525 + 1.1**2 / 1.6 + 0.1 + 0.2**2 / 1.6),
+        ((0.0, 1.0), 0.1 + 0.025 + 0.1**2 / 1.6 + 1.1 + 1.2**2 / 1.6),
+        ((-1.0, 1.0), 0.1 - 0.475 - 0.9**2 / 1.6 + 1.1 + 1.2**2 / 1.6),
+        ((-3.0, 0.5), 0.1),
+    ],
+)
+def test_lateral_by_hand(towards: tuple[float, float], expected: float) -> None:
+    assert rss_lateral(*towards, 0.5, 1.0, 0.2, 0.8, 0.1) == pytest.approx(expected)
+
+
+@given(a=drifts, b=drifts, response_a=times, response_b=times, gain=gains, own=brakes)
+def test_lateral_worst_case_ends_with_the_margin_left(
+    a: float, b: float, response_a: float, response_b: float, gain: float, own: float
+) -> None:
+    # Driven in steps of 1 ms; both stop within (4 + 3 * 4) / 0.5 + 3 s.
+    step = 1e-3
+    start = float(rss_lateral(a, b, response_a, response_b, gain, own, 0.1))
+    way = 0.0
+    for speed, response in ((a, response_a), (b, response_b)):
+        t = np.arange(0.0, response, step)
+        way += float((speed + gain * t).sum()) * step
+        after = speed + gain * len(t) * step
+        way += after * abs(after) / (2.0 * own)
+    assume(abs(way) > 0.2)
+    assert start == pytest.approx(0.1 + max(0.0, way), abs=0.1)
+
+
+@given(a=drifts, b=drifts, more=st.floats(0.0, 2.0), response=times, gain=gains, own=brakes)
+def test_lateral_grows_with_the_approach_and_is_symmetric(
+    a: float, b: float, more: float, response: float, gain: float, own: float
+) -> None:
+    value = float(rss_lateral(a, b, response, response, gain, own))
+    assert value >= 0.0
+    assert rss_lateral(b, a, response, response, gain, own) == pytest.approx(value, abs=1e-9)
+    assert rss_lateral(a + more, b, response, response, gain, own) >= value - 1e-9
+    assert rss_lateral(a, b, response, response, gain, own, more) == pytest.approx(value + more)
+
+
+@given(distance=st.floats(-10.0, 1e3), safe=st.floats(0.0, 200.0), more=st.floats(0.0, 100.0))
+def test_margin_grows_with_distance_and_falls_with_the_safe_one(distance: float, safe: float, more: float) -> None:
+    value = rss_margin(distance, safe)
+    assert rss_margin(distance + more, safe) >= value
+    assert rss_margin(distance, safe + more) <= value
+    assert (value < 0.0) == (distance < safe)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: rss_longitudinal(-1.0, 1.0, 1.0, 1.0, 1.0, 1.0), "rear_speed = -1.0 is out of range"),
+        (lambda: rss_longitudinal(1.0, 1.0, 1.0, 1.0, 0.0, 1.0), "rear_braking = 0.0 is out of range"),
+        (lambda: rss_longitudinal(1.0, np.nan, 1.0, 1.0, 1.0, 1.0), "lead_speed is NaN"),
+        (lambda: rss_lateral(0.0, 0.0, -1.0, 1.0, 0.2, 0.8), "response_time_a = -1.0 is out of range"),
+        (lambda: rss_lateral(0.0, 0.0, 1.0, 1.0, 0.2, 0.0), "braking = 0.0 is out of range"),
+        (lambda: rss_margin(1.0, np.inf), "safe_distance is infinite"),
+        (lambda: rss_margin([1.0, 2.0], [1.0, 2.0, 3.0]), "shapes do not match"),
+    ],
+)
+def test_bad_input_is_named(call, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call()
