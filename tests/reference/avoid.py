@@ -22,8 +22,9 @@ Row = list[Vehicle]
 
 @dataclass(frozen=True)
 class Actions:
-    """What the AV may do: accelerations [m/s2], frames between decisions, number of lane decisions, its own lane changes
-    as an ODD; and frames after the contact that count."""
+    """What the AV may do: accelerations [m/s2], frames between decisions, number of lane decisions, its own lane
+    changes as an ODD; and frames after the contact that count.
+    """
 
     accelerations: tuple[float, ...]
     every: int

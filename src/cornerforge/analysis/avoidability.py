@@ -33,8 +33,8 @@ __all__ = [
     "AVOIDABILITY_SCHEMA",
     "LABELS",
     "OTHERS",
-    "Avoidability",
     "AvoidParams",
+    "Avoidability",
     "Witness",
     "avoidability",
     "avoidability_of_library",
@@ -230,7 +230,9 @@ def avoidability_table(
     params = params or AvoidParams()
     ids = cases.column("case_id").to_pylist()
     if ids != tracks.column("case_id").to_pylist():
-        raise InputError(f"{len(ids)} cases and {len(tracks)} trajectories are not of the same cases in the same order.")
+        raise InputError(
+            f"{len(ids)} cases and {len(tracks)} trajectories are not of the same cases in the same order."
+        )
     if not ids:
         return AVOIDABILITY_SCHEMA.empty_table()
     tracks = tracks.combine_chunks()
@@ -307,9 +309,12 @@ def _checked(
         else:
             partner[c] = found[0]
         problems.append(problem)
-    reals = [np.ascontiguousarray(each, dtype=np.float64) for each in values]
+    x, y, speed, heading, acceleration = (np.ascontiguousarray(each, dtype=np.float64) for each in values)
     lanes, marks = np.ascontiguousarray(target_lane, dtype=np.int8), np.ascontiguousarray(present, dtype=np.uint8)
-    return Recordings(frames, vehicles, at, last, partner, *reals, target_lane=lanes, present=marks), problems
+    recordings = Recordings(
+        frames, vehicles, at, last, partner, x, y, speed, heading, acceleration, target_lane=lanes, present=marks
+    )
+    return recordings, problems
 
 
 def _numbers(odd: Odd, params: AvoidParams) -> tuple[Manoeuvres, RoadNumbers, RoadNumbers, int]:
@@ -390,8 +395,9 @@ def _answer(recordings: Recordings, out: WaysOut, params: AvoidParams) -> Avoida
     witness = None
     if latest is not None:
         steps, every = int(out.steps[0]), round(params.decision_s / FRAME_S)
-        track = out.track[0, : steps * every + 1].T.copy()
-        witness = Witness(latest, *track, out.acceleration[0, :steps].copy(), out.lane[0, :steps].copy())
+        x, y, speed, heading = out.track[0, : steps * every + 1].T.copy()
+        held, lane = out.acceleration[0, :steps].copy(), out.lane[0, :steps].copy()
+        witness = Witness(latest, x, y, speed, heading, held, lane)
     return Avoidability(
         label=_labels(out, params)[0],
         manoeuvre_s=begin,

@@ -283,8 +283,11 @@ class CaseLibrary:
         return pa.concat_tables([empty, *(table for table in tables if table is not None)])
 
     def shards(self) -> Iterator[tuple[pa.Table, pa.Table]]:
-        """All cases with their trajectories, a shard at a time: rows of `schema.CASES` and, of the same cases in the
-        same order, of `schema.TRACKS`. Damaged shards are left out.
+        """All cases with their trajectories, a shard at a time; damaged shards are left out.
+
+        Yields:
+            Rows of `schema.CASES` with the caller's own columns, and of the same cases in the same order of
+            `schema.TRACKS`.
         """
         for shard in self._manifest.shards:
             cases, tracks = self._reader.cases(shard, None), self._reader.tracks(shard)

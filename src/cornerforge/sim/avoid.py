@@ -104,7 +104,7 @@ class SearchScratch(NamedTuple):
         n_near: See `near`.
         seen: Hash table of the states seen, and the search that saw them.
         seen_by: See `seen`.
-        count: [states seen in this search, number of this search, states seen in all searches].
+        counts: [states seen in this search, number of this search, states seen in all searches].
     """
 
     rows: World
@@ -115,7 +115,7 @@ class SearchScratch(NamedTuple):
     n_near: NDArray[np.int64]
     seen: NDArray[np.uint64]
     seen_by: NDArray[np.int64]
-    count: NDArray[np.int64]
+    counts: NDArray[np.int64]
 
 
 def allocate_plans(decisions: int) -> Plans:
@@ -127,14 +127,17 @@ def allocate_plans(decisions: int) -> Plans:
 
 def allocate_search(decisions: int, frames: int, slots: int) -> SearchScratch:
     """Room for searches of so many decisions in recordings (with continuation) of so many frames and vehicles."""
+    choice, chosen, changes = (np.zeros(decisions + 2, dtype=np.int64) for _ in range(3))
     return SearchScratch(
         allocate_rows(decisions + 2),
-        *(np.zeros(decisions + 2, dtype=np.int64) for _ in range(3)),
+        choice,
+        chosen,
+        changes,
         near=np.zeros((frames, slots), dtype=OBSTACLE),
         n_near=np.zeros(frames, dtype=np.int64),
         seen=np.zeros(_SLOTS, dtype=np.uint64),
         seen_by=np.zeros(_SLOTS, dtype=np.int64),
-        count=np.zeros(3, dtype=np.int64),
+        counts=np.zeros(3, dtype=np.int64),
     )
 
 
@@ -147,7 +150,7 @@ def stopping_frames(max_speed: float, deceleration: float) -> int:
 def _gather_near(
     frames: NDArray[np.void], n: int, moment: int, end: int, m: Manoeuvres, road: RoadNumbers, s: SearchScratch
 ) -> None:
-    """List for each frame after `moment` whom the AV can meet there at all, between hardest braking and accelerating."""
+    """List for each frame after `moment` whom the AV can meet there at all, however it brakes or accelerates."""
     x, speed = frames[moment, 0].x, frames[moment, 0].speed
     slowest = speed
     fastest = speed
@@ -200,13 +203,13 @@ def _is_new(s: SearchScratch, k: int) -> bool:
         key = _mix(key, acceleration)
         key = _mix(key, v[k].duration - v[k].clock)
     place = key & _MASK
-    while s.seen_by[place] == s.count[1]:
+    while s.seen_by[place] == s.counts[1]:
         if s.seen[place] == key:
             return False
         place = (place + np.uint64(1)) & _MASK
     s.seen[place] = key
-    s.seen_by[place] = s.count[1]
-    s.count[0] += 1
+    s.seen_by[place] = s.counts[1]
+    s.counts[0] += 1
     return True
 
 
@@ -284,8 +287,8 @@ def _find_way_out(
     Row 0 holds the AV at `moment`. After FOUND the rows 1 .. steps hold it after each decision's period.
     """
     steps = -((moment - last - m.horizon) // m.every)
-    s.count[0] = 0
-    s.count[1] += 1
+    s.counts[0] = 0
+    s.counts[1] += 1
     s.changes[0] = 0
     s.choice[0] = 0
     choices = m.accelerations.size * (1 if kind == BRAKING else _LANE_CHOICES)
@@ -303,15 +306,15 @@ def _find_way_out(
             if _is_new(s, k + 1):
                 k += 1
                 s.choice[k] = 0
-            if 2 * s.count[0] > _SLOTS:
-                s.count[2] += s.count[0]
+            if 2 * s.counts[0] > _SLOTS:
+                s.counts[2] += s.counts[0]
                 return GAVE_UP
         elif (kind != STEERING or s.changes[k + 1] > 0) and _can_stop(
             s, k + 1, frames, n, frame + m.every, m, evasive
         ):  # fmt: skip
-            s.count[2] += s.count[0]
+            s.counts[2] += s.counts[0]
             return FOUND
-    s.count[2] += s.count[0]
+    s.counts[2] += s.counts[0]
     return NONE
 
 

@@ -177,12 +177,12 @@ def search_cases(
         until = last + m.horizon + m.every + tail
         continue_recording(s.frames, n, last, until, r.partner[c], only_partner, road, s.search.rows)
         earliest = max(0, last - lookback)
-        s.search.count[2] = 0
+        s.search.counts[2] = 0
         since = max(earliest, out.begin[c])
         out.gave_up[c] = latest_ways_out(
             s.frames, n, last, since, earliest, m, road, evasive, s.search, s.plans
         )  # fmt: skip
-        out.states[c] = s.search.count[2]
+        out.states[c] = s.search.counts[2]
         for kind in range(KINDS):
             moment = s.plans.moment[kind]
             steps = s.plans.steps[kind]

@@ -1,5 +1,7 @@
-"""Drive a way out that a search found, and look whether anybody touches the AV: apart from the search in all but the
-simulator's own motion and contact."""
+"""Drive a way out that a search found, and look whether anybody touches the AV.
+
+Apart from the search in all but the simulator's own motion and contact.
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.actions import hold
+from cornerforge.geometry import lane_centre
+from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.braking import lateral_plan
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import VEHICLE, World
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["allocate_rows", "continue_recording", "take_over"]
 
 _DT = FRAME_S
+_SAME_M = 1e-3
+"""Positions across the road that are this close are the same: above what 32 bits lose, below what matters."""
 
 
 def allocate_rows(rows: int) -> World:
@@ -33,12 +36,46 @@ def allocate_rows(rows: int) -> World:
 
 
 @kernel
+def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, road: RoadNumbers) -> bool:
+    """Find the lateral path that a vehicle is on at a frame by planning all its lane changes up to there anew.
+
+    Into a row of `w`, lateral part only. False if it does not lead along the recorded positions, as for a recording
+    that begins within a lane change, or that another simulator made.
+    """
+    v = w.vehicles
+    first = frame
+    while first > 0 and frames[first - 1, slot].present:
+        first -= 1
+    v[row].y = frames[first, slot].y
+    v[row].target_lane = frames[first, slot].target_lane
+    v[row].duration = 0.0
+    v[row].clock = 0.0
+    v[row].heading = 0.0
+    v[row].lateral_speed = 0.0
+    settled = abs(v[row].y - lane_centre(v[row].target_lane, road.lane_width)) <= _SAME_M
+    for f in range(first, frame):
+        lane = frames[f, slot].target_lane
+        if lane != v[row].target_lane or (f == first and not settled):
+            start_lane_change(w, row, lane, road)
+        v[row].x = 0.0
+        v[row].speed = frames[f + 1, slot].speed  # the lateral clock goes by the speed at the end of a frame
+        hold(v, row, 0.0)
+        move_vehicle(v, row, 0.0, road)
+        if abs(v[row].y - frames[f + 1, slot].y) > _SAME_M:
+            return False
+    if frames[frame, slot].target_lane != v[row].target_lane:
+        start_lane_change(w, row, frames[frame, slot].target_lane, road)
+    return True
+
+
+@kernel
 def take_over(
     w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, acceleration: float, road: RoadNumbers
 ) -> None:
     """Put a recorded vehicle into a row of `w` as it is at a frame, at an acceleration [m/s2] from now on.
 
-    Across the road it goes on along the path that it is on (`braking.lateral_plan`).
+    Across the road it goes on along the path that it is on: exactly where its recorded lane changes were planned as the
+    simulator does, else as differences of its last positions tell (`braking.lateral_plan`).
 
     Args:
         w: From `allocate_rows`.
@@ -49,22 +86,30 @@ def take_over(
         road: Constants.
     """
     v = w.vehicles
-    path, duration = lateral_plan(frames, slot, frame, road)
+    if not _retrace(w, row, frames, frame, slot, road):
+        path, duration = lateral_plan(frames, slot, frame, road)
+        v[row].target_lane = frames[frame, slot].target_lane
+        v[row].heading = frames[frame, slot].heading if duration > 0.0 else 0.0
+        v[row].lateral_speed = path[1]
+        v[row].c0, v[row].c1, v[row].c2, v[row].c3, v[row].c4, v[row].c5 = path
+        v[row].clock = 0.0
+        v[row].duration = duration
     v[row].x = frames[frame, slot].x
     v[row].y = frames[frame, slot].y
     v[row].speed = min(max(frames[frame, slot].speed, 0.0), road.max_speed)  # stored in 32 bits it may be a hair beyond
-    v[row].target_lane = frames[frame, slot].target_lane
-    v[row].heading = frames[frame, slot].heading if duration > 0.0 else 0.0
-    v[row].lateral_speed = path[1]
-    v[row].c0, v[row].c1, v[row].c2, v[row].c3, v[row].c4, v[row].c5 = path
-    v[row].clock = 0.0
-    v[row].duration = duration
     hold(v, row, acceleration)
 
 
 @kernel
 def continue_recording(
-    frames: NDArray[np.void], n: int, last: int, until: int, partner: int, only_partner: int, road: RoadNumbers, w: World
+    frames: NDArray[np.void],
+    n: int,
+    last: int,
+    until: int,
+    partner: int,
+    only_partner: int,
+    road: RoadNumbers,
+    w: World,
 ) -> None:
     """Write what the others do after the contact into the frames last + 1 .. until: nobody reacts to anything.
 
