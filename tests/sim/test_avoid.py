@@ -310,15 +310,14 @@ def test_witnesses_keep_clear_of_everybody(random_crashes: list[Traffic]) -> Non
     assert checked >= 10
 
 
-@pytest.mark.parametrize("adversary", ["swerve", "uniform"])
-def test_never_unavoidable_where_the_reward_says_avoidable(model: NddModel, seed: int, adversary: str) -> None:
+def test_never_unavoidable_where_the_reward_says_avoidable(model: NddModel, seed: int) -> None:
     """With the reward's own continuation: what braking from d after the manoeuvre began avoids, braking avoids here.
 
     The reward takes lateral paths from differences of positions, up to 0.16 m off the planned ones (at the begin of a
     lane change of 2.5 s): so its verdict must hold for vehicles that are wider by twice that.
     """
     odd = Odd()
-    setting, slots = setting_of(model, odd, adversary=adversary), n_slots(odd)
+    setting, slots = setting_of(model, odd, adversary="swerve"), n_slots(odd)
     chunks = simulate_chunks(setting, slots, seed=seed, first=0, tests=120, threads=1)
     recorder = Recorder(setting, odd)
     avoidable = 0
@@ -330,4 +329,4 @@ def test_never_unavoidable_where_the_reward_says_avoidable(model: NddModel, seed
             if avoidable_by_braking(wider, delay_s=delay):
                 avoidable += 1
                 assert avoidability(scenario, params).label in ("by braking", "by both")
-    assert avoidable >= (10 if adversary == "swerve" else 0)
+    assert avoidable >= 10
