@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -281,6 +281,18 @@ class CaseLibrary:
         tables = [self._reader.cases(shard, columns) for shard in self._manifest.shards]
         empty = schema.empty_table().select(list(columns))
         return pa.concat_tables([empty, *(table for table in tables if table is not None)])
+
+    def shards(self) -> Iterator[tuple[pa.Table, pa.Table]]:
+        """All cases with their trajectories, a shard at a time; damaged shards are left out.
+
+        Yields:
+            Rows of `schema.CASES` with the caller's own columns, and of the same cases in the same order of
+            `schema.TRACKS`.
+        """
+        for shard in self._manifest.shards:
+            cases, tracks = self._reader.cases(shard, None), self._reader.tracks(shard)
+            if cases is not None and tracks is not None:
+                yield cases, tracks.read()
 
     def history(self) -> tuple[list[str], NDArray[np.float64]]:
         """The last seconds before each crash.

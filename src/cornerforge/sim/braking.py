@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import RoadNumbers
     from cornerforge.types import Scenario
 
-__all__ = ["Braking", "avoidable_by_braking", "is_avoidable", "manoeuvre_begin"]
+__all__ = ["Braking", "avoidable_by_braking", "is_avoidable", "lateral_plan", "manoeuvre_begin"]
 
 _DT = FRAME_S
 _SETTLED_M = 0.01
@@ -96,7 +96,7 @@ def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: Roa
 
 
 @kernel
-def _lateral_plan(frames: NDArray[np.void], slot: int, frame: int, road: RoadNumbers) -> tuple[Path, float]:
+def lateral_plan(frames: NDArray[np.void], slot: int, frame: int, road: RoadNumbers) -> tuple[Path, float]:
     """How a vehicle goes on across the road from a frame: its path, and the path's duration [s], 0 for none.
 
     A quintic from the present state to the lane's centre in what is left of the lane change is the very path that it
@@ -153,10 +153,10 @@ def is_avoidable(
         return False
     x0 = frames[begin, 0].x
     v0 = frames[begin, 0].speed
-    path, duration = _lateral_plan(frames, 0, begin, road)
+    path, duration = lateral_plan(frames, 0, begin, road)
     centre = lane_centre(frames[begin, 0].target_lane, road.lane_width) if duration > 0.0 else frames[begin, 0].y
     clock = 0.0
-    other_path, other_duration = _lateral_plan(frames, partner, last, road)
+    other_path, other_duration = lateral_plan(frames, partner, last, road)
     other = frames[last, partner]
     other_centre = lane_centre(other.target_lane, road.lane_width) if other_duration > 0.0 else other.y
     other_a = min(frames[max(last - 1, 0), partner].acceleration, 0.0)

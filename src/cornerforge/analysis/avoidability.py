@@ -1,0 +1,440 @@
+"""Could the AV have avoided its crash, how, and until when? For one recording, and for the tables of a whole library.
+
+Definitions and what they cost: docs/adr/0014-avoidability.md.
+"""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge.errors import InputError
+from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres, stopping_frames
+from cornerforge.sim.avoid_cases import (
+    CaseScratch,
+    Recordings,
+    WaysOut,
+    allocate_case_scratch,
+    allocate_ways_out,
+    search_cases,
+)
+from cornerforge.sim.world import RoadNumbers, road_numbers
+from cornerforge.types import FRAME_S, Odd, Scenario
+
+__all__ = [
+    "AVOIDABILITY_SCHEMA",
+    "LABELS",
+    "OTHERS",
+    "AvoidParams",
+    "Avoidability",
+    "Witness",
+    "avoidability",
+    "avoidability_of_library",
+    "avoidability_table",
+]
+
+LABELS: dict[str, str] = {
+    "unavoidable": "nothing that the AV may do helps once the manoeuvre that led to the crash has begun",
+    "by braking": "accelerations on the path that it is on help, lane changes at constant speed do not",
+    "by steering": "lane changes at constant speed help, accelerations on the path that it is on do not",
+    "by both": "each of the two alone helps",
+    "by combination": "only both together help",
+    "undecided": "no way out was found, and not all could be tried",
+}
+"""Label and meaning."""
+
+OTHERS = ("all", "partner")
+"""Who counts after the contact: everybody, or the partner alone as for the reward `avoidable` (ADR 11)."""
+
+_CHUNK = 32
+_DEFAULT_ACCELERATIONS = (-8.0, -4.0, 0.0, 2.0)
+
+
+@dataclass(frozen=True)
+class AvoidParams:
+    """What the AV may do, and what counts as avoided.
+
+    Attributes:
+        decision_s: Time between two decisions of the AV, 0.1 to 0.5, a multiple of 0.1.
+        delay_s: A way out counts for the label if it may begin this long after the manoeuvre that led to the crash
+            began, or later; 0 to 5.
+        accelerations_mps2: What it may hold between decisions: 0, at least one below, all in [-20, 10].
+        max_lateral_acceleration_mps2: Of its lane changes, whose length follows from it; 1 to 20.
+        lane_changes: How often it may decide on another lane at most (an abort is one), 0 to 4.
+        horizon_s: After the time of the contact nobody may touch it for so long, 0 to 10.
+        lookback_s: Moments up to this long before the contact are looked at, 0.1 to 60.
+        others: Who counts after the contact, one of `OTHERS`.
+
+    Raises:
+        InputError: A field is out of range.
+    """
+
+    decision_s: float = field(default=0.5, metadata={"unit": "s"})
+    delay_s: float = field(default=0.0, metadata={"unit": "s"})
+    accelerations_mps2: tuple[float, ...] = field(default=_DEFAULT_ACCELERATIONS, metadata={"unit": "m/s2"})
+    max_lateral_acceleration_mps2: float = field(default=4.0, metadata={"unit": "m/s2"})
+    lane_changes: int = 2
+    horizon_s: float = field(default=3.0, metadata={"unit": "s"})
+    lookback_s: float = field(default=5.0, metadata={"unit": "s"})
+    others: str = "all"
+
+    def __post_init__(self) -> None:
+        check_number("decision_s", self.decision_s, low=0.1, high=0.5, unit="s")
+        if abs(self.decision_s / FRAME_S - round(self.decision_s / FRAME_S)) > 1e-6:
+            raise InputError(f"decision_s = {self.decision_s} s is not a multiple of {FRAME_S} s; round it to one.")
+        check_number("delay_s", self.delay_s, low=0.0, high=5.0, unit="s")
+        check_number("max_lateral_acceleration_mps2", self.max_lateral_acceleration_mps2, low=1.0, high=20.0)
+        check_integer("lane_changes", self.lane_changes, low=0, high=4)
+        check_number("horizon_s", self.horizon_s, low=0.0, high=10.0, unit="s")
+        check_number("lookback_s", self.lookback_s, low=FRAME_S, high=60.0, unit="s")
+        check_in("choice of others", self.others, OTHERS)
+        for value in self.accelerations_mps2:
+            check_number("accelerations_mps2", value, low=-20.0, high=10.0, unit="m/s2")
+        distinct = len(set(self.accelerations_mps2)) == len(self.accelerations_mps2)
+        if not distinct or 0.0 not in self.accelerations_mps2 or min(self.accelerations_mps2, default=0.0) >= 0.0:
+            raise InputError(
+                f"accelerations_mps2 = {self.accelerations_mps2} must hold 0, one below 0, and none of them twice."
+            )
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A way out, driven and found clear of everybody.
+
+    Attributes:
+        begin_s: Its first decision, before the contact [s].
+        x, y, speed, heading: The AV every 0.1 s from then on to the end of the horizon, as in `Scenario`, shape (W,).
+        acceleration: Held from each decision on [m/s2], shape (D,).
+        lane: Target lane from each decision on, int64, shape (D,).
+    """
+
+    begin_s: float = field(metadata={"unit": "s"})
+    x: NDArray[np.float64] = field(metadata={"unit": "m"})
+    y: NDArray[np.float64] = field(metadata={"unit": "m"})
+    speed: NDArray[np.float64] = field(metadata={"unit": "m/s"})
+    heading: NDArray[np.float64] = field(metadata={"unit": "rad"})
+    acceleration: NDArray[np.float64] = field(metadata={"unit": "m/s2"})
+    lane: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Avoidability:
+    """Answer for one crash. Times are seconds before the contact, None where there is no such moment.
+
+    Attributes:
+        label: A key of `LABELS`.
+        manoeuvre_s: Begin of the manoeuvre that led to the crash (`sim.braking.manoeuvre_begin`).
+        braking_s: Latest moment from which accelerations alone help, not before the manoeuvre's begin.
+        steering_s: The same of lane changes alone.
+        latest_s: Latest moment from which anything helps; it may lie before the manoeuvre's begin.
+        time_to_react_s: From the manoeuvre's begin to `latest_s`; negative when the AV would have had to foresee it.
+        exhaustive: False if some search ran out of room, so that a later moment, or another kind, may exist.
+        witness: A way out from `latest_s` on, None if there is none.
+    """
+
+    label: str
+    manoeuvre_s: float = field(metadata={"unit": "s"})
+    braking_s: float | None = field(metadata={"unit": "s"})
+    steering_s: float | None = field(metadata={"unit": "s"})
+    latest_s: float | None = field(metadata={"unit": "s"})
+    time_to_react_s: float | None = field(metadata={"unit": "s"})
+    exhaustive: bool
+    witness: Witness | None
+
+
+def _field(name: str, kind: pa.DataType, unit: str, meaning: str) -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": unit, "meaning": meaning} if unit else {"meaning": meaning})
+
+
+_REALS = pa.list_(pa.float32())
+AVOIDABILITY_SCHEMA: pa.Schema = pa.schema(
+    [
+        _field("case_id", pa.string(), "", "Name of the case, seed:test."),
+        _field("avoidability", pa.string(), "", f"{', '.join(LABELS)}; null: see avoidability_problem."),
+        _field("avoidability_problem", pa.string(), "", "Why the case cannot be judged; null: it was."),
+        _field("manoeuvre_begin_s", pa.float64(), "s", "Begin of the manoeuvre that led to it, before the contact."),
+        _field("latest_braking_s", pa.float64(), "s", "Latest moment, before the contact, from which accelerations "
+               "alone help; null: none since the manoeuvre began."),
+        _field("latest_steering_s", pa.float64(), "s", "The same of lane changes at constant speed alone."),
+        _field("latest_any_s", pa.float64(), "s", "The same of anything, before the manoeuvre began too; null: none."),
+        _field("time_to_react_s", pa.float64(), "s", "From the manoeuvre's begin to latest_any_s; negative: the AV "
+               "would have had to foresee it; null: no way out."),
+        _field("avoidability_exhaustive", pa.bool_(), "", "False: a search ran out of room, more ways may exist."),
+        _field("witness_x_m", _REALS, "m", "AV on the way out from latest_any_s on, every 0.1 s; null: no way out."),
+        _field("witness_y_m", _REALS, "m", "Likewise, to the left of the right road edge."),
+        _field("witness_speed_mps", _REALS, "m/s", "Likewise, along the road."),
+        _field("witness_heading_rad", _REALS, "rad", "Likewise, counter-clockwise from the road's direction."),
+        _field("witness_acceleration_mps2", _REALS, "m/s2", "Held from each of its decisions on."),
+        _field("witness_lane", pa.list_(pa.int8()), "", "Target lane from each of its decisions on."),
+    ]
+)  # fmt: skip
+"""Columns of `avoidability_table`, with unit and meaning as field metadata."""
+
+
+def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoidability:
+    """Look for the latest way out of one recorded crash.
+
+    Args:
+        scenario: Recording of a test that ended in a crash of the AV; vehicles that never came near may be missing.
+        params: What the AV may do and what counts; None: the defaults.
+
+    Raises:
+        InputError: There is no crash of the AV, the recording does not hold its contact, the AV is absent before it,
+            or a value of a present vehicle is not finite.
+    """
+    params = params or AvoidParams()
+    name = f"{scenario.seed}:{scenario.test}"
+    if scenario.crash is None or scenario.crash.slot_a != 0:
+        raise InputError(f"Test {name} holds no crash of the AV; only such can be avoidable.")
+    recordings, problems = _checked(
+        np.array([scenario.x.shape[0]]), np.array([scenario.slot.size]), scenario.slot,
+        np.array([scenario.crash.time]), np.array([scenario.crash.slot_b]),
+        [np.ascontiguousarray(getattr(scenario, each).T).ravel() for each in _VALUES],
+        np.ascontiguousarray(scenario.target_lane.T).ravel(), np.ascontiguousarray(scenario.present.T).ravel(),
+        scenario.odd,
+    )  # fmt: skip
+    if problems[0] is not None:
+        raise InputError(f"Test {name}: {problems[0]}.")
+    out = _search(recordings, scenario.odd, params, threads=1)
+    _check_witnesses([name], out)
+    return _answer(recordings, out, params)
+
+
+def avoidability_table(
+    cases: pa.Table, tracks: pa.Table, odd: Odd, params: AvoidParams | None = None, *, threads: int = 1
+) -> pa.Table:
+    """Look for the latest ways out of many recorded crashes.
+
+    Args:
+        cases: One row a case: `case_id`, `crash_time_s` and `bv_slot` of the case library; other columns are ignored.
+        tracks: The trajectories of the same cases in the same order, as the case library stores them.
+        odd: Road and rules of all of them.
+        params: What the AV may do and what counts; None: the defaults.
+        threads: Size of the pool; does not change the result.
+
+    Returns:
+        `AVOIDABILITY_SCHEMA`, one row a case in the order of `cases`. A case that cannot be judged says why.
+
+    Raises:
+        InputError: The tables are not of the same cases, or `threads` is out of range.
+    """
+    check_integer("threads", threads, low=1, high=1024)
+    params = params or AvoidParams()
+    ids = cases.column("case_id").to_pylist()
+    if ids != tracks.column("case_id").to_pylist():
+        raise InputError(
+            f"{len(ids)} cases and {len(tracks)} trajectories are not of the same cases in the same order."
+        )
+    if not ids:
+        return AVOIDABILITY_SCHEMA.empty_table()
+    tracks = tracks.combine_chunks()
+    slots = tracks.column("slot").combine_chunks()
+    recordings, problems = _checked(
+        tracks.column("n_frames").to_numpy().astype(np.int64),
+        slots.value_lengths().to_numpy().astype(np.int64),
+        _flat(tracks, "slot"),
+        cases.column("crash_time_s").to_numpy(),
+        cases.column("bv_slot").to_numpy(),
+        [_flat(tracks, each) for each in ("x_m", "y_m", "speed_mps", "heading_rad", "acceleration_mps2")],
+        _flat(tracks, "target_lane"),
+        _flat(tracks, "present"),
+        odd,
+    )
+    out = _search(recordings, odd, params, threads)
+    _check_witnesses(ids, out)
+    return _table(ids, problems, recordings, out, params)
+
+
+def avoidability_of_library(
+    shards: Iterable[tuple[pa.Table, pa.Table]], odd: Odd, params: AvoidParams | None = None, *, threads: int = 1
+) -> pa.Table:
+    """The same for all shards of a library, one after the other, so that one shard's trajectories are in memory.
+
+    Args:
+        shards: Cases and tracks of each (`CaseLibrary.shards`).
+        odd, params, threads: As for `avoidability_table`.
+    """
+    tables = [avoidability_table(cases, tracks, odd, params, threads=threads) for cases, tracks in shards]
+    return pa.concat_tables([AVOIDABILITY_SCHEMA.empty_table(), *tables])
+
+
+_SPEED_TOLERANCE = 1e-3
+_VALUES = ("x", "y", "speed", "heading", "acceleration")
+
+
+def _flat(tracks: pa.Table, name: str) -> NDArray[Any]:
+    values: NDArray[Any] = tracks.column(name).combine_chunks().flatten().to_numpy(zero_copy_only=False)
+    return values
+
+
+def _checked(
+    frames: NDArray[np.int64], vehicles: NDArray[np.int64], slot: NDArray[Any], crash_time: NDArray[np.float64],
+    bv_slot: NDArray[Any], values: Sequence[NDArray[Any]], target_lane: NDArray[Any], present: NDArray[Any], odd: Odd,
+) -> tuple[Recordings, list[str | None]]:  # fmt: skip
+    """Recordings as the kernel takes them, and for each what keeps it from being judged (then its partner is 0)."""
+    sizes = frames * vehicles
+    at = np.cumsum(sizes) - sizes
+    slot_at = np.cumsum(vehicles) - vehicles
+    there = present.astype(np.bool_)
+    finite = np.logical_and.reduce([np.isfinite(each) for each in values]) | ~there
+    speed = values[_VALUES.index("speed")]
+    possible = ((speed >= -_SPEED_TOLERANCE) & (speed <= odd.max_speed + _SPEED_TOLERANCE)) | ~there
+    last = np.full(frames.size, -1, dtype=np.int64)
+    known = np.isfinite(crash_time)
+    last[known] = np.rint(crash_time[known] / FRAME_S)
+    partner = np.zeros(frames.size, dtype=np.int64)
+    problems: list[str | None] = []
+    for c, (n_frames, n, begin) in enumerate(zip(frames.tolist(), vehicles.tolist(), at.tolist(), strict=True)):
+        found = np.flatnonzero(slot[slot_at[c] : slot_at[c] + n] == bv_slot[c])
+        contact, seen = int(last[c]), there[begin : begin + n_frames * n].reshape(n, n_frames)
+        problem = None
+        if found.size != 1 or found[0] == 0:
+            problem = f"slot {bv_slot[c]}, which the AV touched, is not in the recording"
+        elif not 0 <= contact < n_frames or not seen[[0, found[0]], contact].all():
+            problem = f"its contact at {crash_time[c]} s is not in the recording of {n_frames} frames"
+        elif not seen[0, : contact + 1].all():
+            problem = f"the AV is absent at {FRAME_S * int(np.argmin(seen[0])):.1f} s, before the contact"
+        elif not finite[begin : begin + n_frames * n].all():
+            problem = "a value of a vehicle that is present is not finite"
+        elif not possible[begin : begin + n_frames * n].all():
+            problem = f"a speed is outside [0, {odd.max_speed}] m/s"
+        else:
+            partner[c] = found[0]
+        problems.append(problem)
+    x, y, speed, heading, acceleration = (np.ascontiguousarray(each, dtype=np.float64) for each in values)
+    lanes, marks = np.ascontiguousarray(target_lane, dtype=np.int8), np.ascontiguousarray(present, dtype=np.uint8)
+    recordings = Recordings(
+        frames, vehicles, at, last, partner, x, y, speed, heading, acceleration, target_lane=lanes, present=marks
+    )
+    return recordings, problems
+
+
+def _numbers(odd: Odd, params: AvoidParams) -> tuple[Manoeuvres, RoadNumbers, RoadNumbers, int]:
+    """What the kernel takes: manoeuvres, the road, the road as the AV's own lane changes know it, frames to look back.
+
+    A lane change from rest to rest over a way w within T has the peak acceleration 10 / sqrt(3) w / T^2.
+    """
+    road = road_numbers(odd)
+    bound = float(params.max_lateral_acceleration_mps2)
+    shortest = float(np.sqrt(10.0 / np.sqrt(3.0) * odd.lane_width / bound))
+    evasive = road._replace(lane_change_duration=shortest, max_lateral_acceleration=bound)
+    manoeuvres = Manoeuvres(
+        np.array(params.accelerations_mps2, dtype=np.float64),
+        round(params.decision_s / FRAME_S),
+        round(params.horizon_s / FRAME_S),
+        int(params.lane_changes),
+        -min(params.accelerations_mps2),
+    )
+    return manoeuvres, road, evasive, round(params.lookback_s / FRAME_S)
+
+
+def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
+    """All cases, in a pool of threads that each take a few at a time."""
+    manoeuvres, road, evasive, lookback = _numbers(odd, params)
+    n = recordings.frames.size
+    out = allocate_ways_out(manoeuvres, lookback, n)
+    room = int(recordings.frames.max()), int(recordings.vehicles.max())
+    tail = stopping_frames(odd.max_speed, manoeuvres.stopping)
+    only_partner = int(params.others == "partner")
+    idle: queue.SimpleQueue[CaseScratch] = queue.SimpleQueue()
+
+    def search(first: int) -> None:
+        try:
+            scratch = idle.get_nowait()
+        except queue.Empty:
+            scratch = allocate_case_scratch(manoeuvres, lookback, *room, odd.max_speed)
+        search_cases(
+            recordings, first, min(first + _CHUNK, n), lookback, only_partner, manoeuvres, tail,
+            road, evasive, scratch, out,
+        )  # fmt: skip
+        idle.put(scratch)
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(search, range(0, n, _CHUNK)))
+    return out
+
+
+def _check_witnesses(ids: Sequence[str], out: WaysOut) -> None:
+    """A way out on which somebody touches the AV when it is driven is a mistake of the search, never an answer."""
+    wrong = np.argwhere(out.touched >= 0)
+    if wrong.size:
+        c, kind = wrong[0].tolist()
+        raise RuntimeError(
+            f"Case {ids[c]}: on its way out of kind {kind} the AV is touched at frame {int(out.touched[c, kind])}. "
+            "This is a mistake in cornerforge; please report it with the case."
+        )
+
+
+def _labels(out: WaysOut, params: AvoidParams) -> list[str]:
+    in_time = (out.moment >= 0) & (out.moment >= (out.begin + round(params.delay_s / FRAME_S))[:, None])
+    names = np.full(len(in_time), "unavoidable", dtype=object)
+    names[out.gave_up != 0] = "undecided"
+    names[in_time[:, COMBINED]] = "by combination"
+    names[in_time[:, BRAKING]] = "by braking"
+    names[in_time[:, STEERING]] = "by steering"
+    names[in_time[:, BRAKING] & in_time[:, STEERING]] = "by both"
+    return [str(name) for name in names]
+
+
+def _seconds(frames: NDArray[np.int64], known: NDArray[np.bool_]) -> list[float | None]:
+    return [round(n * FRAME_S, 1) if there else None for n, there in zip(frames.tolist(), known.tolist(), strict=True)]
+
+
+def _answer(recordings: Recordings, out: WaysOut, params: AvoidParams) -> Avoidability:
+    last, moment = int(recordings.last[0]), out.moment[0]
+    braking, steering, latest = _seconds(last - moment, moment >= 0)
+    begin = round((last - int(out.begin[0])) * FRAME_S, 1)
+    witness = None
+    if latest is not None:
+        steps, every = int(out.steps[0]), round(params.decision_s / FRAME_S)
+        x, y, speed, heading = out.track[0, : steps * every + 1].T.copy()
+        held, lane = out.acceleration[0, :steps].copy(), out.lane[0, :steps].copy()
+        witness = Witness(latest, x, y, speed, heading, held, lane)
+    return Avoidability(
+        label=_labels(out, params)[0],
+        manoeuvre_s=begin,
+        braking_s=braking,
+        steering_s=steering,
+        latest_s=latest,
+        time_to_react_s=None if latest is None else round(begin - latest, 1),
+        exhaustive=not out.gave_up[0],
+        witness=witness,
+    )
+
+
+def _lists(values: NDArray[Any], lengths: NDArray[np.int64], kind: pa.DataType) -> pa.Array:
+    """Rows of an array (S, room) cut to their lengths, null where that is 0."""
+    kept = np.arange(values.shape[1]) < lengths[:, None]
+    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    flat = pa.array(values[kept], type=kind)
+    return pa.ListArray.from_arrays(pa.array(offsets), flat, mask=pa.array(lengths == 0))
+
+
+def _table(
+    ids: list[str], problems: list[str | None], recordings: Recordings, out: WaysOut, params: AvoidParams
+) -> pa.Table:
+    judged = np.array([problem is None for problem in problems])
+    known = out.moment >= 0
+    before = recordings.last[:, None] - out.moment
+    frames = np.where(out.steps > 0, out.steps * round(params.decision_s / FRAME_S) + 1, 0)
+    columns = [
+        pa.array(ids),
+        pa.array([label if ok else None for label, ok in zip(_labels(out, params), judged, strict=True)]),
+        pa.array(problems, type=pa.string()),
+        pa.array(_seconds(recordings.last - out.begin, judged), type=pa.float64()),
+        *(pa.array(_seconds(before[:, k], known[:, k]), type=pa.float64()) for k in (BRAKING, STEERING, COMBINED)),
+        pa.array(_seconds(out.moment[:, COMBINED] - out.begin, known[:, COMBINED]), type=pa.float64()),
+        pa.array((out.gave_up == 0).tolist(), mask=~judged),
+        *(_lists(out.track[:, :, q].astype(np.float32), frames, pa.float32()) for q in range(4)),
+        _lists(out.acceleration.astype(np.float32), out.steps, pa.float32()),
+        _lists(out.lane.astype(np.int8), out.steps, pa.int8()),
+    ]
+    return pa.Table.from_arrays(columns, schema=AVOIDABILITY_SCHEMA)

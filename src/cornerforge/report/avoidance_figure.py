@@ -1,0 +1,138 @@
+"""One crash and the way out that there was, side by side: by matplotlib, the same bytes for the same numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.analysis.avoidability import Avoidability
+from cornerforge.errors import InputError
+from cornerforge.ndd.drawing import BLUE, GREEN, GREY, ORANGE, new_figure
+from cornerforge.types import FRAME_S, Odd, Scenario
+
+__all__ = ["avoidance_figure"]
+
+_BEFORE_S, _LONGEST_BEFORE_S = 2.0, 6.0
+_AHEAD_M = 30.0
+
+
+def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
+    """Draw the recorded crash and the witness of its avoidability.
+
+    Above: the road from above at the moment of the contact, with the tracks that led there as seen by somebody who
+    travels at the AV's mean recorded speed. Below: speeds over time, with the moments that matter.
+
+    Args:
+        scenario: The recording.
+        answer: Of `analysis.avoidability` for it; without a witness only what was recorded is drawn.
+
+    Returns:
+        A matplotlib figure; `ndd.drawing.png_of` and `svg_of` make files of it.
+
+    Raises:
+        InputError: The scenario holds no crash of the AV.
+        MissingExtraError: matplotlib is not installed.
+    """
+    if scenario.crash is None or scenario.crash.slot_a != 0:
+        raise InputError(f"Test {scenario.seed}:{scenario.test} holds no crash of the AV; there is nothing to draw.")
+    drawing, (above, below) = new_figure(2, 1, 9.5, 6.4)
+    last = round(scenario.crash.time / FRAME_S)
+    partner = int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
+    begin_s = max(min(answer.manoeuvre_s, _LONGEST_BEFORE_S), answer.latest_s or 0.0, _BEFORE_S)
+    first = max(0, last - round(begin_s / FRAME_S))
+    _draw_road(above, scenario, answer, first, last, partner)
+    _draw_speeds(below, scenario, answer, first, last, partner)
+    above.set_title(f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}", fontsize=10, loc="left")
+    return drawing
+
+
+def _in_words(answer: Avoidability) -> str:
+    if answer.latest_s is None or answer.time_to_react_s is None:
+        return f"{answer.label}; no way out in the time looked at"
+    when = f"last way out {answer.latest_s:.1f} s before contact"
+    reaction = f"{abs(answer.time_to_react_s):.1f} s {'after' if answer.time_to_react_s >= 0.0 else 'before'}"
+    return f"{answer.label}; {when}, {reaction} the manoeuvre began"
+
+
+def _times(first: int, last: int) -> NDArray[np.float64]:
+    return np.asarray((np.arange(first, last + 1) - last) * FRAME_S, dtype=np.float64)
+
+
+def _draw_road(
+    panel: Any, scenario: Scenario, answer: Avoidability, first: int, last: int, partner: int
+) -> None:  # fmt: skip
+    odd = scenario.odd
+    t = _times(first, last)
+    x_contact = float(scenario.x[last, 0])
+    pace = (x_contact - float(scenario.x[first, 0])) / max(-float(t[0]), FRAME_S)
+    for lane in range(odd.n_lanes + 1):
+        edge = lane in (0, odd.n_lanes)
+        panel.axhline(lane * odd.lane_width, color="black" if edge else GREY, linewidth=1.2 if edge else 0.8,
+                      linestyle="-" if edge else (0, (8, 6)), zorder=1)  # fmt: skip
+    for j in range(scenario.slot.size - 1, -1, -1):
+        seen = scenario.present[first : last + 1, j]
+        x = scenario.x[first : last + 1, j] - x_contact - pace * t
+        if not seen[-1] or abs(float(x[-1])) > _AHEAD_M:
+            continue
+        colour = ORANGE if j == 0 else BLUE if j == partner else GREY
+        label = {0: "AV, as recorded", partner: "whom it touched"}.get(j)
+        panel.plot(x[seen], scenario.y[first : last + 1, j][seen], color=colour, linewidth=1.2, alpha=0.9, zorder=2,
+                   label=label)  # fmt: skip
+        _box(panel, float(x[-1]), float(scenario.y[last, j]), float(scenario.heading[last, j]), odd, colour)
+    witness = answer.witness
+    if witness is not None:
+        w = FRAME_S * np.arange(len(witness.x)) - witness.begin_s
+        x = witness.x - x_contact - pace * w
+        until = w <= 1e-9
+        panel.plot(x[until], witness.y[until], color=GREEN, linewidth=1.6, linestyle="--", zorder=3,
+                   label="AV, on the way out (dot: its begin)")  # fmt: skip
+        k = int(np.flatnonzero(until)[-1])
+        _box(panel, float(x[k]), float(witness.y[k]), float(witness.heading[k]), odd, GREEN, dashed=True)
+        panel.plot(x[:1], witness.y[:1], marker="o", color=GREEN, markersize=5, zorder=4)
+    panel.set_xlim(-_AHEAD_M, _AHEAD_M)
+    panel.set_ylim(-0.5, odd.n_lanes * odd.lane_width + 0.5)
+    panel.grid(visible=False)
+    panel.legend(fontsize=8, loc="lower right", framealpha=0.9)
+    panel.set_xlabel(f"along the road at contact [m]; tracks as seen at {pace:.1f} m/s", fontsize=9)
+    panel.set_ylabel("across the road [m]", fontsize=9)
+
+
+def _box(panel: Any, x: float, y: float, heading: float, odd: Odd, colour: str, *, dashed: bool = False) -> None:
+    c, s = np.cos(heading), np.sin(heading)
+    ends = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [0.5 * odd.vehicle_length, 0.5 * odd.vehicle_width]
+    corners = ends @ np.array([[c, s], [-s, c]]) + [x, y]
+    panel.fill(*corners.T, facecolor="none" if dashed else colour, edgecolor=colour, alpha=1.0 if dashed else 0.55,
+               linewidth=1.8 if dashed else 1.0, linestyle="--" if dashed else "-", zorder=3)  # fmt: skip
+
+
+def _draw_speeds(
+    panel: Any, scenario: Scenario, answer: Avoidability, first: int, last: int, partner: int
+) -> None:  # fmt: skip
+    t = _times(first, last)
+    seen = scenario.present[first : last + 1, partner]
+    panel.plot(t, scenario.speed[first : last + 1, 0], color=ORANGE, linewidth=1.8, label="AV, as recorded")
+    panel.plot(t[seen], scenario.speed[first : last + 1, partner][seen], color=BLUE, linewidth=1.8, linestyle="-.",
+               label="whom it touched")  # fmt: skip
+    if answer.witness is not None:
+        w = FRAME_S * np.arange(len(answer.witness.x)) - answer.witness.begin_s
+        panel.plot(w, answer.witness.speed, color=GREEN, linewidth=1.8, linestyle="--", label="AV, on the way out")
+    panel.axvline(0.0, color="black", linewidth=1.0)
+    panel.set_ylim(bottom=0.0)
+    top = panel.get_ylim()[1]
+    marks = (
+        ("contact", 0.0), ("manoeuvre begins", answer.manoeuvre_s), ("last braking", answer.braking_s),
+        ("last steering", answer.steering_s), ("last way out", answer.latest_s),
+    )  # fmt: skip
+    named: dict[float, list[str]] = {}
+    for name, before in marks:
+        if before is not None and -before >= t[0] - 1e-9:
+            named.setdefault(before, []).append(name)
+    for before, names in named.items():
+        panel.axvline(-before, color=GREY, linewidth=0.9, linestyle=":", zorder=1)
+        panel.annotate(", ".join(names), (-before, 0.02 * top), rotation=90, fontsize=8, color=GREY, ha="right",
+                       va="bottom")  # fmt: skip
+    panel.set_xlabel("time since contact [s]", fontsize=9)
+    panel.set_ylabel("speed [m/s]", fontsize=9)
+    panel.legend(fontsize=8, loc="best", framealpha=0.9)

@@ -1,0 +1,377 @@
+"""Search for a way out of a recorded crash: every sequence of the AV's manoeuvres, from a moment on.
+
+What counts as a way out, which sequences are tried and why none is lost: docs/adr/0014-avoidability.md.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.geometry import boxes_overlap, path_at
+from cornerforge.sim.actions import hold, start_lane_change
+from cornerforge.sim.avoid_motion import allocate_rows, take_over
+from cornerforge.sim.step import move_vehicle
+from cornerforge.sim.world import path_of
+from cornerforge.types import FRAME_S
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = [
+    "BRAKING",
+    "COMBINED",
+    "FOUND",
+    "GAVE_UP",
+    "KINDS",
+    "NONE",
+    "STEERING",
+    "Manoeuvres",
+    "Plans",
+    "SearchScratch",
+    "allocate_plans",
+    "allocate_search",
+    "latest_ways_out",
+    "stopping_frames",
+]
+
+BRAKING, STEERING, COMBINED = 0, 1, 2
+"""Kinds of ways out: accelerations alone on the lateral path that the AV is on; lane changes alone at constant speed;
+both."""
+KINDS = 3
+NONE, FOUND, GAVE_UP = 0, 1, 2
+"""Ends of a search: there is no way out, there is one, or there were more states than there is room for."""
+
+_DT = FRAME_S
+_LANE_CHOICES = 3
+_SLOTS = 1 << 18
+_PER_UNIT = 1e6
+"""States closer than a millionth of a metre, m/s, ... in all are one."""
+_ODD = np.uint64(0x9E3779B97F4A7C15)
+_SHIFT = np.uint64(29)
+_MASK = np.uint64(_SLOTS - 1)
+
+OBSTACLE = np.dtype([("x", "f8"), ("y", "f8"), ("heading", "f8")])
+
+
+class Manoeuvres(NamedTuple):
+    """What the AV may do, as kernels take it.
+
+    Attributes:
+        accelerations: That it may hold from one decision to the next [m/s2], 0 among them, (A,).
+        every: Frames between two decisions.
+        horizon: Frames after the contact until which nobody may touch the AV.
+        lane_changes: How many times it may decide on another lane at most.
+        stopping: Deceleration [m/s2], above 0, by which it must be able to stop behind whom it has ahead at the end.
+    """
+
+    accelerations: NDArray[np.float64]
+    every: int
+    horizon: int
+    lane_changes: int
+    stopping: float
+
+
+class Plans(NamedTuple):
+    """The latest way out of each kind: decisions `Manoeuvres.every` frames apart.
+
+    Attributes:
+        moment: Frame of the first decision, -1 where there is none, int64 (KINDS,).
+        steps: Number of decisions, int64 (KINDS,).
+        acceleration: Held from each decision on [m/s2], (KINDS, decisions).
+        lane: Target lane from each decision on, int64 (KINDS, decisions).
+    """
+
+    moment: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    acceleration: NDArray[np.float64]
+    lane: NDArray[np.int64]
+
+
+class SearchScratch(NamedTuple):
+    """What a search needs to work in; one serves one thread.
+
+    Attributes:
+        rows: Row k is the AV after k decisions; one more is for trying to stop.
+        choice: Next choice to try after k decisions.
+        chosen: Index of the acceleration held before decision k.
+        changes: Lane decisions before decision k.
+        near: Whom the AV can meet at a frame, (frames, slots) of OBSTACLE, and how many, (frames,).
+        n_near: See `near`.
+        seen: Hash table of the states seen, and the search that saw them.
+        seen_by: See `seen`.
+        counts: [states seen in this search, number of this search, states seen in all searches].
+    """
+
+    rows: World
+    choice: NDArray[np.int64]
+    chosen: NDArray[np.int64]
+    changes: NDArray[np.int64]
+    near: NDArray[np.void]
+    n_near: NDArray[np.int64]
+    seen: NDArray[np.uint64]
+    seen_by: NDArray[np.int64]
+    counts: NDArray[np.int64]
+
+
+def allocate_plans(decisions: int) -> Plans:
+    """Room for ways out of so many decisions."""
+    shape = (KINDS, decisions)
+    moment, steps = np.full(KINDS, -1, dtype=np.int64), np.zeros(KINDS, dtype=np.int64)
+    return Plans(moment, steps, np.zeros(shape), np.zeros(shape, dtype=np.int64))
+
+
+def allocate_search(decisions: int, frames: int, slots: int) -> SearchScratch:
+    """Room for searches of so many decisions in recordings (with continuation) of so many frames and vehicles."""
+    choice, chosen, changes = (np.zeros(decisions + 2, dtype=np.int64) for _ in range(3))
+    return SearchScratch(
+        allocate_rows(decisions + 2),
+        choice,
+        chosen,
+        changes,
+        near=np.zeros((frames, slots), dtype=OBSTACLE),
+        n_near=np.zeros(frames, dtype=np.int64),
+        seen=np.zeros(_SLOTS, dtype=np.uint64),
+        seen_by=np.zeros(_SLOTS, dtype=np.int64),
+        counts=np.zeros(3, dtype=np.int64),
+    )
+
+
+def stopping_frames(max_speed: float, deceleration: float) -> int:
+    """Frames that stopping from `max_speed` [m/s] takes at most."""
+    return int(np.ceil(max_speed / deceleration / FRAME_S)) + 1
+
+
+@kernel
+def _gather_near(
+    frames: NDArray[np.void], n: int, moment: int, end: int, m: Manoeuvres, road: RoadNumbers, s: SearchScratch
+) -> None:
+    """List for each frame after `moment` whom the AV can meet there at all, however it brakes or accelerates."""
+    x, speed = frames[moment, 0].x, frames[moment, 0].speed
+    slowest = speed
+    fastest = speed
+    behind = x
+    ahead = x
+    hardest = 0.0
+    quickest = 0.0
+    for k in range(m.accelerations.size):
+        hardest = min(hardest, m.accelerations[k])
+        quickest = max(quickest, m.accelerations[k])
+    reach = np.sqrt(road.length * road.length + road.width * road.width)
+    for f in range(moment + 1, end + 1):
+        # the speed at the frame's end while braking, at its end while accelerating: bounds, not the motion itself
+        slowest = max(0.0, slowest + hardest * _DT)
+        fastest = min(road.max_speed, fastest + quickest * _DT)
+        behind += slowest * _DT
+        ahead += fastest * _DT
+        found = 0
+        for j in range(1, n):
+            if frames[f, j].present and behind - reach < frames[f, j].x < ahead + reach:
+                s.near[f, found].x = frames[f, j].x
+                s.near[f, found].y = frames[f, j].y
+                s.near[f, found].heading = frames[f, j].heading
+                found += 1
+        s.n_near[f] = found
+
+
+@inlined_kernel
+def _mix(state: np.uint64, value: float) -> np.uint64:
+    state = (state ^ np.uint64(np.int64(np.rint(value * _PER_UNIT)))) * _ODD
+    return state ^ (state >> _SHIFT)
+
+
+@inlined_kernel
+def _is_new(s: SearchScratch, k: int) -> bool:
+    """Note the AV's state after k decisions; False if it was seen in this search.
+
+    The state is all that its future depends on, so that what is left out is only what leads nowhere else. Two states
+    of one 64-bit hash are taken for one: among a hundred thousand that happens once in four thousand million searches.
+    """
+    v = s.rows.vehicles
+    key = np.uint64(k * 64 + s.changes[k] * 8 + v[k].target_lane)
+    key = _mix(key, v[k].x)
+    key = _mix(key, v[k].speed)
+    key = _mix(key, v[k].y)
+    key = _mix(key, v[k].heading)
+    if v[k].duration > 0.0:
+        _, speed, acceleration = path_at(path_of(v, k), v[k].clock)
+        key = _mix(key, speed)
+        key = _mix(key, acceleration)
+        key = _mix(key, v[k].duration - v[k].clock)
+    place = key & _MASK
+    while s.seen_by[place] == s.counts[1]:
+        if s.seen[place] == key:
+            return False
+        place = (place + np.uint64(1)) & _MASK
+    s.seen[place] = key
+    s.seen_by[place] = s.counts[1]
+    s.counts[0] += 1
+    return True
+
+
+@inlined_kernel
+def _drives_clear(s: SearchScratch, k: int, f0: int, m: Manoeuvres, road: RoadNumbers) -> bool:
+    """Move row k from frame f0 to the next decision; False as soon as somebody touches it."""
+    v = s.rows.vehicles
+    for i in range(1, m.every + 1):
+        move_vehicle(v, k, i * _DT, road)
+        for c in range(s.n_near[f0 + i]):
+            o = s.near[f0 + i, c]
+            if boxes_overlap(v[k].x, v[k].y, v[k].heading, o.x, o.y, o.heading, road.length, road.width):
+                return False
+    return True
+
+
+@inlined_kernel
+def _can_stop(
+    s: SearchScratch, k: int, frames: NDArray[np.void], n: int, end: int, m: Manoeuvres, road: RoadNumbers
+) -> bool:
+    """Can the AV of row k, at frame `end`, stop without touching anybody who is ahead of it then?"""
+    v = s.rows.vehicles
+    v[k + 1] = v[k]
+    x = v[k].x
+    hold(v, k + 1, -m.stopping)
+    f = end
+    while v[k + 1].speed > 0.0:
+        f += 1
+        move_vehicle(v, k + 1, (f - end) * _DT, road)
+        for j in range(1, n):
+            if frames[f, j].present and frames[end, j].x > x and boxes_overlap(
+                v[k + 1].x, v[k + 1].y, v[k + 1].heading,
+                frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width,
+            ):  # fmt: skip
+                return False
+    return True
+
+
+@inlined_kernel
+def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, road: RoadNumbers) -> bool:
+    """Put the AV into row k + 1 as it is just after choice number `choice` at decision k; False if it has none such.
+
+    Keeping the lane comes before changing it, and going on with an acceleration before changing it: so the first way
+    out that is found is a calm one.
+    """
+    v = s.rows.vehicles
+    n_accelerations = m.accelerations.size
+    lateral = choice // n_accelerations
+    index = choice % n_accelerations
+    if k > 0 and index == 0:
+        index = s.chosen[k]
+    elif k > 0 and index <= s.chosen[k]:
+        index -= 1
+    if (kind == STEERING and m.accelerations[index] != 0.0) or (lateral > 0 and s.changes[k] == m.lane_changes):
+        return False
+    lane = v[k].target_lane + (1 if lateral == 1 else -1 if lateral == 2 else 0)
+    if lane < 0 or lane >= road.n_lanes:
+        return False
+    v[k + 1] = v[k]
+    hold(v, k + 1, m.accelerations[index])
+    if lateral > 0:
+        start_lane_change(s.rows, k + 1, lane, road)
+    s.chosen[k + 1] = index
+    s.changes[k + 1] = s.changes[k] + (1 if lateral > 0 else 0)
+    return True
+
+
+@kernel
+def _find_way_out(
+    frames: NDArray[np.void], n: int, last: int, moment: int, kind: int, m: Manoeuvres, evasive: RoadNumbers,
+    s: SearchScratch,
+) -> int:  # fmt: skip
+    """Depth first through all sequences of decisions, each state once; returns NONE, FOUND or GAVE_UP.
+
+    Row 0 holds the AV at `moment`. After FOUND the rows 1 .. steps hold it after each decision's period.
+    """
+    steps = -((moment - last - m.horizon) // m.every)
+    s.counts[0] = 0
+    s.counts[1] += 1
+    s.changes[0] = 0
+    s.choice[0] = 0
+    choices = m.accelerations.size * (1 if kind == BRAKING else _LANE_CHOICES)
+    k = 0
+    while k >= 0:
+        choice = s.choice[k]
+        if choice == choices:
+            k -= 1
+            continue
+        s.choice[k] += 1
+        frame = moment + k * m.every
+        if not _decides(s, k, choice, kind, m, evasive) or not _drives_clear(s, k + 1, frame, m, evasive):
+            continue
+        if k + 1 < steps:
+            if _is_new(s, k + 1):
+                k += 1
+                s.choice[k] = 0
+            if 2 * s.counts[0] > _SLOTS:
+                s.counts[2] += s.counts[0]
+                return GAVE_UP
+        elif (kind != STEERING or s.changes[k + 1] > 0) and _can_stop(
+            s, k + 1, frames, n, frame + m.every, m, evasive
+        ):  # fmt: skip
+            s.counts[2] += s.counts[0]
+            return FOUND
+    s.counts[2] += s.counts[0]
+    return NONE
+
+
+@inlined_kernel
+def _note_plan(s: SearchScratch, kind: int, moment: int, steps: int, plans: Plans) -> None:
+    """Keep the decisions that led to the rows of a search that found a way out."""
+    v = s.rows.vehicles
+    plans.moment[kind] = moment
+    plans.steps[kind] = steps
+    for k in range(steps):
+        plans.acceleration[kind, k] = v[k + 1].acceleration
+        plans.lane[kind, k] = v[k + 1].target_lane
+
+
+@kernel
+def latest_ways_out(
+    frames: NDArray[np.void], n: int, last: int, since: int, earliest: int, m: Manoeuvres, road: RoadNumbers,
+    evasive: RoadNumbers, s: SearchScratch, plans: Plans,
+) -> int:  # fmt: skip
+    """Find the last moment from which there is a way out, of each kind, going back frame by frame from the contact.
+
+    Args:
+        frames: Recording with its continuation (`continue_recording`) until `stopping_frames` after the end of the
+            last decision's period, (frames, slots) of `step.FRAME_FIELDS`.
+        n: Number of vehicles.
+        last: Frame of the contact.
+        since: First moment at which braking and steering are tried alone.
+        earliest: First moment to look at, at least 0; before `since` only as long as there is no way out at all.
+        m: What the AV may do.
+        road: Constants of the recording.
+        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
+        s: Scratch.
+        plans: Filled; COMBINED holds the latest moment of all, with accelerations or lane changes alone if one of
+            these will do.
+
+    Returns:
+        1 if some search had to give up, so that an earlier moment than the true one, or none, may be in `plans`.
+    """
+    gave_up = 0
+    for kind in range(KINDS):
+        plans.moment[kind] = -1
+        plans.steps[kind] = 0
+    for moment in range(last - 1, earliest - 1, -1):
+        steps = -((moment - last - m.horizon) // m.every)
+        _gather_near(frames, n, moment, moment + steps * m.every, m, road, s)
+        take_over(s.rows, 0, frames, moment, 0, 0.0, road)
+        for kind in range(KINDS):
+            if plans.moment[kind] >= 0 or (kind != COMBINED and moment < since):
+                continue
+            result = _find_way_out(frames, n, last, moment, kind, m, evasive, s)
+            if result == GAVE_UP:
+                gave_up = 1
+            elif result == FOUND:
+                _note_plan(s, kind, moment, steps, plans)
+                if plans.moment[COMBINED] < 0:
+                    _note_plan(s, COMBINED, moment, steps, plans)
+        both = plans.moment[BRAKING] >= 0 and plans.moment[STEERING] >= 0
+        if both or (moment <= since and plans.moment[COMBINED] >= 0):
+            break
+    return gave_up

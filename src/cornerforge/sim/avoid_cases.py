@@ -1,0 +1,203 @@
+"""Ways out of many recorded crashes: the kernel that a pool of threads runs over ranges of cases."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.sim.avoid import (
+    COMBINED,
+    KINDS,
+    Manoeuvres,
+    Plans,
+    SearchScratch,
+    allocate_plans,
+    allocate_search,
+    latest_ways_out,
+    stopping_frames,
+)
+from cornerforge.sim.avoid_check import drive_way_out
+from cornerforge.sim.avoid_motion import continue_recording
+from cornerforge.sim.braking import manoeuvre_begin
+from cornerforge.sim.step import allocate_recording
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import RoadNumbers
+
+__all__ = [
+    "CaseScratch",
+    "Recordings",
+    "WaysOut",
+    "allocate_case_scratch",
+    "allocate_ways_out",
+    "search_cases",
+]
+
+
+class Recordings(NamedTuple):
+    """C recorded crashes, one after the other in flat arrays; vehicle i of a case at frame t at `at + i * frames + t`.
+
+    Attributes:
+        frames: Number of frames, int64 (C,).
+        vehicles: Number of vehicles, the AV first, int64 (C,).
+        at: Where a case begins in the arrays of values, int64 (C,).
+        last: Frame of the contact, int64 (C,).
+        partner: Which vehicle the AV touched, int64 (C,); 0 where the case is not to be judged.
+        x, y, speed, heading, acceleration: As in `types.Scenario`, float32.
+        target_lane: int8.
+        present: uint8, 0 or 1.
+    """
+
+    frames: NDArray[np.int64]
+    vehicles: NDArray[np.int64]
+    at: NDArray[np.int64]
+    last: NDArray[np.int64]
+    partner: NDArray[np.int64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    target_lane: NDArray[np.int8]
+    present: NDArray[np.uint8]
+
+
+class WaysOut(NamedTuple):
+    """What was found, one row a case.
+
+    Attributes:
+        begin: Frame at which the manoeuvre that led to the crash began (`braking.manoeuvre_begin`), int64 (C,).
+        moment: Frame of the latest way out of each kind, -1 for none, int64 (C, KINDS).
+        touched: Frame at which somebody touches the AV on it when it is driven, -1 for nobody, int64 (C, KINDS).
+        gave_up: 1 where a search had to give up, int64 (C,).
+        states: States that the searches of a case saw, int64 (C,).
+        steps: Decisions of the latest way out of all, int64 (C,).
+        acceleration, lane: These decisions, (C, decisions).
+        track: Where it leads, from its moment on, [x m, y m, speed m/s, heading rad], (C, frames, 4).
+    """
+
+    begin: NDArray[np.int64]
+    moment: NDArray[np.int64]
+    touched: NDArray[np.int64]
+    gave_up: NDArray[np.int64]
+    states: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    acceleration: NDArray[np.float64]
+    lane: NDArray[np.int64]
+    track: NDArray[np.float64]
+
+
+class CaseScratch(NamedTuple):
+    """What `search_cases` works in; one serves one thread."""
+
+    frames: NDArray[np.void]
+    search: SearchScratch
+    plans: Plans
+    track: NDArray[np.float64]
+
+
+def _decisions(m: Manoeuvres, lookback: int) -> int:
+    return -(-(lookback + m.horizon) // m.every)
+
+
+def allocate_case_scratch(m: Manoeuvres, lookback: int, frames: int, vehicles: int, max_speed: float) -> CaseScratch:
+    """Room for cases of at most so many frames and vehicles."""
+    decisions = _decisions(m, lookback)
+    longest = frames + m.horizon + m.every + stopping_frames(max_speed, m.stopping)
+    return CaseScratch(
+        allocate_recording(longest, vehicles),
+        allocate_search(decisions, longest, vehicles),
+        allocate_plans(decisions),
+        np.zeros((decisions * m.every + 1, 4)),
+    )
+
+
+def allocate_ways_out(m: Manoeuvres, lookback: int, cases: int) -> WaysOut:
+    """Room for the answers to so many cases."""
+    decisions = _decisions(m, lookback)
+    return WaysOut(
+        begin=np.zeros(cases, dtype=np.int64),
+        moment=np.full((cases, KINDS), -1, dtype=np.int64),
+        touched=np.full((cases, KINDS), -1, dtype=np.int64),
+        gave_up=np.zeros(cases, dtype=np.int64),
+        states=np.zeros(cases, dtype=np.int64),
+        steps=np.zeros(cases, dtype=np.int64),
+        acceleration=np.zeros((cases, decisions)),
+        lane=np.zeros((cases, decisions), dtype=np.int64),
+        track=np.zeros((cases, decisions * m.every + 1, 4)),
+    )
+
+
+@inlined_kernel
+def _unpack(r: Recordings, c: int, frames: NDArray[np.void]) -> None:
+    for i in range(r.vehicles[c]):
+        for t in range(r.frames[c]):
+            k = r.at[c] + i * r.frames[c] + t
+            cell = frames[t, i]
+            cell.present = r.present[k]
+            if r.present[k]:
+                cell.x = r.x[k]
+                cell.y = r.y[k]
+                cell.speed = r.speed[k]
+                cell.heading = r.heading[k]
+                cell.acceleration = r.acceleration[k]
+                cell.target_lane = r.target_lane[k]
+
+
+@kernel
+def search_cases(
+    r: Recordings, first: int, stop: int, lookback: int, only_partner: int, m: Manoeuvres, tail: int,
+    road: RoadNumbers, evasive: RoadNumbers, s: CaseScratch, out: WaysOut,
+) -> None:  # fmt: skip
+    """Search cases first .. stop - 1, and drive what is found (`avoid_check.drive_way_out`).
+
+    Args:
+        r: The recordings.
+        first, stop: Range of cases.
+        lookback: Frames before the contact to which moments are looked at.
+        only_partner: See `avoid_motion.continue_recording`.
+        m: What the AV may do.
+        tail: `stopping_frames` of the fastest.
+        road: Constants of the recording.
+        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
+        s: Scratch.
+        out: Rows first .. stop - 1 are written.
+    """
+    for c in range(first, stop):
+        if r.partner[c] == 0:
+            continue
+        n = r.vehicles[c]
+        last = r.last[c]
+        _unpack(r, c, s.frames)
+        out.begin[c] = manoeuvre_begin(s.frames, r.partner[c], last, road)
+        until = last + m.horizon + m.every + tail
+        continue_recording(s.frames, n, last, until, r.partner[c], only_partner, road, s.search.rows)
+        earliest = max(0, last - lookback)
+        s.search.counts[2] = 0
+        since = max(earliest, out.begin[c])
+        out.gave_up[c] = latest_ways_out(
+            s.frames, n, last, since, earliest, m, road, evasive, s.search, s.plans
+        )  # fmt: skip
+        out.states[c] = s.search.counts[2]
+        for kind in range(KINDS):
+            moment = s.plans.moment[kind]
+            steps = s.plans.steps[kind]
+            out.moment[c, kind] = moment
+            if moment < 0:
+                continue
+            out.touched[c, kind] = drive_way_out(
+                s.frames, n, moment, s.plans.acceleration[kind, :steps], s.plans.lane[kind, :steps],
+                m.every, m.stopping, road, evasive, s.search.rows, s.track,
+            )  # fmt: skip
+            if kind == COMBINED:
+                out.steps[c] = steps
+                for k in range(steps):
+                    out.acceleration[c, k] = s.plans.acceleration[kind, k]
+                    out.lane[c, k] = s.plans.lane[kind, k]
+                for f in range(steps * m.every + 1):
+                    for q in range(4):
+                        out.track[c, f, q] = s.track[f, q]

@@ -1,0 +1,85 @@
+"""Drive a way out that a search found, and look whether anybody touches the AV.
+
+Apart from the search in all but the simulator's own motion and contact.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cornerforge._jit import kernel
+from cornerforge.geometry import boxes_overlap
+from cornerforge.sim.actions import hold, start_lane_change
+from cornerforge.sim.avoid_motion import take_over
+from cornerforge.sim.step import move_vehicle
+from cornerforge.types import FRAME_S
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = ["drive_way_out"]
+
+_DT = FRAME_S
+
+
+@kernel
+def drive_way_out(
+    frames: NDArray[np.void], n: int, moment: int, accelerations: NDArray[np.float64], lanes: NDArray[np.int64],
+    every: int, stopping: float, road: RoadNumbers, evasive: RoadNumbers, w: World, track: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Drive the AV by its decisions, then to a stop, among the others as they are in the frames.
+
+    While the decisions last everybody counts; while it stops only who is ahead of it when it begins to.
+
+    Args:
+        frames: Recording with its continuation, (frames, slots) of `step.FRAME_FIELDS`.
+        n: Number of vehicles.
+        moment: Frame of the first decision.
+        accelerations: Held from each decision on [m/s2], (decisions,).
+        lanes: Target lane from each decision on, (decisions,).
+        every: Frames between two decisions.
+        stopping: Deceleration to a stop [m/s2].
+        road: Constants of the recording.
+        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
+        w: Scratch, one row at least.
+        track: Filled with [x m, y m, speed m/s, heading rad] from `moment` to the end of the decisions, (at least
+            1 + decisions * every, 4).
+
+    Returns:
+        The first frame at which somebody touches the AV, or -1.
+    """
+    v = w.vehicles
+    take_over(w, 0, frames, moment, 0, 0.0, road)
+    end = moment + every * accelerations.size
+    x_end = 0.0
+    f = moment
+    while True:
+        if f <= end:
+            track[f - moment, 0] = v[0].x
+            track[f - moment, 1] = v[0].y
+            track[f - moment, 2] = v[0].speed
+            track[f - moment, 3] = v[0].heading
+        if f > moment:
+            for j in range(1, n):
+                counts = frames[f, j].present != 0 and (f <= end or frames[end, j].x > x_end)
+                if counts and boxes_overlap(
+                    v[0].x, v[0].y, v[0].heading,
+                    frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width,
+                ):  # fmt: skip
+                    return f
+        if f == end:
+            hold(v, 0, -stopping)
+            x_end = v[0].x
+        if f >= end and v[0].speed == 0.0:
+            return -1
+        if f < end and (f - moment) % every == 0:
+            k = (f - moment) // every
+            hold(v, 0, accelerations[k])
+            if lanes[k] != v[0].target_lane:
+                start_lane_change(w, 0, lanes[k], evasive)
+        began = end if f >= end else f - (f - moment) % every
+        f += 1
+        move_vehicle(v, 0, (f - began) * _DT, evasive)

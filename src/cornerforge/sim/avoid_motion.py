@@ -1,0 +1,144 @@
+"""What the search for a way out moves in: the recorded motion with its continuation, and the AV taken over at a moment.
+
+All that moves here is moved by `step.move_vehicle`, the simulator's own law (docs/adr/0014-avoidability.md).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge._jit import kernel
+from cornerforge.geometry import lane_centre
+from cornerforge.sim.actions import hold, start_lane_change
+from cornerforge.sim.braking import lateral_plan
+from cornerforge.sim.step import move_vehicle
+from cornerforge.sim.world import VEHICLE, World
+from cornerforge.types import FRAME_S
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.world import RoadNumbers
+
+__all__ = ["allocate_rows", "continue_recording", "take_over"]
+
+_DT = FRAME_S
+_SAME_M = 1e-3
+"""Positions across the road that are this close are the same: above what 32 bits lose, below what matters."""
+
+
+def allocate_rows(rows: int) -> World:
+    """Vehicles without a world around them, (rows,), as the simulator's kernels of motion take them."""
+    nothing = np.zeros(1, dtype=np.int64)
+    return World(np.zeros(rows, dtype=VEHICLE), nothing, nothing, nothing)
+
+
+@kernel
+def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, road: RoadNumbers) -> bool:
+    """Find the lateral path that a vehicle is on at a frame by planning all its lane changes up to there anew.
+
+    Into a row of `w`, lateral part only. False if it does not lead along the recorded positions, as for a recording
+    that begins within a lane change, or that another simulator made.
+    """
+    v = w.vehicles
+    first = frame
+    while first > 0 and frames[first - 1, slot].present:
+        first -= 1
+    v[row].y = frames[first, slot].y
+    v[row].target_lane = frames[first, slot].target_lane
+    v[row].duration = 0.0
+    v[row].clock = 0.0
+    v[row].heading = 0.0
+    v[row].lateral_speed = 0.0
+    settled = abs(v[row].y - lane_centre(v[row].target_lane, road.lane_width)) <= _SAME_M
+    for f in range(first, frame):
+        lane = frames[f, slot].target_lane
+        if lane != v[row].target_lane or (f == first and not settled):
+            start_lane_change(w, row, lane, road)
+        v[row].x = 0.0
+        v[row].speed = frames[f + 1, slot].speed  # the lateral clock goes by the speed at the end of a frame
+        hold(v, row, 0.0)
+        move_vehicle(v, row, 0.0, road)
+        if abs(v[row].y - frames[f + 1, slot].y) > _SAME_M:
+            return False
+    if frames[frame, slot].target_lane != v[row].target_lane:
+        start_lane_change(w, row, frames[frame, slot].target_lane, road)
+    return True
+
+
+@kernel
+def take_over(
+    w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, acceleration: float, road: RoadNumbers
+) -> None:
+    """Put a recorded vehicle into a row of `w` as it is at a frame, at an acceleration [m/s2] from now on.
+
+    Across the road it goes on along the path that it is on: exactly where its recorded lane changes were planned as the
+    simulator does, else as differences of its last positions tell (`braking.lateral_plan`).
+
+    Args:
+        w: From `allocate_rows`.
+        row: Where to.
+        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`.
+        frame, slot: Who, when.
+        acceleration: Held from now on [m/s2].
+        road: Constants.
+    """
+    v = w.vehicles
+    if not _retrace(w, row, frames, frame, slot, road):
+        path, duration = lateral_plan(frames, slot, frame, road)
+        v[row].target_lane = frames[frame, slot].target_lane
+        v[row].heading = frames[frame, slot].heading if duration > 0.0 else 0.0
+        v[row].lateral_speed = path[1]
+        v[row].c0, v[row].c1, v[row].c2, v[row].c3, v[row].c4, v[row].c5 = path
+        v[row].clock = 0.0
+        v[row].duration = duration
+    v[row].x = frames[frame, slot].x
+    v[row].y = frames[frame, slot].y
+    v[row].speed = min(max(frames[frame, slot].speed, 0.0), road.max_speed)  # stored in 32 bits it may be a hair beyond
+    hold(v, row, acceleration)
+
+
+@kernel
+def continue_recording(
+    frames: NDArray[np.void],
+    n: int,
+    last: int,
+    until: int,
+    partner: int,
+    only_partner: int,
+    road: RoadNumbers,
+    w: World,
+) -> None:
+    """Write what the others do after the contact into the frames last + 1 .. until: nobody reacts to anything.
+
+    Everybody ends the lane change that it is in and keeps its speed; the partner brakes on if it braked. The AV and who
+    is not there at the contact are absent.
+
+    Args:
+        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`, with room for `until`.
+        n: Number of vehicles.
+        last: Frame of the contact.
+        until: Last frame to write.
+        partner: Slot that the AV touched.
+        only_partner: 1: all but the partner vanish after the contact, as the reward `avoidable` has it.
+        road: Constants.
+        w: Scratch, one row at least.
+    """
+    v = w.vehicles
+    for j in range(n):
+        there = j > 0 and frames[last, j].present != 0 and (only_partner == 0 or j == partner)
+        if there:
+            braking = min(frames[max(last - 1, 0), j].acceleration, 0.0) if j == partner else 0.0
+            take_over(w, 0, frames, last, j, braking, road)
+        for f in range(last + 1, until + 1):
+            frames[f, j].present = 1 if there else 0
+            if there:
+                move_vehicle(v, 0, (f - last) * _DT, road)
+                frames[f, j].x = v[0].x
+                frames[f, j].y = v[0].y
+                frames[f, j].speed = v[0].speed
+                frames[f, j].heading = v[0].heading
+                frames[f, j].acceleration = v[0].acceleration
+                frames[f, j].target_lane = v[0].target_lane

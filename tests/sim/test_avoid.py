@@ -1,0 +1,332 @@
+"""The search for a way out, against all sequences one by one, closed forms, and the reward that asks about braking."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hand_built import setting_of
+from hypothesis import given
+from hypothesis import strategies as st
+from reference.avoid import Actions, Traffic, has_way_out
+from reference.world import Vehicle
+
+from cornerforge.analysis.avoidability import Avoidability, AvoidParams, avoidability
+from cornerforge.geometry import boxes_overlap
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim.avoid_check import drive_way_out
+from cornerforge.sim.avoid_motion import allocate_rows
+from cornerforge.sim.braking import avoidable_by_braking
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.runner import crashed_tests, simulate_chunks
+from cornerforge.sim.step import allocate_recording
+from cornerforge.sim.world import n_slots, road_numbers
+from cornerforge.types import Crash, Odd, Scenario
+
+ODD = Odd()
+BOUND = 4.0
+EVASIVE = replace(ODD, lane_change_duration=float(np.sqrt(10.0 / np.sqrt(3.0) * ODD.lane_width / BOUND)))
+TAIL = 70
+"""Frames after the contact: horizon, one decision more, and stopping."""
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A vehicle that holds an acceleration [m/s2] from frame `acts` on, and then changes lanes by `side`."""
+
+    x: float
+    lane: int
+    speed: float
+    acceleration: float = 0.0
+    side: int = 0
+    acts: int = 0
+
+
+def drive(*movers: Mover, frames: int = 90) -> Traffic | None:
+    """All of them until the first contact of the first, the AV, then as the package says; None if it touches nobody."""
+    now = [Vehicle(i, m.x, 4.0 * m.lane + 2.0, m.speed, m.lane, {m.lane}) for i, m in enumerate(movers)]
+    rows: list[list[Vehicle]] = []
+    for vehicle in now:
+        vehicle.hold(0.0)
+    last = -1
+    for f in range(frames):
+        for vehicle, mover in zip(now, movers, strict=True):
+            if f == mover.acts and last < 0:
+                vehicle.hold(mover.acceleration)
+                if mover.side:
+                    vehicle.change_lane(mover.lane + mover.side, ODD)
+        rows.append([copy(vehicle) for vehicle in now])
+        if last < 0:
+            touched = [i for i in range(1, len(now)) if now[0].box(ODD).overlaps(now[i].box(ODD))]
+            if touched and f == 0:
+                return None
+            if touched:
+                last = f
+                for i, vehicle in enumerate(now):
+                    vehicle.hold(min(vehicle.acceleration, 0.0) if i == touched[0] else 0.0)
+        if last >= 0 and f == last + TAIL:
+            return Traffic(ODD, rows, last)
+        for vehicle in now:
+            vehicle.move(ODD)
+    return None if last < 0 else drive(*movers, frames=last + TAIL + 1)
+
+
+def scenario_of(traffic: Traffic) -> Scenario:
+    """What was recorded of it."""
+    rows = traffic.rows[: traffic.last + 1]
+
+    def column(name: str) -> np.ndarray:
+        return np.array([[getattr(vehicle, name) for vehicle in row] for row in rows])
+
+    n, end = len(rows[0]), rows[-1]
+    partner = next(i for i in range(1, n) if end[0].box(ODD).overlaps(end[i].box(ODD)))
+    decided = -(-traffic.last // 10)
+    acceleration = column("acceleration")
+    acceleration[-1] = acceleration[-2]
+    return Scenario(
+        seed=0, test=0, odd=ODD, slot=np.arange(n, dtype=np.int16), x=column("x"), y=column("y"), speed=column("speed"),
+        heading=column("heading"), acceleration=acceleration, target_lane=column("target_lane").astype(np.int8),
+        present=np.ones((len(rows), n), dtype=np.bool_), action=np.zeros((decided, n), dtype=np.int8),
+        critical_bv=np.ones(decided, dtype=np.int16), log_prob_nde=np.zeros(decided),
+        crash=Crash(round(0.1 * traffic.last, 1), 0, partner),
+    )  # fmt: skip
+
+
+def crash(*movers: Mover) -> Scenario:
+    traffic = drive(*movers)
+    assert traffic is not None
+    return scenario_of(traffic)
+
+
+def random_crash(rng: np.random.Generator) -> Traffic | None:
+    """An AV among two to four others that are close and do things, with a contact after 0.5 to 3 s."""
+    speed = rng.uniform(18.0, 35.0)  # while it is recorded nobody gets below 5 m/s, where lane changes slow down
+    movers = [Mover(200.0, 1, speed, rng.choice([-2.0, 0.0, 0.0, 2.0]), int(rng.choice([-1, 0, 0, 1])), 3)]
+    for _ in range(rng.integers(2, 5)):
+        lane = int(rng.integers(0, 3))
+        side = int(rng.choice([-1, 0, 1])) if lane == 1 else int(rng.choice([0, 1 if lane == 0 else -1]))
+        pull = float(rng.choice([-4.0, -2.0, 0.0, 2.0]))
+        far = rng.uniform(-22.0, 28.0)
+        movers.append(Mover(200.0 + far, lane, float(np.clip(speed + rng.normal(0.0, 5.0), 17.5, 40.0)), pull, side, 3))
+    traffic = drive(*movers, frames=31)
+    return traffic if traffic is not None and traffic.last >= 5 else None
+
+
+PARAMS = AvoidParams(horizon_s=1.2, lookback_s=1.3)
+ACTIONS = Actions(PARAMS.accelerations_mps2, 5, PARAMS.lane_changes, EVASIVE, 12)
+MARGIN = 0.01
+"""What a lateral state taken from differences of frames may be off [m]."""
+
+
+def later_than(found: float | None, traffic: Traffic, since_s: float) -> range:
+    """Moments after the one found, back to where it was looked for."""
+    first = traffic.last - round(10 * min(since_s, PARAMS.lookback_s))
+    return range(max(first, 0) if found is None else traffic.last - round(10 * found) + 1, traffic.last)
+
+
+@pytest.fixture(scope="module")
+def random_crashes() -> list[Traffic]:
+    rng = np.random.default_rng(20_260_101)
+    return [traffic for traffic in (random_crash(rng) for _ in range(200)) if traffic is not None]
+
+
+def test_nothing_is_lost_against_all_sequences_one_by_one(random_crashes: list[Traffic]) -> None:
+    """The referee: where the search finds nothing, no sequence keeps clear; what it finds, the referee finds too."""
+    assert len(random_crashes) >= 20
+    seen = dict.fromkeys(["later", "found", "none"], 0)
+    for traffic in random_crashes:
+        answer = avoidability(scenario_of(traffic), PARAMS)
+        for kind, found in (("braking", answer.braking_s), ("steering", answer.steering_s), ("any", answer.latest_s)):
+            since = 99.0 if kind == "any" else answer.manoeuvre_s
+            for moment in later_than(found, traffic, since):
+                seen["later"] += 1
+                assert not has_way_out(traffic, moment, kind, ACTIONS, margin=MARGIN), (kind, moment)
+            seen["none"] += found is None
+            if found is not None:
+                seen["found"] += 1
+                assert has_way_out(traffic, traffic.last - round(10 * found), kind, ACTIONS, margin=-MARGIN)
+    assert min(seen.values()) >= 10  # the crashes are of both sorts
+
+
+def test_the_referee_catches_a_search_that_leaves_actions_out(random_crashes: list[Traffic]) -> None:
+    """Negative control: the same comparison fails when the search may not accelerate, or not change lanes twice."""
+    for short_sighted in (
+        replace(PARAMS, accelerations_mps2=(-8.0, -4.0, 0.0)),
+        replace(PARAMS, accelerations_mps2=(-4.0, 0.0, 2.0)),
+        replace(PARAMS, lane_changes=0),
+    ):
+        missed = 0
+        for traffic in random_crashes:
+            found = avoidability(scenario_of(traffic), short_sighted).latest_s
+            if found != avoidability(scenario_of(traffic), PARAMS).latest_s:
+                later = later_than(found, traffic, 99.0)
+                missed += any(has_way_out(traffic, moment, "any", ACTIONS, margin=MARGIN) for moment in later)
+        assert missed > 0
+
+
+@given(st.floats(4.0, 60.0))
+def test_behind_a_braking_lead_the_closed_form_decides(gap: float) -> None:
+    """Both at 30 m/s, the lead brakes at 4 m/s2 from 1 s on, the AV at 8 from d later: it just stops at gap 4 d^2."""
+    answer = avoidability(crash(Mover(400.0, 1, 30.0), Mover(405.0 + gap, 1, 30.0, -4.0, acts=10)))
+    assert answer.manoeuvre_s is not None
+    assert answer.braking_s is not None
+    after = answer.manoeuvre_s - answer.braking_s
+    # moments are 0.1 s apart, contacts are looked for every 0.1 s
+    assert np.sqrt(gap / 4.0) - 0.11 <= after <= np.sqrt(gap / 4.0) + 0.05
+
+
+STANDING = Mover(520.0, 1, 0.0)
+AV = Mover(400.0, 1, 30.0)
+
+
+def gap_at(scenario: Scenario, before_s: float | None) -> float:
+    """Between the AV and the standing car, so long before the contact [m]."""
+    assert before_s is not None
+    return 515.0 - float(scenario.x[len(scenario.x) - 1 - round(10 * before_s), 0])
+
+
+def test_before_a_standing_car_braking_needs_its_way_and_steering_its_time() -> None:
+    """Braking from 30 m/s takes 900 / 16 = 56.25 m; a lane change takes the time until 2 m across are done."""
+    scenario = crash(AV, STANDING)
+    answer = avoidability(scenario)
+    assert answer.label == "by both"
+    assert 56.25 <= gap_at(scenario, answer.braking_s) <= 56.25 + 3.0  # moments are 3 m apart
+    u = np.linspace(0.0, 1.0, 2001)
+    clear = EVASIVE.lane_change_duration * u[np.argmax(4.0 * (10 * u**3 - 15 * u**4 + 6 * u**5) >= 2.0)]
+    # a box that is turned by up to 6 degrees needs 0.3 m more, at 3 m/s across 0.1 s
+    assert clear - 0.1 <= gap_at(scenario, answer.steering_s) / 30.0 <= clear + 0.3
+    assert gap_at(scenario, answer.steering_s) < gap_at(scenario, answer.braking_s)  # at 30 m/s
+
+
+def test_walls_on_both_sides_leave_braking_and_a_follower_leaves_steering() -> None:
+    walls = [Mover(400.0 + far, lane, 30.0) for lane in (0, 2) for far in range(-24, 60, 6)]
+    lead = Mover(420.0, 1, 30.0, -4.0, acts=10)
+    assert avoidability(crash(AV, lead, *walls)).label == "by braking"
+    follower = Mover(394.5, 1, 30.0)
+    assert avoidability(crash(AV, lead, follower)).label == "by steering"
+    answer = avoidability(crash(AV, lead, follower, *walls))
+    assert answer.label == "unavoidable"
+    assert answer.latest_s is None or answer.latest_s > answer.manoeuvre_s
+
+
+def test_who_is_hit_from_behind_because_it_braked_has_not_avoided() -> None:
+    """The follower drives as it did and does not see the AV brake; a far one has room to be braked for."""
+    lead = Mover(420.0, 1, 30.0, -4.0, acts=10)
+    only_braking = AvoidParams(lane_changes=0)
+    assert avoidability(crash(AV, lead, Mover(394.5, 1, 30.0)), only_braking).label == "unavoidable"
+    assert avoidability(crash(AV, lead, Mover(300.0, 1, 30.0)), only_braking).label == "by braking"
+
+
+def mirrored(scenario: Scenario) -> Scenario:
+    lanes = (ODD.n_lanes - 1 - scenario.target_lane).astype(np.int8)
+    y = ODD.n_lanes * ODD.lane_width - scenario.y
+    return replace(scenario, y=y, heading=-scenario.heading, target_lane=lanes)
+
+
+def changed(scenario: Scenario, columns: dict[str, np.ndarray]) -> Scenario:
+    return replace(scenario, **columns)  # type: ignore[arg-type]
+
+
+def times(answer: Avoidability) -> tuple[object, ...]:
+    return answer.label, answer.manoeuvre_s, answer.braking_s, answer.steering_s, answer.latest_s
+
+
+def test_left_and_right_are_alike_and_slots_do_not_matter(random_crashes: list[Traffic]) -> None:
+    for traffic in random_crashes[:20]:
+        scenario = scenario_of(traffic)
+        assert times(avoidability(mirrored(scenario))) == times(avoidability(scenario))
+        order = [0, *range(scenario.slot.size - 1, 0, -1)]
+        columns = ("slot", "x", "y", "speed", "heading", "acceleration", "target_lane", "present", "action")
+        turned = changed(scenario, {name: getattr(scenario, name)[..., order] for name in columns})
+        assert times(avoidability(turned)) == times(avoidability(scenario))
+
+
+def test_more_actions_never_help_less(random_crashes: list[Traffic]) -> None:
+    few = AvoidParams(accelerations_mps2=(-8.0, 0.0), lane_changes=1)
+    for traffic in random_crashes[:20]:
+        scenario = scenario_of(traffic)
+        little = avoidability(scenario, few).latest_s
+        for more in (replace(few, accelerations_mps2=(-8.0, -2.0, 0.0, 2.0)), replace(few, lane_changes=2)):
+            much = avoidability(scenario, more).latest_s
+            assert little is None or (much is not None and much <= little)
+
+
+def test_absent_vehicles_and_a_far_one_change_nothing(random_crashes: list[Traffic]) -> None:
+    scenario = scenario_of(random_crashes[0])
+    frames = len(scenario.x)
+
+    def with_one_more(value: float, there: bool) -> Scenario:
+        more = {
+            name: np.hstack([getattr(scenario, name), np.full((frames, 1), value)])
+            for name in ("x", "y", "speed", "heading", "acceleration")
+        }
+        lanes = np.hstack([scenario.target_lane, np.full((frames, 1), 1 if there else -1, np.int8)])
+        present = np.hstack([scenario.present, np.full((frames, 1), there)])
+        slot = np.append(scenario.slot, np.int16(99))
+        return changed(scenario, {**more, "slot": slot, "target_lane": lanes, "present": present})
+
+    assert times(avoidability(with_one_more(np.nan, there=False))) == times(avoidability(scenario))
+    far = with_one_more(0.0, there=True)
+    far.x[:, -1], far.y[:, -1] = 5000.0, 6.0
+    assert times(avoidability(far)) == times(avoidability(scenario))
+
+
+def test_a_plan_that_does_nothing_is_caught_at_the_recorded_contact() -> None:
+    """The check that witnesses must pass finds the crash itself when the AV goes on as it did."""
+    scenario = crash(AV, STANDING)
+    last = len(scenario.x) - 1
+    frames = allocate_recording(last + 61, 2)
+    for name in ("x", "y", "speed", "heading", "acceleration", "target_lane"):
+        frames[name][: last + 1] = getattr(scenario, name)
+        frames[name][last + 1 :] = getattr(scenario, name)[-1]  # the other one stands
+    frames["present"] = 1
+    road = road_numbers(ODD)
+    nothing, lane = np.zeros(8), np.ones(8, dtype=np.int64)
+    track = np.zeros((41, 4))
+    assert drive_way_out(frames, 2, last - 20, nothing, lane, 5, 8.0, road, road, allocate_rows(2), track) == last
+    np.testing.assert_allclose(track[:20, 0], scenario.x[last - 20 : last, 0])
+    brake = np.full(8, -8.0)
+    assert drive_way_out(frames, 2, last - 30, brake, lane, 5, 8.0, road, road, allocate_rows(2), track) == -1
+
+
+def test_witnesses_keep_clear_of_everybody(random_crashes: list[Traffic]) -> None:
+    """The arrays that are stored, against the traffic's own objects."""
+    checked = 0
+    for traffic in random_crashes:
+        witness = avoidability(scenario_of(traffic), PARAMS).witness
+        if witness is None:
+            continue
+        first = traffic.last - round(10 * witness.begin_s)
+        for k, values in enumerate(zip(witness.x, witness.y, witness.heading, strict=True)):
+            others = traffic.rows[first + k][1:]
+            assert not any(boxes_overlap(*values, o.x, o.y, o.heading, 5.0 - MARGIN, 2.0 - MARGIN) for o in others)
+        assert np.all(np.diff(witness.speed) / 0.1 >= -8.0 - 1e-6)
+        assert np.all(np.diff(witness.speed) / 0.1 <= 2.0 + 1e-6)
+        steady = witness.speed[2:] >= 5.0  # below, the simulator turns braking across the road too
+        assert np.all(np.abs(np.diff(witness.y, 2) / 0.01)[steady] <= BOUND + 0.1)
+        checked += 1
+    assert checked >= 10
+
+
+def test_never_unavoidable_where_the_reward_says_avoidable(model: NddModel, seed: int) -> None:
+    """With the reward's own continuation: what braking from d after the manoeuvre began avoids, braking avoids here.
+
+    The reward takes lateral paths from differences of positions, up to 0.16 m off the planned ones (at the begin of a
+    lane change of 2.5 s): so its verdict must hold for vehicles that are wider by twice that.
+    """
+    odd = Odd()
+    setting, slots = setting_of(model, odd, adversary="swerve"), n_slots(odd)
+    chunks = simulate_chunks(setting, slots, seed=seed, first=0, tests=120, threads=1)
+    recorder = Recorder(setting, odd)
+    avoidable = 0
+    for test in [test for first, out, _ in chunks for test in crashed_tests(first, out)][:40]:
+        scenario = recorder.record(seed, test)
+        for delay in (0.0, 1.0):
+            params = AvoidParams(delay_s=delay, others="partner", lookback_s=60.0)
+            wider = replace(scenario, odd=replace(odd, vehicle_width=odd.vehicle_width + 0.32))
+            if avoidable_by_braking(wider, delay_s=delay):
+                avoidable += 1
+                assert avoidability(scenario, params).label in ("by braking", "by both")
+    assert avoidable >= 10
