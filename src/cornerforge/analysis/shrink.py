@@ -73,8 +73,8 @@ class Reproducer:
     """Says of a script whether it shows a given crash, in a way that is worth anything.
 
     The AV crashes with the same BV, with the same type and striker, no later than in the case, and no more BVs crash
-    into each other. And the start is one from which a crash has to be brought about: nobody changes lanes, as at the
-    start of every test, and it is not lost, that is, with natural drivers nothing would happen. Without this the
+    into each other. And the start is one from which a crash has to be brought about: nobody moves across the road, as
+    at the start of every test, and it is not lost, that is, with natural drivers nothing would happen. Without this the
     shortest window of every crash would be the instant before contact, which shows nothing of how it came about.
 
     Args:
@@ -132,7 +132,8 @@ class Reproducer:
 
     def shows(self, script: Script) -> bool:
         """All of these conditions."""
-        is_settled = not script.start["duration"].any()
+        # Whoever has stopped in the middle of a lane change is settled too; it may stand there for a long time.
+        is_settled = not script.start["lateral_speed"].any()
         return is_settled and self.crashes_alike(script) and not self.is_lost(script)
 
 

@@ -22,7 +22,15 @@ from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.drive import allocate_decisions, record_choice, world_row
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.recorder import scenario_of
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording, av_acts, begin_to_act, move_on
+from cornerforge.sim.step import (
+    SUBSTEPS,
+    allocate_pairs,
+    allocate_recording,
+    av_acts,
+    begin_to_act,
+    move_on,
+    record_frame,
+)
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     AV_CRASH,
@@ -30,6 +38,7 @@ from cornerforge.sim.world import (
     FRAME,
     INFO_FIELDS,
     N_BV_CRASHES,
+    N_DECISIONS,
     N_VEHICLES,
     OUTCOME,
     RUNNING,
@@ -198,7 +207,7 @@ def _drive_script(
     w: World, start: NDArray[np.void], script: NDArray[np.int8], av_is_natural: bool, setting: Setting, pairs: Pairs,
     s: ChoiceScratch, recording: NDArray[np.void], decisions: Decisions, chances: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Drive from a start until the script or the test is at an end; the outcome is in `w.info`.
+    """Drive from a start until the script or the test is at an end; the outcome is in `w.info`, RUNNING for the script.
 
     Args:
         w: The world, of at least as many slots as the start has vehicles.
@@ -230,6 +239,9 @@ def _drive_script(
                 av_acts(w, command, lane, road)
             if move_on(w, substep, pairs, n_pairs, road, recording):
                 break
+    if w.info[OUTCOME] == RUNNING:
+        w.info[FRAME] = SUBSTEPS * w.info[N_DECISIONS]
+        record_frame(w, w.info[FRAME], recording)
 
 
 class ScriptDriver:
@@ -288,12 +300,15 @@ class ScriptDriver:
         pose = np.stack([pair[name] for name in ("x", "y", "speed", "heading")], axis=1)
         return Ending(pose, int(script.slot[info[SLOT_B]]), int(info[FRAME]), int(info[N_BV_CRASHES]))
 
-    def record(self, script: Script, *, seed: int, test: int) -> tuple[Scenario, NDArray[np.float64]]:
+    def record(
+        self, script: Script, *, seed: int, test: int, av_is_natural: bool = False
+    ) -> tuple[Scenario, NDArray[np.float64]]:
         """Drive a script and keep everything.
 
         Args:
             script: What the BVs do.
             seed, test: What the scenario is named after; nothing is drawn.
+            av_is_natural: As for `drive`.
 
         Returns:
             The recording, and P(action) of each BV at each decision under the naturalistic model, float64 (K, N, 33);
@@ -304,7 +319,7 @@ class ScriptDriver:
         """
         chances = np.full((len(script.action), script.slot.size, N_ACTIONS), np.nan)
         self._recording["present"] = 0
-        self._drive(script, False, (self._recording, self._decisions, chances))
+        self._drive(script, av_is_natural, (self._recording, self._decisions, chances))
         scenario = scenario_of(self._world, self._recording, self._decisions, script.slot, self._odd, seed, test)
         return scenario, chances
 

@@ -54,6 +54,7 @@ __all__ = [
     "begin_to_act",
     "move_on",
     "move_vehicle",
+    "record_frame",
     "step_world",
 ]
 
