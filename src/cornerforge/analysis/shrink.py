@@ -101,11 +101,9 @@ class Reproducer:
         if kind is None:
             raise InputError("This does not end in a crash of the AV; only such cases can be made smaller.")
         self.kind = kind
-        self.cause = BVS
-        if self.is_lost(script):
-            self.cause = AV
-        if self.is_lost(script):
-            self.cause = NOBODY
+        for self.cause in CAUSES:
+            if not self.is_lost(script):
+                break
 
     def _kind(self, ending: Ending) -> tuple[int, int, int] | None:
         if ending.pose is None:
