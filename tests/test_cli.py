@@ -258,13 +258,13 @@ def test_a_case_that_happens_differently_is_status_1(
 ) -> None:
     """The same library, replayed by a program whose adversary is bounded, though the library's was not."""
     cases = importlib.import_module("cornerforge.pipeline.cases")
-    honest = cases._experiment_of
+    honest = cases.experiment_of
 
     def other(*arguments: Any) -> Any:
         run = honest(*arguments)
         return run.__class__(**{**vars(run), "setting": run.setting._replace(bounded=1)})
 
-    monkeypatch.setattr(cases, "_experiment_of", other)
+    monkeypatch.setattr(cases, "experiment_of", other)
     status, out, _ = call(capsys, "replay", files / "library", "all", "--check", "--json")
     assert status == 1
     found = json.loads(out)

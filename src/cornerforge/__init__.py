@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         replay,
         reproduce,
         run,
+        shrink,
         simulate,
         train,
     )
@@ -40,6 +41,7 @@ __all__ = [
     "replay",
     "reproduce",
     "run",
+    "shrink",
     "simulate",
     "train",
 ]

@@ -617,6 +617,31 @@ def replay(
 
 
 @app.command()
+def shrink(
+    library: Library,
+    cases: Annotated[list[str], typer.Argument(metavar="CASE...", help='Case ids, or "all".', show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Library of the shrunk cases; by default LIB-shrunk-CASE, for one case.", show_default=False),
+    ] = None,
+    resume: Resume = False,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.shrink import shrink_text
+
+    _run(
+        lambda bars: pipeline.shrink(library, cases, out=out, resume=resume, progress=bars),
+        shrink_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
 def query(
     library: Library,
     sql: Annotated[

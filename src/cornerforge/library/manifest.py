@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.library.schema import EXTRA_TYPES, SCHEMA_VERSION
+from cornerforge.library.schema import EXTRA_TYPES, SCHEMA_VERSION, SCRIPTED, schema_version
 from cornerforge.types import Odd
 
 __all__ = [
@@ -101,6 +101,11 @@ class Manifest:
     crashes: int = 0
     finished: bool = False
 
+    @property
+    def scripted(self) -> bool:
+        """Are all cases scripted (True), or tests of a seed?"""
+        return self.run.get(SCRIPTED) is True
+
 
 def shard_names(index: int) -> tuple[str, str]:
     """File names of shard `index`.
@@ -133,7 +138,8 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
 
 def write_manifest(folder: Path, manifest: Manifest) -> bytes:
     """Commit a manifest; returns the bytes written."""
-    content = {"format": _FORMAT, "schema_version": SCHEMA_VERSION, **asdict(manifest)}
+    version = schema_version(scripted=manifest.scripted)
+    content = {"format": _FORMAT, "schema_version": version, **asdict(manifest)}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     replace_file(folder / MANIFEST, text.encode())
     return text.encode()
@@ -159,12 +165,12 @@ def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
     if not isinstance(parsed, dict) or parsed.get("format") != _FORMAT:
         raise FileFormatError(f"{path} is not the manifest of a case library; give the folder that `generate` made.")
     version = parsed.get("schema_version")
-    if version != SCHEMA_VERSION:
+    if version not in range(1, SCHEMA_VERSION + 1):
         newer = isinstance(version, int) and version > SCHEMA_VERSION
         advice = "upgrade cornerforge" if newer else "restore the manifest from a copy"
         raise FileFormatError(
             f"{folder} has library schema {version!r}, written by cornerforge {parsed.get('created_by')}; "
-            f"this version reads schema {SCHEMA_VERSION}: {advice}."
+            f"this version reads schemas 1 to {SCHEMA_VERSION}: {advice}."
         )
     try:
         return _parse(parsed), content

@@ -14,6 +14,7 @@ from cornerforge.errors import InputError
 from cornerforge.library.schema import HISTORY_SHAPE, check_extra_name
 from cornerforge.metrics.ttc import ttc
 from cornerforge.sim.harvest import MAX_ACCELERATION, MAX_BRAKING, MAX_LATERAL_ACCELERATION, NEAR_M, TOLERANCE
+from cornerforge.sim.scripted import START_FIELDS
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
 __all__ = ["NEAR_M", "CaseRecord", "Scalar", "case_record"]
@@ -30,7 +31,7 @@ class CaseRecord:
     Attributes:
         odd: Road and rules, to be those of the library.
         case: A value for each column of `schema.CASES`.
-        tracks: A value for each column of `schema.TRACKS`.
+        tracks: A value for each column of `schema.TRACKS`, or of `SCRIPTED_TRACKS` for a scripted case.
         extra: The caller's own columns.
     """
 
@@ -40,18 +41,31 @@ class CaseRecord:
     extra: Mapping[str, Scalar]
 
     @property
+    def scripted(self) -> bool:
+        """Does its replay start from what is stored (True), or from its seed?"""
+        return "start" in self.tracks
+
+    @property
     def case_id(self) -> str:
         """Name of the case, `seed:test`."""
         return str(self.case["case_id"])
 
 
-def case_record(scenario: Scenario, *, trajectory_digest: str, extra: Mapping[str, Scalar] | None = None) -> CaseRecord:
+def case_record(
+    scenario: Scenario,
+    *,
+    trajectory_digest: str,
+    extra: Mapping[str, Scalar] | None = None,
+    start: NDArray[np.void] | None = None,
+) -> CaseRecord:
     """Make the library's row of a recorded AV crash.
 
     Args:
         scenario: Recording that ends in a crash of the AV.
         trajectory_digest: Hex digest over all vehicles at full precision, as the simulator computes it.
         extra: Own columns, the same for all cases of a library; names end in their unit where they have one.
+        start: Of a scripted case everybody's state at frame 0 (`sim.scripted.Script.start`); all vehicles are stored
+            then. None for a test of a seed.
 
     Raises:
         InputError: The scenario holds no AV crash, or an extra name cannot be a column.
@@ -66,14 +80,17 @@ def case_record(scenario: Scenario, *, trajectory_digest: str, extra: Mapping[st
         "n_vehicles": len(scenario.slot),
         "trajectory_digest": trajectory_digest,
     }
-    kept = _near_columns(scenario, partner)
+    kept = _near_columns(scenario, partner) if start is None else np.arange(len(scenario.slot))
     case |= _at_contact(scenario, frame, partner)
     case |= _peaks(scenario, frame, partner)
     case |= _decisions(scenario)
     case["min_ttc_s"] = _min_ttc(scenario, frame)
     case["history"] = _history(scenario, frame, partner)
     own = {check_extra_name(name): value for name, value in (extra or {}).items()}
-    return CaseRecord(scenario.odd, case, _tracks(scenario, str(case["case_id"]), kept), own)
+    tracks = _tracks(scenario, str(case["case_id"]), kept)
+    if start is not None:
+        tracks["start"] = np.stack([start[name].astype(np.float64) for name in START_FIELDS], axis=1).ravel()
+    return CaseRecord(scenario.odd, case, tracks, own)
 
 
 def _contact(scenario: Scenario) -> tuple[Crash, int, int]:

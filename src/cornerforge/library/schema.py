@@ -13,21 +13,30 @@ from dataclasses import dataclass
 import pyarrow as pa
 
 from cornerforge.errors import InputError
+from cornerforge.sim.scripted import START_FIELDS
 
 __all__ = [
     "CASES",
     "EXTRA_TYPES",
     "HISTORY_SHAPE",
     "SCHEMA_VERSION",
+    "SCRIPTED",
+    "SCRIPTED_TRACKS",
     "TRACKS",
     "Column",
     "arrow_schema",
     "check_extra_name",
     "schema_markdown",
+    "schema_version",
 ]
 
-SCHEMA_VERSION = 1
-"""Rises whenever a reader of the version before would misread a file."""
+SCHEMA_VERSION = 2
+"""Rises whenever a reader of the version before would misread a file. 1: every case is a test of a seed. 2: the cases
+may be scripted. A library bears the lowest version whose readers understand it, so one of tests still bears 1."""
+
+SCRIPTED = "scripted"
+"""What names the run has this key, and true, where all cases of a library are scripted: what their replay starts from
+and does is in their tracks, not drawn from their seed."""
 
 HISTORY_SHAPE = (16, 2, 4)
 """Seconds 0..15 before the contact; AV, crash partner; x [m], y [m], speed [m/s], heading [rad]."""
@@ -115,6 +124,15 @@ TRACKS: tuple[Column, ...] = (
 )  # fmt: skip
 """Columns of a tracks file. Stored: the AV, its crash partner, critical BVs, and who comes within 150 m of the AV."""
 
+SCRIPTED_TRACKS: tuple[Column, ...] = (
+    *TRACKS,
+    Column(
+        "start", pa.list_(pa.float64()), "m, m/s, rad, m/s2, s",
+        f"State of each stored vehicle at frame 0, one after the other, exactly: {', '.join(START_FIELDS)}.",
+    ),
+)  # fmt: skip
+"""Columns of the tracks file of a library of scripted cases. Stored: all vehicles; `action` is the script."""
+
 EXTRA_TYPES: dict[str, pa.DataType] = {
     "bool": pa.bool_(),
     "int": pa.int64(),
@@ -141,7 +159,7 @@ def arrow_schema(columns: tuple[Column, ...], extra: Mapping[str, str] | None = 
     """Arrow schema with unit and meaning as field metadata.
 
     Args:
-        columns: `CASES` or `TRACKS`.
+        columns: `CASES`, `TRACKS` or `SCRIPTED_TRACKS`.
         extra: Caller's own columns, name to a key of `EXTRA_TYPES`.
     """
     fields = [
@@ -149,7 +167,17 @@ def arrow_schema(columns: tuple[Column, ...], extra: Mapping[str, str] | None = 
         for c in columns
     ]
     fields += [pa.field(name, EXTRA_TYPES[kind]) for name, kind in (extra or {}).items()]
-    return pa.schema(fields, metadata={"cornerforge_schema_version": str(SCHEMA_VERSION)})
+    version = schema_version(scripted=columns is SCRIPTED_TRACKS)
+    return pa.schema(fields, metadata={"cornerforge_schema_version": str(version)})
+
+
+def schema_version(*, scripted: bool) -> int:
+    """The lowest version whose readers understand a library.
+
+    Args:
+        scripted: Its cases are scripted.
+    """
+    return SCHEMA_VERSION if scripted else 1
 
 
 def schema_markdown(columns: tuple[Column, ...]) -> str:

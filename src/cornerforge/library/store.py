@@ -29,7 +29,8 @@ from cornerforge.library.query import run_sql
 from cornerforge.library.record import CaseRecord
 from cornerforge.library.schema import CASES, HISTORY_SHAPE, arrow_schema
 from cornerforge.library.shards import EncodedShard, ShardReader, encode_shard, write_shard
-from cornerforge.library.tables import ROW_GROUP, extra_kinds, restore
+from cornerforge.library.tables import ROW_GROUP, extra_kinds, restore, script_of
+from cornerforge.sim.scripted import Script
 from cornerforge.types import Odd, Scenario
 
 __all__ = ["CaseLibrary", "StoredCase"]
@@ -43,11 +44,13 @@ class StoredCase:
         scenario: The vehicles that were stored; values are those of float32.
         scalars: Column name to value, without the history; see `schema.CASES`.
         history: Shape (16, 2, 4); see `CaseLibrary.history`.
+        script: What its replay starts from and does; None where that is drawn from the seed.
     """
 
     scenario: Scenario
     scalars: dict[str, Any]
     history: NDArray[np.float64]
+    script: Script | None = None
 
 
 class CaseLibrary:
@@ -253,6 +256,12 @@ class CaseLibrary:
             seed, test = record.case["seed"], record.case["test"]
             if seed != self._manifest.run["seed"] or record.odd != self.odd:
                 raise InputError(f"Case {record.case_id} is of another seed or ODD than the library {self._path}.")
+            if record.scripted != self._manifest.scripted:
+                kinds = ("a test of its seed", "scripted")
+                raise InputError(
+                    f"Case {record.case_id} is {kinds[record.scripted]}, those of the library {self._path} are "
+                    f"{kinds[self._manifest.scripted]}; keep the two apart."
+                )
             if not isinstance(test, int) or not low <= test < next_test:
                 raise InputError(
                     f"Case {record.case_id} is out of order; its test must be in [{low}, {next_test}), ascending."
@@ -336,7 +345,8 @@ class CaseLibrary:
         scalars = table.slice(row, 1).to_pylist()[0]
         history = np.array(scalars.pop("history"), dtype=np.float64).reshape(HISTORY_SHAPE)
         group = tracks.read_row_group(row // ROW_GROUP)
-        return StoredCase(restore(scalars, group, row % ROW_GROUP, self.odd), scalars, history)
+        scenario = restore(scalars, group, row % ROW_GROUP, self.odd)
+        return StoredCase(scenario, scalars, history, script_of(scenario, group, row % ROW_GROUP))
 
     def verify(self) -> list[str]:
         """Read every file and compare checksums; returns `damaged`."""

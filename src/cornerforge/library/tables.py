@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
 from cornerforge.library.record import CaseRecord
-from cornerforge.library.schema import CASES, EXTRA_TYPES, TRACKS, arrow_schema
+from cornerforge.library.schema import CASES, EXTRA_TYPES, SCRIPTED_TRACKS, TRACKS, arrow_schema
+from cornerforge.sim.scripted import START_FIELDS, Script, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
 
-__all__ = ["ROW_GROUP", "cases_table", "extra_kinds", "parquet_bytes", "restore", "tracks_table"]
+__all__ = ["ROW_GROUP", "cases_table", "extra_kinds", "parquet_bytes", "restore", "script_of", "tracks_table"]
 
 ROW_GROUP = 100
 """Cases in a row group of a tracks file: what the reading of one case has to unpack."""
@@ -56,9 +57,10 @@ def cases_table(records: Sequence[CaseRecord], extra: Mapping[str, str]) -> pa.T
 
 
 def tracks_table(records: Sequence[CaseRecord]) -> pa.Table:
-    """Rows of `schema.TRACKS`."""
-    columns = [_column(column.type, [record.tracks[column.name] for record in records]) for column in TRACKS]
-    return pa.Table.from_arrays(columns, schema=arrow_schema(TRACKS))
+    """Rows of `schema.TRACKS`, or of `SCRIPTED_TRACKS` where all are scripted."""
+    named = SCRIPTED_TRACKS if records and all(record.scripted for record in records) else TRACKS
+    columns = [_column(column.type, [record.tracks[column.name] for record in records]) for column in named]
+    return pa.Table.from_arrays(columns, schema=arrow_schema(named))
 
 
 def _column(kind: pa.DataType, values: Sequence[Any]) -> pa.Array:
@@ -132,3 +134,19 @@ def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Sc
         log_prob_nde=values("decision_log_prob_nde"),
         crash=Crash(time=case["crash_time_s"], slot_a=0, slot_b=case["bv_slot"]),
     )
+
+
+def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
+    """The script of a scripted case, None for a test of a seed.
+
+    Args:
+        scenario: What `restore` gave.
+        tracks, row: As for `restore`.
+
+    Raises:
+        InputError: What is stored is no script.
+    """
+    if "start" not in tracks.column_names:
+        return None
+    fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False)
+    return Script(scenario.slot, scripted_start(fields.reshape(-1, len(START_FIELDS))), scenario.action)

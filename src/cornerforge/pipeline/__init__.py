@@ -11,6 +11,7 @@ from cornerforge.pipeline.rate import rate
 from cornerforge.pipeline.reproduce import reproduce
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.show import ndd_show
+from cornerforge.pipeline.shrink import shrink
 from cornerforge.pipeline.simulate import simulate
 from cornerforge.pipeline.train import train
 from cornerforge.pipeline.train_av import train_av
@@ -31,6 +32,7 @@ __all__ = [
     "replay",
     "reproduce",
     "run",
+    "shrink",
     "simulate",
     "train",
     "train_av",

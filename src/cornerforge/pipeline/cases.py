@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import decimal
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ from cornerforge.pipeline.output import code_hash, open_output, provenance, writ
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.recorder import scenario_digest
+from cornerforge.sim.scripted import ScriptDriver
 from cornerforge.types import Scenario
 
-__all__ = ["analyse", "query", "replay"]
+__all__ = ["analyse", "driver_of_cases", "experiment_of", "is_same", "query", "replay"]
 
 _NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
 _TRACKS = ("x", "y", "speed", "heading", "acceleration")
@@ -89,7 +91,7 @@ def _write_analysis(out: Path, summary: dict[str, Any], points: dict[str, Any]) 
         pq.write_table(pa.table({name: pa.array(values) for name, values in points.items()}), part)
 
 
-def _experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:
+def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:
     """The experiment that made a library, from its identity and the files beside it.
 
     Raises:
@@ -126,7 +128,7 @@ def _experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> E
     return run
 
 
-def _same(driven: Scenario, stored: StoredCase) -> bool:
+def is_same(driven: Scenario, stored: StoredCase) -> bool:
     """Is the driven test the stored one: all numbers at full precision by digest, the stored ones by value?"""
     if scenario_digest(driven) != stored.scalars["trajectory_digest"]:
         return False
@@ -141,6 +143,20 @@ def _same(driven: Scenario, stored: StoredCase) -> bool:
     )
 
 
+def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
+    """What drives stored cases of a run again, each from its seed or by its script; serves one thread."""
+    recorder = run.recorder()
+    scripts = ScriptDriver(run.setting, run.odd)
+
+    def again(stored: StoredCase) -> Scenario:
+        seed, test = stored.scenario.seed, stored.scenario.test
+        if stored.script is None:
+            return recorder.record(seed, test)
+        return scripts.record(stored.script, seed=seed, test=test)[0]
+
+    return again
+
+
 def replay(
     library: Path | str,
     case: str,
@@ -149,7 +165,7 @@ def replay(
     av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
-    """Drive a case again from its seed.
+    """Drive a case again from its seed, or by its script (`shrink` makes such cases).
 
     Args:
         library: The library's folder.
@@ -166,17 +182,17 @@ def replay(
         CornerForgeError: No such case, or the library, its policy or model cannot be read.
     """
     cases = CaseLibrary.open(Path(library))
-    run = _experiment_of(cases, av_timeout)
-    recorder = run.recorder()
+    run = experiment_of(cases, av_timeout)
+    again = driver_of_cases(run)
     ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
     differ: list[str] = []
     crash_time = None
     note: str | None = None
     for done, case_id in enumerate(ids):
         stored = cases.scenario(case_id)
-        driven = recorder.record(stored.scenario.seed, stored.scenario.test)
+        driven = again(stored)
         crash_time = None if driven.crash is None else driven.crash.time
-        if check and not _same(driven, stored):
+        if check and not is_same(driven, stored):
             differ.append(case_id)
             if note is None:
                 note = _why_different(cases, run, driven)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Setting, allocate_decisions, drive_test, world_row
+from cornerforge.sim.drive import Decisions, Setting, allocate_decisions, drive_test, world_row
 from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
 from cornerforge.sim.world import (
@@ -25,7 +26,7 @@ from cornerforge.sim.world import (
 )
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
-__all__ = ["Recorder", "scenario_digest"]
+__all__ = ["Recorder", "scenario_digest", "scenario_of"]
 
 
 def scenario_digest(scenario: Scenario) -> str:
@@ -83,28 +84,42 @@ class Recorder:
         self._recording["present"] = 0
         world = world_row.py_func(self._worlds, 0)  # type: ignore[attr-defined]
         self._drive(world, seed, test)
-        n = int(world.info[N_VEHICLES])
-        last = int(world.info[FRAME])
-        frames = self._recording[: last + 1, :n]
-        present = frames["present"].astype(np.bool_)
-        columns = {
-            name: np.where(present, frames[name], np.nan) for name in ("x", "y", "speed", "heading", "acceleration")
-        }
-        decided = -(-last // SUBSTEPS)
-        crash = None
-        if int(world.info[OUTCOME]) in (AV_CRASH, BV_CRASH):
-            crash = Crash(round(last * FRAME_S, 1), int(world.info[SLOT_A]), int(world.info[SLOT_B]))
-        there = present[: decided * SUBSTEPS : SUBSTEPS]
-        return Scenario(
-            seed=seed,
-            test=test,
-            odd=self._odd,
-            slot=np.arange(n, dtype=np.int16),
-            target_lane=np.where(present, frames["target_lane"], -1).astype(np.int8),
-            present=present,
-            action=np.where(there, self._decisions.action[:decided, :n], -1).astype(np.int8),
-            critical_bv=self._decisions.controlled[:decided].copy(),
-            log_prob_nde=self._decisions.log_prob[:decided].copy(),
-            crash=crash,
-            **columns,
-        )
+        slots = np.arange(int(world.info[N_VEHICLES]), dtype=np.int16)
+        return scenario_of(world, self._recording, self._decisions, slots, self._odd, seed, test)
+
+
+def scenario_of(
+    world: World, recording: NDArray[np.void], decisions: Decisions, slot: NDArray[np.int16], odd: Odd, seed: int,
+    test: int,
+) -> Scenario:  # fmt: skip
+    """What was recorded of one drive, copied.
+
+    Args:
+        world: After the drive.
+        recording, decisions: Of the drive.
+        slot: Names of the world's vehicles, (N,).
+        odd, seed, test: What the scenario says of itself.
+    """
+    n = slot.size
+    last = int(world.info[FRAME])
+    frames = recording[: last + 1, :n]
+    present = frames["present"].astype(np.bool_)
+    columns = {name: np.where(present, frames[name], np.nan) for name in ("x", "y", "speed", "heading", "acceleration")}
+    decided = -(-last // SUBSTEPS)
+    crash = None
+    if int(world.info[OUTCOME]) in (AV_CRASH, BV_CRASH):
+        crash = Crash(round(last * FRAME_S, 1), int(slot[world.info[SLOT_A]]), int(slot[world.info[SLOT_B]]))
+    there = present[: decided * SUBSTEPS : SUBSTEPS]
+    return Scenario(
+        seed=seed,
+        test=test,
+        odd=odd,
+        slot=slot,
+        target_lane=np.where(present, frames["target_lane"], -1).astype(np.int8),
+        present=present,
+        action=np.where(there, decisions.action[:decided, :n], -1).astype(np.int8),
+        critical_bv=decisions.controlled[:decided].copy(),
+        log_prob_nde=decisions.log_prob[:decided].copy(),
+        crash=crash,
+        **columns,
+    )

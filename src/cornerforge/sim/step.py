@@ -51,8 +51,10 @@ __all__ = [
     "allocate_recording",
     "av_acts",
     "begin_second",
+    "begin_to_act",
     "move_on",
     "move_vehicle",
+    "record_frame",
     "step_world",
 ]
 
@@ -398,6 +400,25 @@ def _move(w: World, substep: int, road: RoadNumbers) -> None:
 
 
 @inlined_kernel
+def begin_to_act(
+    w: World, command: float, lane: int, everybody: bool, road: RoadNumbers, av: AvNumbers, pairs: Pairs
+) -> int:
+    """Everybody begins to act: BVs by their `action`, the AV with `command` [m/s2] and target `lane`.
+
+    `w.order` is sorted. Returns, and `everybody`: as for `begin_second`.
+    """
+    v = w.vehicles
+    for i in range(1, w.info[N_VEHICLES]):
+        if v[i].present:
+            apply_action(w, i, v[i].action, _ACCELERATIONS, road)
+    av_acts(w, command, lane, road)
+    n_pairs = _find_pairs(w, road, pairs)
+    _choose_current(w, pairs, n_pairs, everybody or sees_everybody(av), road)
+    w.info[N_DECISIONS] += 1
+    return n_pairs
+
+
+@inlined_kernel
 def begin_second(
     w: World, seed: int, test: int, bv_model: int, controlled_action: int, command: float, lane: int, everybody: bool,
     road: RoadNumbers, av: AvNumbers, tables: NddTables, pairs: Pairs,
@@ -409,16 +430,8 @@ def begin_second(
     Returns:
         Number of pairs that can touch within the second, for `move_on`.
     """
-    v = w.vehicles
     decide_bvs(w, seed, test, bv_model, controlled_action, lane, road, av, tables)
-    for i in range(1, w.info[N_VEHICLES]):
-        if v[i].present:
-            apply_action(w, i, v[i].action, _ACCELERATIONS, road)
-    av_acts(w, command, lane, road)
-    n_pairs = _find_pairs(w, road, pairs)
-    _choose_current(w, pairs, n_pairs, everybody or sees_everybody(av), road)
-    w.info[N_DECISIONS] += 1
-    return n_pairs
+    return begin_to_act(w, command, lane, everybody, road, av, pairs)
 
 
 @inlined_kernel

@@ -1,0 +1,283 @@
+"""The smallest form of a crash: fewest vehicles, shortest window, most natural actions (rules: ADR 0016)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_crashes
+from cornerforge.analysis.ddmin import ddmin
+from cornerforge.errors import InputError
+from cornerforge.sim.scripted import NATURAL, Ending, Script, ScriptDriver
+from cornerforge.types import FRAME_S, Odd, Scenario
+
+__all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "Reproducer", "Shrunk", "Size", "shrink"]
+
+BVS, AV, NOBODY = CAUSES = ("bvs", "av", "nobody")
+"""Whose driving makes the crash, found by driving the case with natural drivers instead: where all BVs drive naturally
+and nothing happens, the BVs'; else, where the AV drives naturally too and nothing happens, the AV's; else nobody's."""
+
+AFTERMATH_S = 5
+"""A start from which natural driving ends in a crash of the AV within the window, or so long after it [s], is lost."""
+
+_DECISION_FRAMES = round(1.0 / FRAME_S)
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a case is.
+
+    Attributes:
+        vehicles: The AV among them.
+        decisions: Seconds begun.
+        seconds: From the start to the contact.
+        deviating_actions: Of all BVs: those that were not the naturalistic model's likeliest in their state.
+        log_prob_nde: ln P(the critical BV's actions) in the NDE; -inf where one is impossible.
+    """
+
+    vehicles: int
+    decisions: int
+    seconds: float
+    deviating_actions: int
+    log_prob_nde: float
+
+
+@dataclass(frozen=True)
+class Shrunk:
+    """A case and its smallest form.
+
+    Attributes:
+        script: The smallest form, every action named.
+        scenario: Its recording; times count from its own start.
+        crash_type: Name of its type, that of the case.
+        striker: Who struck, as in the case.
+        cause: One of CAUSES.
+        before, after: Sizes of the case and of its smallest form.
+        drives: Scripts driven to find it.
+    """
+
+    script: Script
+    scenario: Scenario
+    crash_type: str
+    striker: str
+    cause: str
+    before: Size
+    after: Size
+    drives: int
+
+
+class Reproducer:
+    """Says of a script whether it shows a given crash, in a way that is worth anything.
+
+    The AV crashes with the same BV, with the same type and striker, no later than in the case, and no more BVs crash
+    into each other. And the start is one from which a crash has to be brought about: nobody moves across the road, as
+    at the start of every test, and it is not lost, that is, with natural drivers nothing would happen. Without this the
+    shortest window of every crash would be the instant before contact, which shows nothing of how it came about.
+
+    Args:
+        driver: Drives scripts.
+        odd: Its ODD.
+        script: The whole case, ending in a crash of the AV.
+
+    Attributes:
+        ending: How the case ends.
+        kind: Crash partner (slot), type code, striker index.
+        cause: One of CAUSES; it says which drivers are replaced by natural ones in the last condition, which NOBODY
+            makes void.
+
+    Raises:
+        InputError: The script does not end in a crash of the AV.
+    """
+
+    def __init__(self, driver: ScriptDriver, odd: Odd, script: Script) -> None:
+        self._driver = driver
+        self._odd = odd
+        self._most = driver.max_decisions
+        self.ending = driver.drive(script)
+        kind = self._kind(self.ending)
+        if kind is None:
+            raise InputError("This does not end in a crash of the AV; only such cases can be made smaller.")
+        self.kind = kind
+        for self.cause in CAUSES:
+            if not self.is_lost(script):
+                break
+
+    def _kind(self, ending: Ending) -> tuple[int, int, int] | None:
+        if ending.pose is None:
+            return None
+        # Rounded as the library stores it, so that an analysis of the library sees the same type.
+        pose = ending.pose.astype(np.float32)[None]
+        found = classify_crashes(pose, self._odd.vehicle_length, self._odd.vehicle_width)
+        return ending.partner, int(found.code[0]), int(found.striker[0])
+
+    def crashes_alike(self, script: Script) -> bool:
+        """Does it end in the same crash, no later, and without more crashes between BVs than the case has?"""
+        ending = self._driver.drive(script)
+        is_no_more = ending.frame <= self.ending.frame and ending.bv_crashes <= self.ending.bv_crashes
+        return is_no_more and self._kind(ending) == self.kind
+
+    def is_lost(self, script: Script) -> bool:
+        """Would the AV crash, with anybody and in any way, with natural drivers from this start on?"""
+        if self.cause == NOBODY:
+            return False
+        decisions = min(len(script.action) + AFTERMATH_S, self._most)
+        natural = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
+        ending = self._driver.drive(replace(script, action=natural), av_is_natural=self.cause == AV)
+        return ending.pose is not None
+
+    def shows(self, script: Script) -> bool:
+        """All of these conditions."""
+        # Whoever has stopped in the middle of a lane change is settled too; it may stand there for a long time.
+        is_settled = not script.start["lateral_speed"].any()
+        return is_settled and self.crashes_alike(script) and not self.is_lost(script)
+
+
+def shrink(driver: ScriptDriver, odd: Odd, script: Script, *, seed: int = 0, test: int = 0) -> Shrunk:
+    """Make a crash of the AV as small as it gets.
+
+    In turn, until nothing changes: leave out vehicles; start later; let BVs do the naturalistic model's likeliest
+    instead of what they did; replace what deviates still by something likelier. Every step keeps what `Reproducer`
+    asks for. Both the vehicles and the deviating actions are 1-minimal at the end, and no later start will do.
+
+    Args:
+        driver: Drives scripts.
+        odd: Its ODD.
+        script: The case; it ends in a crash of the AV.
+        seed, test: What the scenario of the result is named after.
+
+    Raises:
+        InputError: The script does not end in a crash of the AV.
+    """
+    first = driver.drives
+    whole, chances = driver.record(script, seed=seed, test=test)
+    case = Reproducer(driver, odd, script)
+    search = _Search(driver, case)
+    small = _cut(script, case.ending.frame)
+    while True:
+        before = small
+        # Who is left goes on as it did, or else as is natural without the others: one may do where the other does not.
+        small = search.fewest_vehicles(search.named(small))
+        small = search.fewest_vehicles(search.naturally(small))
+        small = search.naturally(search.latest_start(small))
+        small = search.softened(search.fewest_actions(small))
+        small = _cut(small, driver.drive(small).frame)
+        if _equal(before, small):
+            break
+    scenario, small_chances = driver.record(small, seed=seed, test=test)
+    _, code, striker = case.kind
+    return Shrunk(
+        script=replace(small, action=scenario.action),
+        scenario=scenario,
+        crash_type=CRASH_TYPES[code],
+        striker=STRIKERS[striker],
+        cause=case.cause,
+        before=_size(whole, chances),
+        after=_size(scenario, small_chances),
+        drives=driver.drives - first,
+    )
+
+
+class _Search:
+    """The single steps; each takes a script that `case` accepts and gives one that it accepts."""
+
+    def __init__(self, driver: ScriptDriver, case: Reproducer) -> None:
+        self._driver = driver
+        self._case = case
+
+    def fewest_vehicles(self, script: Script) -> Script:
+        """Leave out BVs, but for the crash partner."""
+        needed = (script.slot == 0) | (script.slot == self._case.kind[0])
+
+        def only(kept: list[int]) -> Script:
+            columns = needed.copy()
+            columns[kept] = True
+            return script.of(columns)
+
+        return only(ddmin(np.flatnonzero(~needed).tolist(), lambda kept: self._case.shows(only(kept))))
+
+    def latest_start(self, script: Script) -> Script:
+        """Start as late as can be. Where nobody's driving makes the crash, no start says more than another."""
+        if self._case.cause == NOBODY:
+            return script
+        for decisions in range(len(script.action) - 1, 0, -1):
+            later = self._driver.later(script, decisions)
+            if later is not None and self._case.shows(later):
+                return later
+        return script
+
+    def named(self, script: Script) -> Script:
+        """Name all actions; what happens stays the same."""
+        return replace(script, action=self._driver.record(script, seed=0, test=0)[0].action)
+
+    def naturally(self, script: Script) -> Script:
+        """Name only those actions that deviate; what happens stays the same."""
+        deviating = self._deviating(script)
+        return replace(script, action=np.where(deviating, script.action, NATURAL).astype(np.int8))
+
+    def fewest_actions(self, script: Script) -> Script:
+        """Let BVs do the likeliest instead of what deviates."""
+        named = [tuple(place) for place in np.argwhere(script.action != NATURAL).tolist()]
+
+        def only(kept: list[tuple[int, ...]]) -> Script:
+            action = np.full_like(script.action, NATURAL)
+            for place in kept:
+                action[place] = script.action[place]
+            return replace(script, action=action)
+
+        return only(ddmin(named, lambda kept: self._case.shows(only(kept))))
+
+    def softened(self, script: Script) -> Script:
+        """Replace each deviating action by the likeliest that will do, the earliest first."""
+        for k, i in np.argwhere(script.action != NATURAL).tolist():
+            _, chances = self._driver.record(script, seed=0, test=0)
+            p = chances[k, i]
+            for action in np.argsort(-p, kind="stable").tolist():
+                if p[action] <= p[script.action[k, i]]:
+                    break
+                changed = script.action.copy()
+                changed[k, i] = action
+                other = replace(script, action=changed)
+                if self._case.shows(other):
+                    script = other
+                    break
+        return script
+
+    def _deviating(self, script: Script) -> NDArray[np.bool_]:
+        """Which actions of the script are named, and not the likeliest in their state, bool (K, N)."""
+        scenario, chances = self._driver.record(script, seed=0, test=0)
+        deviating = np.zeros(script.action.shape, dtype=np.bool_)
+        deviating[: len(scenario.action)] = _deviations(scenario, chances)
+        return np.asarray(deviating & (script.action != NATURAL), np.bool_)
+
+
+def _deviations(scenario: Scenario, chances: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which decisions of BVs were not the likeliest, bool (K, N)."""
+    decided = scenario.action >= 0
+    decided[:, 0] = False
+    likeliest = np.where(np.isnan(chances), -1.0, chances).argmax(axis=2)[: len(decided)]
+    return np.asarray(decided & (scenario.action != likeliest), np.bool_)
+
+
+def _size(scenario: Scenario, chances: NDArray[np.float64]) -> Size:
+    assert scenario.crash is not None  # `Reproducer` has looked
+    return Size(
+        vehicles=scenario.slot.size,
+        decisions=len(scenario.action),
+        seconds=scenario.crash.time,
+        deviating_actions=int(_deviations(scenario, chances).sum()),
+        log_prob_nde=float(scenario.log_prob_nde.sum()),
+    )
+
+
+def _cut(script: Script, frame: int) -> Script:
+    """Without decisions that come after the contact."""
+    return replace(script, action=script.action[: math.ceil(frame / _DECISION_FRAMES)])
+
+
+def _equal(a: Script, b: Script) -> bool:
+    return (
+        np.array_equal(a.slot, b.slot) and np.array_equal(a.action, b.action) and a.start.tobytes() == b.start.tobytes()
+    )

@@ -1,0 +1,275 @@
+"""`shrink`: the smallest forms of a library's cases, in a library of their own."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import statistics
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from cornerforge.analysis.shrink import Shrunk
+from cornerforge.analysis.shrink import shrink as shrink_script
+from cornerforge.errors import CornerForgeError, InputError, OutputError, ReplayError
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
+from cornerforge.library.schema import SCRIPTED
+from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.cases import driver_of_cases, experiment_of, is_same
+from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.output import code_hash, config_hash, provenance, version, write_json
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.sim.recorder import scenario_digest
+from cornerforge.sim.scripted import Script, ScriptDriver
+from cornerforge.types import Scenario
+
+__all__ = ["shrink", "shrink_text"]
+
+_SHARD_CASES = 100
+_COMMIT_SECONDS = 20.0
+_MEASURES = {
+    "vehicles": ("source_n_vehicles", "n_vehicles"),
+    "decisions": ("source_n_decisions", "n_decisions"),
+    "seconds": ("source_crash_time_s", "crash_time_s"),
+    "deviating_actions": ("source_deviating_actions", "deviating_actions"),
+    "log_prob_nde": ("source_log_prob_nde", "log_prob_nde"),
+}
+"""Names in the summary, and the columns that hold them before and after."""
+_LABELS = ("crash_type", "striker", "cause")
+
+
+def shrink(
+    library: Path | str,
+    cases: Sequence[str] | str,
+    *,
+    out: Path | str | None = None,
+    resume: bool = False,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash.
+
+    Args:
+        library: The library's folder; it may itself be of shrunk cases.
+        cases: Case ids, in any order, or "all".
+        out: Folder of the library of shrunk cases, new or empty unless `resume`; each bears the name of its case. None:
+            beside the library, named after it and the case; for one case only.
+        resume: Go on with the library that an earlier call, or its end by Ctrl-C, left.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge shrink --json` prints: `library`, `seconds` (wall-clock), `cases` (`case`,
+        `crash_type`, `striker`, `cause`, `before`, `after`), and `median` (of `before` and `after`). `before` and
+        `after` hold `vehicles`, `decisions`, `seconds`, `deviating_actions` and `log_prob_nde`, which is None where an
+        action is impossible.
+
+    Raises:
+        CornerForgeError: No such case, the AV is not built in, a case no longer replays, or the place cannot be used.
+    """
+    began = time.perf_counter()
+    source = CaseLibrary.open(Path(library))
+    ids = _ids(source, [cases] if isinstance(cases, str) else cases)
+    if is_foreign(str(source.identity.get("av"))):
+        raise InputError(
+            f"The AV {source.identity['av']} of the library {library} is not built in. A smaller case starts in the "
+            "middle of a test, and what such an AV remembers of the time before cannot be put back; shrink cases of a "
+            "built-in AV."
+        )
+    place = _place(Path(library), ids) if out is None else Path(out)
+    run = experiment_of(source)
+    shrunk = _open(source, run, place, resume=resume)
+    left = _left(shrunk, ids)
+    _fill(source, run, shrunk, left, progress)
+    rows = _rows(shrunk, ids)
+    seconds = round(time.perf_counter() - began, 3)
+    write_json(place / "provenance.json", provenance(shrunk.identity, seconds))
+    return {"library": str(place), "seconds": seconds, "cases": rows, "median": _medians(rows)}
+
+
+def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
+    """Ids of the wanted cases, ascending by test, each once.
+
+    Raises:
+        InputError: None is wanted, or there is none.
+        UnknownNameError: One is not there.
+    """
+    known = source.scalars(["case_id"])["case_id"].to_pylist()
+    ids = known if list(wanted) == ["all"] else list(dict.fromkeys(wanted))
+    there = set(known)
+    for case_id in ids:
+        if case_id not in there:
+            source.scenario(case_id)  # says what is wrong
+    if not ids:
+        raise InputError(f"There is no case to shrink; name some of the library {source.path}.")
+    return sorted(ids, key=lambda case_id: int(case_id.partition(":")[2]))
+
+
+def _place(library: Path, ids: Sequence[str]) -> Path:
+    """Where the shrunk case goes when nobody says so."""
+    if len(ids) > 1:
+        raise InputError(f"{len(ids)} cases are to be shrunk; say where their library goes with --out FOLDER.")
+    path = library.absolute()
+    return path.with_name(f"{path.name}-shrunk-{ids[0].replace(':', '-')}")
+
+
+def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) -> CaseLibrary:
+    """Start or take up the library of shrunk cases, with the model beside it that its replays need.
+
+    It is a run of natural traffic to all who read it: who drove the BVs once does not matter any more.
+    """
+    seed = int(str(source.identity["seed"]))
+    natural = experiment(
+        av=run.av.name, odd=run.odd.name, lanes=run.odd.n_lanes, model=source.path / MODEL_FILE, seed=seed
+    )
+    origin = {key: value for key, value in source.identity.items() if key not in ("cornerforge", "code")}
+    identity = {
+        **natural.identity(seed),
+        SCRIPTED: True,
+        "source_bv": source.identity["bv"],
+        "source": config_hash(origin),
+        "cornerforge": version(),
+        "code": code_hash(),
+    }
+    library = (CaseLibrary.resume if resume else CaseLibrary.create)(place, identity, natural.odd)
+    try:
+        if not (place / MODEL_FILE).exists():
+            save_model(natural.model, place / MODEL_FILE)
+    except OSError as error:
+        raise OutputError(f"Cannot write into {place}: {error.strerror}; choose another place.") from error
+    return library
+
+
+def _left(shrunk: CaseLibrary, ids: Sequence[str]) -> list[str]:
+    """Ids of the cases that are not shrunk yet.
+
+    Raises:
+        InputError: A library is written in the order of tests, and one of them comes too early.
+    """
+    done = set(shrunk.scalars(["case_id"])["case_id"].to_pylist())
+    left = [case_id for case_id in ids if case_id not in done]
+    if left and int(left[0].partition(":")[2]) < shrunk.next_test:
+        raise InputError(
+            f"Case {left[0]} comes before cases that {shrunk.path} holds already; choose another place with --out."
+        )
+    return left
+
+
+def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequence[str], progress: Progress) -> None:
+    """Shrink cases and store them; what is done is stored too when the work is stopped."""
+    again = driver_of_cases(run)
+    driver = ScriptDriver(run.setting, run.odd)
+    loose: list[CaseRecord] = []
+
+    def commit() -> None:
+        if loose:
+            next_test = int(str(loose[-1].case["test"])) + 1
+            done = shrunk.tests + len(loose)
+            shrunk.append(loose, next_test=next_test, tests=done, crashes=done)
+            loose.clear()
+
+    committed_at = time.monotonic()
+    try:
+        for done, case_id in enumerate(ids):
+            stored = source.scenario(case_id)
+            seed, test = stored.scenario.seed, stored.scenario.test
+            small = shrink_script(driver, run.odd, _script(stored, again(stored), driver), seed=seed, test=test)
+            loose.append(_record(small))
+            if len(loose) == _SHARD_CASES or time.monotonic() - committed_at >= _COMMIT_SECONDS:
+                commit()
+                committed_at = time.monotonic()
+            progress("shrink", done + 1, len(ids))
+        commit()
+    except (KeyboardInterrupt, CornerForgeError):
+        # Stopped within a commit, the library is ahead of what is known here and takes nothing twice; all is safe then.
+        with contextlib.suppress(CornerForgeError):
+            commit()
+        raise
+    shrunk.finish()
+    for case_id in ids:
+        small_stored = shrunk.scenario(case_id)
+        if not is_same(again(small_stored), small_stored):
+            raise ReplayError(f"The shrunk case {case_id} in {shrunk.path} does not replay; please report this.")
+
+
+def _script(stored: StoredCase, driven: Scenario, driver: ScriptDriver) -> Script:
+    """The whole case as a script.
+
+    Raises:
+        ReplayError: Driven again, it is not what is stored.
+    """
+    seed, test = driven.seed, driven.test
+    if not is_same(driven, stored):
+        raise ReplayError(
+            f"Case {seed}:{test}, driven again, is not what is stored; install the version that made the library."
+        )
+    return stored.script or Script(driven.slot, driver.start_of_test(seed, test), driven.action)
+
+
+def _record(small: Shrunk) -> CaseRecord:
+    """A shrunk case as the library takes it."""
+    before, after = small.before, small.after
+    return case_record(
+        small.scenario,
+        trajectory_digest=scenario_digest(small.scenario),
+        start=small.script.start,
+        extra={
+            "crash_type": small.crash_type,
+            "striker": small.striker,
+            "cause": small.cause,
+            "deviating_actions": after.deviating_actions,
+            "source_n_vehicles": before.vehicles,
+            "source_n_decisions": before.decisions,
+            "source_crash_time_s": before.seconds,
+            "source_deviating_actions": before.deviating_actions,
+            "source_log_prob_nde": before.log_prob_nde,
+        },
+    )
+
+
+def _rows(shrunk: CaseLibrary, ids: Sequence[str]) -> list[dict[str, Any]]:
+    """What the library says of these cases."""
+    columns = ["case_id", *_LABELS, *(name for pair in _MEASURES.values() for name in pair)]
+    wanted = set(ids)
+    rows = [row for row in shrunk.scalars(columns).to_pylist() if row["case_id"] in wanted]
+    return [
+        {
+            "case": row["case_id"],
+            **{name: row[name] for name in _LABELS},
+            "before": {name: _finite(row[pair[0]]) for name, pair in _MEASURES.items()},
+            "after": {name: _finite(row[pair[1]]) for name, pair in _MEASURES.items()},
+        }
+        for row in rows
+    ]
+
+
+def _finite(value: Any) -> Any:
+    return value if value is None or math.isfinite(value) else None
+
+
+def _medians(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """Medians over cases, but for log-probabilities, of which some may be minus infinity."""
+    return {
+        when: {
+            name: float(statistics.median(row[when][name] for row in rows))
+            for name in _MEASURES
+            if name != "log_prob_nde"
+        }
+        for when in ("before", "after")
+    }
+
+
+def shrink_text(r: dict[str, Any]) -> str:
+    """The summary in words, a line a case and one of medians where there are several."""
+    lines = [f"Case {c['case']}, {c['crash_type']}: {_change(c['before'], c['after'])}" for c in r["cases"]]
+    if len(lines) > 1:
+        lines.append(f"Median of {len(lines)} cases: {_change(r['median']['before'], r['median']['after'])}")
+    return "\n".join([*lines, f"Library: {r['library']}"])
+
+
+def _change(before: dict[str, Any], after: dict[str, Any]) -> str:
+    return (
+        f"{before['vehicles']:g} -> {after['vehicles']:g} vehicles, {before['seconds']:g} -> {after['seconds']:g} s, "
+        f"{before['deviating_actions']:g} -> {after['deviating_actions']:g} deviating actions"
+    )
