@@ -10,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cornerforge.analysis import CRASH_TYPES, STRIKERS, classify_crashes
+from cornerforge.analysis.contact import FRONT, REAR, SIDE, find_contact
 from cornerforge.errors import InputError
 from cornerforge.geometry import boxes_overlap
 
@@ -70,6 +71,43 @@ def test_contacts_built_by_hand_and_their_mirror_images(name: str) -> None:
 def test_every_type_and_striker_is_built_by_hand() -> None:
     assert {code for _, _, code, _ in CONTACTS.values()} == set(CRASH_TYPES)
     assert {striker for *_, striker in CONTACTS.values()} == set(STRIKERS)
+    assert {(code, striker) for _, _, code, striker in CONTACTS.values()} >= {
+        (1, "av"), (2, "bv"), (3, "mutual"), (4, "av"), (4, "bv"), (4, "mutual"), (5, "av"), (5, "bv"), (5, "mutual"),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CONTACTS)
+def test_exchanged_vehicles_exchange_the_roles_of_contacts_built_by_hand(name: str) -> None:
+    """AV and BV change places: the two rear-ends become each other, the striker the other one, nothing else changes."""
+    av, bv, code, striker = CONTACTS[name]
+    found = classify_crashes(as_pose(bv, av))
+    assert found.code.tolist() == [{1: 2, 2: 1}.get(code, code)]
+    assert STRIKERS[found.striker[0]] == {"av": "bv", "bv": "av"}.get(striker, striker)
+
+
+# name: sectors of the AV and the BV
+SECTORS = {
+    "AV runs into the rear": (FRONT, REAR),
+    "BV runs into the AV's rear": (REAR, FRONT),
+    "head-on": (FRONT, FRONT),
+    "BV moves into the AV": (SIDE, SIDE),
+    "AV strikes broadside": (FRONT, SIDE),
+    "BV strikes the AV broadside": (SIDE, FRONT),
+    "side by side at the same velocity": (SIDE, SIDE),
+    "AV runs 2 m deep into a rear, half beside it": (FRONT, REAR),
+}
+
+
+@pytest.mark.parametrize("name", SECTORS)
+def test_sectors_of_both_vehicles_and_their_mirror_images(name: str) -> None:
+    av, bv, *_ = CONTACTS[name]
+    pose = as_pose(av, bv)
+    for image, wanted in (
+        (pose, SECTORS[name]), (mirrored(pose), SECTORS[name]), (pose[:, ::-1], SECTORS[name][::-1]),
+    ):  # fmt: skip
+        contact = find_contact(image, 5.0, 2.0)
+        assert (contact.av_sector[0], contact.bv_sector[0]) == wanted
+        assert contact.relative_heading[0] == pytest.approx(abs(pose[0, 1, 3] - pose[0, 0, 3]))
 
 
 @st.composite

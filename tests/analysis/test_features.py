@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cornerforge.analysis import crash_features
-from cornerforge.analysis.features import standardise
+from cornerforge.analysis.features import scaling_of
 from cornerforge.errors import InputError
 
 
@@ -66,7 +66,7 @@ def test_moving_the_road_moves_no_feature() -> None:
 def test_standard_scores_and_constant_columns() -> None:
     rng = np.random.default_rng(0)
     values = np.column_stack([rng.normal(50.0, 9.0, 200), np.full(200, 0.1), rng.normal(0.0, 1e-6, 200)])
-    scaled = standardise(values)
+    scaled = scaling_of(values).scaled(values)
     assert scaled.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
     assert scaled.std(axis=0) == pytest.approx([1.0, 0.0, 1.0])
     assert not scaled[:, 1].any()

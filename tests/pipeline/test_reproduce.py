@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,10 +19,12 @@ from cornerforge.adversary.config import PRESETS, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
-from cornerforge.pipeline.paper import ITEMS, figure3
+from cornerforge.geometry import boxes_overlap
+from cornerforge.pipeline.paper import ITEMS, clusters, examples, figure3, figure7
 from cornerforge.pipeline.paper import bench as bench_module
 from cornerforge.pipeline.paper.bench import Adversary, Bench, ReproduceBudget, World, keep
 from cornerforge.pipeline.paper.figure2 import seconds_to_yield
+from cornerforge.pipeline.paper.libraries import library_of
 from cornerforge.pipeline.paper.matrix import adversaries
 from cornerforge.pipeline.paper.pooled import pooled
 from cornerforge.pipeline.paper.table1 import TABLE1
@@ -86,7 +89,9 @@ def test_the_folder_holds_page_figures_numbers_and_policies(finished: tuple[Path
     names = {entry.name for entry in folder.iterdir()}
     assert {"index.html", "items.json", "provenance.json", "figures", "policies", "parts", "items"} <= names
     figures = {entry.name for entry in (folder / "figures").iterdir()}
-    assert {f"{name}.{ending}" for name in RENDERERS for ending in ("png", "svg")} <= figures
+    # Random weights crash too rarely for libraries of their own; `test_figures_of_a_library` has one.
+    drawn = set(RENDERERS) - {"figure7", "figure8", "figure9", "figure10", "figure11"}
+    assert {f"{name}.{ending}" for name in drawn for ending in ("png", "svg")} <= figures
     kinds = {entry.name for entry in (folder / "policies").iterdir()}
     free, bounded = (f"idm-mobil.crash.{kind}" for kind in ("free", "bounded"))
     assert kinds == {f"{kind}.{k}.safetensors" for kind in (free, bounded) for k in (0, 1)}
@@ -206,6 +211,76 @@ def test_a_policy_of_other_settings_is_trained_again(tmp_path: Path) -> None:
     assert np.array_equal(bench(TINY).policy(learned).weights, first.weights)
     longer = bench(replace(TINY, decisions=2_048)).policy(learned)
     assert (first.about["decisions"], longer.about["decisions"]) == (1_024, 2_048)
+
+
+# --- libraries ---
+
+SWERVE = Adversary("swerve", bounded=False)
+
+
+@pytest.fixture(scope="module")
+def swerving(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """A bench whose adversary crashes the AV often, so that its library is soon filled."""
+    size = replace(TINY, cases=60, typed=12)
+    return Bench(tmp_path_factory.mktemp("swerving"), size, World(), seed=5, threads=None, progress=lambda *_: None)
+
+
+def test_a_library_is_filled_once_and_again_when_it_is_gone(swerving: Bench) -> None:
+    filled = library_of(swerving, SWERVE)
+    assert filled is not None
+    assert len(filled.open()) == filled.cases == 60
+    before = filled.open().history()[1]
+    stamp = (filled.folder / "manifest.json").stat().st_mtime_ns
+    assert library_of(swerving, SWERVE) == filled
+    assert (filled.folder / "manifest.json").stat().st_mtime_ns == stamp
+    shutil.rmtree(filled.folder)
+    again = library_of(swerving, SWERVE)
+    assert again is not None
+    assert np.array_equal(again.open().history()[1], before, equal_nan=True)
+
+
+def test_figures_of_a_library_count_every_case_and_can_be_drawn(swerving: Bench) -> None:
+    found = {
+        "figure7": figure7.compute(swerving, {"unbounded": SWERVE}),
+        "figure8": clusters.compute(swerving, SWERVE),
+        "figure9": examples.compute(swerving, SWERVE),
+    }
+    for name, finding in found.items():
+        content = json.loads(json.dumps(finding.as_json(), allow_nan=False))
+        for part in content["rows"]:
+            if part["interval"] is not None:
+                assert part["interval"][0] <= part["ours"] <= part["interval"][1], part
+        assert RENDERERS[name](content["data"])
+    periods = found["figure7"].data["worlds"][0]["periods"]
+    assert [panel["steps"] for panel in periods] == [1, 2, 3, 5, 7, 9, 12, 15]
+    for panel in periods:
+        assert len(panel["points"]["majority"]) + len(panel["points"]["minority"]) == panel["cases"] == 60
+    groups = found["figure8"].data["clusters"]
+    assert sum(group["size"] for group in groups) == 60
+    assert {group["letter"][0] for group in groups if group["group"] == "majority"} == {"A"}
+    shown = found["figure9"].data["examples"]
+    assert [example["letter"] for example in shown] == [group["letter"] for group in groups]
+    for example in shown:
+        contact = example["moments"][-1]
+        assert contact["before"] == 0.0
+        assert contact["bv"] is not None
+        (xa, ya, ha), (xb, yb, hb) = contact["av"], contact["bv"]
+        assert boxes_overlap(xa, ya, ha, xb, yb, hb, example["length"] + 0.01, example["width"] + 0.01)
+
+
+def test_shares_of_kinds_are_those_of_all_cases(swerving: Bench) -> None:
+    """The paper's kinds and what it does not name make up the whole."""
+    rows = [part for part in examples.compute(swerving, SWERVE).rows if not part.what.startswith("cluster ")]
+    assert sum(float(part.ours) for part in rows if part.ours is not None) == pytest.approx(1.0)
+
+
+def test_without_crashes_there_is_a_reason_and_no_number(finished: tuple[Path, dict[str, Any]]) -> None:
+    _, result = finished
+    for name in ("figure7", "figure8", "figure9", "figure10", "figure11"):
+        found = item(result, name)
+        if not (finished[0] / "libraries").exists():
+            assert found["ours"] is None
+            assert "yield is too low" in found["note"]
 
 
 # --- single items ---

@@ -44,7 +44,34 @@ def drawable() -> dict[str, dict[str, Any]]:
     nothing = {"name": "idm-mobil, bounded", "av": "idm-mobil", "bounded": True, "crashes": 0,
                "shares": [None] * 5, "intervals": [None] * 5}  # fmt: skip
     avs = ["idm-mobil", "idm-mobil-d2rl"]
+    period = {"steps": 1, "cases": 40, "minority": 2, "explained": 0.7,
+              "points": {"majority": [[0.0, 1.0], [0.1, 0.9]], "minority": []}}  # fmt: skip
+    cluster = {
+        "letter": "A",
+        "group": "majority",
+        "size": 2,
+        "points": [[0.0, 1.0], [0.1, 0.9]],
+        "typical": [[0.0, 1.0]],
+    }
+    at = {"eps_factor": 1.0, "eps": 0.3, "min_samples": 4, "majority_share": 0.9, "noise_share": 0.1,
+          "dense_clusters": 1, "agreement": 1.0}  # fmt: skip
+    clusters = {
+        "clusters": [cluster, cluster | {"letter": "B", "group": "minority"}], "rare": [], "explained": [0.5, 0.2],
+        "silhouettes": {"majority": {"k": 1, "silhouettes": {"2": 0.4}, "bound": 0.5},
+                        "minority": {"k": 1, "silhouettes": {}, "bound": None}},
+        "density": {"eps": 0.3, "min_samples": 4, "rank": [0.0, 1.0], "distance": [0.0, 0.5],
+                    "sensitivity": [at, at | {"eps_factor": 2.0}]},
+    }  # fmt: skip
+    moment = {"before": 0.0, "av": [0.0, 2.0, 0.0], "bv": [4.9, 2.0, 0.1], "others": [[-20.0, 6.0, 0.0]]}
+    example = {"letter": "A", "group": "majority", "size": 2, "case": "0:1", "mechanism": "av-rear", "lanes": 3,
+               "lane_width": 4.0, "length": 5.0, "width": 2.0,
+               "moments": [moment | {"before": 1.0, "bv": None, "others": []}, moment]}  # fmt: skip
     return {
+        "figure7": {"worlds": [{"name": name, "periods": [period] * 3} for name in ("unbounded", "bounded")]},
+        "figure8": clusters,
+        "figure10": {},  # no library: crashes were too rare
+        "figure9": {"examples": [example] * 3},
+        "figure11": {},
         "figure2": {"curves": [curve], "levels": {"swerve": 0.7},
                     "paper": {"seconds": 345_600.0, "crashes_per_test": 0.286}},
         "figure3": {"quantities": {name: quantity | {"label": name} for name in names},
@@ -91,12 +118,23 @@ def test_each_item_has_its_section_pictures_and_numbers(tmp_path: Path) -> None:
     tags = Tags(page)
     assert [a.get("id") for tag, a in tags.found if tag == "section"] == [*ITEMS, "made"]
     pictures = [a for tag, a in tags.found if tag == "img"]
-    assert len(pictures) == 5  # one each, two of the matrix
+    assert len(pictures) == 10  # one each, two of Figure 7, of Figure 8 and of the matrix, none without a library
     assert all((a["src"] or "").startswith("data:image/png;base64,") and a["alt"] for a in pictures)
     assert "the paper 0.286, ours 0.900 crashes per test (95 % interval 0.800 to 0.950)" in tags.text
     assert {entry.name for entry in (tmp_path / "figures").iterdir()} == {
         f"{name}.{ending}"
-        for name in ("figure2", "figure3", "figure5", "matrix", "matrix-types")
+        for name in (
+            "figure2",
+            "figure3",
+            "figure5",
+            "figure7",
+            "figure7-bounded",
+            "figure8",
+            "figure8-choices",
+            "figure9",
+            "matrix",
+            "matrix-types",
+        )
         for ending in ("png", "svg")
     }
 

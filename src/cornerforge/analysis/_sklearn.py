@@ -15,18 +15,20 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import MissingExtraError
 
-__all__ = ["k_means", "one_thread", "principal_components", "require_sklearn", "silhouette"]
+__all__ = ["k_means", "one_thread", "refine_k_means", "require_sklearn"]
 
 FloatArray = NDArray[np.float64]
 
 
 def require_sklearn() -> None:
-    """Say early that the extra is missing.
+    """Load it, or say early that the extra is missing.
 
     Raises:
         MissingExtraError: scikit-learn is not installed.
     """
     _module("sklearn")
+    _module("sklearn.cluster")
+    _module("threadpoolctl")
 
 
 def one_thread() -> AbstractContextManager[object]:
@@ -36,22 +38,6 @@ def one_thread() -> AbstractContextManager[object]:
         MissingExtraError: scikit-learn is not installed (it brings threadpoolctl).
     """
     return cast("AbstractContextManager[object]", _module("threadpoolctl").threadpool_limits(limits=1))
-
-
-def principal_components(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Directions of largest variance and their shares of it.
-
-    Args:
-        values: Shape (S, F) with S, F >= n.
-        n: How many.
-
-    Returns:
-        Unit directions, shape (n, F), of either sign; shares of the total variance, shape (n,), descending.
-    """
-    pca_class = _module("sklearn.decomposition").PCA
-    # "full": the default would choose a randomised solver for wide data in older versions
-    model = pca_class(n_components=n, svd_solver="full").fit(values)
-    return np.asarray(model.components_, np.float64), np.asarray(model.explained_variance_ratio_, np.float64)
 
 
 def k_means(points: FloatArray, k: int, *, n_init: int, seed: int) -> tuple[NDArray[np.intp], FloatArray]:
@@ -71,10 +57,19 @@ def k_means(points: FloatArray, k: int, *, n_init: int, seed: int) -> tuple[NDAr
     return np.asarray(model.labels_, np.intp), np.asarray(model.cluster_centers_, np.float64)
 
 
-def silhouette(points: FloatArray, labels: NDArray[np.intp]) -> float:
-    """Mean silhouette of a partition, in [-1, 1] (Rousseeuw 1987); needs 2 to S - 1 labels; memory S^2."""
-    score = _module("sklearn.metrics").silhouette_score
-    return float(score(points, labels))
+def refine_k_means(points: FloatArray, centres: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """K-means from given centres.
+
+    Args:
+        points: Shape (S, 2).
+        centres: To begin with, shape (k, 2), k >= 1.
+
+    Returns:
+        Label of each point, shape (S,); centres, shape (k, 2).
+    """
+    kmeans_class = _module("sklearn.cluster").KMeans
+    model = kmeans_class(n_clusters=len(centres), init=centres, n_init=1).fit(points)
+    return np.asarray(model.labels_, np.intp), np.asarray(model.cluster_centers_, np.float64)
 
 
 def _module(name: str) -> Any:

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
-from cornerforge.analysis._sklearn import require_sklearn
 from cornerforge.analysis.crash_types import CrashTypes, classify_crashes
-from cornerforge.analysis.dbscan import NOISE, DensitySplit, split
-from cornerforge.analysis.features import Features, ShortCases, check_history, crash_features, standardise
-from cornerforge.analysis.kmeans import cluster
-from cornerforge.analysis.pca import Projection, project
-from cornerforge.analysis.valuable import rare_cases, typical_cases
+from cornerforge.analysis.dbscan import DensitySplit
+from cornerforge.analysis.features import Features, ShortCases, check_history, crash_features
+from cornerforge.analysis.grouping import MIN_CASES, Clock, Grouping, group_features, load
+from cornerforge.analysis.kmeans import Choice
+from cornerforge.analysis.pca import Projection
 from cornerforge.errors import InputError
 
 __all__ = ["MIN_CASES", "Analysis", "Cluster", "analyse"]
-
-MIN_CASES = 10
-"""With fewer cases there is no density to speak of: they form one cluster."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +52,10 @@ class Analysis:
         is_majority: Shape (S,).
         cluster_index: `Cluster.id` of each case, shape (S,).
         clusters: All clusters.
+        choices: Why "majority" and "minority" have as many clusters; empty when there was no split.
         rare: Up to ten case ids of outliers, farthest first.
         crash_types: Type and striker of each case.
-        seconds: Wall-clock of each stage [s].
+        seconds: Wall-clock of each stage [s], without loading libraries.
         note: Why the result is trivial, else None.
     """
 
@@ -73,6 +67,7 @@ class Analysis:
     is_majority: NDArray[np.bool_]
     cluster_index: NDArray[np.int64]
     clusters: tuple[Cluster, ...]
+    choices: dict[str, Choice]
     rare: tuple[str, ...]
     crash_types: CrashTypes
     seconds: dict[str, float] = field(metadata={"unit": "s"})
@@ -114,6 +109,7 @@ class Analysis:
                 }
                 for one in self.clusters
             ],
+            "choices": {name: choice.to_json() for name, choice in self.choices.items()},
             "rare": list(self.rare),
             "crash_types": self.crash_types.counts(),
             "striker": self.crash_types.striker_counts(),
@@ -150,60 +146,34 @@ def analyse(
         InputError: There are no cases, or an argument is not as described.
         MissingExtraError: scikit-learn is not installed.
     """
-    require_sklearn()
-    check_integer("seed", seed, low=0, high=2**32 - 1)
+    load()
     _check_ids(case_ids, history)
-    clock = _Clock()
+    clock = Clock()
     with clock.stage("features"):
         features = crash_features(history, steps, short=short)
-        if len(features.kept) == 0:
-            raise InputError(f"No case lasts {steps} s; ask for fewer steps, or pad short cases.")
-        scaled = standardise(features.values)
+    if len(features.kept) == 0:
+        raise InputError(f"No case lasts {steps} s; ask for fewer steps, or pad short cases.")
     with clock.stage("crash_types"):
         crash_types = classify_crashes(history[features.kept, 0], vehicle_length, vehicle_width)
-    with clock.stage("pca"):
-        projection = project(scaled)
-    note = _why_trivial(scaled)
-    with clock.stage("dbscan"):
-        density = split(projection.points) if note is None else None
-    is_majority = np.ones(len(scaled), np.bool_) if density is None else density.is_majority
-    with clock.stage("kmeans"):
-        groups = _cluster_groups(projection.points, is_majority, seed, one_only=density is None)
+    found = group_features(features.values, seed=seed)
+    own = clock.seconds()
+    total = {"total": own.pop("total")}
     ids = tuple(str(case_ids[row]) for row in features.kept)
-    with clock.stage("valuable"):
-        clusters, cluster_index = _describe(ids, projection.points, groups, crash_types)
-        rare = () if density is None else rare_cases(projection.points, density.labels == NOISE, is_majority)
     return Analysis(
         case_ids=ids,
         steps=steps,
         features=features,
-        projection=projection,
-        density=density,
-        is_majority=is_majority,
-        cluster_index=cluster_index,
-        clusters=clusters,
-        rare=tuple(ids[row] for row in rare),
+        projection=found.projection,
+        density=found.density,
+        is_majority=found.is_majority,
+        cluster_index=found.index,
+        clusters=_named(ids, found, crash_types),
+        choices=found.choices,
+        rare=tuple(ids[row] for row in found.rare),
         crash_types=crash_types,
-        seconds=clock.seconds(),
-        note=note,
+        seconds=own | {name: value for name, value in found.seconds.items() if name != "total"} | total,
+        note=found.note,
     )
-
-
-class _Clock:
-    """Wall-clock of named stages."""
-
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
-        self._stages: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        yield
-        self._stages[name] = time.perf_counter() - begin
-
-    def seconds(self) -> dict[str, float]:
-        return {**self._stages, "total": time.perf_counter() - self._start}
 
 
 def _check_ids(case_ids: Sequence[str], history: NDArray[np.floating]) -> None:
@@ -214,59 +184,15 @@ def _check_ids(case_ids: Sequence[str], history: NDArray[np.floating]) -> None:
         raise InputError(f"{len(case_ids) - len(set(case_ids))} case ids occur more than once; name each case once.")
 
 
-def _why_trivial(scaled: NDArray[np.float64]) -> str | None:
-    if len(scaled) < MIN_CASES:
-        return f"Only {len(scaled)} case(s): fewer than {MIN_CASES} are not clustered."
-    if not scaled.any():
-        return "All cases have the same features: there is nothing to tell apart."
-    return None
-
-
-@dataclass(frozen=True)
-class _Group:
-    """Clusters of one group: `rows` of the cases, with a label each."""
-
-    name: str
-    rows: NDArray[np.intp]
-    labels: NDArray[np.intp]
-    centres: NDArray[np.float64]
-
-
-def _cluster_groups(
-    points: NDArray[np.float64], is_majority: NDArray[np.bool_], seed: int, *, one_only: bool
-) -> list[_Group]:
-    """Cluster majority and minority separately, as the paper does; an empty group is left out."""
-    groups = []
-    for name, mask in (("majority", is_majority), ("minority", ~is_majority)):
-        rows = np.flatnonzero(mask)
-        if rows.size == 0:
-            continue
-        if one_only:
-            groups.append(_Group(name, rows, np.zeros(rows.size, np.intp), points[rows].mean(axis=0, keepdims=True)))
-        else:
-            found = cluster(points[rows], seed=seed)
-            groups.append(_Group(name, rows, found.labels, found.centres))
-    return groups
-
-
-def _describe(
-    ids: Sequence[str], points: NDArray[np.float64], groups: list[_Group], crash_types: CrashTypes
-) -> tuple[tuple[Cluster, ...], NDArray[np.int64]]:
-    """Number the clusters through all groups and pick their typical cases."""
-    clusters: list[Cluster] = []
-    cluster_index = np.full(len(points), -1, np.int64)
-    for group in groups:
-        cluster_index[group.rows] = group.labels + len(clusters)
-        typical = typical_cases(points[group.rows], group.labels, group.centres)
-        for label, chosen in enumerate(typical):
-            members = group.rows[group.labels == label]
-            clusters.append(
-                Cluster(
-                    id=len(clusters),
-                    group=group.name,
-                    size=members.size,
-                    typical=tuple(ids[group.rows[row]] for row in chosen),
-                    crash_types={name: n for name, n in crash_types.counts(members).items() if n},
-                )
-            )
-    return tuple(clusters), cluster_index
+def _named(ids: Sequence[str], found: Grouping, crash_types: CrashTypes) -> tuple[Cluster, ...]:
+    """The clusters with the names of their typical cases and their crash types."""
+    return tuple(
+        Cluster(
+            id=number,
+            group=group.name,
+            size=group.size,
+            typical=tuple(ids[row] for row in group.typical),
+            crash_types={name: n for name, n in crash_types.counts(np.flatnonzero(found.index == number)).items() if n},
+        )
+        for number, group in enumerate(found.groups)
+    )

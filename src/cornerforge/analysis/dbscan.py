@@ -1,9 +1,7 @@
 """Majority and minority of cases: exact DBSCAN in the plane, with the radius chosen by a stated rule.
 
 scikit-learn's DBSCAN keeps every neighbourhood in memory, too much of it for 50,000 cases with heavy tails. In the
-plane the same clusters follow from far less (ADR 0003): a case is a core when its distance to its `min_samples`-th
-nearest case is at most eps, and two cores share a cluster exactly when a chain of edges of the Delaunay triangulation,
-none longer than eps, joins them (the triangulation contains a Euclidean minimum spanning tree).
+plane the same clusters follow from points sorted into cells (`density_grid.py`, ADR 0003).
 """
 
 from __future__ import annotations
@@ -12,9 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay, KDTree, QhullError
+from scipy.spatial import KDTree
+
+from cornerforge._checks import check_finite, check_integer
+from cornerforge.analysis.density_grid import CELL_WIDTH, attach_border, join_cells, mark_cores
+from cornerforge.errors import InputError
 
 __all__ = [
     "MAJORITY_SHARE",
@@ -23,6 +23,7 @@ __all__ = [
     "choose_min_samples",
     "dbscan",
     "knee",
+    "majority_of",
     "neighbour_distance",
     "split",
 ]
@@ -31,6 +32,9 @@ MAJORITY_SHARE = 0.1
 """A dense cluster belongs to the majority when it holds at least this share of all cases."""
 
 NOISE = -1
+
+_BLOCK = 65_536
+"""Points whose neighbours are held at a time."""
 
 
 @dataclass(frozen=True)
@@ -51,22 +55,31 @@ class DensitySplit:
 
 
 def split(points: NDArray[np.float64]) -> DensitySplit:
-    """Split cases into majority (in large dense clusters) and minority (noise and small clusters).
-
-    When no cluster is large enough, the largest alone is the majority; when there is no cluster, everything is.
+    """Split cases into majority (in large dense clusters) and minority (noise and small clusters): see `majority_of`.
 
     Args:
         points: Shape (S, 2), S >= 2, finite, not all equal.
     """
     min_samples = choose_min_samples(len(points))
     eps = choose_eps(points, min_samples)
-    labels = dbscan(points, eps, neighbour_distance(points, min_samples))
+    labels = dbscan(points, eps, min_samples)
+    return DensitySplit(eps, min_samples, labels, majority_of(labels))
+
+
+def majority_of(labels: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which cases are the majority: those in dense clusters with a share of at least `MAJORITY_SHARE`, shape (S,).
+
+    When no cluster is large enough, the largest alone is the majority; when there is no cluster, everything is.
+
+    Args:
+        labels: Of `dbscan`, shape (S,).
+    """
     sizes = np.bincount(labels + 1, minlength=1)[1:]
     if sizes.size == 0:
-        return DensitySplit(eps, min_samples, labels, np.ones(len(points), np.bool_))
-    is_large = sizes >= MAJORITY_SHARE * len(points)
+        return np.ones(len(labels), np.bool_)
+    is_large = sizes >= MAJORITY_SHARE * len(labels)
     is_large[0] = True
-    return DensitySplit(eps, min_samples, labels, np.where(labels == NOISE, False, is_large[labels]))
+    return np.where(labels == NOISE, False, is_large[labels])
 
 
 def choose_min_samples(n: int) -> int:
@@ -79,9 +92,24 @@ def choose_min_samples(n: int) -> int:
 
 
 def neighbour_distance(points: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-    """Distance from each point to its k-th nearest, itself the first, shape (S,); k in 1..S."""
-    distance = KDTree(points).query(points, k=[k])[0]
-    return np.asarray(distance, np.float64)[:, 0]
+    """Distance from each point to its k-th nearest, itself the first, shape (S,); k in 1..S.
+
+    Equal points are one point with a weight: a k-d tree cannot part them, and 45,000 equal ones took it minutes.
+    """
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    is_new = np.concatenate([[True], (np.diff(points[order], axis=0) != 0.0).any(axis=1)])
+    places, weight = points[order[is_new]], np.diff(np.append(np.flatnonzero(is_new), len(points)))
+    tree = KDTree(places)
+    at_places = np.empty(len(places))
+    # in the order of the tree's leaves, neighbours are asked one after the other: less than half the time for a million
+    for begin in range(0, len(places), _BLOCK):
+        rows = tree.indices[begin : begin + _BLOCK]
+        distance, neighbour = tree.query(places[rows], k=np.arange(1, min(k, len(places)) + 1))
+        is_kth = np.cumsum(weight[neighbour], axis=1) >= k
+        at_places[rows] = distance[np.arange(len(rows)), is_kth.argmax(axis=1)]
+    found = np.empty(len(points))
+    found[order] = at_places[np.cumsum(is_new) - 1]
+    return found
 
 
 def knee(values: NDArray[np.float64]) -> int:
@@ -122,59 +150,58 @@ def choose_eps(points: NDArray[np.float64], min_samples: int) -> float:
     return float(max((1.0 + 1e-9) * distance[knee(distance)], smallest))
 
 
-def dbscan(points: NDArray[np.float64], eps: float, distance: NDArray[np.float64]) -> NDArray[np.intp]:
-    """DBSCAN (Ester et al. 1996) of points in the plane, in O(S log S) time and O(S) memory.
+def dbscan(points: NDArray[np.float64], eps: float, min_samples: int) -> NDArray[np.intp]:
+    """DBSCAN (Ester et al. 1996) of points in the plane, exactly as defined, in O(S log S) time and O(S) memory.
 
-    Clusters of cores and noise are those of the definition. A border point that several clusters reach goes to the one
-    with the nearest core, where the original gives it to whichever was found first.
+    A core has `min_samples` points within eps (itself included; the border counts); cores within eps of each other
+    share a cluster. A border point that several clusters reach goes to the one with the nearest core, where the
+    original gives it to whichever was found first.
 
     Args:
         points: Shape (S, 2), finite.
-        eps: Radius of a neighbourhood.
-        distance: To each point's `min_samples`-th nearest, itself the first, shape (S,).
+        eps: Radius of a neighbourhood, above 0 and at least 1e-12 of the extent of the points.
+        min_samples: At least 1.
 
     Returns:
         Labels, shape (S,): 0 the largest cluster (ties: the one with the first point), -1 noise.
+
+    Raises:
+        InputError: A point is not finite, or eps or `min_samples` is out of range.
+
+    >>> dbscan(np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 2.0], [0.0, 9.0]]), 1.0, 2).tolist()
+    [0, 0, 0, -1]
     """
-    labels = np.full(len(points), NOISE, dtype=np.intp)
-    is_core = distance <= eps
-    if not is_core.any():
-        return labels
-    cores, which = np.unique(points[is_core], axis=0, return_inverse=True)
-    core_labels = _components(cores, eps)
-    labels[is_core] = core_labels[which.ravel()]
-    rest = np.flatnonzero(~is_core)
-    if rest.size:
-        to_core, nearest = KDTree(cores).query(points[rest])
-        labels[rest] = np.where(to_core <= eps, core_labels[nearest], NOISE)
+    check_integer("min_samples", min_samples, low=1)
+    check_finite("points", points)
+    if len(points) == 0:
+        return np.empty(0, np.intp)
+    low = points.min(axis=0)
+    extent = float((points.max(axis=0) - low).max())
+    if not eps > 0.0 or not np.isfinite(eps) or extent > 1e12 * eps:
+        raise InputError(f"eps = {eps} is out of range; allowed: above 0, at least 1e-12 of the extent {extent:g}.")
+    cell = np.floor((points - low) / (CELL_WIDTH * eps)).astype(np.int64)
+    order = np.lexsort((cell[:, 1], cell[:, 0]))
+    placed, cell = points[order], cell[order]
+    is_new = np.concatenate([[True], (cell[1:] != cell[:-1]).any(axis=1)])
+    start = np.append(np.flatnonzero(is_new), len(points))
+    column, row = np.ascontiguousarray(cell[is_new].T)
+    is_core = np.zeros(len(points), np.bool_)
+    cluster = np.empty(len(column), np.int64)
+    label = np.empty(len(points), np.int64)
+    mark_cores(placed, start, column, row, eps, min_samples, np.zeros(5, np.int64), is_core)
+    join_cells(placed, start, column, row, eps, is_core, np.zeros(5, np.int64), np.empty((len(column), 4)), cluster)
+    attach_border(placed, start, column, row, eps, is_core, cluster, np.zeros(5, np.int64), label)
+    labels = np.empty(len(points), np.intp)
+    labels[order] = label
     return _by_size(labels)
-
-
-def _components(cores: NDArray[np.float64], eps: float) -> NDArray[np.intp]:
-    """Component of each of the different points (n, 2) when those at most eps apart are joined, shape (n,)."""
-    edges = _candidate_edges(cores)
-    length = np.hypot(*(cores[edges[:, 0]] - cores[edges[:, 1]]).T)
-    near = edges[length <= eps]
-    graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(cores), len(cores)))
-    return np.asarray(connected_components(graph, directed=False)[1], np.intp)
-
-
-def _candidate_edges(points: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Edges (e, 2) that contain a Euclidean minimum spanning tree of different points."""
-    try:
-        mesh = Delaunay(points)
-    except (QhullError, ValueError):
-        # fewer than three points, or all on one line: neighbours along the line (rows are sorted by x, then y)
-        order = np.arange(len(points), dtype=np.intp)
-        return np.stack([order[:-1], order[1:]], axis=1)
-    corners = mesh.simplices
-    # coplanar: points that rounding keeps out of the mesh, with the mesh point nearest to each
-    return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [0, 2]], mesh.coplanar[:, [0, 2]]])
 
 
 def _by_size(labels: NDArray[np.intp]) -> NDArray[np.intp]:
     """Number clusters by size, largest first, ties by first appearance; -1 stays."""
-    found, first, sizes = np.unique(labels[labels != NOISE], return_index=True, return_counts=True)
-    rank = np.empty(len(found), np.intp)
-    rank[np.lexsort((first, -sizes))] = np.arange(len(found))
-    return np.where(labels == NOISE, NOISE, rank[labels])
+    is_in = labels != NOISE
+    _, first, which, sizes = np.unique(labels[is_in], return_index=True, return_inverse=True, return_counts=True)
+    rank = np.empty(len(sizes), np.intp)
+    rank[np.lexsort((first, -sizes))] = np.arange(len(sizes))
+    numbered = np.full(len(labels), NOISE, np.intp)
+    numbered[is_in] = rank[which]
+    return numbered

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,7 +12,17 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_in, check_integer
 from cornerforge.errors import InputError
 
-__all__ = ["FEATURES", "MAX_STEPS", "Features", "ShortCases", "check_history", "crash_features", "standardise"]
+__all__ = [
+    "FEATURES",
+    "MAX_STEPS",
+    "Features",
+    "Scaling",
+    "ShortCases",
+    "check_history",
+    "crash_features",
+    "row_blocks",
+    "scaling_of",
+]
 
 FEATURES = ("r_lon", "r_lat", "rr", "h_CAV", "h_BV")
 """Names as in the paper's equation 10. Units: m, m, m/s, rad, rad."""
@@ -22,7 +33,8 @@ MAX_STEPS = 15
 ShortCases = Literal["pad", "exclude"]
 """What happens to a case that began less than `steps` seconds before its crash."""
 
-_X, _Y, _SPEED, _HEADING = range(4)
+_HEADING = 3
+_BLOCK = 65_536
 
 
 @dataclass(frozen=True)
@@ -63,21 +75,36 @@ def crash_features(history: NDArray[np.floating], steps: int = 1, *, short: Shor
     check_history(history)
     check_integer("steps", steps, low=1, high=MAX_STEPS)
     check_in("short-case policy", short, ("pad", "exclude"))
-    is_recorded = np.isfinite(history).all(axis=(2, 3))
-    last = np.logical_and.accumulate(is_recorded[:, 1:], axis=1).sum(axis=1)
+    last = np.concatenate([_last_recorded(block) for block in _blocks_of(history)])
     is_short = last < steps
     kept = np.flatnonzero(~is_short) if short == "exclude" else np.arange(len(history))
     seconds = np.arange(1, steps + 1)
-    scene = history[kept[:, None], np.minimum(seconds, last[kept, None])].astype(np.float64)
-    av, bv = scene[:, :, 0], scene[:, :, 1]
-    parts = [bv[..., i] - av[..., i] for i in (_X, _Y, _SPEED)] + [av[..., _HEADING], bv[..., _HEADING]]
+    values = np.empty((len(kept), steps, len(FEATURES)))
+    for begin in range(0, len(kept), _BLOCK):
+        rows = kept[begin : begin + _BLOCK]
+        scene = history[rows[:, None], np.minimum(seconds, last[rows, None])]
+        av, bv = scene[:, :, 0].astype(np.float64), scene[:, :, 1].astype(np.float64)
+        values[begin : begin + _BLOCK, :, :3] = bv[..., :3] - av[..., :3]
+        values[begin : begin + _BLOCK, :, 3] = av[..., _HEADING]
+        values[begin : begin + _BLOCK, :, 4] = bv[..., _HEADING]
     return Features(
         names=tuple(f"{name}_{k}s" for k in seconds for name in FEATURES),
-        values=np.stack(parts, axis=-1).reshape(len(kept), steps * len(FEATURES)),
+        values=values.reshape(len(kept), steps * len(FEATURES)),
         kept=kept,
         padded=int(is_short[kept].sum()),
         excluded=len(history) - len(kept),
     )
+
+
+def _blocks_of(history: NDArray[np.floating]) -> Iterator[NDArray[np.floating]]:
+    for begin in range(0, len(history), _BLOCK):
+        yield history[begin : begin + _BLOCK]
+
+
+def _last_recorded(history: NDArray[np.floating]) -> NDArray[np.intp]:
+    """The last second before the first gap of each case, 0 for none, shape (S,)."""
+    is_recorded = np.isfinite(history).all(axis=(2, 3))
+    return np.asarray(np.logical_and.accumulate(is_recorded[:, 1:], axis=1).sum(axis=1), np.intp)
 
 
 def check_history(history: NDArray[np.floating]) -> None:
@@ -99,25 +126,53 @@ def check_history(history: NDArray[np.floating]) -> None:
         )
 
 
-def standardise(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Scale every column to mean 0 and standard deviation 1 (z-scores, divisor n); constant columns become 0.
+@dataclass(frozen=True)
+class Scaling:
+    """What makes z-scores of features: (values - mean) / spread, block by block, so that no second table is held.
+
+    Attributes:
+        mean: Of each column, in SI units, shape (F,).
+        spread: Standard deviation of each column (divisor n), shape (F,); inf for constant ones, so that they become 0.
+    """
+
+    mean: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+    @property
+    def is_trivial(self) -> bool:
+        """All cases are alike."""
+        return bool(np.isinf(self.spread).all())
+
+    def scaled(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The z-scores of some rows, shape (S, F)."""
+        result: NDArray[np.float64] = (values - self.mean) / self.spread
+        return result
+
+
+def scaling_of(values: NDArray[np.float64]) -> Scaling:
+    """Means and standard deviations of features (divisor n); constant columns will become 0.
 
     Metres, m/s and radians have no common scale: unscaled, `r_lon` alone would be the first principal component.
 
     Args:
-        values: Shape (S, F), finite.
+        values: Shape (S, F), S >= 1, finite.
 
     Returns:
-        Shape (S, F). A column counts as constant when its spread is rounding error (below 1e-9 of its size).
+        The scaling. A column counts as constant when its spread is rounding error (below 1e-9 of its size).
 
-    >>> standardise(np.array([[1.0, 7.0], [3.0, 7.0]]))
-    array([[-1.,  0.],
-           [ 1.,  0.]])
+    >>> scaling_of(np.array([[1.0, 7.0], [3.0, 7.0]])).scaled(np.array([[1.0, 7.0]])) + 0.0
+    array([[-1.,  0.]])
     """
-    if len(values) == 0:
-        return values.copy()
-    centred = values - values.mean(axis=0)
-    spread = centred.std(axis=0)
-    is_constant = spread <= 1e-9 * np.abs(values).max(axis=0)
-    scaled: NDArray[np.float64] = np.where(is_constant, 0.0, centred / np.where(is_constant, 1.0, spread))
-    return scaled
+    mean = values.mean(axis=0)
+    square, size = np.zeros(len(mean)), np.zeros(len(mean))
+    for block in row_blocks(values):
+        square += ((block - mean) ** 2).sum(axis=0)
+        size = np.maximum(size, np.abs(block).max(axis=0))
+    spread = np.sqrt(square / len(values))
+    return Scaling(mean, np.where(spread <= 1e-9 * size, np.inf, spread))
+
+
+def row_blocks(values: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """The rows, some ten thousand at a time."""
+    for begin in range(0, len(values), _BLOCK):
+        yield values[begin : begin + _BLOCK]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.analysis._sklearn import one_thread, principal_components
+from cornerforge.analysis._sklearn import one_thread
+from cornerforge.analysis.features import Scaling, row_blocks
 
 __all__ = ["Projection", "project"]
 
@@ -27,30 +28,38 @@ class Projection:
     loadings: NDArray[np.float64]
 
 
-def project(values: NDArray[np.float64]) -> Projection:
-    """Project cases on their first two principal components.
+def project(values: NDArray[np.float64], scaling: Scaling) -> Projection:
+    """Project cases on the first two principal components of their z-scores.
 
     A component's sign is arbitrary; here its loading of largest magnitude is positive (the first such feature when
-    several are equal up to rounding), so that pictures of the same data agree.
+    several are equal up to rounding), so that pictures of the same data agree. The components are eigenvectors of the
+    correlation matrix, which is summed block by block: a million cases of 75 features need no second table.
 
     Args:
-        values: Scaled features, shape (S, F), F >= 2, finite.
+        values: Features in SI units, shape (S, F), F >= 2, finite.
+        scaling: Of these values.
 
     Returns:
         The projection; all zero when there are fewer than two cases or all are alike.
 
     Raises:
-        MissingExtraError: scikit-learn is not installed.
+        MissingExtraError: scikit-learn is not installed (it brings what holds BLAS to one thread).
     """
     n_cases, n_features = values.shape
-    if n_cases < 2 or not values.any():
+    if n_cases < 2 or scaling.is_trivial:
         return Projection(np.zeros((n_cases, 2)), np.zeros(2), np.zeros((2, n_features)))
+    # one thread: with several, the order of the sums and so the last bits would change from run to run
     with one_thread():
-        components, shares = principal_components(values, 2)
-    size = np.abs(components)
-    # loadings that are equal in theory differ by rounding: take the first within a hair of the largest
-    leading = np.argmax(size >= (1.0 - 1e-9) * size.max(axis=1, keepdims=True), axis=1)
-    loadings = components * np.sign(components[np.arange(2), leading])[:, None]
-    # einsum, not matmul: its sums do not depend on the number of BLAS threads
-    points = np.einsum("sf,cf->sc", values - values.mean(axis=0), loadings)
+        products = np.zeros((n_features, n_features))
+        for block in row_blocks(values):
+            scaled = scaling.scaled(block)
+            products += scaled.T @ scaled
+        variances, vectors = np.linalg.eigh(products / n_cases)
+        components = vectors[:, :-3:-1].T
+        shares = np.maximum(variances[:-3:-1], 0.0) / np.trace(products / n_cases)
+        size = np.abs(components)
+        # loadings that are equal in theory differ by rounding: take the first within a hair of the largest
+        leading = np.argmax(size >= (1.0 - 1e-9) * size.max(axis=1, keepdims=True), axis=1)
+        loadings = components * np.sign(components[np.arange(2), leading])[:, None]
+        points = np.concatenate([scaling.scaled(block) @ loadings.T for block in row_blocks(values)])
     return Projection(points, shares, loadings)

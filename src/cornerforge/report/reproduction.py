@@ -9,6 +9,7 @@ import base64
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from cornerforge.errors import MissingExtraError, OutputError
 from cornerforge.ndd.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.report import text
 from cornerforge.report.reader import Reader, read_json
+from cornerforge.report.reproduction_clusters import cluster_pictures, example_pictures, period_pictures
 from cornerforge.report.reproduction_figures import (
     Picture,
     crash_type_pictures,
@@ -33,6 +35,11 @@ RENDERERS: dict[str, Callable[[Mapping[str, Any]], list[Picture]]] = {
     "figure2": training_pictures,
     "figure3": exposure_pictures,
     "figure5": crash_type_pictures,
+    "figure7": period_pictures,
+    "figure8": partial(cluster_pictures, name="figure8"),
+    "figure9": partial(example_pictures, name="figure9"),
+    "figure10": partial(cluster_pictures, name="figure10"),
+    "figure11": partial(example_pictures, name="figure11"),
     "matrix": matrix_pictures,
 }
 """Item id to what draws its `data`."""

@@ -178,6 +178,10 @@ class Bench:
         """Give what `parts/NAME.json` holds if it was made of the same inputs; else do the work and keep it."""
         return keep(self.folder / "parts" / f"{name}.json", {**self.inputs(), **inputs}, work)
 
+    def forget(self, name: str) -> None:
+        """Drop `parts/NAME.json`, when what it tells of is gone."""
+        (self.folder / "parts" / f"{name}.json").unlink(missing_ok=True)
+
     def experiment(self, av: str, adversary: Adversary | None = None, k: int = 0) -> Experiment:
         """An AV in natural traffic, or among an adversary's (learned: its k-th training) vehicles."""
         world = asdict(self._world)
