@@ -161,6 +161,29 @@ def _yield_text(r: dict[str, Any], what: str) -> str:
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
 
 
+def _judgement_text(r: dict[str, Any]) -> list[str]:
+    """Fault, avoidability, coverage and the most valuable cases of an analysis."""
+    lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r["fault"].items())]
+    if r["avoidability"] is not None:
+        seen = r["avoidability"]
+        low, high = seen["interval95"]
+        labels = ", ".join(f"{label} {n:,}" for label, n in seen["labels"].items() if n)
+        lines.append(
+            f"Avoidable: {100.0 * seen['avoidable_share']:.1f} % (95 % interval {100.0 * low:.1f} to "
+            f"{100.0 * high:.1f} %, {seen['cases']:,} cases): {labels}"
+        )
+    cover = r["coverage"]
+    low, high = cover["unseen_kind_interval95"]
+    lines.append(
+        f"Kinds: {len(cover['cells'])} seen, {len(cover['empty'])} cells empty; chance that the next case is of a new "
+        f"kind {cover['unseen_kind_chance']:.2g} (95 % interval {low:.2g} to {high:.2g})"
+    )
+    if r["value"]["top"]:
+        lines.append("Worth a look first (value: case: what happened):")
+        lines += [f"  {one['value']:.2f}: {one['case_id']}: {one['text']}" for one in r["value"]["top"]]
+    return lines
+
+
 def _fault_text(r: dict[str, Any]) -> list[str]:
     """A line on tests that the AV spoiled, if it did."""
     n = r.get("av_faults", 0)
@@ -401,15 +424,22 @@ def analyse(
     library: Library,
     steps: Annotated[int, typer.Option(help="Seconds before the crash that the features cover, 1 to 15.")] = 1,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for analysis.json and points.parquet.", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Folder for analysis.json, cases.parquet, points.parquet and witnesses.parquet.", show_default=False
+        ),
     ] = None,
+    avoidability: Annotated[
+        str, typer.Option(help="For how many cases, drawn at random, a way out is searched for; all or none.")
+    ] = "2000",
+    reaction: Annotated[float, typer.Option(help="Seconds that the AV needs to react, 0 to 5.")] = 0.0,
     seed: Seed = 0,
-    threads: IdleThreads = None,
+    threads: Threads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Cluster a library's cases; name its crash types, typical and rare cases."""
+    """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
     from cornerforge import pipeline
 
     def text(r: dict[str, Any]) -> str:
@@ -424,10 +454,14 @@ def analyse(
             for c in r["clusters"]
         ]
         lines.append("Rare: " + (", ".join(r["rare"]) or "none"))
+        lines += _judgement_text(r)
         return "\n".join([*lines, *([r["note"]] if "note" in r else [])])
 
     _run(
-        lambda bars: pipeline.analyse(library, steps=steps, out=out, seed=seed, progress=bars),
+        lambda bars: pipeline.analyse(
+            library, steps=steps, out=out, avoidability=avoidability, reaction=reaction, seed=seed, threads=threads,
+            progress=bars,
+        ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 

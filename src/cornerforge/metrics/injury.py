@@ -2,8 +2,9 @@
 
 The curves are logistic in delta-v, one per crash mode: P = 1 / (1 + exp(-(a + b delta-v))), delta-v in miles per hour.
 
-Frontal and rear: a and b as published by Wang (2022), "MAIS(05/08) injury probability curves as functions of delta V",
-NHTSA, DOT HS 813 219 (tables A-6 and A-9), for MAIS 3+ in the crashes of NASS-CDS 2010-2015.
+Frontal and rear: a and b are those of Wang (2022), "MAIS(05/08) injury probability curves as functions of delta V",
+NHTSA, DOT HS 813 219, for MAIS 3+ in the crashes of NASS-CDS 2010-2015, as later users of the report give them (they
+name its tables A-6 and A-9). We had not the report itself: hold them against it before anything rests on them.
 
 Near and far side: that report has no curve for side impacts. Ours are its frontal curve, shifted by the odds ratio
 between the modes at 30 mph in Augenstein et al. (2003), "Characteristics of crashes that increase the risk of serious

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cornerforge.pipeline.cases import analyse, query, replay
+from cornerforge.pipeline.analyse import analyse
+from cornerforge.pipeline.cases import query, replay
 from cornerforge.pipeline.check_av import check_av
 from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import

@@ -1,4 +1,4 @@
-"""`analyse`, `replay` and `query`: what is done with a library."""
+"""`replay` and `query`: cases driven again, and asked for."""
 
 from __future__ import annotations
 
@@ -10,85 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import load_policy
-from cornerforge.errors import FileFormatError, InputError
+from cornerforge.errors import FileFormatError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
-from cornerforge.pipeline.output import code_hash, open_output, provenance, write_json, writing
+from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import ScriptDriver
 from cornerforge.types import Scenario
 
-__all__ = ["analyse", "driver_of_cases", "experiment_of", "is_same", "query", "replay"]
+__all__ = ["driver_of_cases", "experiment_of", "is_same", "query", "replay"]
 
 _NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
 _TRACKS = ("x", "y", "speed", "heading", "acceleration")
-
-
-def analyse(
-    library: Path | str,
-    *,
-    steps: int = 1,
-    out: Path | str | None = None,
-    seed: int = 0,
-    progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
-    """Features, PCA, DBSCAN, K-means, crash types, typical and rare cases of a library (paper, "Corner case analysis").
-
-    Args:
-        library: The library's folder.
-        steps: Seconds before the crash that the features cover, 1 to 15.
-        out: Folder for `analysis.json` and `points.parquet`, new or empty, or with this same analysis; None for none.
-        seed: Of K-means' starts.
-        progress: Told how far it is.
-
-    Returns:
-        The object that `cornerforge analyse --json` prints.
-
-    Raises:
-        CornerForgeError: The library cannot be read or is empty, or an argument is out of range.
-    """
-    from cornerforge.analysis import analyse as analyse_history
-
-    check_integer("steps", steps, low=1, high=15)
-    check_integer("seed", seed, low=0, high=2**32 - 1)
-    cases = CaseLibrary.open(Path(library))
-    if len(cases) == 0:
-        raise InputError(
-            f"The library {library} holds no cases yet; fill it with: cornerforge generate --out {library} --resume"
-        )
-    identity = {**cases.identity, "cases": len(cases), "steps": steps, "analysis_seed": seed}
-    if out is not None:
-        open_output(Path(out), identity, resume=True)
-    progress("analyse", 0, 1)
-    ids, history = cases.history()
-    result = analyse_history(
-        ids,
-        history,
-        steps=steps,
-        seed=seed,
-        vehicle_length=cases.odd.vehicle_length,
-        vehicle_width=cases.odd.vehicle_width,
-    )
-    progress("analyse", 1, 1)
-    summary = result.to_json()
-    if out is not None:
-        _write_analysis(Path(out), summary, result.points)
-        write_json(Path(out) / "provenance.json", provenance(identity, round(summary["seconds"]["total"], 3)))
-    return summary
-
-
-def _write_analysis(out: Path, summary: dict[str, Any], points: dict[str, Any]) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    write_json(out / "analysis.json", summary)
-    with writing(out / "points.parquet") as part:
-        pq.write_table(pa.table({name: pa.array(values) for name, values in points.items()}), part)
 
 
 def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:

@@ -13,7 +13,7 @@ from cornerforge._checks import check_in, check_integer
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
-from cornerforge.pipeline.cases import analyse
+from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.generate import fill_library
 from cornerforge.pipeline.output import (
     code_hash,

@@ -11,7 +11,7 @@ from cornerforge.adversary.policy_file import policy_hash
 from cornerforge.analysis.features import crash_features
 from cornerforge.analysis.grouping import group_features
 from cornerforge.analysis.kmeans import k_means_in
-from cornerforge.pipeline.cases import analyse
+from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.paper.bench import Adversary, Bench
 from cornerforge.pipeline.paper.figure2 import PAPER_SECONDS, PAPER_YIELD, seconds_to_yield
 from cornerforge.pipeline.paper.item import Finding, Item, Row

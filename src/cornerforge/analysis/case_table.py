@@ -1,0 +1,177 @@
+"""All that is known of each case, side by side: measures, fault, avoidability, value (docs/case-columns.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table
+from cornerforge.analysis.columns import CaseColumn
+from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
+from cornerforge.analysis.measures import MEASURES, measure_cases
+from cornerforge.analysis.recordings import recordings_of_tracks
+from cornerforge.analysis.value import (
+    PARTS,
+    Value,
+    avoidability_part,
+    likelihood_part,
+    novelty_part,
+    severity_part,
+    value_of,
+)
+from cornerforge.types import Odd
+
+__all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "natural_log_likelihood", "read_shards", "values_of"]
+
+_WITNESS = [name for name in AVOIDABILITY_SCHEMA.names if name.startswith("witness_")]
+
+VALUE_COLUMNS: tuple[CaseColumn, ...] = (
+    CaseColumn(
+        "natural_log_likelihood", "float", "",
+        "ln of the likelihood of the critical BV's actions relative to the likeliest ones, drivers attentive; where "
+        "only an oversight explains them, ln of their probability with oversights; -inf: never.",
+    ),
+    CaseColumn("value_avoidability", "float", "", "Time to react over 2 s, 0 to 1; null: not looked at."),
+    CaseColumn("value_severity", "float", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1."),
+    CaseColumn("value_likelihood", "float", "", "1 + log10 of the natural likelihood / 9, 0 to 1."),
+    CaseColumn("value_novelty", "float", "", "Share of the other cases that lie in denser company, 0 to 1."),
+    CaseColumn("value", "float", "", "Weighted mean of the four, 0 to 1; null: one of them is not known."),
+)  # fmt: skip
+"""What `values_of` adds."""
+
+
+@dataclass(frozen=True)
+class CaseTable:
+    """One row a case.
+
+    Attributes:
+        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where nobody looked) and
+            `natural_log_likelihood`, after `case_id`.
+        witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
+    """
+
+    table: pa.Table
+    witnesses: pa.Table
+
+
+@dataclass(frozen=True)
+class ShardReading:
+    """What to make of each shard.
+
+    Attributes:
+        odd: Road and rules of the library.
+        look_at: Ids of the cases whose avoidability is looked for.
+        params: What the AV may do.
+        threads: Size of the pool; does not change the result.
+    """
+
+    odd: Odd
+    look_at: frozenset[str]
+    params: AvoidParams
+    threads: int
+
+
+def natural_log_likelihood(cases: pa.Table) -> NDArray[np.float64]:
+    """How likely what the critical BV did is for natural drivers; the first column of `VALUE_COLUMNS`.
+
+    A library that knows no shortfalls (crashes of natural traffic) gives the probability with oversights.
+
+    Args:
+        cases: Rows of `library.schema.CASES` with the caller's own columns.
+
+    Returns:
+        Shape (S,), at most 0; -inf where an action was impossible.
+    """
+    exact = np.nan_to_num(_numbers(cases, "log_prob_nde"), nan=-np.inf)
+    exact[_numbers(cases, "n_impossible") > 0] = -np.inf
+    if "shortfall_nats" not in cases.column_names:
+        return exact
+    return np.where(_numbers(cases, "n_implausible") == 0, -_numbers(cases, "shortfall_nats"), exact)
+
+
+def _numbers(table: pa.Table, name: str) -> NDArray[np.float64]:
+    values = table.column(name).to_numpy(zero_copy_only=False)
+    return np.array(values, dtype=np.float64)
+
+
+def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReading) -> Iterable[CaseTable]:
+    """Measures, fault and avoidability of a library, shard after shard, so that one shard's motion is in memory.
+
+    Args:
+        shards: Cases and tracks of each (`CaseLibrary.shards`).
+        reading: What to make of them.
+
+    Yields:
+        A part for each shard, in order.
+    """
+    for cases, tracks in shards:
+        recordings = recordings_of_tracks(tracks, cases.column("bv_slot").to_numpy(), reading.odd)
+        columns: dict[str, Any] = dict(measure_cases(recordings)) | assign_fault(recordings).columns()
+        wanted = pc.is_in(cases.column("case_id"), value_set=pa.array(sorted(reading.look_at), pa.string()))
+        witnesses = avoidability_table(
+            cases.filter(wanted), tracks.filter(wanted), reading.odd, reading.params, threads=reading.threads
+        )
+        ids = cases.column("case_id")
+        place = pc.index_in(ids, value_set=witnesses.column("case_id").combine_chunks())
+        fields = [pa.field("case_id", pa.string())]
+        arrays: list[Any] = [ids.combine_chunks()]
+        for column in (*MEASURES, *FAULT_COLUMNS):
+            array = pa.array(columns[column.name], from_pandas=True)
+            fields.append(_field(column, array.type))
+            arrays.append(array)
+        for name in AVOIDABILITY_SCHEMA.names[1:]:
+            if name not in _WITNESS:
+                fields.append(AVOIDABILITY_SCHEMA.field(name))
+                arrays.append(witnesses.column(name).combine_chunks().take(place.combine_chunks()))
+        natural = pa.array(natural_log_likelihood(cases))
+        fields.append(_field(VALUE_COLUMNS[0], natural.type))
+        arrays.append(natural)
+        yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses)
+
+
+def _field(column: CaseColumn, kind: pa.DataType) -> pa.Field:
+    return pa.field(
+        column.name,
+        kind,
+        metadata={"unit": column.unit, "meaning": column.meaning} if column.unit else {"meaning": column.meaning},
+    )
+
+
+def values_of(
+    table: pa.Table, points: NDArray[np.float64], weights: dict[str, float] | None = None
+) -> tuple[pa.Table, Value]:
+    """Value the cases, and put the parts beside what they are made of.
+
+    Args:
+        table: Of `read_shards`, S rows.
+        points: The cases in the plane of the analysis, shape (S, 2).
+        weights: Of the parts (`value_of`).
+
+    Returns:
+        The table with `VALUE_COLUMNS`, and the values.
+
+    Raises:
+        InputError: The weights are not right.
+    """
+    looked = np.array(pc.is_valid(table.column("avoidability")).to_numpy(zero_copy_only=False), np.bool_)
+    time_to_react = _numbers(table, "time_to_react_s")
+    time_to_react[looked & np.isnan(time_to_react)] = -np.inf
+    value = value_of(
+        {
+            "avoidability": avoidability_part(time_to_react),
+            "severity": severity_part(_numbers(table, "av_injury_probability")),
+            "likelihood": likelihood_part(_numbers(table, "natural_log_likelihood")),
+            "novelty": novelty_part(points),
+        },
+        weights,
+    )
+    for column, values in zip(VALUE_COLUMNS[1:], [*(value.parts[name] for name in PARTS), value.score], strict=True):
+        array = pa.array(values, from_pandas=True)
+        table = table.append_column(_field(column, array.type), array)
+    return table, value

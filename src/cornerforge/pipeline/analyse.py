@@ -1,0 +1,288 @@
+"""`analyse`: kinds of crash, typical and rare cases; what was avoidable, whose fault, and what is worth a look."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer, check_number
+from cornerforge.errors import InputError
+from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.output import open_output, provenance, write_json, writing
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import check_threads
+from cornerforge.rates.intervals import binomial_interval
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from cornerforge.analysis import Analysis
+    from cornerforge.analysis.value import Value
+
+__all__ = ["DEFAULT_LOOKS", "analyse"]
+
+DEFAULT_LOOKS = 2000
+"""Cases drawn for the search for ways out, unless another number is asked for: a few seconds on two cores."""
+_TOP = 10
+
+
+def analyse(
+    library: Path | str,
+    *,
+    steps: int = 1,
+    out: Path | str | None = None,
+    avoidability: int | str = DEFAULT_LOOKS,
+    reaction: float = 0.0,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> dict[str, Any]:
+    """Analyse a library (paper, "Corner case analysis"), and judge its cases: measures, fault, avoidability, value.
+
+    Args:
+        library: The library's folder.
+        steps: Seconds before the crash that the features cover, 1 to 15.
+        out: Folder for `analysis.json`, `points.parquet`, `cases.parquet` (every case with all its measures) and
+            `witnesses.parquet` (ways out), new or empty, or with this same analysis; None for none.
+        avoidability: For how many cases, drawn at random, a way out is searched for; "all" or "none". Typical and rare
+            cases are looked at besides, unless "none".
+        reaction: Time that the AV needs to react [s], 0 to 5: an avoiding manoeuvre may begin so long after the
+            manoeuvre that led to the crash began.
+        seed: Of K-means' starts and of the draw.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+
+    Returns:
+        The object that `cornerforge analyse --json` prints.
+
+    Raises:
+        CornerForgeError: The library cannot be read or is empty, or an argument is out of range.
+    """
+    from cornerforge.analysis import analyse as analyse_history
+
+    check_integer("steps", steps, low=1, high=15)
+    check_integer("seed", seed, low=0, high=2**32 - 1)
+    check_number("reaction", reaction, low=0.0, high=5.0, unit="s")
+    looks = _looks(avoidability)
+    n_threads = check_threads(threads)
+    cases = CaseLibrary.open(Path(library))
+    if len(cases) == 0:
+        raise InputError(
+            f"The library {library} holds no cases yet; fill it with: cornerforge generate --out {library} --resume"
+        )
+    identity = {
+        **cases.identity, "cases": len(cases), "steps": steps, "analysis_seed": seed,
+        "avoidability": str(avoidability), "reaction": float(reaction),
+    }  # fmt: skip
+    if out is not None:
+        open_output(Path(out), identity, resume=True)
+    progress("analyse", 0, len(cases))
+    ids, history = cases.history()
+    found = analyse_history(
+        ids,
+        history,
+        steps=steps,
+        seed=seed,
+        vehicle_length=cases.odd.vehicle_length,
+        vehicle_width=cases.odd.vehicle_width,
+    )
+    summary = found.to_json()
+    drawn = _draw(found.case_ids, looks, seed)
+    chosen = drawn | _outstanding(found) if looks != 0 else drawn
+    table, witnesses, value = _judge(cases, found, chosen, reaction, n_threads, progress, summary["seconds"])
+    summary |= _summary(cases, found, table, drawn, value, reaction)
+    if out is not None:
+        _write(Path(out), summary, found, table, witnesses)
+        write_json(Path(out) / "provenance.json", provenance(identity, round(summary["seconds"]["total"], 3)))
+    return summary
+
+
+def _looks(avoidability: int | str) -> int | None:
+    """How many cases to draw; None for all.
+
+    Raises:
+        InputError: It is neither a number nor "all" nor "none".
+    """
+    if avoidability == "all":
+        return None
+    if avoidability == "none":
+        return 0
+    try:
+        number = int(avoidability)
+    except ValueError:
+        raise InputError(
+            f'avoidability = {avoidability!r} is not allowed; a number of cases, "all" or "none".'
+        ) from None
+    return check_integer("avoidability", number, low=0, high=10**9)
+
+
+def _draw(ids: tuple[str, ...], looks: int | None, seed: int) -> frozenset[str]:
+    if looks is None or looks >= len(ids):
+        return frozenset(ids)
+    rows = np.random.default_rng([seed, 20]).choice(len(ids), size=looks, replace=False)
+    return frozenset(ids[row] for row in rows)
+
+
+def _outstanding(found: Analysis) -> frozenset[str]:
+    """Typical and rare cases."""
+    return frozenset(found.rare).union(*(one.typical for one in found.clusters))
+
+
+def _judge(
+    cases: CaseLibrary, found: Analysis, chosen: frozenset[str], reaction: float, threads: int, progress: Progress,
+    seconds: dict[str, float],
+) -> tuple[pa.Table, pa.Table, Value]:  # fmt: skip
+    """Everything case by case, in the order of the analysis; the time that it took goes into `seconds`."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    from cornerforge.analysis.avoidability import AvoidParams
+    from cornerforge.analysis.case_table import ShardReading, read_shards, values_of
+
+    begin = time.perf_counter()
+    reading = ShardReading(cases.odd, chosen, AvoidParams(delay_s=float(reaction)), threads)
+    parts, done = [], 0
+    for part in read_shards(cases.shards(), reading):
+        parts.append(part)
+        done += part.table.num_rows
+        progress("judge", done, len(cases))
+    if not parts:
+        raise InputError(f"No shard of {cases.path} can be read; generate the library again.")
+    table = pa.concat_tables([part.table for part in parts])
+    rows = pc.index_in(pa.array(found.case_ids, pa.string()), value_set=table.column("case_id").combine_chunks())
+    if rows.null_count:
+        raise InputError(
+            f"The trajectories of {rows.null_count} case(s) of {cases.path} are damaged; analyse a copy without them."
+        )
+    table, value = values_of(table.take(rows), found.projection.points)
+    seconds["judge"] = time.perf_counter() - begin
+    seconds["total"] += seconds["judge"]
+    return table, pa.concat_tables([part.witnesses for part in parts]), value
+
+
+def _summary(
+    cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], value: Value, reaction: float
+) -> dict[str, Any]:
+    """The keys that judging adds to the summary of an analysis."""
+    from cornerforge.analysis.coverage import coverage_of
+
+    is_drawn = np.array([case in drawn for case in found.case_ids], np.bool_)
+    labels, index = _labels(table, is_drawn)
+    looked = is_drawn if index is not None else np.ones(len(found.case_ids), np.bool_)
+    impact = _column(table, "impact_speed_mps")
+    grid = coverage_of(found.crash_types.code[looked], impact[looked], index, labels)
+    return {
+        "fault": _counts(_strings(table, "fault")),
+        "fault_rules": _counts(_strings(table, "fault_rule")),
+        "severity": {
+            name: {str(q): float(np.quantile(_column(table, name), q / 100.0)) for q in (5, 50, 95, 99)}
+            for name in ("impact_speed_mps", "av_delta_v_mps", "av_injury_probability")
+        },
+        "avoidability": _avoidability(table, is_drawn, reaction),
+        "value": {"weights": value.weights, "top": _top(cases, found, table, value)},
+        "coverage": grid.to_json(),
+    }
+
+
+def _column(table: pa.Table, name: str) -> NDArray[np.float64]:
+    return np.array(table.column(name).to_numpy(zero_copy_only=False), np.float64)
+
+
+def _strings(table: pa.Table, name: str) -> list[str | None]:
+    values: list[str | None] = table.column(name).to_pylist()
+    return values
+
+
+def _counts(values: list[str | None]) -> dict[str, int]:
+    names, counts = np.unique([value for value in values if value is not None], return_counts=True)
+    return {str(names[k]): int(counts[k]) for k in np.argsort(-counts, kind="stable")}
+
+
+def _labels(table: pa.Table, is_drawn: NDArray[np.bool_]) -> tuple[tuple[str, ...], NDArray[np.int64] | None]:
+    """Names of the labels, and the label of each drawn case; no labels when nothing was drawn or a case has none."""
+    from cornerforge.analysis.avoidability import LABELS
+
+    names = tuple(LABELS)
+    given = [value for value, chosen in zip(_strings(table, "avoidability"), is_drawn, strict=True) if chosen]
+    if not given or None in given:
+        return (), None
+    return names, np.array([names.index(str(value)) for value in given], np.int64)
+
+
+def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float) -> dict[str, Any] | None:
+    """Labels of the drawn cases; None when nothing was drawn."""
+    from cornerforge.analysis.avoidability import LABELS
+
+    n = int(is_drawn.sum())
+    if n == 0:
+        return None
+    labels = [value for value, chosen in zip(_strings(table, "avoidability"), is_drawn, strict=True) if chosen]
+    counts = {name: labels.count(name) for name in LABELS}
+    ways = n - counts["unavoidable"] - counts["undecided"] - labels.count(None)
+    times = _column(table, "time_to_react_s")[is_drawn]
+    times = times[np.isfinite(times)]
+    return {
+        "cases": n,
+        "reaction_s": float(reaction),
+        "labels": counts,
+        "not_judged": labels.count(None),
+        "avoidable_share": ways / n,
+        "interval95": list(binomial_interval(ways, n)),
+        "median_time_to_react_s": float(np.median(times)) if times.size else None,
+    }
+
+
+def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> list[dict[str, Any]]:
+    """The most valuable cases with a sentence each."""
+    import pyarrow as pa
+
+    from cornerforge.analysis.in_words import case_in_words
+
+    natural = _column(table, "natural_log_likelihood")
+    rows = [int(row) for row in value.best(_TOP)]
+    avoidance = table.take(pa.array(rows, pa.int64())).to_pylist()
+    top = []
+    for row, known in zip(rows, avoidance, strict=True):
+        case_id = found.case_ids[row]
+        words = case_in_words(cases.scenario(case_id).scenario, _avoidance_in_words(known), float(natural[row]))
+        top.append(
+            {
+                "case_id": case_id,
+                "value": float(value.score[row]),
+                **{name: float(part[row]) for name, part in value.parts.items()},
+                "crash_type": found.crash_types.names[row],
+                "fault": known["fault"],
+                "text": words,
+            }
+        )
+    return top
+
+
+def _avoidance_in_words(known: dict[str, Any]) -> str:
+    """Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked."""
+    label = known["avoidability"]
+    if label is None:
+        return ""
+    if label in ("unavoidable", "undecided") or known["latest_any_s"] is None:
+        return "unavoidable" if label == "unavoidable" else "no way out found, not all tried"
+    how = {"by both": "by braking or steering", "by combination": "by braking and steering together"}.get(label, label)
+    return f"avoidable {how} until {known['latest_any_s']:.1f} s before impact"
+
+
+def _write(out: Path, summary: dict[str, Any], found: Analysis, table: pa.Table, witnesses: pa.Table) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    points = pa.table({name: pa.array(values) for name, values in found.points.items()})
+    everything = points
+    for field in table.schema:
+        if field.name != "case_id":
+            everything = everything.append_column(field, table.column(field.name))
+    write_json(out / "analysis.json", summary)
+    for name, content in (("points", points), ("cases", everything), ("witnesses", witnesses)):
+        with writing(out / f"{name}.parquet") as part:
+            pq.write_table(content, part)

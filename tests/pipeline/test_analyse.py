@@ -1,0 +1,176 @@
+"""`analyse` on a real library: what it writes, that numbers agree with each other, and that threads change nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cornerforge import cli, pipeline
+from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, LABELS
+from cornerforge.analysis.case_table import VALUE_COLUMNS, natural_log_likelihood
+from cornerforge.analysis.fault import FAULT_COLUMNS
+from cornerforge.analysis.measures import MEASURES
+from cornerforge.analysis.value import PARTS
+from cornerforge.errors import InputError, OutputError
+
+
+@pytest.fixture(scope="module")
+def analysed(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    out = tmp_path_factory.mktemp("analysed") / "out"
+    return pipeline.analyse(swerve_library, out=out, avoidability=40, seed=3, threads=2), out
+
+
+def test_every_case_has_its_row(analysed: tuple[dict[str, Any], Path]) -> None:
+    summary, out = analysed
+    cases, points = pq.read_table(out / "cases.parquet"), pq.read_table(out / "points.parquet")
+    assert cases.column("case_id").to_pylist() == points.column("case_id").to_pylist()
+    assert cases.num_rows == summary["cases"]
+    wanted = {column.name for column in (*MEASURES, *FAULT_COLUMNS, *VALUE_COLUMNS)}
+    assert wanted <= set(cases.column_names)
+    for name in wanted:
+        assert (cases.schema.field(name).metadata or {}).get(b"meaning"), f"{name} says what it is"
+    assert sum(summary["fault"].values()) == sum(summary["fault_rules"].values()) == summary["cases"]
+    np.testing.assert_allclose(
+        cases.column("impact_speed_mps").to_numpy(), 2.0 * cases.column("av_delta_v_mps").to_numpy(), rtol=1e-9
+    )  # equal masses, plastic
+
+
+def test_drawn_cases_make_the_shares_and_outstanding_ones_are_looked_at_too(
+    analysed: tuple[dict[str, Any], Path],
+) -> None:
+    summary, out = analysed
+    seen = summary["avoidability"]
+    assert seen["cases"] == sum(seen["labels"].values()) == 40
+    ways = 40 - seen["labels"]["unavoidable"] - seen["labels"]["undecided"]
+    assert seen["avoidable_share"] == ways / 40
+    assert seen["interval95"][0] <= ways / 40 <= seen["interval95"][1]
+    cases = pq.read_table(out / "cases.parquet").to_pydict()
+    looked = {name for name, label in zip(cases["case_id"], cases["avoidability"], strict=True) if label is not None}
+    outstanding = set(summary["rare"]).union(*(one["typical"] for one in summary["clusters"]))
+    assert outstanding <= looked
+    assert len(looked) <= 40 + len(outstanding)
+    assert {label for label in cases["avoidability"] if label} <= set(LABELS)
+    witnesses = pq.read_table(out / "witnesses.parquet").to_pydict()
+    assert set(witnesses["case_id"]) == looked
+    for label, way in zip(witnesses["avoidability"], witnesses["witness_x_m"], strict=True):
+        assert way is not None or label in ("unavoidable", "undecided")
+    assert summary["coverage"]["cases"] == 40
+
+
+def test_the_top_is_the_top_and_says_why(analysed: tuple[dict[str, Any], Path]) -> None:
+    summary, out = analysed
+    cases = pq.read_table(out / "cases.parquet").to_pydict()
+    rows = {name: row for row, name in enumerate(cases["case_id"])}
+    values = [value for value in cases["value"] if value is not None]
+    top = summary["value"]["top"]
+    assert [one["value"] for one in top] == sorted(values, reverse=True)[:10]
+    for one in top:
+        row = rows[one["case_id"]]
+        assert one["value"] == pytest.approx(np.mean([one[name] for name in PARTS]))
+        assert all(one[name] == cases[f"value_{name}"][row] for name in PARTS)
+        assert one["fault"] == cases["fault"][row]
+        latest = cases["latest_any_s"][row]
+        assert one["text"].split("; ")[1].startswith("avoidable" if latest is not None else ("unavoidable", "no way"))
+        if latest is not None:
+            assert f"until {latest:.1f} s before impact" in one["text"]
+
+
+def test_the_same_for_any_threads_and_another_draw_for_another_seed(
+    swerve_library: Path, analysed: tuple[dict[str, Any], Path], tmp_path: Path
+) -> None:
+    def timeless(summary: dict[str, Any]) -> str:
+        return json.dumps({name: value for name, value in summary.items() if name != "seconds"})
+
+    again = pipeline.analyse(swerve_library, out=tmp_path / "again", avoidability=40, seed=3, threads=1)
+    assert timeless(again) == timeless(analysed[0])
+    for name in ("cases", "points", "witnesses"):
+        assert (tmp_path / "again" / f"{name}.parquet").read_bytes() == (analysed[1] / f"{name}.parquet").read_bytes()
+    other = pipeline.analyse(swerve_library, avoidability=40, seed=4, threads=2)
+    assert other["fault"] == again["fault"]
+    assert other["coverage"] != again["coverage"]
+
+
+def test_a_slower_av_avoids_no_more(swerve_library: Path) -> None:
+    """The same draw; each case's label allows the less the later the AV may begin."""
+    fast, slow = (
+        pipeline.analyse(swerve_library, avoidability=40, reaction=reaction, threads=2)["avoidability"]
+        for reaction in (0.0, 1.5)
+    )
+    assert slow["labels"]["unavoidable"] > fast["labels"]["unavoidable"]
+
+
+def test_without_a_look_nothing_has_a_value(swerve_library: Path) -> None:
+    summary = pipeline.analyse(swerve_library, avoidability="none")
+    assert summary["avoidability"] is None
+    assert summary["value"]["top"] == []
+    assert summary["coverage"]["cases"] == summary["cases"]
+    assert list(summary["coverage"]["axes"]) == ["crash type", "impact speed"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"avoidability": "some"}, 'a number of cases, "all" or "none"'),
+        ({"avoidability": -1}, "avoidability"),
+        ({"reaction": 6.0}, "reaction"),
+        ({"reaction": -0.1}, "reaction"),
+    ],
+)
+def test_what_is_refused(wrong: dict[str, Any], message: str, swerve_library: Path) -> None:
+    with pytest.raises(InputError, match=message):
+        pipeline.analyse(swerve_library, **wrong)
+
+
+def test_another_analysis_does_not_overwrite(
+    swerve_library: Path, analysed: tuple[dict[str, Any], Path]
+) -> None:  # fmt: skip
+    with pytest.raises((InputError, OutputError), match="reaction"):
+        pipeline.analyse(swerve_library, out=analysed[1], avoidability=40, seed=3, reaction=0.5)
+
+
+def test_the_command_line_tells_it(swerve_library: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["analyse", str(swerve_library), "--avoidability", "20", "--quiet", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["avoidability"]["cases"] == 20
+    assert cli.main(["analyse", str(swerve_library), "--avoidability", "20"]) == 0
+    text = capsys.readouterr().out
+    for words in ("At fault (RSS): ", "Avoidable: ", "95 % interval", "Kinds: ", "Worth a look first"):
+        assert words in text
+
+
+def test_natural_likelihood_by_hand() -> None:
+    cases = pa.table(
+        {
+            "log_prob_nde": [-16.0, -30.0, None], "n_impossible": [0, 0, 1],
+            "shortfall_nats": [2.5, 0.0, 0.0], "n_implausible": [0, 1, 2],
+        }
+    )  # fmt: skip
+    assert natural_log_likelihood(cases).tolist() == [-2.5, -30.0, -np.inf]
+    assert natural_log_likelihood(cases.drop(["shortfall_nats"])).tolist() == [-16.0, -30.0, -np.inf]
+
+
+def test_the_columns_are_documented(golden) -> None:
+    """docs/case-columns.md is made of what the code says."""
+    lines = [
+        "# Columns of an analysis", "",
+        "`cornerforge analyse LIB --out DIR` writes `cases.parquet`, one row a case: first `case_id`, `pc1`, `pc2`, `group`,",
+        "`cluster`, `crash_type`, then the columns below. `witnesses.parquet` holds the ways out of the cases looked at.",
+        "This page is made from the code (`make golden`).", "",
+        "| column | unit | meaning |", "| --- | --- | --- |",
+    ]  # fmt: skip
+    lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*MEASURES, *FAULT_COLUMNS)]
+    lines += [_row(AVOIDABILITY_SCHEMA.field(name)) for name in AVOIDABILITY_SCHEMA.names[1:] if "witness" not in name]
+    lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in VALUE_COLUMNS]
+    lines += ["", "## witnesses.parquet", "", "| column | unit | meaning |", "| --- | --- | --- |"]
+    lines += [_row(field) for field in AVOIDABILITY_SCHEMA]
+    golden("../../docs/case-columns.md", "\n".join([*lines, ""]))
+
+
+def _row(field: pa.Field) -> str:
+    about = {key.decode(): value.decode() for key, value in field.metadata.items()}
+    return f"| `{field.name}` | {about.get('unit', '')} | {about['meaning']} |"
