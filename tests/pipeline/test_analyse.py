@@ -158,9 +158,9 @@ def test_the_columns_are_documented(golden) -> None:
     """docs/case-columns.md is made of what the code says."""
     lines = [
         "# Columns of an analysis", "",
-        "`cornerforge analyse LIB --out DIR` writes `cases.parquet`, one row a case: first `case_id`, `pc1`, `pc2`, `group`,",
-        "`cluster`, `crash_type`, then the columns below. `witnesses.parquet` holds the ways out of the cases looked at.",
-        "This page is made from the code (`make golden`).", "",
+        "`cornerforge analyse LIB --out DIR` writes `cases.parquet`, one row a case: first `case_id`, `pc1`, `pc2`,",
+        "`group`, `cluster`, `crash_type`, then the columns below. `witnesses.parquet` holds the ways out of the cases",
+        "that were looked at. This page is made from the code (`make golden`).", "",
         "| column | unit | meaning |", "| --- | --- | --- |",
     ]  # fmt: skip
     lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*MEASURES, *FAULT_COLUMNS)]
