@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -348,6 +349,18 @@ def test_a_library_with_another_model_does_not_replay(swerve_library: Path, tmp_
     (library / "model.npz").unlink()
     with pytest.raises(FileFormatError, match=r"model\.npz"):
         pipeline.replay(library, "all")
+
+
+def test_an_empty_library_is_not_called_identical(swerve_library: Path, tmp_path: Path) -> None:
+    library = tmp_path / "library"
+    shutil.copytree(swerve_library, library)
+    for shard in [*library.glob("cases-*.parquet"), *library.glob("tracks-*.parquet")]:
+        shard.unlink()
+    manifest = json.loads((library / "manifest.json").read_text())
+    manifest["shards"] = []
+    (library / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(InputError, match="no cases yet"):
+        pipeline.replay(library, "all", check=True)
 
 
 def test_a_library_that_was_not_generated_does_not_replay(tmp_path: Path) -> None:

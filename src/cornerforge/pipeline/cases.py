@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cornerforge.adversary.policy_file import load_policy
-from cornerforge.errors import FileFormatError
+from cornerforge.errors import FileFormatError, InputError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
@@ -122,6 +122,8 @@ def replay(
     run = experiment_of(cases, av_timeout)
     again = driver_of_cases(run)
     ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
+    if not ids:
+        raise InputError(f"The library {library} holds no cases yet, so there is none to replay; generate some first.")
     differ: list[str] = []
     crash_time = None
     note: str | None = None
