@@ -19,7 +19,8 @@ from folder_snapshot import snapshot
 
 from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, save_policy
-from cornerforge.cli import _Bars, app, main
+from cornerforge.cli import app, main
+from cornerforge.cli.output import Bars
 from cornerforge.drivers.policy import n_weights
 
 run_module = importlib.import_module("cornerforge.pipeline.run")
@@ -237,7 +238,7 @@ def test_a_terminal_sees_progress_with_rate_and_standard_output_stays_clean() ->
 
 
 def test_one_bar_serves_a_stage_whose_note_changes_and_old_work_is_no_speed() -> None:
-    bars = _Bars(quiet=False)
+    bars = Bars(quiet=False)
     bars.show = True
     try:
         for stage, done in (("rate (3 crashes)", 500.0), ("rate (3 crashes)", 500.0), ("rate (4 crashes)", 600.0)):

@@ -1,0 +1,271 @@
+"""Cases: made, sorted, shrunk, driven again, asked for, compared."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cornerforge.cli.options import (
+    AV_TIMEOUT,
+    Acting,
+    Av,
+    AvTimeout,
+    Bounded,
+    Budget,
+    Debug,
+    IdleSeed,
+    IdleThreads,
+    Json,
+    Lanes,
+    Library,
+    Model,
+    OddName,
+    Quiet,
+    Resume,
+    Seed,
+    Threads,
+)
+from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
+from cornerforge.cli.program import app
+
+__all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "variety"]
+
+
+@app.command()
+def generate(
+    policy: Annotated[
+        list[str],
+        typer.Option(
+            help="Policy file, or uniform, lane-changer, swerve. Given again: each test draws one of the policies.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Library to fill.", show_default=False)],
+    cases: Annotated[int, typer.Option(help="How many cases.")] = 1_000,
+    av: Av = "idm-mobil",
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    bounded: Bounded = False,
+    budget: Budget = None,
+    acting: Acting = "greedy",
+    seed: Seed = 0,
+    threads: Threads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Fill a case library with crashes that an adversary makes."""
+    from cornerforge import pipeline
+
+    run_command(
+        lambda bars: pipeline.generate(
+            policy=policy, cases=cases, out=out, av=av, resume=resume, lanes=lanes, odd=odd, model=model,
+            bounded=bounded, budget=budget, acting=acting, seed=seed, threads=threads, av_timeout=av_timeout,
+            progress=bars,
+        ),
+        lambda r: "\n".join([rate_text(r, f"{r['cases']:,} cases in {r['library']}"), *fault_text(r)]),
+        as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def analyse(
+    library: Library,
+    steps: Annotated[int, typer.Option(help="Seconds before the crash that the features cover, 1 to 15.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for analysis.json, cases.parquet, points.parquet and witnesses.parquet.", show_default=False
+        ),
+    ] = None,
+    avoidability: Annotated[
+        str, typer.Option(help="For how many cases, drawn at random, a way out is searched for; all or none.")
+    ] = "2000",
+    reaction: Annotated[float, typer.Option(help="Seconds that the AV needs to react, 0 to 5.")] = 0.0,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        share = 100.0 * sum(r["explained_variance"])
+        lines = [
+            f"{r['cases']:,} cases, {len(r['features'])} features, {share:.0f} % of variance in two components; "
+            f"majority {r['majority']:,}, minority {r['minority']:,}",
+            "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r["crash_types"].items()),
+        ]
+        lines += [
+            f"Cluster {c['id']} ({c['group']}, {c['size']:,} cases): typical {', '.join(c['typical'])}"
+            for c in r["clusters"]
+        ]
+        lines.append("Rare: " + (", ".join(r["rare"]) or "none"))
+        lines += judgement_text(r)
+        return "\n".join([*lines, *([r["note"]] if "note" in r else [])])
+
+    run_command(
+        lambda bars: pipeline.analyse(
+            library, steps=steps, out=out, avoidability=avoidability, reaction=reaction, seed=seed, threads=threads,
+            progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def shrink(
+    library: Library,
+    cases: Annotated[list[str], typer.Argument(metavar="CASE...", help='Case ids, or "all".', show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Library of the shrunk cases; by default LIB-shrunk-CASE, for one case.", show_default=False),
+    ] = None,
+    resume: Resume = False,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.shrink import shrink_text
+
+    run_command(
+        lambda bars: pipeline.shrink(library, cases, out=out, resume=resume, progress=bars),
+        shrink_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def replay(
+    library: Library,
+    case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
+    check: Annotated[
+        bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")
+    ] = False,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Drive a case again from its seed."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        verdict = {None: "driven again", True: "identical", False: "NOT identical"}[r["identical"]]
+        if "cases" in r:
+            differ = f"; different: {', '.join(r['differ'][:10])}" if r["differ"] else ""
+            return f"{r['cases']:,} cases: {verdict}{differ}"
+        return f"Case {r['case']}: {verdict}; crash at {r['crash_time_s']} s"
+
+    result = run_command(
+        lambda bars: pipeline.replay(library, case, check=check, av_timeout=av_timeout, progress=bars),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+    if result["identical"] is False:
+        if "note" in result:
+            typer.echo(result["note"], err=True)
+        raise typer.Exit(EXIT_GATE)
+
+
+@app.command()
+def query(
+    library: Library,
+    sql: Annotated[
+        str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)
+    ],
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Ask a library in SQL (table `cases`, key `case_id`)."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        return "\n".join("\t".join(map(str, row)) for row in [r["columns"], *r["rows"]])
+
+    run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet)  # noqa: ARG005
+
+
+@app.command()
+def variety(
+    libraries: Annotated[
+        list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
+    ] = None,
+    policy: Annotated[
+        list[Path] | None,
+        typer.Option(help="Policy file instead of libraries; may be given again.", show_default=False),
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Tests for each way to generate.")] = 4096,
+    acting: Annotated[str, typer.Option(help="How to act at random: softmax or softmax:T.")] = "softmax",
+    av: Av = "idm-mobil",
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    budget: Budget = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.variety import variety_text
+
+    run_command(
+        lambda bars: pipeline.variety(
+            libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, av=av, lanes=lanes, odd=odd,
+            model=model, budget=budget, seed=seed, threads=threads, progress=bars,
+        ),
+        variety_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def plausibility(
+    out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
+    budget: Annotated[
+        list[float] | None,
+        typer.Option(help="Likelihood budget [nats]; may be given again. 2, 5, 10, 20, 40.", show_default=False),
+    ] = None,
+    seeds: Annotated[int, typer.Option(help="Training seeds per budget.")] = 3,
+    decisions: Annotated[
+        int | None, typer.Option(help="Length of a training; the fast preset's by default.", show_default=False)
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Evaluation tests of each policy.")] = 8192,
+    av: Av = "idm-mobil",
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.plausibility import BUDGETS_NATS, plausibility_text
+
+    run_command(
+        lambda bars: pipeline.plausibility(
+            out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, av=av,
+            resume=resume, lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        plausibility_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip

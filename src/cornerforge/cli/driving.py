@@ -1,0 +1,188 @@
+"""Driving tests: `simulate`, `rate`, and the AVs that drive them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cornerforge.cli.options import (
+    AV_TIMEOUT,
+    Acting,
+    Av,
+    AvTimeout,
+    Bounded,
+    Budget,
+    Debug,
+    IdleSeed,
+    IdleThreads,
+    Json,
+    Lanes,
+    Model,
+    OddName,
+    Quiet,
+    Resume,
+    Seed,
+    Threads,
+)
+from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command
+from cornerforge.cli.program import app
+
+__all__ = ["avs", "check_av", "rate", "simulate"]
+
+
+@app.command()
+def simulate(
+    tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
+    av: Av = "idm-mobil",
+    bv: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Background vehicles: nde (default), idm, uniform, lane-changer, swerve, or a policy file; several "
+            "policies: each test draws one.",
+            show_default=False,
+        ),
+    ] = None,
+    policy: Annotated[
+        list[Path] | None, typer.Option(help="The same as --bv FILE; may be given again.", show_default=False)
+    ] = None,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    bounded: Bounded = False,
+    budget: Budget = None,
+    acting: Acting = "greedy",
+    stats: Annotated[bool, typer.Option("--stats", help="Add distributions over all background vehicles.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
+    resume: Resume = False,
+    seed: Seed = 0,
+    threads: Threads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Drive tests and count crashes; they are stored only with --out."""
+    from cornerforge import pipeline
+
+    drivers = [*(bv or []), *map(str, policy or [])] or ["nde"]
+
+    def text(r: dict[str, Any]) -> str:
+        lines = [
+            rate_text(r, f"{av}, {' + '.join(drivers)}"),
+            f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
+            f"{r['tests_per_second']:,.0f} tests/s, {r['world_steps_per_second']:,.0f} world-steps/s; "
+            f"digest {r['digest'][:16]}",
+            *fault_text(r),
+        ]
+        for name, d in r.get("distributions", {}).items():
+            if isinstance(d, dict) and d.get("n"):
+                q = "  ".join(f"{v:g}" for v in d["quantiles"].values())
+                lines.append(
+                    f"{name:>14} [{d['unit']}]: mean {d['mean']:.3f}, sd {d['sd']:.3f}; 1 5 25 50 75 95 99 %: {q}"
+                )
+            else:
+                lines.append(f"{name:>14}: {d}")
+        return "\n".join(lines)
+
+    run_command(
+        lambda bars: pipeline.simulate(
+            tests=tests, av=av, bv=drivers, lanes=lanes, odd=odd, model=model, bounded=bounded, budget=budget,
+            acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads, av_timeout=av_timeout,
+            progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def rate(
+    method: Annotated[str, typer.Option(help="mc: plain Monte Carlo.")] = "mc",
+    av: Av = "idm-mobil",
+    target_rhw: Annotated[
+        float, typer.Option(help="Stop when half the 95 % interval is at most this share of the rate.")
+    ] = 0.3,
+    max_tests: Annotated[int, typer.Option(help="Stop here at the latest.")] = 1_000_000,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
+    ] = None,
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Measure the AV's natural crash rate, without bias; stopped at any moment, it goes on with --resume."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.rate_text import rate_text as crashes_text
+
+    if out is None and max_tests > 10_000_000 and not quiet:
+        typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)
+    run_command(
+        lambda bars: pipeline.rate(
+            method=method, av=av, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, lanes=lanes,
+            odd=odd, model=model, seed=seed, threads=threads, av_timeout=av_timeout, progress=bars,
+        ),
+        lambda r: "\n".join([rate_text(r, f"{av}, natural traffic"), *fault_text(r), *crashes_text(r)]),
+        as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def avs(
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """List the built-in AVs."""
+    from cornerforge.drivers.avs import AVS
+
+    run_command(
+        lambda bars: {"avs": [{"name": m.name, "about": m.about} for m in AVS.values()]},  # noqa: ARG005
+        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command("check-av")
+def check_av(
+    av: Annotated[
+        str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
+    ],
+    odd: OddName = "default",
+    lanes: Lanes = None,
+    tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
+    seed: Seed = 0,
+    threads: IdleThreads = None,
+    av_timeout: AvTimeout = AV_TIMEOUT,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        lines = [f"{c['verdict']:<5}{c['name']}: {c['found']}" for c in r["checks"]]
+        lines += [
+            f"speed, {s['worlds']:>4} worlds: {s['calls_per_second']:,.0f} calls/s, "
+            f"{s['decisions_per_second']:,.0f} decisions/s"
+            for s in r["speed"]
+        ]
+        return "\n".join([f"{r['av']} ({r['kind']}, {r['hash']})", *lines])
+
+    result = run_command(
+        lambda bars: pipeline.check_av(
+            av=av, odd=odd, lanes=lanes, tests=tests, seed=seed, av_timeout=av_timeout, progress=bars
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+    if not result["passed"]:
+        raise typer.Exit(EXIT_GATE)

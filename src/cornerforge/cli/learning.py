@@ -1,0 +1,110 @@
+"""Learning: `train` and `train-av`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cornerforge.cli.options import (
+    Av,
+    Bounded,
+    Budget,
+    Debug,
+    Json,
+    Lanes,
+    Model,
+    OddName,
+    Quiet,
+    Resume,
+    Seed,
+    Threads,
+)
+from cornerforge.cli.output import rate_text, run_command, yield_text
+from cornerforge.cli.program import app
+
+__all__ = ["train", "train_av"]
+
+
+@app.command()
+def train(
+    out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
+    av: Av = "idm-mobil",
+    preset: Annotated[str, typer.Option(help="fast or paper.")] = "fast",
+    bounded: Bounded = False,
+    reward: Annotated[
+        str, typer.Option(help="Crashes that are paid for: crash (all), striking or avoidable.")
+    ] = "crash",
+    delay: Annotated[float, typer.Option(help="Seconds that the AV has to react, in avoidable.")] = 1.0,
+    budget: Budget = None,
+    decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Keep a finished policy of the same command.")] = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    tests: Annotated[int, typer.Option(help="Evaluation tests for each yield.")] = 8192,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Train the adversary on an AV."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        lines = [yield_text(r, "Adversary")] + [yield_text(b, f"{b['name']:>21}") for b in r["baselines"]]
+        return "\n".join([*lines, f"{r['decisions']:,} decisions in {r['seconds']:.0f} s; policy: {r['out']}"])
+
+    run_command(
+        lambda bars: pipeline.train(
+            out=out, av=av, preset=preset, bounded=bounded, budget=budget, reward=reward, delay=delay,
+            decisions=decisions, minutes=minutes, resume=resume, lanes=lanes, odd=odd, model=model, tests=tests,
+            seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command("train-av")
+def train_av(
+    out: Annotated[Path, typer.Option(help="AV file to write, .safetensors; --av takes it.", show_default=False)],
+    decisions: Annotated[int | None, typer.Option(help="Seconds of driving to learn from.", show_default=False)] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
+    ] = None,
+    tests: Annotated[int, typer.Option(help="Tests in natural traffic to measure it on.")] = 20_000,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Train an AV to drive in natural and hostile traffic."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        return "\n".join(
+            [
+                rate_text(r, "Natural traffic"),
+                f"Mean speed {r['mean_speed']:.1f} m/s",
+                f"{r['decisions']:,} s of driving in {r['seconds']:.0f} s; AV: {r['out']}",
+            ]
+        )
+
+    run_command(
+        lambda bars: pipeline.train_av(
+            out=out, decisions=decisions, minutes=minutes, tests=tests, overwrite=overwrite, resume=resume,
+            lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip

@@ -1,0 +1,119 @@
+"""The naturalistic driving model: `ndd fit`, `validate`, `show`, `import`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cornerforge.cli.options import DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads
+from cornerforge.cli.output import EXIT_GATE, run_command
+from cornerforge.cli.program import ndd
+
+__all__ = ["ndd_fit", "ndd_import", "ndd_show", "ndd_validate"]
+
+
+@ndd.command("fit")
+def ndd_fit(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Trajectory files.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
+    data_format: DataFormat = None,
+    prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
+    study: Annotated[
+        bool, typer.Option("--study", help="Report what other choices of the fit change (6 fits).")
+    ] = False,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Fit a naturalistic model from trajectories; its report is written beside it."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.naturalistic import fit_text
+
+    run_command(
+        lambda bars: pipeline.ndd_fit(
+            files, data_format=data_format, out=out, prior_strength=prior_strength, study=study, progress=bars
+        ),
+        fit_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@ndd.command("validate")
+def ndd_validate(
+    model: Annotated[Path, typer.Argument(metavar="M.npz", help="The model.", show_default=False)],
+    against: Annotated[
+        list[Path], typer.Option(metavar="FILE...", help="Trajectory files, such as held-out ones.", show_default=False)
+    ],
+    data_format: DataFormat = None,
+    # An option takes one value: what follows `--against A` in `--against A B C` arrives here.
+    more: Annotated[list[Path] | None, typer.Argument(metavar="FILE", hidden=True)] = None,
+    miles: Annotated[float, typer.Option(help="Vehicle-miles of traffic in each window; 2e4 for a quick look.")] = 2e6,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for validation.json, the page and its figures.", show_default=False)
+    ] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Compare a model with held-out trajectories and published facts; exit status 1 if it does not pass."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.validate import validation_text
+
+    result = run_command(
+        lambda bars: pipeline.ndd_validate(
+            model, against=[*against, *(more or [])], data_format=data_format, miles=miles, out=out, seed=seed,
+            threads=threads, progress=bars,
+        ),
+        validation_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+    if not result["passed"]:
+        raise typer.Exit(EXIT_GATE)
+
+
+@ndd.command("show")
+def ndd_show(
+    model: Annotated[
+        Path | None, typer.Argument(metavar="M.npz", help="The model; the shipped one by default.", show_default=False)
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for figures (PNG).", show_default=False)] = None,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Show a naturalistic model: its key numbers beside published facts; figures with --out."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.show import show_text
+
+    run_command(
+        lambda bars: pipeline.ndd_show(model, out=out, progress=bars), show_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@ndd.command("import")
+def ndd_import(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with the arrays.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
+    model: Annotated[
+        Path | None, typer.Option(help="Fills what is missing; the shipped model by default.", show_default=False)
+    ] = None,
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Make a model of the published IVBSS arrays; what is missing is filled from ours and named."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.naturalistic import import_text
+
+    run_command(
+        lambda bars: pipeline.ndd_import(folder, out=out, model=model, progress=bars),
+        import_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip

@@ -1,0 +1,137 @@
+"""What people see: progress bars, the object or the text at the end, and sentences on rates."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
+    from rich.progress import TaskID
+
+__all__ = ["EXIT_GATE", "Bars", "fault_text", "judgement_text", "rate_text", "run_command", "yield_text"]
+
+EXIT_GATE = 1
+"""Exit status when a gate or a comparison failed."""
+
+
+class Bars:
+    """Progress bars on standard error, one per stage, with rate and time left; silent when that is no terminal."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.show = not quiet and sys.stderr.isatty()
+        self._bars: RichProgress | None = None
+        self._stage = ""
+        self._task: TaskID | None = None
+
+    def __call__(self, stage: str, done: float, total: float) -> None:
+        """Draw; a new stage gets a new bar."""
+        if not self.show:
+            return
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+
+        if self._bars is None:
+            columns = (
+                TextColumn("{task.description:>16}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[rate]}"),
+            )
+            self._bars = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=Console(stderr=True))
+            self._bars.start()
+        name = stage.partition(" (")[0]  # what stands in brackets may change while a stage lasts
+        if name != self._stage or self._task is None:
+            self._stage = name
+            # Work done by an earlier session is no speed of this one.
+            self._task = self._bars.add_task(stage, total=total, completed=int(done), rate="")
+        speed = self._bars.tasks[self._task].speed
+        text = f"{speed:,.0f}/s" if speed else ""
+        self._bars.update(self._task, description=stage, completed=done, total=total, rate=text)
+
+    def stop(self) -> None:
+        """Leave the bars as they are."""
+        if self._bars is not None:
+            self._bars.stop()
+
+
+def run_command(
+    work: Callable[[Bars], dict[str, Any]], text: Callable[[dict[str, Any]], str], *, as_json: bool, quiet: bool
+) -> dict[str, Any]:
+    """Do the work with progress bars, then print its object or the text made of it."""
+    bars = Bars(quiet)
+    if bars.show:
+        from cornerforge._jit import announce_compiling
+
+        announce_compiling(
+            lambda: typer.echo("Compiling the simulator, once per installation; about a minute.", err=True)
+        )
+    try:
+        result = work(bars)
+    finally:
+        bars.stop()
+    if as_json:
+        typer.echo(json.dumps(result, allow_nan=False))
+    elif not quiet:
+        typer.echo(text(result))
+    return result
+
+
+def rate_text(r: dict[str, Any], what: str) -> str:
+    """A rate with its interval and its tests, per test and per mile."""
+    low, high = r["interval95"]
+    interval = f"95 % interval {low:.3g} to {high:.3g}, {r['tests']:,} tests"
+    line = f"{what}: {r['crashes_per_test']:.4g} crashes per test ({interval}"
+    if r.get("crashes_per_mile") is not None:
+        line += f"), {r['crashes_per_mile']:.4g} per mile ({r['miles']:,.0f} miles"
+    return line + ")"
+
+
+def yield_text(r: dict[str, Any], what: str) -> str:
+    """The same of an adversary, with what braking would have avoided and in how many crashes the AV struck."""
+    low, high = r["avoidable_interval95"]
+    line = f"{rate_text(r, what)}, {r['avoidable_per_test']:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
+    share = r["striking_share"]
+    return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
+
+
+def judgement_text(r: dict[str, Any]) -> list[str]:
+    """Fault, avoidability, coverage and the most valuable cases of an analysis."""
+    lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r["fault"].items())]
+    if r["avoidability"] is not None:
+        seen = r["avoidability"]
+        low, high = seen["interval95"]
+        labels = ", ".join(f"{label} {n:,}" for label, n in seen["labels"].items() if n)
+        lines.append(
+            f"Avoidable: {100.0 * seen['avoidable_share']:.1f} % (95 % interval {100.0 * low:.1f} to "
+            f"{100.0 * high:.1f} %, {seen['cases']:,} cases): {labels}"
+        )
+    cover = r["coverage"]
+    low, high = cover["unseen_kind_interval95"]
+    lines.append(
+        f"Kinds: {len(cover['cells'])} seen, {len(cover['empty'])} cells empty; chance that the next case is of a new "
+        f"kind {cover['unseen_kind_chance']:.2g} (95 % interval {low:.2g} to {high:.2g})"
+    )
+    if r["value"]["top"]:
+        lines.append("Worth a look first (value: case: what happened):")
+        lines += [f"  {one['value']:.2f}: {one['case_id']}: {one['text']}" for one in r["value"]["top"]]
+    return lines
+
+
+def fault_text(r: dict[str, Any]) -> list[str]:
+    """A line on tests that the AV spoiled, if it did."""
+    n = r.get("av_faults", 0)
+    if n == 0:
+        return []
+    return [f"{n:,} tests left out, because the AV raised, hung or gave no usable answer in them."]

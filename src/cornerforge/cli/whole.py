@@ -1,0 +1,95 @@
+"""The whole job: `run` and `reproduce`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from cornerforge.cli.options import Av, Bounded, Debug, Json, Lanes, Model, OddName, Quiet, Resume, Seed, Threads
+from cornerforge.cli.output import rate_text, run_command
+from cornerforge.cli.program import app
+
+__all__ = ["reproduce", "run"]
+
+
+@app.command()
+def run(
+    budget: Annotated[str, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.")] = "quick",
+    out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
+    av: Av = "idm-mobil",
+    bounded: Bounded = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    resume: Resume = False,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Do the whole job: natural baseline, training, cases, analysis, report."""
+    from cornerforge import pipeline
+
+    def text(r: dict[str, Any]) -> str:
+        return "\n".join(
+            [
+                rate_text(r["nde"], "Natural traffic"),
+                rate_text(r["train"], "Adversary"),
+                f"{r['generate']['cases']:,} cases in {r['generate']['library']}; "
+                f"{len(r['analyse']['clusters'])} clusters, {len(r['analyse']['rare'])} rare cases; "
+                f"{r['seconds']:.0f} s",
+                f"Report: {r['report']}",
+            ]
+        )
+
+    run_command(
+        lambda bars: pipeline.run(
+            budget=budget, out=out, av=av, bounded=bounded, lanes=lanes, odd=odd, model=model, resume=resume,
+            seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for the page, figures, numbers and policies.", show_default=False)],
+    figure: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID...",
+            help="table1, figure2, figure3, figure5, matrix, timings; all by default.",
+            show_default=False,
+        ),
+    ] = None,
+    # An option takes one value: what follows `--figure A` in `--figure A B C` arrives here.
+    more: Annotated[list[str] | None, typer.Argument(metavar="ID", hidden=True)] = None,
+    budget: Annotated[str, typer.Option(help="quick (3 min), standard (an hour) or full (hours).")] = "standard",
+    paper_policy: Annotated[
+        Path | None, typer.Option(help="A policy of preset paper, for Figure 2.", show_default=False)
+    ] = None,
+    resume: Resume = False,
+    lanes: Lanes = None,
+    odd: OddName = "default",
+    model: Model = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Make the paper's figures and tables again, ours beside theirs, on one page."""
+    from cornerforge import pipeline
+    from cornerforge.pipeline.reproduce import reproduction_text
+
+    figures = [*(figure or []), *(more or [])] or None
+    run_command(
+        lambda bars: pipeline.reproduce(
+            out=out, figures=figures, budget=budget, paper_policy=paper_policy, resume=resume, lanes=lanes, odd=odd,
+            model=model, seed=seed, threads=threads, progress=bars,
+        ),
+        reproduction_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
