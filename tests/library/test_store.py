@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
@@ -10,11 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary, CaseRecord, DamagedShardWarning, case_record
+from cornerforge.library.manifest import read_manifest
+from cornerforge.library.shards import ShardReader
 from cornerforge.types import ODDS, Scenario
 
 Identity = dict[str, str | int | float | bool | None]
@@ -56,6 +60,19 @@ def test_what_is_appended_is_read_back(filled: Path, make_scenario: Callable[...
     assert stored.scenario.crash == original.crash
     assert stored.scalars == table.slice(3, 1).to_pylist()[0]
     assert stored.scalars["trajectory_digest"] == f"{12:064x}"
+
+
+def test_what_is_read_lies_in_memory_of_arrow(filled: Path) -> None:
+    # Were it a Python object, the thread of Arrow that frees it would need the GIL, and abort an interpreter that ends.
+    shard = read_manifest(filled)[0].shards[0]
+    files = (shard.cases_file, shard.tracks_file)
+    gc.collect()  # what others left is not freed in between
+    before = pa.total_allocated_bytes()
+    contents_read = [ShardReader(filled).read(file) for file in files]
+    assert pa.total_allocated_bytes() - before >= sum(file.size for file in files)
+    for file, content in zip(files, contents_read, strict=True):
+        assert content is not None
+        assert bytes(content) == (filled / file.name).read_bytes()
 
 
 def test_history_is_that_of_the_cases(filled: Path) -> None:

@@ -57,10 +57,10 @@ class StoredFile:
         """Describe a file by its content."""
         return cls(name, content.nbytes, hashlib.sha256(content).hexdigest())
 
-    def fault(self, content: bytes) -> str | None:
+    def fault(self, content: memoryview) -> str | None:
         """What is wrong with the content read back, or None."""
-        if len(content) != self.size:
-            return f"has {len(content)} of {self.size} bytes"
+        if content.nbytes != self.size:
+            return f"has {content.nbytes} of {self.size} bytes"
         return None if hashlib.sha256(content).hexdigest() == self.sha256 else "has been changed (SHA-256 differs)"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -111,16 +112,20 @@ class ShardReader:
                 elif size != file.size:
                     self._note(file.name, f"has {size} of {file.size} bytes")
 
-    def read(self, file: StoredFile) -> bytes | None:
-        """A file's content if it is what was written, else None. The bytes checked are the bytes parsed."""
+    def read(self, file: StoredFile) -> pa.Buffer | None:
+        """A file's content if it is what was written, else None. The bytes checked are the bytes parsed.
+
+        The memory is Arrow's own. One of its threads may be the last to let go of it, and to free a Python object a
+        thread needs the GIL: if the interpreter is ending by then, the process aborts.
+        """
         if file.name in self.damaged:
             return None
         try:
-            content = (self._folder / file.name).read_bytes()
+            content = _arrow_bytes(self._folder / file.name)
         except OSError as error:
             self._note(file.name, f"cannot be read ({error.strerror})")
             return None
-        fault = file.fault(content)
+        fault = file.fault(memoryview(content))
         if fault is not None:
             self._note(file.name, fault)
             return None
@@ -148,3 +153,14 @@ class ShardReader:
     def _note(self, name: str, fault: str) -> None:
         self.damaged[name] = fault
         warnings.warn(f"{self._folder / name} {fault}; what it holds is left out.", DamagedShardWarning, stacklevel=3)
+
+
+def _arrow_bytes(path: Path) -> pa.Buffer:
+    """A file in memory that Arrow allocated; no Python object owns it.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    with path.open("rb") as file:
+        buffer = pa.allocate_buffer(os.fstat(file.fileno()).st_size)
+        return buffer.slice(0, file.readinto(buffer))
