@@ -24,7 +24,7 @@ from cornerforge.geometry import boxes_overlap
 from cornerforge.library import DamagedShardWarning
 from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
-from cornerforge.report.judged import FAULTS, PARTS
+from cornerforge.report.judged import FAULTS, PARTS, CaseJudgement
 from cornerforge.report.text import share
 
 CHROMIUM = shutil.which("chromium")
@@ -196,9 +196,9 @@ def test_the_way_out_leaves_the_recording_and_touches_nobody(run_folder: Path) -
         for frame in range(way["from"], case["frames"]):
             for other in case["vehicles"][1:]:
                 if 0 <= frame - other["from"] < len(other["x"]) and other["x"][frame - other["from"]] is not None:
-                    a, b = _state(way, frame)[:3], _state(other, frame)[:3]
+                    (ax, ay, ah, _), (bx, by, bh, _) = _state(way, frame), _state(other, frame)
                     # Positions on the page are rounded to a millimetre.
-                    assert not boxes_overlap(*a, *b, case["length"] - 4e-3, case["width"] - 4e-3)
+                    assert not boxes_overlap(ax, ay, ah, bx, by, bh, case["length"] - 4e-3, case["width"] - 4e-3)
 
 
 def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:
@@ -208,9 +208,27 @@ def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:
         assert case["verdict"].startswith(
             {"av": "The AV broke", "bv": "The BV broke", "both": "Both broke", "none": "No rule"}[row["fault"]]
         )
-        assert (row["avoidability"] == "unavoidable") == ("had no way out" in case["verdict"])
+        assert (row["avoidability"] == "unavoidable") == ("Unavoidable" in case["verdict"])
         if row["latest_any_s"] is not None:
             assert f"{row['latest_any_s']:.1f} s before contact" in case["verdict"]
+
+
+@pytest.mark.parametrize(
+    ("label", "manoeuvre", "latest", "words"),
+    [
+        ("unavoidable", 1.0, None, "no way out in the time looked at"),
+        ("unavoidable", 1.0, 1.5, "began 1.5 s before contact, before the manoeuvre"),
+        ("unavoidable", 1.0, 0.5, "began 0.5 s before contact, within its reaction time"),
+        ("undecided", 1.0, None, "not all could be tried"),
+        ("by combination", 1.0, 0.5, "by braking and steering together; its last way out began 0.5 s before contact"),
+        (None, None, None, r"(rule x, 2.0 s before contact)."),
+    ],
+)
+def test_a_verdict_tells_the_kinds_of_no_way_out_apart(
+    label: str | None, manoeuvre: float | None, latest: float | None, words: str
+) -> None:
+    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None)
+    assert words in page._verdict(known)
 
 
 def test_without_a_search_for_ways_out_the_page_says_so(run_folder: Path) -> None:
@@ -238,6 +256,7 @@ def test_an_analysis_by_an_earlier_version_is_named_with_its_command(run_folder:
     ("key", "inner", "value", "message"),
     [
         ("fault", "road", 1, "\"fault\" holds 'road', allowed: av, bv, both, none"),
+        ("fault", "none", 500, r'"fault" holds \d+ cases, fault_rules 60'),
         ("avoidability", "not_judged", 7, r'"avoidability\.labels" and not_judged sum to 67, cases = 60'),
         ("avoidability", "interval95", [0.0, 1.5], r'"avoidability\.interval95" = .* leaves \[0, 1\]'),
         ("value", "top", [{"case_id": "0:1", "value": 1.2}], r'"value\.top\[0\]\.value" = 1\.2 is outside'),

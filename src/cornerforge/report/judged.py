@@ -156,10 +156,13 @@ def read_judged(reader: Reader) -> Judged:
     unknown = sorted(set(fault) - set(FAULTS))
     if unknown:
         raise reader.fault("fault", f"holds {unknown[0]!r}, allowed: {', '.join(FAULTS)}")
+    rules = reader.counts("fault_rules")
+    if not sum(fault.values()) or sum(fault.values()) != sum(rules.values()):
+        raise reader.fault("fault", f"holds {sum(fault.values())} cases, fault_rules {sum(rules.values())}")
     value, severity = reader.child("value"), reader.child("severity")
     return Judged(
         fault={who: fault.get(who, 0) for who in FAULTS},
-        rules=reader.counts("fault_rules"),
+        rules=rules,
         severity={name: _numbers(severity.child(name)) for name in severity.values},
         avoided=_avoided(reader),
         weights={part: value.child("weights").number(part) for part in PARTS},
@@ -294,4 +297,7 @@ def read_case_judgements(analysis: Path, case_ids: Iterable[str], command: str) 
         for case_id, begin_s, *way in zip(*ways.values(), strict=True)
         if begin_s is not None and way[0]
     }
-    return {case_id: CaseJudgement(*rest, way_out.get(case_id)) for case_id, *rest in zip(*known.values(), strict=True)}
+    return {
+        case_id: CaseJudgement(fault, rule, fault_s, label, manoeuvre_s, latest_s, way_out.get(case_id))
+        for case_id, fault, rule, fault_s, label, manoeuvre_s, latest_s in zip(*known.values(), strict=True)
+    }

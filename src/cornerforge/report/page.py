@@ -114,8 +114,11 @@ def _way_in_words(known: CaseJudgement) -> str:
     if known.avoidability == "undecided":
         return "No way out of the AV was found, but not all could be tried."
     if known.avoidability == "unavoidable":
-        foresight = f"; the last one was {last}, and to take it it had to foresee the manoeuvre" if last else ""
-        return f"From then on the AV had no way out{foresight}."
+        if known.latest_s is None:
+            return "Unavoidable: the AV had no way out in the time looked at."
+        foreseen = known.manoeuvre_s is not None and known.latest_s > known.manoeuvre_s
+        when = "before the manoeuvre, so that it had to foresee it" if foreseen else "within its reaction time"
+        return f"Unavoidable: the AV's last way out began {last}, {when}."
     how = _HOW.get(str(known.avoidability), known.avoidability)
     return f"The AV could have avoided the crash {how}" + (f"; its last way out began {last}." if last else ".")
 
