@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
-from cornerforge.analysis import analyse
 from cornerforge.geometry import boxes_overlap
 from cornerforge.library import CaseLibrary, case_record
+from cornerforge.pipeline import analyse
 from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Crash, Odd, Scenario
 
 ODD = Odd()
@@ -126,11 +124,8 @@ def write_run(out: Path, tests: int) -> Path:
     library = CaseLibrary.create(out / "library", IDENTITY, ODD)
     records = [case_record(s, trajectory_digest=f"{s.test:08x}") for s in scenarios]
     library.append(records, next_test=tests, tests=tests, crashes=tests)
-    result = analyse(*library.history())
-    (out / "analysis").mkdir()
-    pq.write_table(pa.table(result.points), out / "analysis" / "points.parquet")
-    write_json(out / "analysis" / "analysis.json", result.to_json())
-    write_json(out / "summary.json", _summary(tests, result.to_json()))
+    result = analyse(library.path, out=out / "analysis")
+    write_json(out / "summary.json", _summary(tests, result))
     write_json(out / "training.json", _training())
     write_json(out / "exposure.json", _exposure(scenarios))
     provenance = {"version": "0.1.0", "command": "cornerforge run", "seed": 0, "hashes": {"policy": "ab12"}}

@@ -18,10 +18,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from cornerforge.analysis import fault, value
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import boxes_overlap
 from cornerforge.library import DamagedShardWarning
+from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
+from cornerforge.report.judged import FAULTS, PARTS, CaseJudgement
+from cornerforge.report.text import share
 
 CHROMIUM = shutil.which("chromium")
 ALL = [
@@ -30,6 +34,8 @@ ALL = [
     "exposure.json",
     "analysis/analysis.json",
     "analysis/points.parquet",
+    "analysis/cases.parquet",
+    "analysis/witnesses.parquet",
     "provenance.json",
 ]
 
@@ -119,16 +125,164 @@ def test_boxes_touch_at_the_crash_and_not_before(run_folder: Path) -> None:
         assert case["ttcPlane"][case["crash"]] == 0.0
 
 
-def test_every_typical_and_rare_case_is_there(run_folder: Path) -> None:
-    analysis = json.loads((run_folder / "analysis" / "analysis.json").read_text(encoding="utf-8"))
+def analysis_of(run_folder: Path) -> dict[str, Any]:
+    return dict(json.loads((run_folder / "analysis" / "analysis.json").read_text(encoding="utf-8")))
+
+
+def test_every_typical_rare_and_top_case_is_there(run_folder: Path) -> None:
+    analysis = analysis_of(run_folder)
     made = Page(write_report(run_folder))
     wanted = {case for cluster in analysis["clusters"] for case in cluster["typical"]} | set(analysis["rare"])
+    wanted |= {case["case_id"] for case in analysis["value"]["top"]}
     cases = made.data("cases")
     assert {case["id"] for case in cases} == wanted
     buttons = [int(a["data-index"] or -1) for tag, a in made.tags if a.get("class") == "case"]
     assert buttons == list(range(len(cases)))
     kinds = {case["type"] for case in cases}
     assert kinds <= set(analysis["crash_types"])
+    assert sorted(case["top"] for case in cases if case["top"]) == list(range(1, 11))
+
+
+def test_the_top_is_a_table_that_plays(run_folder: Path) -> None:
+    top = analysis_of(run_folder)["value"]["top"]
+    made = Page(write_report(run_folder))
+    links = [a for tag, a in made.tags if tag == "a" and a.get("class") == "play mono"]
+    assert [link["data-case"] for link in links] == [case["case_id"] for case in top]
+    text = " ".join(made.text.split())
+    for case in top:
+        parts = " ".join(f"{case[name]:.2f}" for name in ("value", *PARTS))
+        assert f"{case['case_id']} {parts} {case['crash_type']}" in text
+        assert case["text"].split(";")[1] in text  # the part without units, which are set in print
+    widths = [a["style"] for tag, a in made.tags if a.get("class") == "bar"]
+    assert widths == [f"--part: {round(100 * case[name])}%" for case in top for name in PARTS]
+
+
+def test_shares_stand_with_their_intervals(run_folder: Path) -> None:
+    analysis = analysis_of(run_folder)
+    known, grid = analysis["avoidability"], analysis["coverage"]
+    made = Page(write_report(run_folder))
+    text = " ".join(made.text.split())
+    low, high = (share(value) for value in known["interval95"])
+    assert f"{share(known['avoidable_share'])} of n = 60 cases (95 % interval {low} to {high})" in text
+    assert "(reaction time 0 s)" in text
+    low, high = (share(value) for value in grid["unseen_kind_interval95"])
+    assert f"kind not seen yet: {share(grid['unseen_kind_chance'])} (95 % interval {low} to {high})" in text
+    figures = made.data("figures")
+    assert figures["fault"]["data"][0]["x"][1] == pytest.approx(100 * analysis["fault"]["bv"] / 60)
+    assert figures["discovery"]["data"][0]["y"][-1] == len(grid["cells"])
+
+
+def test_every_empty_kind_is_visible(run_folder: Path) -> None:
+    grid = analysis_of(run_folder)["coverage"]
+    made = Page(write_report(run_folder))
+    cells = [a for tag, a in made.tags if tag == "td" and a.get("title")]
+    empty = [a["title"] for a in cells if (a.get("class") or "").endswith("none")]
+    assert empty == [name.replace(" | ", ", ") + ": 0" for name in grid["empty"]]
+    filled = {a["title"] for a in cells} - set(empty)
+    assert filled == {f"{name.replace(' | ', ', ')}: {n}" for name, n in grid["cells"].items()}
+
+
+def _state(vehicle: dict[str, Any], frame: int) -> list[float]:
+    return [vehicle[key][frame - vehicle["from"]] for key in ("x", "y", "h", "v")]
+
+
+def test_the_way_out_leaves_the_recording_and_touches_nobody(run_folder: Path) -> None:
+    cases = [case for case in Page(write_report(run_folder)).data("cases") if case["wayOut"]]
+    assert len(cases) > 5
+    for case in cases:
+        way, av = case["wayOut"], case["vehicles"][0]
+        assert way["from"] + len(way["x"]) == case["frames"]
+        assert _state(way, way["from"]) == pytest.approx(_state(av, way["from"]), abs=2e-3)
+        for frame in range(way["from"], case["frames"]):
+            for other in case["vehicles"][1:]:
+                if 0 <= frame - other["from"] < len(other["x"]) and other["x"][frame - other["from"]] is not None:
+                    (ax, ay, ah, _), (bx, by, bh, _) = _state(way, frame), _state(other, frame)
+                    # Positions on the page are rounded to a millimetre.
+                    assert not boxes_overlap(ax, ay, ah, bx, by, bh, case["length"] - 4e-3, case["width"] - 4e-3)
+
+
+def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:
+    rows = {row["case_id"]: row for row in pq.read_table(run_folder / "analysis" / "cases.parquet").to_pylist()}
+    for case in Page(write_report(run_folder)).data("cases"):
+        row = rows[case["id"]]
+        assert case["verdict"].startswith(
+            {"av": "The AV broke", "bv": "The BV broke", "both": "Both broke", "none": "No rule"}[row["fault"]]
+        )
+        assert (row["avoidability"] == "unavoidable") == ("Unavoidable" in case["verdict"])
+        if row["latest_any_s"] is not None:
+            assert f"{row['latest_any_s']:.1f} s before contact" in case["verdict"]
+
+
+@pytest.mark.parametrize(
+    ("label", "manoeuvre", "latest", "words"),
+    [
+        ("unavoidable", 1.0, None, "no way out in the time looked at"),
+        ("unavoidable", 1.0, 1.5, "began 1.5 s before contact, before the manoeuvre"),
+        ("unavoidable", 1.0, 0.5, "began 0.5 s before contact, within its reaction time"),
+        ("undecided", 1.0, None, "not all could be tried"),
+        ("by combination", 1.0, 0.5, "by braking and steering together; its last way out began 0.5 s before contact"),
+        (None, None, None, r"(rule x, 2.0 s before contact)."),
+    ],
+)
+def test_a_verdict_tells_the_kinds_of_no_way_out_apart(
+    label: str | None, manoeuvre: float | None, latest: float | None, words: str
+) -> None:
+    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None)
+    assert words in page._verdict(known)
+
+
+def test_without_a_search_for_ways_out_the_page_says_so(run_folder: Path) -> None:
+    shutil.rmtree(run_folder / "analysis")
+    analyse(run_folder / "library", out=run_folder / "analysis", avoidability="none")
+    made = Page(write_report(run_folder))
+    assert "No case has a value" in made.text
+    assert "Nobody looked for ways out" in made.text
+    assert "avoidability" not in made.data("figures")
+    assert all(case["wayOut"] is None and "AV could" not in case["verdict"] for case in made.data("cases"))
+
+
+@pytest.mark.parametrize("key", ["fault", "fault_rules", "severity", "avoidability", "value", "coverage"])
+def test_an_analysis_by_an_earlier_version_is_named_with_its_command(run_folder: Path, key: str) -> None:
+    file = run_folder / "analysis" / "analysis.json"
+    values = analysis_of(run_folder)
+    del values[key]
+    file.write_text(json.dumps(values), encoding="utf-8")
+    command = re.escape(f"cornerforge analyse {run_folder / 'library'} --out {run_folder / 'analysis'}")
+    with pytest.raises(FileFormatError, match=f'"{key}" is missing; write the file again with: {command}'):
+        write_report(run_folder)
+
+
+@pytest.mark.parametrize(
+    ("key", "inner", "value", "message"),
+    [
+        ("fault", "road", 1, "\"fault\" holds 'road', allowed: av, bv, both, none"),
+        ("fault", "none", 500, r'"fault" holds \d+ cases, fault_rules 60'),
+        ("avoidability", "not_judged", 7, r'"avoidability\.labels" and not_judged sum to 67, cases = 60'),
+        ("avoidability", "interval95", [0.0, 1.5], r'"avoidability\.interval95" = .* leaves \[0, 1\]'),
+        ("value", "top", [{"case_id": "0:1", "value": 1.2}], r'"value\.top\[0\]\.value" = 1\.2 is outside'),
+        ("coverage", "cells", {"sideswipe": 60}, r"\"coverage\.cells\" holds 'sideswipe', which is no combination"),
+        ("coverage", "cases", 61, r'"coverage\.cells" sum to 60, cases = 61'),
+        ("coverage", "axes", {"crash type": ["angle"]}, r'"coverage\.axes" are not two or three'),
+        ("coverage", "discovery_curve", [[1.0, 1.0], [2.0]], r'"coverage\.discovery_curve" is not a list of pairs'),
+        ("coverage", "discovery_curve", [[1.0, None]], r'"coverage\.discovery_curve\[1\]" is None'),
+    ],
+)
+def test_a_wrong_judgement_is_named(run_folder: Path, key: str, inner: str, value: object, message: str) -> None:
+    change(run_folder / "analysis" / "analysis.json", **{key: analysis_of(run_folder)[key] | {inner: value}})
+    with pytest.raises(FileFormatError, match=message):
+        write_report(run_folder)
+
+
+def test_a_missing_column_of_the_cases_is_named(run_folder: Path) -> None:
+    file = run_folder / "analysis" / "cases.parquet"
+    pq.write_table(pq.read_table(file).drop_columns(["fault_rule"]), file)
+    with pytest.raises(FileFormatError, match=r"cases\.parquet lacks the column\(s\) fault_rule; .*--out"):
+        write_report(run_folder)
+
+
+def test_parts_and_faults_are_those_of_the_analysis() -> None:
+    assert PARTS == value.PARTS
+    assert FAULTS == fault.FAULTS
 
 
 def test_headline_numbers_are_those_of_the_artefacts(run_folder: Path) -> None:
@@ -289,7 +443,7 @@ def test_a_browser_draws_the_page_without_complaint(run_folder: Path, tmp_path: 
     assert f'id="case-title" aria-live="polite">{case["title"]}<' in document
     assert 'id="read-before">0.0 s<' in document
     assert 'id="read-plane">0.00 s<' in document
-    assert len(re.findall(r'class="[^"]*js-plotly-plot', document)) == 9
+    assert len(re.findall(r'class="[^"]*js-plotly-plot', document)) == 13
 
 
 STEPS = """
@@ -300,6 +454,7 @@ press("ArrowLeft"); press("ArrowLeft"); press("ArrowRight"); press(" "); press("
 document.querySelectorAll("button.case")[2].click(); note();
 document.getElementById("to-crash").click(); note();
 document.querySelector('[data-figure="map"]').emit("plotly_click", { points: [{ customdata: ID }] }); note();
+document.querySelectorAll("a.play")[1].click(); note();
 document.body.dataset.seen = JSON.stringify(seen);
 """
 
@@ -319,13 +474,16 @@ def test_keys_buttons_and_the_map_drive_the_player(run_folder: Path, tmp_path: P
     def at(index: int, time: str) -> str:
         return f"#case={cases[index]['id']}&t={time}"
 
-    end = cases[0]["crash"]
+    place = {case["top"]: index for index, case in enumerate(cases)}
+    best = place[1]  # the page opens with the most valuable case
+    end = cases[best]["first"] + cases[best]["crash"]
     before, before_that = (f"{(end - k) * 0.1:.1f}" for k in (1, 2))
     assert seen[:5] == [
-        f"{at(0, before)} Play",
-        f"{at(0, before_that)} Play",
-        f"{at(0, before)} Play",
-        f"{at(0, before)} Pause",
-        f"{at(0, before)} Play",
+        f"{at(best, before)} Play",
+        f"{at(best, before_that)} Play",
+        f"{at(best, before)} Play",
+        f"{at(best, before)} Pause",
+        f"{at(best, before)} Play",
     ]
-    assert seen[5:] == [f"{at(2, '0.0')} Pause", f"{at(2, 'crash')} Play", f"{at(5, '0.0')} Play"]
+    assert seen[5:8] == [f"{at(2, '0.0')} Pause", f"{at(2, 'crash')} Play", f"{at(5, '0.0')} Play"]
+    assert seen[8:] == [f"{at(place[2], '0.0')} Pause"]

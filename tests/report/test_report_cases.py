@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from cornerforge.geometry import boxes_overlap
 from cornerforge.report import cases
 from cornerforge.report.cases import case_data
+from cornerforge.report.judged import WayOut
 from cornerforge.report.risk import contact_time, lane_ttc, plane_ttc
 from cornerforge.types import Scenario
 
@@ -120,3 +121,22 @@ def test_a_test_without_a_crash_can_be_shown(make_scenario: MakeScenario) -> Non
     assert data["crash"] is None
     assert data["partner"] == -1
     assert data["ttc"] == []
+
+
+@pytest.mark.parametrize(("shown_s", "begin_s", "start"), [(30.0, 1.0, 0), (2.0, 3.0, 10), (30.0, 0.0, None)])
+def test_the_way_out_is_kept_over_the_frames_shown(
+    make_scenario: MakeScenario, monkeypatch: pytest.MonkeyPatch, shown_s: float, begin_s: float, start: int | None
+) -> None:
+    monkeypatch.setattr(cases, "SHOWN_S", shown_s)
+    scenario = make_scenario(2, "cut-in")
+    steps = np.arange(10.0 * begin_s + 31.0)
+    way = WayOut(begin_s, scenario.x[0, 0] + steps, 100.0 + steps, 200.0 + steps, 0.001 * steps)
+    made = case_data("0:2", scenario, way)["wayOut"]
+    if start is None:  # a way out that begins at the contact shows nothing
+        assert made is None
+        return
+    n = round(10 * begin_s) + 1 - start
+    assert made["from"] == case_data("0:2", scenario)["crash"] - n + 1
+    for key, base in (("x", 0.0), ("y", 100.0), ("v", 200.0)):
+        assert made[key] == pytest.approx((base + start + np.arange(n)).tolist())
+    assert case_data("0:2", dataclasses.replace(scenario, crash=None), way)["wayOut"] is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import plotly.graph_objects as go
 import pytest
 from scipy.stats import binomtest
 
-from cornerforge.report import figures
+from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import Artefacts, Rate, read_artefacts
 
 
@@ -35,7 +36,10 @@ def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
         figures.rate_figure([artefacts.generate, *artefacts.baselines], artefacts.nde),
         figures.rate_figure([none_seen], none_seen),
         figures.crash_type_figure(analysis),
-        figures.map_figure(artefacts.points, analysis, set(analysis.rare)),
+        figures.map_figure(artefacts.points, analysis, analysis.rare[:1], set(analysis.rare)),
+        figures.share_figure(artefacts.judged.rules, 60, "share of all cases"),
+        figures.share_figure({"none at all": 0, "all": 3}, 3, "share"),
+        figures.discovery_figure(artefacts.judged.coverage),
         figures.training_figure(artefacts.training, artefacts.nde),
         *(figures.exposure_figure(h) for h in artefacts.exposure.values()),
     ]
@@ -71,17 +75,19 @@ def test_the_training_band_is_the_score_interval(crashes: int, tests: int) -> No
 def test_the_map_shows_every_case_once_and_marks_the_valuable(artefacts: Artefacts) -> None:
     analysis = artefacts.analysis
     typical = {case for cluster in analysis.clusters for case in cluster.typical}
-    made = figures.map_figure(artefacts.points, analysis, typical | set(analysis.rare))["data"]
-    *clusters, typical_trace, rare_trace = made
+    top = [case.case_id for case in artefacts.judged.top]
+    made = figures.map_figure(artefacts.points, analysis, top, typical | set(analysis.rare) | set(top[1:]))["data"]
+    *clusters, typical_trace, rare_trace, top_trace = made
     shown = [case for trace in clusters for case in trace["customdata"]]
     assert sorted(shown) == sorted(artefacts.points.case_id)
     assert set(typical_trace["customdata"]) == typical
     assert set(rare_trace["customdata"]) == set(analysis.rare)
+    assert set(top_trace["customdata"]) == set(top) & (typical | set(analysis.rare) | set(top[1:]))
 
 
 def test_a_large_cluster_is_thinned(artefacts: Artefacts, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "MAX_POINTS", 5)
-    made = figures.map_figure(artefacts.points, artefacts.analysis, set())["data"]
+    made = figures.map_figure(artefacts.points, artefacts.analysis, [], set())["data"]
     assert max(len(trace["x"]) for trace in made) == 5
     # The legend still says how many there are.
     assert f"({max(cluster.size for cluster in artefacts.analysis.clusters)})" in made[0]["name"]
@@ -90,3 +96,38 @@ def test_a_large_cluster_is_thinned(artefacts: Artefacts, monkeypatch: pytest.Mo
 def test_bars_are_sorted_and_hold_the_counts(artefacts: Artefacts) -> None:
     bars = figures.crash_type_figure(artefacts.analysis)["data"][0]
     assert bars["x"] == sorted(artefacts.analysis.crash_types.values(), reverse=True)
+
+
+@pytest.mark.parametrize(("n", "cases"), [(0, 40), (1, 1500), (735, 1500), (3, 3)])
+def test_shares_have_exact_intervals(n: int, cases: int) -> None:
+    bars = figures.share_figure({"kind": n}, cases, "share")["data"][0]
+    theirs = binomtest(n, cases).proportion_ci(method="exact")
+    drawn = [bars["x"][0] - bars["error_x"]["arrayminus"][0], bars["x"][0] + bars["error_x"]["array"][0]]
+    assert drawn == pytest.approx([100 * theirs.low, 100 * theirs.high], abs=1e-9)
+    (row,) = tables.share_table("cases", "kind", {"kind": n}, cases).rows
+    assert row[1:] == [text.count(n), text.share(n / cases), f"{text.share(theirs.low)} to {text.share(theirs.high)}"]
+
+
+def test_names_in_bars_cannot_be_markup() -> None:
+    (label,) = figures.share_figure({"<b>no vehicle behind did brake": 1}, 2, "share")["data"][0]["y"]
+    assert label == "&lt;b&gt;no vehicle behind did<br>brake"
+
+
+def test_heat_is_there_where_cases_are(artefacts: Artefacts) -> None:
+    grid = artefacts.judged.coverage
+    cells = [cell for row in tables.coverage_rows(grid) for group in row.groups for cell in group]
+    assert [cell.cases for cell in cells] == grid.counts.ravel().tolist()
+    assert all((cell.heat > 0) == (cell.cases > 0) for cell in cells)
+    assert max(cell.heat for cell in cells) == 100
+
+
+def test_a_grid_without_avoidability_has_one_group(artefacts: Artefacts) -> None:
+    grid = artefacts.judged.coverage
+    kind, _, speed = grid.axes
+    flat = dataclasses.replace(
+        grid, axes={kind: grid.axes[kind], speed: grid.axes[speed]}, counts=grid.counts.sum(axis=1)
+    )
+    rows = tables.coverage_rows(flat)
+    assert [len(row.groups) for row in rows] == [1] * len(grid.axes[kind])
+    assert [cell.cases for row in rows for cell in row.groups[0]] == flat.counts.ravel().tolist()
+    assert rows[0].groups[0][0].name == f"{grid.axes[kind][0]}, {grid.axes[speed][0]}"

@@ -12,9 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
+from cornerforge.report.judged import Judged, read_judged, read_table
 from cornerforge.report.reader import Reader, read_json
 
-__all__ = ["Analysis", "Artefacts", "Cluster", "Histogram", "Points", "Rate", "Training", "read_artefacts"]
+__all__ = [
+    "Analysis",
+    "Artefacts",
+    "Cluster",
+    "Histogram",
+    "Points",
+    "Rate",
+    "Training",
+    "analyse_command",
+    "read_artefacts",
+]
 
 
 @dataclass(frozen=True)
@@ -148,6 +159,7 @@ class Artefacts:
     miles: dict[str, float]
     exposure: dict[str, Histogram]
     analysis: Analysis
+    judged: Judged
     points: Points
     provenance: Mapping[str, Any]
 
@@ -164,7 +176,8 @@ def read_artefacts(out: Path) -> Artefacts:
     run = f"cornerforge run --out {out}"
     summary = read_json(out / "summary.json", run)
     exposure = read_json(out / "exposure.json", run)
-    analyse = f"cornerforge analyse {out / 'library'}"
+    analyse = analyse_command(out)
+    analysis = read_json(out / "analysis" / "analysis.json", analyse)
     generate = summary.child("generate")
     return Artefacts(
         out=out,
@@ -183,10 +196,16 @@ def read_artefacts(out: Path) -> Artefacts:
         training=_training(read_json(out / "training.json", run)),
         miles={world: exposure.child("miles").number(world) for world in ("nde", "adversary")},
         exposure={k: _histogram(exposure.child("quantities").child(k)) for k in exposure.child("quantities").values},
-        analysis=_analysis(read_json(out / "analysis" / "analysis.json", analyse)),
+        analysis=_analysis(analysis),
+        judged=read_judged(analysis),
         points=_points(out / "analysis" / "points.parquet", analyse),
         provenance=read_json(out / "provenance.json", run).values,
     )
+
+
+def analyse_command(out: Path) -> str:
+    """What writes the analysis of a run again."""
+    return f"cornerforge analyse {out / 'library'} --out {out / 'analysis'}"
 
 
 def _rate(reader: Reader, name: str) -> Rate:
@@ -262,20 +281,8 @@ def _cluster(reader: Reader) -> Cluster:
 
 
 def _points(file: Path, command: str) -> Points:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     names = ["case_id", "pc1", "pc2", "group", "cluster", "crash_type"]
-    if not file.is_file():
-        raise FileFormatError(f"{file} is missing; write it with: {command}")
-    try:
-        table = pq.read_table(file)
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{file} is damaged ({error}); write it again with: {command}") from None
-    missing = [name for name in names if name not in table.column_names]
-    if missing:
-        raise FileFormatError(f"{file} lacks the column(s) {', '.join(missing)}; write it again with: {command}")
-    columns = {name: table.column(name).to_pylist() for name in names}
+    columns = read_table(file, names, command)
     fault = _points_fault(columns)
     if fault:
         raise FileFormatError(f"{file}: {fault}; write it again with: {command}")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.report.judged import WayOut
 from cornerforge.report.risk import lane_ttc, plane_ttc
 from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Scenario
 
@@ -39,17 +40,19 @@ def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str
             yield case_id, None
 
 
-def case_data(case_id: str, scenario: Scenario) -> dict[str, Any]:
+def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -> dict[str, Any]:
     """What the animation needs of a case, as JSON values.
 
     Positions are in metres (x counted from the AV's centre at its start), speeds in m/s, times in s, rounded to 3
     decimals, headings in rad, rounded to 4. `vehicles[0]` is the AV. A vehicle's lists begin at its frame `from`;
     `critical`, `action` and `p_nde` have one entry a decision (every 10 frames from the test's start, frame 0); `ttc`
-    and `ttcPlane` one a shown frame, null for infinite. `first` is the index of the first frame shown.
+    and `ttcPlane` one a shown frame, null for infinite. `first` is the index of the first frame shown. `wayOut` is like
+    a vehicle: the AV on a way out, up to the last frame shown; null where there is none.
 
     Args:
         case_id: Name of the case, `seed:test`.
         scenario: The case; vehicles far from the AV may have been left out.
+        way_out: How the AV could have avoided the crash; None if nobody knows.
     """
     n_frames = len(scenario.x)
     first = max(0, n_frames - 1 - round(SHOWN_S / FRAME_S))
@@ -68,6 +71,7 @@ def case_data(case_id: str, scenario: Scenario) -> dict[str, Any]:
         "width": scenario.odd.vehicle_width,
         "maxSpeed": scenario.odd.max_speed,
         "vehicles": [_vehicle(scenario, column, near[:, column], first) for column in columns],
+        "wayOut": None if way_out is None else _ghost(scenario, way_out, first),
         "critical": [position.get(int(c), -1) for c in scenario.critical_bv],
         "action": [_action(scenario, k) for k in range(len(scenario.critical_bv))],
         "p_nde": [_probability(scenario, k) for k in range(len(scenario.critical_bv))],
@@ -108,6 +112,24 @@ def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: in
         "v": _rounded(scenario.speed[rows, column]),
         "h": _rounded(scenario.heading[rows, column], 4),
         "lane": scenario.target_lane[rows, column].tolist(),
+    }
+
+
+def _ghost(scenario: Scenario, way_out: WayOut, first: int) -> dict[str, Any] | None:
+    """The AV on its way out, over the frames shown; None where it begins at the contact or the case holds none."""
+    if scenario.crash is None:
+        return None
+    begin = round((scenario.crash.time - way_out.begin_s) / FRAME_S)
+    rows = slice(max(0, first - begin), len(scenario.x) - begin)
+    if len(way_out.x[rows]) < 2:
+        return None
+    return {
+        "from": max(begin - first, 0),
+        "x": _rounded(way_out.x[rows] - scenario.x[0, 0]),
+        "y": _rounded(way_out.y[rows]),
+        "v": _rounded(way_out.speed[rows]),
+        "h": _rounded(way_out.heading[rows], 4),
+        "lane": [-1] * len(way_out.x[rows]),
     }
 
 

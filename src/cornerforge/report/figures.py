@@ -8,15 +8,27 @@ hangs on colour alone: markers, dashes and labels say the same. Text from files 
 from __future__ import annotations
 
 import html
+import textwrap
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Analysis, Histogram, Points, Rate, Training
+from cornerforge.report.judged import Coverage
 
-__all__ = ["crash_type_figure", "exposure_figure", "map_figure", "rate_figure", "training_figure", "wilson_interval"]
+__all__ = [
+    "crash_type_figure",
+    "discovery_figure",
+    "exposure_figure",
+    "map_figure",
+    "rate_figure",
+    "share_figure",
+    "training_figure",
+    "wilson_interval",
+]
 
 Figure = dict[str, Any]
 
@@ -216,12 +228,74 @@ def crash_type_figure(analysis: Analysis) -> Figure:
     return {"data": [bars], "layout": layout}
 
 
-def map_figure(points: Points, analysis: Analysis, animated: set[str]) -> Figure:
-    """The plane of the two principal components with clusters, typical and rare cases; a click plays a case.
+def share_figure(counts: dict[str, int], cases: int, what: str) -> Figure:
+    """Shares of `cases` cases with exact 95 % intervals, in the order given.
+
+    Args:
+        counts: Name of each kind to its cases.
+        cases: Number of cases looked at, at least 1.
+        what: For the axis, such as "share of the cases looked at".
+    """
+    ends = np.array([binomial_interval(n, cases) for n in counts.values()]).reshape(-1, 2)
+    shares = np.array(list(counts.values()), np.float64) / cases
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "x": (100 * shares).tolist(),
+        "y": [_wrapped(name) for name in counts],
+        "marker": {"color": "css:accent"},
+        "hoverinfo": "skip",
+        "error_x": {
+            "type": "data",
+            "symmetric": False,
+            "array": (100 * (ends[:, 1] - shares)).tolist(),
+            "arrayminus": (100 * (shares - ends[:, 0])).tolist(),
+            "thickness": 2,
+            "width": 5,
+            "color": "css:ink",
+        },
+    }
+    # Beyond the interval's end, which the bar's own label would be written over.
+    labels = {
+        "type": "scatter",
+        "mode": "text",
+        "x": (100 * ends[:, 1] + 1.5).tolist(),
+        "y": bars["y"],
+        "text": [f"{text.count(n)} ({text.share(n / cases)})" for n in counts.values()],
+        "textposition": "middle right",
+        "cliponaxis": False,
+        "hoverinfo": "skip",
+    }
+    layout = _layout(height=100 + 42 * max(1, len(counts)), margin={"l": 10, "r": 120, "t": 10, "b": 50})
+    layout |= {"showlegend": False, "bargap": 0.35}
+    layout["xaxis"] = _axis(f"{what} [%], n = {text.count(cases)}", range=[0, 100])
+    layout["yaxis"] = _axis("", automargin=True, autorange="reversed", showgrid=False, ticksuffix=" ")
+    return {"data": [bars, labels], "layout": layout}
+
+
+def _wrapped(name: str, width: int = 24) -> str:
+    """A long label on two lines or more."""
+    return "<br>".join(html.escape(line) for line in textwrap.wrap(name, width)) or " "
+
+
+def discovery_figure(coverage: Coverage) -> Figure:
+    """Kinds expected among the first cases, had they come in another order: flat at its end means little is missing."""
+    m, kinds = coverage.curve.T
+    curve = _line(m.tolist(), [float(f"{k:.4g}") for k in kinds], "kinds seen", color="css:accent", width=2.5)
+    curve |= {"mode": "lines+markers", "hovertemplate": "%{x} cases: %{y} kinds<extra></extra>"}
+    layout = _layout(height=330, showlegend=False, margin={"l": 60, "r": 20, "t": 20, "b": 50})
+    layout["xaxis"] = _axis("cases looked at, in random order (log scale)", type="log", **_POWERS)
+    layout["yaxis"] = _axis("kinds seen (expected number)", rangemode="tozero")
+    return {"data": [curve], "layout": layout}
+
+
+def map_figure(points: Points, analysis: Analysis, top: list[str], animated: set[str]) -> Figure:
+    """The plane of the two principal components with clusters, typical, rare and top cases; a click plays a case.
 
     Args:
         points: Where each case lies.
         analysis: Clusters, typical and rare cases.
+        top: Cases worth a look.
         animated: Case ids that the page can play.
     """
     traces = [
@@ -232,8 +306,11 @@ def map_figure(points: Points, analysis: Analysis, animated: set[str]) -> Figure
     typical = {case for cluster in analysis.clusters for case in cluster.typical}
     traces.append(_marked(points, typical & animated, "typical (click to play)", "circle-open", 15))
     traces.append(_marked(points, set(analysis.rare) & animated, "rare (click to play)", "x-thin-open", 13))
+    traces.append(_marked(points, set(top) & animated, "worth a look (click to play)", "square-open", 19))
+    # The legend below has about two entries a row; it shall not eat the picture.
     layout = _layout(
-        height=520, legend={"orientation": "h", "y": -0.16, "x": 0, "yanchor": "top", "itemsizing": "constant"}
+        height=470 + 20 * ((len(traces) + 1) // 2),
+        legend={"orientation": "h", "y": -0.16, "x": 0, "yanchor": "top", "itemsizing": "constant"},
     )
     for axis, share, number in zip(("xaxis", "yaxis"), analysis.explained_variance, (1, 2), strict=True):
         layout[axis] = _axis(f"principal component {number} ({100 * share:.0f} % of the variance)", zeroline=True)

@@ -12,8 +12,9 @@ from typing import Any
 
 from cornerforge.errors import MissingExtraError, OutputError
 from cornerforge.report import figures, tables, text
-from cornerforge.report.artefacts import Artefacts, Rate, read_artefacts
+from cornerforge.report.artefacts import Artefacts, Rate, analyse_command, read_artefacts
 from cornerforge.report.cases import case_data, load_scenarios
+from cornerforge.report.judged import CaseJudgement, read_case_judgements
 
 __all__ = ["write_report"]
 
@@ -60,18 +61,21 @@ def _plotly_script() -> str:
 
 
 def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
-    """The typical and rare cases that fit on the page, in reading order, and notes on those that do not."""
+    """The top, typical and rare cases that fit on the page, in reading order, and notes on those that do not."""
     roles = _roles(artefacts)
+    judged = read_case_judgements(artefacts.out / "analysis", roles, analyse_command(artefacts.out))
     kind = dict(zip(artefacts.points.case_id, artefacts.points.crash_type, strict=True))
     kept: dict[str, dict[str, Any]] = {}
     lost, left, size = [], [], 0
-    # The most telling first, should room run out: the best typical case of each cluster, the rare, then the others.
+    # The most telling first, should room run out: the top, the best typical case of each cluster, the rare, the others.
     ranked = sorted(roles, key=lambda case: roles[case]["rank"])
     for case_id, scenario in load_scenarios(artefacts.out / "library", ranked):
         if scenario is None:
             lost.append(case_id)
             continue
-        data = case_data(case_id, scenario) | roles[case_id] | {"type": kind.get(case_id, "")}
+        known = judged.get(case_id)
+        data = case_data(case_id, scenario, known.way_out if known else None)
+        data |= roles[case_id] | {"type": kind.get(case_id, ""), "verdict": _verdict(known) if known else ""}
         data["title"] = f"Case {case_id}: {data['role']}" + (f"; {data['type']}" if data["type"] else "")
         size += len(json.dumps(data, separators=(",", ":")))
         if size > CASE_BYTES and kept:
@@ -87,8 +91,43 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
     return [case | {"order": i} for i, case in enumerate(shown)], notes
 
 
+def _verdict(known: CaseJudgement) -> str:
+    """Whose fault a case was, and whether the AV could have avoided it."""
+    if known.fault == "none":
+        fault = "No rule of RSS was broken"
+    else:
+        who = {"av": "The AV", "bv": "The BV"}.get(known.fault, "Both")
+        when = "" if known.fault_s is None else f", {known.fault_s:.1f} s before contact"
+        fault = f"{who} broke a rule of RSS ({known.rule}{when})"
+    if known.avoidability is None:
+        return f"{fault}."
+    begun = "" if known.manoeuvre_s is None else f" The manoeuvre began {known.manoeuvre_s:.1f} s before contact."
+    return f"{fault}.{begun} {_way_in_words(known)}"
+
+
+_HOW = {"by both": "by braking or by steering", "by combination": "by braking and steering together"}
+
+
+def _way_in_words(known: CaseJudgement) -> str:
+    """How long the AV could have avoided a case that was looked at."""
+    last = "" if known.latest_s is None else f"{known.latest_s:.1f} s before contact"
+    if known.avoidability == "undecided":
+        return "No way out of the AV was found, but not all could be tried."
+    if known.avoidability == "unavoidable":
+        if known.latest_s is None:
+            return "Unavoidable: the AV had no way out in the time looked at."
+        foreseen = known.manoeuvre_s is not None and known.latest_s > known.manoeuvre_s
+        when = "before the manoeuvre, so that it had to foresee it" if foreseen else "within its reaction time"
+        return f"Unavoidable: the AV's last way out began {last}, {when}."
+    how = _HOW.get(str(known.avoidability), known.avoidability)
+    return f"The AV could have avoided the crash {how}" + (f"; its last way out began {last}." if last else ".")
+
+
 def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
-    """Why each case is shown, in reading order: typical cases by cluster, then the rare. A lower rank matters more."""
+    """Why each case is shown, in reading order: typical cases by cluster, the rare, and the rest of the top.
+
+    A lower rank matters more.
+    """
     roles: dict[str, dict[str, Any]] = {}
     for cluster in artefacts.analysis.clusters:
         group = f"Typical of cluster {cluster.id} ({cluster.group}, {text.count(cluster.size)} cases)"
@@ -101,7 +140,14 @@ def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
             roles[case] |= {"role": role, "rank": min(1, roles[case]["rank"]), "rare": True}
         else:
             roles[case] = {"group": "Rare: farthest from the others first", "role": "rare", "rank": 1, "rare": True}
-    return roles
+    for place, top in enumerate(artefacts.judged.top, start=1):
+        role = f"worth a look, number {place}"
+        if top.case_id in roles:
+            roles[top.case_id] |= {"role": f"{role}; {roles[top.case_id]['role']}", "rank": -1, "top": place}
+        else:
+            group = "Worth a look, neither typical nor rare"
+            roles[top.case_id] = {"group": group, "role": role, "rank": -1, "rare": False, "top": place}
+    return {case: {"top": 0} | role for case, role in roles.items()}
 
 
 def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -125,19 +171,31 @@ def _ratio(adversary: Rate, natural: Rate) -> str:
 
 
 def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figure]:
-    analysis = artefacts.analysis
+    analysis, judged = artefacts.analysis, artefacts.judged
+    cases = sum(judged.fault.values())
     made = {
+        "fault": figures.share_figure(judged.fault_in_words, cases, "share of all cases"),
+        "rules": figures.share_figure(judged.rules, cases, "share of all cases"),
+        "discovery": figures.discovery_figure(judged.coverage),
         "rates": figures.rate_figure([artefacts.generate, *artefacts.baselines], artefacts.nde),
         "types": figures.crash_type_figure(analysis),
-        "map": figures.map_figure(artefacts.points, analysis, animated),
+        "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in judged.top], animated),
         "training": figures.training_figure(artefacts.training, artefacts.nde),
     }
+    if judged.avoided is not None:
+        n = judged.avoided.cases
+        made["avoidability"] = figures.share_figure(judged.avoided.kinds, n, "share of the cases looked at")
     return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in artefacts.exposure.items()}
 
 
 def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
-    analysis = artefacts.analysis
+    analysis, judged = artefacts.analysis, artefacts.judged
+    cases = sum(judged.fault.values())
     made = {
+        "fault": tables.share_table("Cases by fault", "at fault", judged.fault_in_words, cases),
+        "rules": tables.share_table("Cases by the rule that was broken first", "rule", judged.rules, cases),
+        "severity": tables.severity_table(judged),
+        "discovery": tables.discovery_table(judged.coverage),
         "rates": tables.rate_table([artefacts.generate, *artefacts.baselines, artefacts.nde]),
         "types": tables.crash_type_table(analysis),
         "clusters": tables.cluster_table(analysis),
@@ -145,6 +203,9 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
         "training": tables.training_table(artefacts.training),
         "provenance": tables.provenance_table(artefacts.provenance),
     }
+    if judged.avoided is not None:
+        n = judged.avoided.cases
+        made["avoidability"] = tables.share_table("Cases looked at", "avoidability", judged.avoided.kinds, n)
     return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in artefacts.exposure.items()}
 
 
@@ -164,10 +225,14 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False, "ensure_ascii": False}
     environment.filters |= {"rate": text.rate, "count": text.count, "duration": text.duration}
+    environment.filters |= {"share": text.share, "sentence": text.sentence}
     scripts = [plotly, *(_template(name) for name in SCRIPTS)]
     return environment.get_template("report.html.j2").render(
         run=artefacts,
         analysis=artefacts.analysis,
+        judged=artefacts.judged,
+        played={case["id"] for case in cases},
+        coverage=tables.coverage_rows(artefacts.judged.coverage),
         ratio=_ratio(artefacts.generate, artefacts.nde),
         figures=_figures(artefacts, {case["id"] for case in cases}),
         tables=_tables(artefacts),

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Analysis, Histogram, Rate, Training
 from cornerforge.report.figures import density
+from cornerforge.report.judged import Coverage, Judged
 
 __all__ = [
+    "HeatCell",
+    "HeatRow",
     "Table",
     "cluster_table",
+    "coverage_rows",
     "crash_type_table",
+    "discovery_table",
     "exposure_table",
     "loading_table",
     "provenance_table",
     "rate_table",
+    "severity_table",
+    "share_table",
     "training_table",
 ]
 
@@ -99,6 +108,73 @@ def crash_type_table(analysis: Analysis) -> Table:
     ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
     rows = [[name, text.count(n), f"{100 * n / total:.1f} %"] for name, n in ordered]
     return Table("Cases by crash type", ["crash type", "cases", "share"], rows)
+
+
+def share_table(caption: str, kind: str, counts: dict[str, int], cases: int) -> Table:
+    """Cases of each kind with their share of `cases` and its exact interval."""
+    rows = []
+    for name, n in counts.items():
+        low, high = binomial_interval(n, cases)
+        rows.append([name, text.count(n), text.share(n / cases), f"{text.share(low)} to {text.share(high)}"])
+    return Table(f"{caption}, n = {text.count(cases)}", [kind, "cases", "share", "95 % interval"], rows)
+
+
+_SEVERITIES = {
+    "impact_speed_mps": "relative speed at contact [m/s]",
+    "av_delta_v_mps": "change of the AV's velocity [m/s]",
+    "av_injury_probability": "chance of a serious injury (MAIS 3 or more) in the AV",
+}
+
+
+def severity_table(judged: Judged) -> Table:
+    """Quantiles of how bad the cases are."""
+    levels = sorted({level for quantiles in judged.severity.values() for level in quantiles}, key=float)
+    rows = [
+        [_SEVERITIES.get(name, name), *("–" if level not in of else text.rate(of[level]) for level in levels)]
+        for name, of in judged.severity.items()
+    ]
+    return Table("Severity: quantiles over all cases", ["quantity", *(f"{level} %" for level in levels)], rows)
+
+
+def discovery_table(coverage: Coverage) -> Table:
+    """The points of the discovery curve."""
+    rows = [[text.count(m), f"{kinds:.2f}"] for m, kinds in coverage.curve]
+    return Table("Kinds expected among cases in random order", ["cases", "kinds"], rows)
+
+
+@dataclass(frozen=True)
+class HeatCell:
+    """Cases in a cell; `heat` in [0, 100] rises with the logarithm of their number, 0 for none."""
+
+    cases: int
+    heat: int
+    name: str
+
+
+@dataclass(frozen=True)
+class HeatRow:
+    """A row of the heat table: a crash type, and its cells by avoidability (one group where nobody looked), speed."""
+
+    name: str
+    groups: list[list[HeatCell]]
+
+
+def coverage_rows(coverage: Coverage) -> list[HeatRow]:
+    """The grid of kinds as rows of a table, the first axis down and the others across."""
+    first, *middle, last = coverage.axes.values()
+    columns = middle[0] if middle else [""]
+    grid = coverage.counts.reshape(len(first), len(columns), len(last))
+    top = math.log1p(int(grid.max()))
+
+    def cell(i: int, j: int, k: int) -> HeatCell:
+        n = int(grid[i, j, k])
+        name = ", ".join(label for label in (first[i], columns[j], last[k]) if label)
+        return HeatCell(n, round(100 * math.log1p(n) / top), name)
+
+    return [
+        HeatRow(row, [[cell(i, j, k) for k in range(len(last))] for j in range(len(columns))])
+        for i, row in enumerate(first)
+    ]
 
 
 def cluster_table(analysis: Analysis) -> Table:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 
-__all__ = ["count", "duration", "interval", "rate", "times"]
+__all__ = ["count", "duration", "interval", "rate", "sentence", "share", "times"]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -42,6 +43,27 @@ def interval(low: float, high: float, digits: int = 3) -> str:
     '0.279 to 0.293'
     """
     return f"{rate(low, digits)} to {rate(high, digits)}"
+
+
+def share(value: float) -> str:
+    """A share in per cent; more digits near 0 and 100 %, where they matter.
+
+    >>> share(0.25), share(0.0042), share(0.9985), share(0.0), share(1.0)
+    ('25.0 %', '0.42 %', '99.85 %', '0 %', '100 %')
+    """
+    if value in (0.0, 1.0):
+        return f"{100 * value:.0f} %"
+    return f"{100 * value:.{1 if 0.01 <= value <= 0.99 else 2}f} %"
+
+
+def sentence(text: str) -> str:
+    """A sentence of the analysis with units, signs and powers of ten as in print.
+
+    >>> sentence("brakes with -4.0 m/s2 at 3 m; once in 3e7 miles").replace(chr(0xA0), "_")
+    'brakes with −4.0_m/s² at 3 m; once in 3_×_10⁷ miles'
+    """
+    text = re.sub(r"(?<=\d)e\+?(-?\d+)", lambda power: "\u00a0×\u00a010" + power[1].translate(_SUPERSCRIPTS), text)
+    return re.sub(r"(?<= )-(?=\d)", "−", text).replace(" m/s2", "\u00a0m/s²")
 
 
 def times(value: float) -> str:

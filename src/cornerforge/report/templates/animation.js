@@ -6,7 +6,7 @@ const player = (() => {
   const $ = (id) => document.getElementById(id);
   if (cases.length === 0) return null;
 
-  const state = { index: 0, frame: 0, playing: false, rate: 1, view: 80, last: 0, chartFrame: -1 };
+  const state = { index: 0, frame: 0, playing: false, rate: 1, view: 80, last: 0, ticket: 0, chartFrame: -1 };
   const current = () => cases[state.index];
   const lastFrame = (item) => item.frames - 1;
   const crashFrame = (item) => Math.min(item.crash ?? lastFrame(item), lastFrame(item));
@@ -14,7 +14,7 @@ const player = (() => {
 
   let colours = {};
   function readColours() {
-    for (const name of ["av", "partner", "critical", "other", "road", "verge", "paint", "ink", "muted", "contact", "paper"]) {
+    for (const name of ["av", "partner", "critical", "other", "road", "verge", "paint", "ink", "muted", "contact", "paper", "way-out-box"]) {
       colours[name] = charts.css(name);
     }
   }
@@ -131,6 +131,19 @@ const player = (() => {
     g.restore();
   }
 
+  // The AV on its way out: an outline, since it is not what happened.
+  function drawWayOut(g, view, item, box) {
+    const length = item.length * view.scale, width = item.width * view.scale;
+    g.save();
+    g.translate(view.px(box.x), view.py(box.y));
+    g.rotate(-box.h);
+    g.strokeStyle = colours["way-out-box"];
+    g.lineWidth = 2.5;
+    g.setLineDash([6, 4]);
+    g.strokeRect(-length / 2, -width / 2, length, width);
+    g.restore();
+  }
+
   // An arrow from the nose to the lane that the vehicle changes to; none while it keeps its lane.
   function drawTarget(g, view, item, box, colour) {
     const goal = (box.lane + 0.5) * item.laneWidth;
@@ -204,6 +217,8 @@ const player = (() => {
       if (detail) drawTarget(g, view, item, boxes[i], i === 0 || i === item.partner ? colours.paint : colour);
       drawVehicle(g, view, item, boxes[i], colour, i === critical);
     }
+    const wayOut = detail && item.wayOut ? at(item.wayOut, frame) : null;
+    if (wayOut) drawWayOut(g, view, item, wayOut);
     if (item.crash !== null && frame >= item.crash && item.partner > 0 && boxes[item.partner]) {
       drawContact(g, view, item, boxes[0], boxes[item.partner]);
     }
@@ -248,9 +263,10 @@ const player = (() => {
     return { x, y: vehicle[key] };
   }
 
-  // Lowest and highest speed of the two, at least 6 m/s apart, so that noise does not look like a manoeuvre.
+  // Lowest and highest speed of the two and of the way out, at least 6 m/s apart, so that noise does not look like a manoeuvre.
   function speedRange(item) {
-    const pair = [0, item.partner].filter((i) => i >= 0).flatMap((i) => item.vehicles[i].v).filter((v) => v !== null);
+    const shown = [0, item.partner].filter((i) => i >= 0).map((i) => item.vehicles[i]).concat(item.wayOut ?? []);
+    const pair = shown.flatMap((vehicle) => vehicle.v).filter((v) => v !== null);
     const low = Math.min(...pair), high = Math.max(...pair);
     const pad = Math.max(0.5, (6 - (high - low)) / 2);
     return [Math.max(-0.3, low - pad), high + pad];
@@ -262,6 +278,9 @@ const player = (() => {
     const data = [{ ...series(item, item.vehicles[0], "v"), name: "AV speed", line: { color: "css:av", width: 2.5 } }];
     if (item.partner > 0) {
       const partner = item.vehicles[item.partner];
+      if (item.wayOut) {
+        data.push({ ...series(item, item.wayOut, "v"), mode: "lines", name: "AV speed on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
+      }
       data.push({ ...series(item, partner, "v"), name: `BV ${partner.slot} speed`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
       const x = item.ttc.map((_, i) => seconds(item, i));
       data.push({ x, y: item.ttc, yaxis: "y2", name: "TTC in the lane", line: { color: "css:ink", width: 2.5 } });
@@ -334,12 +353,14 @@ const player = (() => {
     state.playing = true;
     state.last = performance.now();
     $("play").textContent = "Pause";
-    requestAnimationFrame(tick);
+    cancelAnimationFrame(state.ticket); // a case may be chosen while another plays
+    state.ticket = requestAnimationFrame(tick);
   }
 
   function tick(now) {
     if (!state.playing) return;
-    state.frame += ((now - state.last) / 1000 / current().dt) * state.rate;
+    // The first picture's time is when it was begun, which may lie before the click that it answers.
+    state.frame += (Math.max(0, now - state.last) / 1000 / current().dt) * state.rate;
     state.last = now;
     if (state.frame >= lastFrame(current())) {
       state.frame = lastFrame(current());
@@ -348,7 +369,7 @@ const player = (() => {
       return;
     }
     refresh();
-    requestAnimationFrame(tick);
+    state.ticket = requestAnimationFrame(tick);
   }
 
   function seek(frame) {
@@ -365,6 +386,7 @@ const player = (() => {
       button.setAttribute("aria-pressed", String(Number(button.dataset.index) === index));
     });
     $("case-title").textContent = item.title;
+    $("case-verdict").textContent = item.verdict;
     $("scrub").max = lastFrame(item);
     state.frame = Math.max(0, Math.min(lastFrame(item), frame));
     drawChart(item);
@@ -421,6 +443,9 @@ const player = (() => {
     document.querySelectorAll("button.case").forEach((button) => {
       button.addEventListener("click", () => { select(Number(button.dataset.index)); writeHash(); play(); });
     });
+    document.querySelectorAll("a.play").forEach((link) => {
+      link.addEventListener("click", (event) => { event.preventDefault(); selectId(link.dataset.case); play(); });
+    });
     document.addEventListener("keydown", onKey);
     window.addEventListener("hashchange", readHash);
     charts.dark.addEventListener("change", () => { readColours(); refresh(); drawThumbnails(); });
@@ -433,7 +458,10 @@ const player = (() => {
   }
 
   readColours();
-  if (!readHash()) select(0, crashFrame(cases[0]));
+  if (!readHash()) {
+    const best = Math.max(0, cases.findIndex((item) => item.top === 1));
+    select(best, crashFrame(cases[best]));
+  }
   listen();
   drawThumbnails();
   return { cases, select, seek, state };
