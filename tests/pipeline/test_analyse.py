@@ -75,10 +75,14 @@ def test_the_top_is_the_top_and_says_why(analysed: tuple[dict[str, Any], Path]) 
         assert one["value"] == pytest.approx(np.mean([one[name] for name in PARTS]))
         assert all(one[name] == cases[f"value_{name}"][row] for name in PARTS)
         assert one["fault"] == cases["fault"][row]
-        latest = cases["latest_any_s"][row]
-        assert one["text"].split("; ")[1].startswith("avoidable" if latest is not None else ("unavoidable", "no way"))
-        if latest is not None:
-            assert f"until {latest:.1f} s before impact" in one["text"]
+        kinds = {"by braking": ["braking"], "by steering": ["steering"], "by both": ["braking", "steering"]}
+        label = cases["avoidability"][row]
+        if label in ("unavoidable", "undecided"):
+            assert one["text"].split("; ")[1].startswith(("unavoidable", "no way"))
+            continue
+        moments = [cases[f"latest_{kind}_s"][row] for kind in kinds.get(label, ["any"])]
+        assert f"avoidable {'by' if label != 'by both' else 'by braking or steering'}" in one["text"]
+        assert f"until {min(moments):.1f} s before impact" in one["text"]
 
 
 def test_the_same_for_any_threads_and_another_draw_for_another_seed(

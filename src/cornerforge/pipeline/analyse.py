@@ -263,14 +263,25 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> 
 
 
 def _avoidance_in_words(known: dict[str, Any]) -> str:
-    """Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked."""
+    """Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked.
+
+    The moment is the latest of the kind that is named; with both, the later of the two.
+    """
     label = known["avoidability"]
     if label is None:
         return ""
-    if label in ("unavoidable", "undecided") or known["latest_any_s"] is None:
-        return "unavoidable" if label == "unavoidable" else "no way out found, not all tried"
-    how = {"by both": "by braking or steering", "by combination": "by braking and steering together"}.get(label, label)
-    return f"avoidable {how} until {known['latest_any_s']:.1f} s before impact"
+    if label == "unavoidable":
+        return label
+    if label == "undecided":
+        return "no way out found, not all tried"
+    braking, steering = known["latest_braking_s"], known["latest_steering_s"]
+    how, until = {
+        "by braking": (label, braking),
+        "by steering": (label, steering),
+        "by both": ("by braking or steering", braking if steering is None else min(braking, steering)),
+        "by combination": ("by braking and steering together", known["latest_any_s"]),
+    }[label]
+    return f"avoidable {how} until {until:.1f} s before impact"
 
 
 def _write(out: Path, summary: dict[str, Any], found: Analysis, table: pa.Table, witnesses: pa.Table) -> None:
