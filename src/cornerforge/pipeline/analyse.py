@@ -271,7 +271,7 @@ def _avoidance_in_words(known: dict[str, Any]) -> str:
     if label is None:
         return ""
     if label == "unavoidable":
-        return label
+        return "unavoidable"
     if label == "undecided":
         return "no way out found, not all tried"
     braking, steering = known["latest_braking_s"], known["latest_steering_s"]
