@@ -26,7 +26,7 @@ demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, within mi
 	@echo "The report: $(OUT)/report.html (open it in a browser)"
 
 test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU, on all cores
-	@$(BIN)/python -m pytest -n auto --dist loadfile
+	@$(BIN)/python -m pytest -n auto --dist loadfile --durations 25
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
 	@$(BIN)/python -m pytest -m "not gpu" --seed random --hypothesis-profile slow
@@ -34,8 +34,7 @@ test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and 
 check: $(SETUP) ## check format, lint, types, layers and spelling; changes nothing
 	@$(BIN)/ruff format --check --quiet --output-format concise $(LINTED) || { echo "Not formatted as agreed; mend it with: make format"; exit 1; }
 	@$(BIN)/ruff check --quiet $(LINTED)
-	@$(BIN)/mypy --strict src
-	@$(BIN)/mypy tests $(SCRIPTS)
+	@$(BIN)/mypy --cache-dir .mypy_cache/tests tests $(SCRIPTS) & tests=$$!; $(BIN)/mypy --strict src && wait $$tests
 	@$(BIN)/lint-imports --no-logo
 	@$(BIN)/codespell
 

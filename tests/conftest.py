@@ -53,7 +53,7 @@ def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
     """`golden(name, text)`: the text must be that of `tests/golden/name`, byte for byte."""
 
     def compare(name: str, text: str) -> None:
-        path = GOLDEN / name
+        path = (GOLDEN / name).resolve()
         if request.config.getoption("--write-golden"):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8", newline="\n")

@@ -62,7 +62,8 @@ def test_all_artefacts_are_there(finished: tuple[Path, dict[str, Any]]) -> None:
     folder, summary = finished
     assert {entry.name for entry in folder.iterdir()} == ARTEFACTS
     assert {entry.name for entry in (folder / "stages").iterdir()} == {f"{stage}.json" for stage in STAGES}
-    assert {"analysis.json", "points.parquet", "provenance.json"} == {e.name for e in (folder / "analysis").iterdir()}
+    files = {"analysis.json", "cases.parquet", "points.parquet", "provenance.json", "witnesses.parquet"}
+    assert files == {e.name for e in (folder / "analysis").iterdir()}
     assert read(folder / "summary.json") == summary
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.lower().startswith("<!doctype html>")

@@ -274,13 +274,11 @@ def _avoidance_in_words(known: dict[str, Any]) -> str:
         return "unavoidable"
     if label == "undecided":
         return "no way out found, not all tried"
-    braking, steering = known["latest_braking_s"], known["latest_steering_s"]
-    how, until = {
-        "by braking": (label, braking),
-        "by steering": (label, steering),
-        "by both": ("by braking or steering", braking if steering is None else min(braking, steering)),
-        "by combination": ("by braking and steering together", known["latest_any_s"]),
-    }[label]
+    how, kinds = {
+        "by both": ("by braking or steering", ("braking", "steering")),
+        "by combination": ("by braking and steering together", ("any",)),
+    }.get(label, (label, (label.removeprefix("by "),)))
+    until = min(known[f"latest_{kind}_s"] for kind in kinds)
     return f"avoidable {how} until {until:.1f} s before impact"
 
 
