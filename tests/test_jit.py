@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cornerforge._jit
 from cornerforge._jit import announce_compiling, inlined_kernel, kernel
 
 CACHED = """
@@ -76,6 +78,15 @@ def test_compiling_is_announced_once() -> None:
     _first(np.ones(3, np.int64))
     _doubled(np.ones(3, np.int64), 0)
     assert said == ["compiling"]
+
+
+def test_every_kernel_is_in_the_name_of_the_cache() -> None:
+    """Otherwise an edit of it would go on with stale machine code."""
+    package = Path(cornerforge._jit.__file__).parent
+    counted = {path for pattern in cornerforge._jit._SOURCES for path in package.glob(pattern)}
+    defining = {path for path in package.rglob("*.py") if re.search(r"^@(inlined_)?kernel$", path.read_text(), re.M)}
+    assert len(defining) > 20
+    assert defining <= counted
 
 
 def test_machine_code_is_kept_for_the_next_process(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from cornerforge.adversary.learner import DqnLearner
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import _epsilon, _learning_rate
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.sim.drive import Transitions
+from cornerforge.sim.drive_bv import Transitions
 from cornerforge.sim.observe import N_OBSERVATION
 
 SMALL = replace(

@@ -9,7 +9,8 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.decide import action_probabilities
-from cornerforge.sim.drive import N_FINISHED, History, Setting, collect, start_worlds, world_row
+from cornerforge.sim.drive import Setting, world_row
+from cornerforge.sim.drive_bv import N_FINISHED, History, collect, start_worlds
 from cornerforge.sim.observe import UNITS_PER_NAT, budget_units
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording

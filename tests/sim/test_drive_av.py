@@ -13,8 +13,8 @@ from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.av_features import N_AV_FEATURES
-from cornerforge.sim.drive import Transitions
 from cornerforge.sim.drive_av import AvReward, collect_av, start_av_worlds
+from cornerforge.sim.drive_bv import Transitions
 from cornerforge.sim.step import allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds, n_slots
 from cornerforge.types import Odd

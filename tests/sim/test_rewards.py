@@ -13,7 +13,7 @@ from cornerforge.geometry import boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.braking import Braking
-from cornerforge.sim.drive import N_FINISHED, History, collect, start_worlds
+from cornerforge.sim.drive_bv import N_FINISHED, History, collect, start_worlds
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.rewards import REWARDS, av_strikes, is_paid, reward_named, reward_numbers

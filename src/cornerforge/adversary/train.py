@@ -28,7 +28,8 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
-from cornerforge.sim.drive import N_FINISHED, Setting, Transitions, allocate_history, collect, start_worlds
+from cornerforge.sim.drive import Setting
+from cornerforge.sim.drive_bv import N_FINISHED, Transitions, allocate_history, collect, start_worlds
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.step import allocate_pairs, allocate_recording

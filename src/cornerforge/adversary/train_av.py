@@ -23,8 +23,9 @@ from cornerforge.errors import InputError
 from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.av_features import N_AV_FEATURES
 from cornerforge.sim.av_kinds import DECIDES_EVERY, LEARNED_WIDTH
-from cornerforge.sim.drive import N_FINISHED, Setting, Transitions
+from cornerforge.sim.drive import Setting
 from cornerforge.sim.drive_av import AV_DECISIONS, AvReward, collect_av, start_av_worlds
+from cornerforge.sim.drive_bv import N_FINISHED, Transitions
 from cornerforge.sim.step import allocate_pairs, allocate_recording
 from cornerforge.sim.world import allocate_worlds
 from cornerforge.types import N_ACTIONS

@@ -1,6 +1,7 @@
 """From crashes to insight: features, projection, clusters, crash types, typical and rare cases.
 
-Works on plain arrays; knows no library and no simulator. Clustering needs scikit-learn (the extra "analysis").
+Works on plain arrays and Arrow tables; knows no library. Only `avoidability` and `shrink` drive: they ask the simulator
+what else could have happened. Clustering needs scikit-learn (the extra "analysis").
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from cornerforge.errors import InputError
 from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres, stopping_frames
 from cornerforge.sim.avoid_cases import (
     CaseScratch,
-    Recordings,
+    RecordedCrashes,
     WaysOut,
     allocate_case_scratch,
     allocate_ways_out,
@@ -278,8 +278,8 @@ def _flat(tracks: pa.Table, name: str) -> NDArray[Any]:
 def _checked(
     frames: NDArray[np.int64], vehicles: NDArray[np.int64], slot: NDArray[Any], crash_time: NDArray[np.float64],
     bv_slot: NDArray[Any], values: Sequence[NDArray[Any]], target_lane: NDArray[Any], present: NDArray[Any], odd: Odd,
-) -> tuple[Recordings, list[str | None]]:  # fmt: skip
-    """Recordings as the kernel takes them, and for each what keeps it from being judged (then its partner is 0)."""
+) -> tuple[RecordedCrashes, list[str | None]]:  # fmt: skip
+    """The crashes as the kernel takes them, and what keeps each from being judged, if anything (partner 0 then)."""
     sizes = frames * vehicles
     at = np.cumsum(sizes) - sizes
     slot_at = np.cumsum(vehicles) - vehicles
@@ -311,7 +311,7 @@ def _checked(
         problems.append(problem)
     x, y, speed, heading, acceleration = (np.ascontiguousarray(each, dtype=np.float64) for each in values)
     lanes, marks = np.ascontiguousarray(target_lane, dtype=np.int8), np.ascontiguousarray(present, dtype=np.uint8)
-    recordings = Recordings(
+    recordings = RecordedCrashes(
         frames, vehicles, at, last, partner, x, y, speed, heading, acceleration, target_lane=lanes, present=marks
     )
     return recordings, problems
@@ -336,7 +336,7 @@ def _numbers(odd: Odd, params: AvoidParams) -> tuple[Manoeuvres, RoadNumbers, Ro
     return manoeuvres, road, evasive, round(params.lookback_s / FRAME_S)
 
 
-def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
+def _search(recordings: RecordedCrashes, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
     """All cases, in a pool of threads that each take a few at a time."""
     manoeuvres, road, evasive, lookback = _numbers(odd, params)
     n = recordings.frames.size
@@ -388,7 +388,7 @@ def _seconds(frames: NDArray[np.int64], known: NDArray[np.bool_]) -> list[float 
     return [round(n * FRAME_S, 1) if there else None for n, there in zip(frames.tolist(), known.tolist(), strict=True)]
 
 
-def _answer(recordings: Recordings, out: WaysOut, params: AvoidParams) -> Avoidability:
+def _answer(recordings: RecordedCrashes, out: WaysOut, params: AvoidParams) -> Avoidability:
     last, moment = int(recordings.last[0]), out.moment[0]
     braking, steering, latest = _seconds(last - moment, moment >= 0)
     begin = round((last - int(out.begin[0])) * FRAME_S, 1)
@@ -419,7 +419,7 @@ def _lists(values: NDArray[Any], lengths: NDArray[np.int64], kind: pa.DataType) 
 
 
 def _table(
-    ids: list[str], problems: list[str | None], recordings: Recordings, out: WaysOut, params: AvoidParams
+    ids: list[str], problems: list[str | None], recordings: RecordedCrashes, out: WaysOut, params: AvoidParams
 ) -> pa.Table:
     judged = np.array([problem is None for problem in problems])
     known = out.moment >= 0

@@ -26,7 +26,7 @@ from cornerforge.sim.agents import (
     step_as_bv,
 )
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
-from cornerforge.sim.drive import History, allocate_history
+from cornerforge.sim.drive_bv import History, allocate_history
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.rewards import RewardNumbers
 from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,16 @@ from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
 if TYPE_CHECKING:
     from cornerforge.adversary.train import CurvePoint, TrainResult
 
-__all__ = ["BASELINES", "EVALUATION_TESTS", "checkpoint_beside", "evaluate", "learn", "measure_baselines", "train"]
+__all__ = [
+    "BASELINES",
+    "EVALUATION_TESTS",
+    "checkpoint_beside",
+    "curve_report",
+    "evaluate",
+    "learn",
+    "measure_baselines",
+    "train",
+]
 
 EVALUATION_TESTS = 1 << 41
 """Number of the first evaluation test: far from those of training and of generation."""
@@ -65,6 +75,18 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
     return CheckpointFile(policy.with_name(f"{policy.name}.checkpoint"), identity)
 
 
+def curve_report(progress: Progress, config: TrainConfig, max_seconds: float | None) -> Callable[[CurvePoint], None]:
+    """Tell how far a training is: in decisions, or in seconds where the time ends it."""
+
+    def report(point: CurvePoint) -> None:
+        if max_seconds is None:
+            progress("train", point.decisions, config.decisions)
+        else:
+            progress("train", min(point.seconds, max_seconds), max_seconds)
+
+    return report
+
+
 def learn(
     run: Experiment,
     config: TrainConfig,
@@ -78,12 +100,6 @@ def learn(
     """Train on an experiment (`bounded` and `budget` give its mask), or go on with what the checkpoint holds."""
     from cornerforge.adversary.train import train_adversary
 
-    def report(point: CurvePoint) -> None:
-        if max_seconds is None:
-            progress("train", point.decisions, config.decisions)
-        else:
-            progress("train", min(point.seconds, max_seconds), max_seconds)
-
     result = train_adversary(
         run.setting,
         run.slots,
@@ -91,7 +107,7 @@ def learn(
         seed=seed,
         threads=check_threads(threads),
         max_seconds=max_seconds,
-        progress=report,
+        progress=curve_report(progress, config, max_seconds),
         checkpoint=checkpoint,
     )
     policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed), run.budget)

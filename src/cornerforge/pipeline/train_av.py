@@ -14,7 +14,7 @@ from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
-from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside
+from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside, curve_report
 from cornerforge.sim.av_features import AV_FEATURES_VERSION
 
 __all__ = ["train_av"]
@@ -56,7 +56,6 @@ def train_av(
     Raises:
         CornerForgeError: Input, files or output place are not right, or PyTorch is missing.
     """
-    from cornerforge.adversary.train import CurvePoint
     from cornerforge.adversary.train_av import AV_TRAINING
     from cornerforge.adversary.train_av import train_av as learn
 
@@ -77,15 +76,9 @@ def train_av(
         checkpoint.check_absent()
     max_seconds = None if minutes is None else 60.0 * minutes
 
-    def report(point: CurvePoint) -> None:
-        if max_seconds is None:
-            progress("train", point.decisions, config.decisions)
-        else:
-            progress("train", min(point.seconds, max_seconds), max_seconds)
-
     result = learn(
         run.setting, run.slots, config, seed=seed, threads=check_threads(threads), max_seconds=max_seconds,
-        progress=report, checkpoint=checkpoint,
+        progress=curve_report(progress, config, max_seconds), checkpoint=checkpoint,
     )  # fmt: skip
     network = AvNetwork(config.network, result.weights, AV_FEATURES_VERSION)
     about = {

@@ -14,7 +14,8 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_view import view_of_av
-from cornerforge.sim.drive import look_as_bv, reward_of, world_row
+from cornerforge.sim.drive import world_row
+from cornerforge.sim.drive_bv import look_as_bv, reward_of
 from cornerforge.sim.step import SUBSTEPS, Pairs, av_acts, begin_second, move_on, move_vehicle, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -33,7 +34,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.sim.adversaries import ChoiceScratch
-    from cornerforge.sim.drive import History, Setting
+    from cornerforge.sim.drive import Setting
+    from cornerforge.sim.drive_bv import History
     from cornerforge.sim.rewards import RewardNumbers
     from cornerforge.sim.world import RoadNumbers, World
 
@@ -143,7 +145,7 @@ def step_as_bv(
         history: Written; its world and recording are scratch.
         observation, allowed: Read, then written for the new moment; where a test ended, for the moment of its end.
         outcome: int64 (B,), written: codes of `world.py`, or NOBODY_LEFT.
-        rewards: float64 (B,), written: `drive.reward_of`.
+        rewards: float64 (B,), written: `drive_bv.reward_of`.
     """
     for b in range(begin, end):
         if not chosen[b]:

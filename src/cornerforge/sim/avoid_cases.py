@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CaseScratch",
-    "Recordings",
+    "RecordedCrashes",
     "WaysOut",
     "allocate_case_scratch",
     "allocate_ways_out",
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 
-class Recordings(NamedTuple):
+class RecordedCrashes(NamedTuple):
     """C recorded crashes, one after the other in flat arrays; vehicle i of a case at frame t at `at + i * frames + t`.
 
     Attributes:
@@ -133,7 +133,7 @@ def allocate_ways_out(m: Manoeuvres, lookback: int, cases: int) -> WaysOut:
 
 
 @inlined_kernel
-def _unpack(r: Recordings, c: int, frames: NDArray[np.void]) -> None:
+def _unpack(r: RecordedCrashes, c: int, frames: NDArray[np.void]) -> None:
     for i in range(r.vehicles[c]):
         for t in range(r.frames[c]):
             k = r.at[c] + i * r.frames[c] + t
@@ -150,7 +150,7 @@ def _unpack(r: Recordings, c: int, frames: NDArray[np.void]) -> None:
 
 @kernel
 def search_cases(
-    r: Recordings, first: int, stop: int, lookback: int, only_partner: int, m: Manoeuvres, tail: int,
+    r: RecordedCrashes, first: int, stop: int, lookback: int, only_partner: int, m: Manoeuvres, tail: int,
     road: RoadNumbers, evasive: RoadNumbers, s: CaseScratch, out: WaysOut,
 ) -> None:  # fmt: skip
     """Search cases first .. stop - 1, and drive what is found (`avoid_check.drive_way_out`).

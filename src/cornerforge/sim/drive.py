@@ -1,4 +1,4 @@
-"""Whole tests and learning steps, compiled: what the thread pool of `runner.py` calls."""
+"""Whole tests, compiled: what the thread pool of `runner.py` calls."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge._philox import PURPOSE_GUIDE, block, uniform
 from cornerforge.sim.adversaries import (
     NO_CAST,
     POLICY,
-    SWERVE,
-    UNIFORM,
     Cast,
     ChoiceScratch,
     cast_index,
@@ -21,18 +18,14 @@ from cornerforge.sim.adversaries import (
     choose_action,
     sample_action,
 )
-from cornerforge.sim.braking import is_avoidable
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
-from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.sim.statistics import BV_TRAVEL_MM, Census, Counts, count_av, count_choices, count_states
-from cornerforge.sim.step import SUBSTEPS, Pairs, allocate_recording, step_world
+from cornerforge.sim.step import Pairs, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
-    AV_CRASH,
     BUDGET_LEFT,
-    BV_CRASH,
     CONTROLLED,
     FRAME,
     N_BV_CRASHES,
@@ -45,7 +38,6 @@ from cornerforge.sim.world import (
     AvNumbers,
     RoadNumbers,
     World,
-    allocate_worlds,
 )
 
 if TYPE_CHECKING:
@@ -53,28 +45,18 @@ if TYPE_CHECKING:
 
     from cornerforge.drivers.naturalistic import NddTables
     from cornerforge.drivers.policy import PolicyNumbers
-    from cornerforge.sim.braking import Braking
-    from cornerforge.sim.rewards import RewardNumbers
 
 __all__ = [
-    "N_FINISHED",
     "Decisions",
-    "History",
     "Outcomes",
     "Setting",
-    "Transitions",
     "allocate_decisions",
-    "allocate_history",
     "choose_hostile",
-    "collect",
     "drive_range",
     "drive_test",
-    "judge_range",
-    "look_as_bv",
+    "put_at_start",
     "record_choice",
-    "reward_of",
     "start_test",
-    "start_worlds",
     "world_row",
 ]
 
@@ -143,49 +125,8 @@ def allocate_decisions(n: int, slots: int) -> Decisions:
     )
 
 
-class Transitions(NamedTuple):
-    """One learning step of each of B worlds: (B, D) observations, (B,) actions, rewards and ends, (B, 33) masks."""
-
-    observation: NDArray[np.float32]
-    action: NDArray[np.int64]
-    reward: NDArray[np.float32]
-    end: NDArray[np.bool_]
-    next_observation: NDArray[np.float32]
-    next_allowed: NDArray[np.bool_]
-
-
-class History(NamedTuple):
-    """What B worlds did since their tests began, and room to drive one of them again.
-
-    Attributes:
-        bv, action: Controlled slot and its action at each decision, (B, decisions).
-        world: A batch of one.
-        recording: Room for one whole test.
-    """
-
-    bv: NDArray[np.int16]
-    action: NDArray[np.int8]
-    world: World
-    recording: NDArray[np.void]
-
-
-def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
-    """Room for the tests of so many worlds."""
-    decisions = setting.road.max_decisions
-    return History(
-        np.zeros((n_worlds, decisions), dtype=np.int16),
-        np.zeros((n_worlds, decisions), dtype=np.int8),
-        allocate_worlds(1, slots),
-        allocate_recording(SUBSTEPS * decisions + 1, slots),
-    )
-
-
-N_FINISHED = 4
-"""Counters of `collect`: tests, AV crashes, crashes of the controlled BV with another, AV crashes that were paid."""
-
-
 @kernel
-def _start(w: World, seed: int, test: int, budget: int, setting: Setting) -> None:
+def put_at_start(w: World, seed: int, test: int, budget: int, setting: Setting) -> None:
     """Put a world at the start of a test, with its likelihood budget."""
     reset_world(w, seed, test, setting.road, setting.av, setting.tables.initial)
     w.info[BUDGET_LEFT] = budget
@@ -198,7 +139,7 @@ def start_test(w: World, seed: int, test: int, setting: Setting) -> None:
     members = setting.cast.members
     if members.shape[0] > 0:
         budget = max(0, members[cast_index(seed, test, members.shape[0]), 6] - 1)
-    _start(w, seed, test, budget, setting)
+    put_at_start(w, seed, test, budget, setting)
 
 
 @kernel
@@ -335,222 +276,3 @@ def drive_range(
 def world_row(worlds: World, b: int) -> World:
     """World b of a batch, as views."""
     return World(worlds.vehicles[b], worlds.order[b], worlds.current[b], worlds.info[b])
-
-
-@kernel
-def look_as_bv(
-    w: World, setting: Setting, s: ChoiceScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
-) -> bool:
-    """Name the controlled BV and fill its observation and mask; False when there is no BV."""
-    bv = nearest_bv(w)
-    w.info[CONTROLLED] = bv
-    if bv < 0:
-        return False
-    observe(w, bv, setting.road, s.found, observation)
-    allowed_actions(w, bv, setting.bounded, setting.road, setting.tables, s.p, allowed)
-    return True
-
-
-@kernel
-def start_worlds(
-    seed: int, tests: NDArray[np.int64], setting: Setting, worlds: World, s: ChoiceScratch,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Put world b at the start of test tests[b] (the next of its series that has a BV)."""
-    n = tests.size
-    for b in range(n):
-        w = world_row(worlds, b)
-        _start(w, seed, tests[b], setting.budget, setting)
-        while not look_as_bv(w, setting, s, observation[b], allowed[b]):
-            tests[b] += n
-            _start(w, seed, tests[b], setting.budget, setting)
-
-
-@kernel
-def _copy_view(
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_], to: NDArray[np.float32], to_allowed: NDArray[np.bool_]
-) -> None:
-    """Copy an observation and its mask element by element (a slice assignment would allocate)."""
-    for k in range(observation.size):
-        to[k] = observation[k]
-    for a in range(allowed.size):
-        to_allowed[a] = allowed[a]
-
-
-@kernel
-def _forget(recording: NDArray[np.void], frames: int, slots: int) -> None:
-    """Nobody is there in the first frames of a recording."""
-    for f in range(min(frames, recording.shape[0])):
-        for i in range(slots):
-            recording[f, i].present = 0
-
-
-@kernel
-def _judge(w: World, recording: NDArray[np.void], setting: Setting, braking: Braking) -> tuple[bool, bool]:
-    """Did the AV strike, and could it have avoided the crash by braking? Of a recorded test that ended in its crash."""
-    last = w.info[FRAME]
-    partner = w.info[SLOT_B]
-    a = w.vehicles[0]
-    b = w.vehicles[partner]
-    strikes = av_strikes(a.x, a.y, a.speed, a.heading, b.x, b.y, b.speed, b.heading, setting.road)
-    return strikes, is_avoidable(recording, w.info[N_VEHICLES], last, partner, setting.road, braking)
-
-
-@kernel
-def judge_range(
-    seed: int, tests: NDArray[np.int64], setting: Setting, braking: Braking, worlds: World, pairs: Pairs,
-    s: ChoiceScratch, recording: NDArray[np.void], decisions: Decisions, counts: Counts, census: Census,
-    strikes: NDArray[np.bool_], avoidable: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Drive tests again that ended in a crash of the AV, and say of each whether the AV struck, and could have braked.
-
-    Args:
-        seed, tests, setting: Which tests, (n,); a test that ends otherwise gets False twice.
-        braking: How the AV would have braked.
-        worlds, pairs, s: Scratch, a batch of one world.
-        recording: Room for one whole test, nobody there; left so.
-        decisions, counts, census: Of size 0, scratch, and nobody.
-        strikes, avoidable: The answers, (n,).
-    """
-    w = world_row(worlds, 0)
-    for k in range(tests.size):
-        drive_test(w, seed, tests[k], setting, pairs, s, recording, decisions, counts, census)
-        strikes[k] = False
-        avoidable[k] = False
-        if w.info[OUTCOME] == AV_CRASH:
-            strikes[k], avoidable[k] = _judge(w, recording, setting, braking)
-        _forget(recording, w.info[FRAME] + 1, recording.shape[1])
-
-
-@kernel
-def _drive_again(
-    history: History, b: int, w: World, seed: int, test: int, setting: Setting, pairs: Pairs
-) -> None:  # fmt: skip
-    """Drive the test that world `w` has just ended once more, with the same actions, and record it."""
-    again = world_row(history.world, 0)
-    _forget(history.recording, w.info[FRAME] + 1, again.vehicles.size)
-    reset_world(again, seed, test, setting.road, setting.av, setting.tables.initial)
-    for k in range(w.info[N_DECISIONS]):
-        again.info[CONTROLLED] = history.bv[b, k]
-        step_world(
-            again, seed, test, setting.bv_model, history.action[b, k], setting.road, setting.av, setting.tables, pairs,
-            history.recording,
-        )  # fmt: skip
-
-
-@kernel
-def reward_of(
-    w: World, b: int, seed: int, test: int, setting: Setting, reward: RewardNumbers, history: History, pairs: Pairs
-) -> float:  # fmt: skip
-    """The reward of the decision that world b has just carried out.
-
-    +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes with
-    another BV, else 0.
-
-    Args:
-        w: The world.
-        b: Its row in `history`, which holds what was decided since its test began.
-        seed, test, setting: What it drives.
-        reward: What is paid for.
-        history: Read; its world and recording are scratch.
-        pairs: Scratch.
-    """
-    code = w.info[OUTCOME]
-    if code != AV_CRASH:
-        return -1.0 if code == BV_CRASH else 0.0
-    strikes = False
-    avoidable = False
-    if reward.code == AVOIDABLE:
-        _drive_again(history, b, w, seed, test, setting, pairs)
-        strikes, avoidable = _judge(world_row(history.world, 0), history.recording, setting, reward.braking)
-    else:
-        a = w.vehicles[0]
-        o = w.vehicles[w.info[SLOT_B]]
-        strikes = av_strikes(a.x, a.y, a.speed, a.heading, o.x, o.y, o.speed, o.heading, setting.road)
-    return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0
-
-
-@kernel
-def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
-    """Get behind the AV, then accelerate as hard as allowed; -1 where that is no help."""
-    v = w.vehicles
-    lanes_left = v[0].target_lane - v[bv].target_lane
-    behind = v[0].x - v[bv].x
-    if lanes_left == 0 and behind > 0.0:
-        for a in range(32, 1, -1):
-            if allowed[a]:
-                return a
-    toward = 0 if lanes_left > 0 else 1
-    if abs(lanes_left) == 1 and behind > 5.0 and allowed[toward]:
-        return toward
-    return -1
-
-
-@kernel
-def _guided_action(w: World, epsilon: float, seed: int, test: int, setting: Setting, s: ChoiceScratch) -> int:
-    """The policy's action, but with chance epsilon one that helps to make a crash.
-
-    In three tests of five that is what `swerve` would do, in the others to ram the AV from behind; and one time in four
-    any allowed action, for a bare rule always does the same.
-    """
-    bv = w.info[CONTROLLED]
-    words = block(seed, test, w.info[N_DECISIONS], bv, PURPOSE_GUIDE)
-    if uniform(words[0]) >= epsilon:
-        return choose_action(w, bv, setting.adversary, 0.0, seed, test, setting.policy, s)
-    if uniform(words[1]) < 0.25:
-        return choose_action(w, bv, UNIFORM, 0.0, seed, test, setting.policy, s)
-    if test % 5 < 2:
-        action = _ram(w, bv, s.allowed)
-        if action >= 0:
-            return action
-    return choose_action(w, bv, SWERVE, 0.0, seed, test, setting.policy, s)
-
-
-@kernel
-def collect(
-    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, guided: int, setting: Setting,
-    reward: RewardNumbers,
-    worlds: World, pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void], history: History,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
-) -> None:  # fmt: skip
-    """One decision of each world in [begin, end): choose, drive 1 s, store the transition, start the next test if due.
-
-    `finished` holds N_FINISHED counts. `tests`, `observation` and `allowed` hold each world's test number and present
-    view, `history` what it did; a world that ends goes on with its test number plus the number of worlds.
-
-    Rewards: `reward_of`.
-
-    Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds mostly one that helps to
-    make a crash.
-    """
-    n = tests.size
-    for b in range(begin, end):
-        w = world_row(worlds, b)
-        _copy_view(observation[b], allowed[b], s.observation, s.allowed)
-        _copy_view(observation[b], allowed[b], out.observation[b], s.allowed)
-        if b < guided:
-            action = _guided_action(w, epsilon, seed, tests[b], setting, s)
-        else:
-            action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
-        spend_budget(w, w.info[CONTROLLED], action, setting.road, setting.tables, s.p)
-        history.bv[b, w.info[N_DECISIONS]] = w.info[CONTROLLED]
-        history.action[b, w.info[N_DECISIONS]] = action
-        step_world(
-            w, seed, tests[b], setting.bv_model, action, setting.road, setting.av, setting.tables, pairs, recording
-        )
-        out.action[b] = action
-        code = w.info[OUTCOME]
-        out.reward[b] = reward_of(w, b, seed, tests[b], setting, reward, history, pairs)
-        ended = code != RUNNING or not look_as_bv(w, setting, s, observation[b], allowed[b])
-        out.end[b] = ended
-        if ended:
-            finished[0] += 1
-            finished[1] += code == AV_CRASH
-            finished[2] += code == BV_CRASH
-            finished[3] += code == AV_CRASH and out.reward[b] > 0.0
-            tests[b] += n
-            _start(w, seed, tests[b], setting.budget, setting)
-            while not look_as_bv(w, setting, s, observation[b], allowed[b]):
-                tests[b] += n
-                _start(w, seed, tests[b], setting.budget, setting)
-        _copy_view(observation[b], allowed[b], out.next_observation[b], out.next_allowed[b])

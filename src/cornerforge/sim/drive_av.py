@@ -1,4 +1,4 @@
-"""One second of driving as a learning step of the AV, compiled; what `drive.collect` is for the adversary."""
+"""One second of driving as a learning step of the AV, compiled; what `drive_bv.py` is for the adversary."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.sim.adversaries import ChoiceScratch
-    from cornerforge.sim.drive import Setting, Transitions
+    from cornerforge.sim.drive import Setting
+    from cornerforge.sim.drive_bv import Transitions
     from cornerforge.sim.step import Pairs
     from cornerforge.sim.world import RoadNumbers, World
 

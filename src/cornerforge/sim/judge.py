@@ -1,4 +1,4 @@
-"""Which crashes of a bulk simulation did the AV strike in, and which could it have avoided? In a thread pool."""
+"""In which crashes did the AV strike, and which could it have avoided by braking? Kernels, and a pool of threads."""
 
 from __future__ import annotations
 
@@ -8,16 +8,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.braking import Braking
-from cornerforge.sim.drive import Setting, allocate_decisions, judge_range
-from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
-from cornerforge.sim.world import allocate_worlds
+from cornerforge._jit import kernel
+from cornerforge.sim.adversaries import ChoiceScratch, allocate_choice_scratch
+from cornerforge.sim.braking import Braking, is_avoidable
+from cornerforge.sim.drive import Decisions, Setting, allocate_decisions, drive_test, world_row
+from cornerforge.sim.rewards import av_strikes
+from cornerforge.sim.statistics import NOBODY, Census, Counts, allocate_counts
+from cornerforge.sim.step import SUBSTEPS, Pairs, allocate_pairs, allocate_recording
+from cornerforge.sim.world import AV_CRASH, FRAME, N_VEHICLES, OUTCOME, SLOT_B, World, allocate_worlds
 
-__all__ = ["judge_crashes"]
+__all__ = ["forget_frames", "judge_crash", "judge_crashes", "judge_range"]
 
 _CHUNK = 256
+
+
+@kernel
+def forget_frames(recording: NDArray[np.void], frames: int, slots: int) -> None:
+    """Nobody is there in the first frames of a recording."""
+    for f in range(min(frames, recording.shape[0])):
+        for i in range(slots):
+            recording[f, i].present = 0
+
+
+@kernel
+def judge_crash(w: World, recording: NDArray[np.void], setting: Setting, braking: Braking) -> tuple[bool, bool]:
+    """Did the AV strike, and could it have avoided the crash by braking? Of a recorded test that ended in its crash."""
+    last = w.info[FRAME]
+    partner = w.info[SLOT_B]
+    a = w.vehicles[0]
+    b = w.vehicles[partner]
+    strikes = av_strikes(a.x, a.y, a.speed, a.heading, b.x, b.y, b.speed, b.heading, setting.road)
+    return strikes, is_avoidable(recording, w.info[N_VEHICLES], last, partner, setting.road, braking)
+
+
+@kernel
+def judge_range(
+    seed: int, tests: NDArray[np.int64], setting: Setting, braking: Braking, worlds: World, pairs: Pairs,
+    s: ChoiceScratch, recording: NDArray[np.void], decisions: Decisions, counts: Counts, census: Census,
+    strikes: NDArray[np.bool_], avoidable: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Drive tests again that ended in a crash of the AV, and say of each whether the AV struck, and could have braked.
+
+    Args:
+        seed, tests, setting: Which tests, (n,); a test that ends otherwise gets False twice.
+        braking: How the AV would have braked.
+        worlds, pairs, s: Scratch, a batch of one world.
+        recording: Room for one whole test, nobody there; left so.
+        decisions, counts, census: Of size 0, scratch, and nobody.
+        strikes, avoidable: The answers, (n,).
+    """
+    w = world_row(worlds, 0)
+    for k in range(tests.size):
+        drive_test(w, seed, tests[k], setting, pairs, s, recording, decisions, counts, census)
+        strikes[k] = False
+        avoidable[k] = False
+        if w.info[OUTCOME] == AV_CRASH:
+            strikes[k], avoidable[k] = judge_crash(w, recording, setting, braking)
+        forget_frames(recording, w.info[FRAME] + 1, recording.shape[1])
 
 
 def _judge_chunk(
