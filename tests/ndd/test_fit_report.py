@@ -16,6 +16,7 @@ from cornerforge.ndd import default_model_path, load_model, write_fit_report
 from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.report import FitReport, counted_states
 from cornerforge.ndd.sensitivity import fit_sensitivity
+from cornerforge.pipeline.traffic_crashes import traffic_crashes
 
 HEADER = "track,leader_track,t_s,y_m,spacing_m"
 
@@ -129,3 +130,27 @@ def test_the_page_shows_the_study(model: NddModel, study: tuple[Mapping[str, Any
     for row in study:
         assert row["variant"] in page
     assert f"{study[0]['held_out']['t.csv']['law']:.3f}" in page
+
+
+def test_a_driven_study_says_how_far_the_crash_rate_moves(model: NddModel, tmp_path: Path) -> None:
+    driven: list[NddModel] = []
+
+    def drive(name: str, variant: NddModel) -> Mapping[str, object]:
+        driven.append(variant)
+        return traffic_crashes(name, variant, tests=512)
+
+    path = tracks_file(tmp_path / "t.csv")
+    study = fit_sensitivity([path], "tracks", strengths=[50.0], window_factors=[], drive=drive)
+    assert [row["variant"] for row in study] == [
+        "as fitted", "prior strength 50", "overlooking x 0", "overlooking x 10",
+    ]  # fmt: skip
+    assert [v.overlook / driven[0].overlook for v in driven] == pytest.approx([1.0, 1.0, 0.0, 10.0])
+    assert [v.overlook_conflict / driven[0].overlook_conflict for v in driven] == pytest.approx([1.0, 1.0, 0.0, 10.0])
+    traffic: Any = study[0]["traffic"]
+    assert traffic["tests"] == 512
+    assert traffic["bv_miles"] == pytest.approx(512 * 5.0, rel=0.2)  # 20 BVs for 400 m; the AV drives about as they do
+    assert traffic["av_interval95"][0] <= traffic["av_crashes_per_test"] <= traffic["av_interval95"][1]
+    assert traffic["bv_interval95"][0] <= traffic["bv_crashes_per_mile"] <= traffic["bv_interval95"][1]
+    page = page_of(model, tmp_path / "d.html", study)
+    assert "How far the crash rate moves" in page
+    assert page.count("in 512 tests") == 4

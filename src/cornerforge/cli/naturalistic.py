@@ -21,10 +21,11 @@ def ndd_fit(
     data_format: DataFormat = None,
     prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
     study: Annotated[
-        bool, typer.Option("--study", help="Report what other choices of the fit change (6 fits).")
+        bool, typer.Option("--study", help="Report what other choices of the fit change, crash rates too (6 fits).")
     ] = False,
-    seed: IdleSeed = 0,
-    threads: IdleThreads = None,
+    study_tests: Annotated[int, typer.Option(help="Tests that the study drives for each choice; 0: none.")] = 1_000_000,
+    seed: Seed = 0,
+    threads: Threads = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -35,7 +36,8 @@ def ndd_fit(
 
     run_command(
         lambda bars: pipeline.ndd_fit(
-            files, data_format=data_format, out=out, prior_strength=prior_strength, study=study, progress=bars
+            files, data_format=data_format, out=out, prior_strength=prior_strength, study=study,
+            study_tests=study_tests, seed=seed, threads=threads, progress=bars,
         ),
         fit_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

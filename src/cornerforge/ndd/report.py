@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
@@ -203,9 +203,43 @@ def _sensitivity(report: FitReport) -> str:
         "as the fit itself reads them. Last columns: mean and sd [m/s²] of the table's acceleration.</p>"
         + table(head, rows)
         + "<p>A shorter window takes more of the measuring error for driving: it sets the spread of accelerations, and "
-        "with it how near drivers come to each other in simulated traffic. How far the crash rate moves with the prior "
-        "is measured in docs/results.md.</p>"
+        "with it how near drivers come to each other in simulated traffic.</p>" + _crash_rates(report)
     )
+
+
+def _crash_rates(report: FitReport) -> str:
+    """How often the traffic of each variant crashes, where it was driven."""
+    driven = [(row["variant"], row["traffic"]) for row in report.sensitivity if row.get("traffic")]
+    if not driven:
+        return "<p>How far the crash rate moves was not asked for.</p>"
+    rows = [
+        [
+            name,
+            f"{t['bv_crashes']:,} in {t['bv_miles']:.3g} miles",
+            _rate(t["bv_crashes_per_mile"], t["bv_interval95"]),
+            f"{t['av_crashes']:,} in {t['tests']:,} tests",
+            _rate(t["av_crashes_per_test"], t["av_interval95"]),
+        ]
+        for name, t in driven
+    ]
+    head = [
+        "choice",
+        "crashes between background vehicles",
+        "per vehicle-mile (95 %)",
+        "crashes of the AV idm-mobil",
+        "per test of 400 m (95 %)",
+    ]
+    return (
+        "<h3>How far the crash rate moves</h3>"
+        + table(head, rows)
+        + "<p>The same tests of the same seed for every choice. Intervals are exact (Poisson, Clopper-Pearson); two "
+        "that overlap widely show no difference, and rule out none that fits into both. "
+        "<code>cornerforge rate --model</code> counts longer.</p>"
+    )
+
+
+def _rate(value: float, interval: Sequence[float]) -> str:
+    return f"{value:.2g} ({interval[0]:.2g} to {interval[1]:.2g})"
 
 
 def _probe(state: tuple[float, float, float]) -> str:

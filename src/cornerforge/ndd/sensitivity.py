@@ -1,12 +1,14 @@
 """How far a fit's own choices matter: the prior's strength, and the window by which noisy positions are smoothed.
 
 Each variant is a whole fit of the same files with one choice changed; all are scored on the same held-out decisions,
-read as the shipped choices read them.
+read as the shipped choices read them. Where somebody can drive the variants, how often their traffic crashes stands
+beside the scores, and the chance to overlook a neighbour is varied too, which no held-out decision can score.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +23,14 @@ from cornerforge.ndd.scores import table_log_likelihood
 from cornerforge.ndd.validate import stated_law
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["STRENGTHS", "WINDOW_FACTORS", "fit_sensitivity"]
+__all__ = ["OVERLOOK_FACTORS", "STRENGTHS", "WINDOW_FACTORS", "fit_sensitivity"]
 
 STRENGTHS = (10.0, 50.0, 1000.0)
 """Beside the strength that the fit uses."""
 WINDOW_FACTORS = (0.6, 1.4)
 """Of the smoothing windows, beside 1."""
+OVERLOOK_FACTORS = (0.0, 10.0)
+"""Of both chances to overlook somebody (`NddModel.overlook`, `overlook_conflict`), beside 1."""
 Row = dict[str, object]
 
 
@@ -38,6 +42,7 @@ def fit_sensitivity(
     strengths: Sequence[float] = STRENGTHS,
     window_factors: Sequence[float] = WINDOW_FACTORS,
     progress: Callable[[str], None] | None = None,
+    drive: Callable[[str, NddModel], Mapping[str, object]] | None = None,
 ) -> tuple[Row, ...]:
     """Fit the same files with other choices, and say what changes; by default as long as six fits.
 
@@ -48,11 +53,12 @@ def fit_sensitivity(
         strengths: Other strengths to try.
         window_factors: Of the smoothing windows, to try.
         progress: Is told in plain words what is being done.
+        drive: Gets the variant's name and its model, and says how often its traffic crashes.
 
     Returns:
         One row a variant, the fit itself first: `variant`; `held_out`: file -> `law` (per following decision) and
         `table` (on the grid; null where no decision is); `probes`: mean and sd [m/s2] of the table's acceleration at
-        each of `report.PROBES`.
+        each of `report.PROBES`; `traffic`: what `drive` said, None without it. With `drive` two rows more: overlooking.
 
     Raises:
         CornerForgeError: As `fit_model`.
@@ -66,15 +72,22 @@ def fit_sensitivity(
     choices = [("as fitted", prior_strength, 1.0)]
     choices += [(f"prior strength {strength:g}", strength, 1.0) for strength in strengths if strength != prior_strength]
     choices += [(f"smoothing windows x {factor:g}", prior_strength, factor) for factor in window_factors]
-    rows = []
+    models = {}
     for name, strength, factor in choices:
         tell(f"Sensitivity: {name}")
-        model, _ = fit_model(paths, data_format, prior_strength=strength, window_factor=factor)
-        rows.append(_row(name, model, scored))
-    return tuple(rows)
+        models[name], _ = fit_model(paths, data_format, prior_strength=strength, window_factor=factor)
+    if drive is None:
+        return tuple(_row(name, model, scored, None) for name, model in models.items())
+    for factor in OVERLOOK_FACTORS:
+        models[f"overlooking x {factor:g}"] = _overlooking(models["as fitted"], factor)
+    return tuple(_row(name, model, scored, drive(name, model)) for name, model in models.items())
 
 
-def _row(name: str, model: NddModel, scored: dict[str, Decisions]) -> Row:
+def _overlooking(model: NddModel, factor: float) -> NddModel:
+    return replace(model, overlook=model.overlook * factor, overlook_conflict=model.overlook_conflict * factor)
+
+
+def _row(name: str, model: NddModel, scored: dict[str, Decisions], traffic: Mapping[str, object] | None) -> Row:
     law = stated_law(model)
     held_out = {}
     for file, d in scored.items():
@@ -83,7 +96,8 @@ def _row(name: str, model: NddModel, scored: dict[str, Decisions]) -> Row:
             "law": None if law is None else log_likelihood(law, d.speed, d.gap, d.range_rate, d.acceleration),
             "table": table if number else None,
         }
-    return {"variant": name, "held_out": held_out, "probes": [_mean_sd(model, *probe) for probe in PROBES]}
+    probes = [_mean_sd(model, *probe) for probe in PROBES]
+    return {"variant": name, "held_out": held_out, "probes": probes, "traffic": traffic}
 
 
 def _mean_sd(model: NddModel, speed: float, gap: float, range_rate: float) -> list[float]:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cornerforge._checks import check_integer
 from cornerforge.errors import OutputError
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
 from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import check_threads
+from cornerforge.pipeline.traffic_crashes import traffic_crashes
 
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
@@ -22,6 +26,9 @@ def ndd_fit(
     out: Path | str,
     prior_strength: float = 200.0,
     study: bool = False,
+    study_tests: int = 1_000_000,
+    seed: int = 0,
+    threads: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
     """Fit a naturalistic model from trajectories and write it with a fit report beside it.
@@ -31,7 +38,11 @@ def ndd_fit(
         data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
         out: Model file, `.npz`; an existing one is replaced (the fit of the same data gives the same bytes).
         prior_strength: Pseudo-counts per state with which the prior enters.
-        study: Fit it again with other prior strengths and smoothing windows, and report what changes (six fits).
+        study: Fit it again with other prior strengths and smoothing windows, drive the traffic of each, and report what
+            changes (six fits, eight drives).
+        study_tests: Tests of each drive, 0 to 1e12; 0 drives none.
+        seed: Of those tests.
+        threads: Pool size of those tests; all cores by default. Does not change the result.
         progress: Told how far it is.
 
     Returns:
@@ -44,6 +55,12 @@ def ndd_fit(
     from cornerforge.ndd.readers import guess_format
 
     path = _model_place(out)
+    check_integer("study_tests", study_tests, low=0, high=10**12)
+    drive = None
+    if study and study_tests:
+        drive = partial(
+            traffic_crashes, tests=study_tests, seed=seed, threads=check_threads(threads), progress=progress
+        )
 
     def say(stage: str) -> None:
         progress(f"fit: {stage}", 0, 1)
@@ -54,7 +71,7 @@ def ndd_fit(
     if study:
         from cornerforge.ndd.sensitivity import fit_sensitivity
 
-        rows = fit_sensitivity(paths, data_format, prior_strength=prior_strength, progress=say)
+        rows = fit_sensitivity(paths, data_format, prior_strength=prior_strength, progress=say, drive=drive)
         report = replace(report, sensitivity=rows)
     _write_model(model, path)
     page = path.with_suffix(".report.html")

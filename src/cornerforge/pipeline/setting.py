@@ -177,7 +177,7 @@ def experiment(
     av: str = "idm-mobil",
     odd: str = "default",
     lanes: int | None = None,
-    model: Path | None = None,
+    model: Path | NddModel | None = None,
     bv: str | Path | Sequence[str | Path] = "nde",
     policy: Policy | Sequence[Policy] | None = None,
     bounded: bool = False,
@@ -194,7 +194,7 @@ def experiment(
             a Stable-Baselines3 `.zip` file.
         odd: Name of an ODD.
         lanes: Number of lanes, 2 to 6; None for the ODD's own.
-        model: Model file; None for the one that ships with the package.
+        model: Model, or its file; None for the one that ships with the package.
         bv: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or the path of a policy file; several
             paths: each test is driven by one of these policies, drawn at random.
         policy: One or more policies in memory instead of paths in `bv`.
@@ -220,7 +220,7 @@ def experiment(
             f"built-in AV, then: cornerforge generate --policy P.safetensors --av {av}"
         )
     av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
-    ndd = load_model(default_model_path() if model is None else model)
+    ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else model)
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
     known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))
@@ -239,8 +239,9 @@ def experiment(
     if bounded and driver in ("nde", "idm"):
         raise InputError(f"bounded needs an adversary; {driver} has none. Train one with: cornerforge train --bounded")
     if bounded and (ndd.following > 0.0).all() and (ndd.free > 0.0).all():
+        named = model_hash(ndd) if model is ndd else model
         raise InputError(
-            f"The model {model} calls no acceleration impossible anywhere, so bounded would exclude nothing; fit one "
+            f"The model {named} calls no acceleration impossible anywhere, so bounded would exclude nothing; fit one "
             "with: cornerforge ndd fit (it cuts what lies beyond its spread to 0), or leave out --bounded."
         )
     temperature = temperature_of(acting)
