@@ -73,7 +73,6 @@ class _Bench:
         self._worlds = allocate_worlds(1, run.slots)
         self._pairs = allocate_pairs(run.slots)
         self._scratch = allocate_choice_scratch(run.setting.policy)
-        self._words = np.zeros(run.slots, dtype=np.uint64)
         self._states = np.zeros((run.slots, 2))
         self._clock = np.zeros(2, dtype=np.int64)
         self._frames = np.zeros(tests, dtype=np.int32)
@@ -98,7 +97,7 @@ class _Bench:
         extras = np.zeros((len(EXTRAS), 2), dtype=np.int64)
         timed_tests(
             0, count, self._run.setting, self._worlds, self._pairs, self._scratch, with_extras,
-            self._words, self._states, ns, extras, self._clock, self._frames, self._x,
+            self._states, ns, extras, self._clock, self._frames, self._x,
         )  # fmt: skip
         same = np.array_equal(self._frames[:count], self._expected[:count])
         if not same or not np.array_equal(self._x[:count] - self._run.setting.road.av_start, self._distance[:count]):

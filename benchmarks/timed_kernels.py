@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numba
 import numpy as np
 
-from cornerforge._philox import PURPOSE_DECIDE, block, uniform
+from cornerforge._philox import PURPOSE_DECIDE, blocks, uniform
 from cornerforge.drivers.naturalistic import following_row, free_row, sample_row
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.sim.actions import apply_action
@@ -25,6 +25,7 @@ from cornerforge.sim.neighbours import nearest_bv, neighbours_in_lane
 from cornerforge.sim.observe import allowed_actions, observe
 from cornerforge.sim.step import (
     SUBSTEPS,
+    _bound_motion,
     _check_contacts,
     _choose_current,
     _find_pairs,
@@ -161,6 +162,7 @@ def _timed_step(
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
     since = _lap(ns, APPLY, since, clock)
+    _bound_motion(w, setting.av.idm.max_braking, setting.av.idm.max_acceleration, pairs)
     n_pairs = _find_pairs(w, road, pairs)
     _choose_current(w, pairs, n_pairs, False, road)
     info[N_DECISIONS] += 1
@@ -170,7 +172,7 @@ def _timed_step(
 
 @_compiled
 def _timed_draws(
-    w: World, test: int, setting: Setting, words: NDArray[np.uint64], states: NDArray[np.float64],
+    w: World, test: int, setting: Setting, states: NDArray[np.float64],
     extras: NDArray[np.int64], clock: NDArray[np.int64],
 ) -> int:  # fmt: skip
     """The random numbers and table look-ups of all BVs alone; their leads are found before the clock starts."""
@@ -181,18 +183,17 @@ def _timed_draws(
         states[i, 0] = v[lead].x - v[i].x - road.length if lead >= 0 else np.inf
         states[i, 1] = v[lead].speed - v[i].speed if lead >= 0 else 0.0
     since = _now(clock)
-    for i in range(1, n):
-        if v[i].present:
-            words[i] = block(SEED, test, w.info[N_DECISIONS], i, PURPOSE_DECIDE)[1]
+    blocks(w.words, SEED, test, w.info[N_DECISIONS], n, PURPOSE_DECIDE)
     since = _lap(extras, PHILOX, since, clock)
     total = 0
+    words = w.words
     cut = setting.tables.cut
     for i in range(1, n):
         if v[i].present:
-            total += sample_row(cut, free_row(v[i].speed), words[i])
+            total += sample_row(cut, free_row(v[i].speed), words[1, i])
             if states[i, 0] < np.inf:
                 total += sample_row(
-                    cut, following_row(v[i].speed, states[i, 0], states[i, 1], uniform(words[i])), words[i]
+                    cut, following_row(v[i].speed, states[i, 0], states[i, 1], uniform(words[1, i])), words[1, i]
                 )
     _lap(extras, LOOK_UPS, since, clock)
     return total
@@ -222,7 +223,7 @@ def _timed_choice(
 @_compiled
 def timed_tests(
     first: int, count: int, setting: Setting, worlds: World, pairs: Pairs, s: ChoiceScratch, with_extras: bool,
-    words: NDArray[np.uint64], states: NDArray[np.float64], ns: NDArray[np.int64], extras: NDArray[np.int64],
+    states: NDArray[np.float64], ns: NDArray[np.int64], extras: NDArray[np.int64],
     clock: NDArray[np.int64], frames: NDArray[np.int32], x: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Drive tests first .. first + count - 1; end frames and the AV's end positions show what was driven."""
@@ -235,7 +236,7 @@ def timed_tests(
         since = _lap(ns, RESET, since, clock)
         while w.info[OUTCOME] == RUNNING:
             if with_extras:
-                kept += _timed_draws(w, test, setting, words, states, extras, clock)
+                kept += _timed_draws(w, test, setting, states, extras, clock)
                 kept += _timed_choice(w, setting, s, extras, clock)
                 since = _now(clock)
             w.info[CONTROLLED] = -1

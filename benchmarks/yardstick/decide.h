@@ -228,19 +228,21 @@ static double return_chance(const World *w, int64_t i, double overlook, const Ro
     return 1.0 - overlook;
 }
 
+static inline uint64_t random_word(const World *w, int64_t k, int64_t i) { return w->words[k * w->slots + i]; }
+
 static inline int64_t decide_naturalistic(
-    const World *w, int64_t rank, int64_t seed, int64_t test, const Road *road, const Tables *tables
+    const World *w, int64_t rank, const Road *road, const Tables *tables
 ) {
     const Vehicle *v = w->v;
     int64_t i = w->order[rank];
-    Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
-    double gap, rate, rounding = uniform(words.w[3]);
+    uint64_t word = random_word(w, 1, i);
+    double gap, rate, rounding = uniform(random_word(w, 3, i));
     int64_t lead = w->info[AHEAD + v[i].target_lane];
     int64_t action = keeps_one_lane(&v[i])
-        ? follow(w, i, lead, road, tables, words.w[1], rounding, &gap, &rate)
-        : worst_follow(w, rank, road, tables, words.w[1], rounding, &gap, &rate);
+        ? follow(w, i, lead, road, tables, word, rounding, &gap, &rate)
+        : worst_follow(w, rank, road, tables, word, rounding, &gap, &rate);
     if (v[i].duration == 0.0) {
-        double draw = uniform(words.w[0]);
+        double draw = uniform(random_word(w, 0, i));
         if (draw >= 2.0 * tables->lc_most) return action;
         double base = lane_change_base(tables, v[i].speed, gap, rate);
         if (draw < 2.0 * base) {
@@ -252,7 +254,7 @@ static inline int64_t decide_naturalistic(
             }
             if (lane > 0 && draw < left + side_chance(w, i, lane - 1, base, tables->overlook, road, tables)) return 1;
         }
-    } else if (uniform(words.w[0]) < return_chance(w, i, tables->overlook, road, tables)) {
+    } else if (uniform(random_word(w, 0, i)) < return_chance(w, i, tables->overlook, road, tables)) {
         return lane_of(v[i].y, road->lane_width) > v[i].target_lane ? 0 : 1;
     }
     return action;
@@ -265,8 +267,7 @@ static bool starts_into(const Vehicle *v, int64_t j, int64_t lane, int64_t av_la
 }
 
 static bool gives_way(
-    const World *w, int64_t i, int64_t target, int64_t av_lane, int64_t seed, int64_t test, const Road *road,
-    const Tables *tables
+    const World *w, int64_t i, int64_t target, int64_t av_lane, const Road *road, const Tables *tables
 ) {
     const Vehicle *v = w->v;
     double chance = 1.0;
@@ -277,8 +278,7 @@ static bool gives_way(
         chance = MIN(chance, accept);
     }
     if (chance >= 1.0) return false;
-    Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
-    return uniform(words.w[2]) >= tables->overlook_conflict + (1.0 - tables->overlook_conflict) * chance;
+    return uniform(random_word(w, 2, i)) >= tables->overlook_conflict + (1.0 - tables->overlook_conflict) * chance;
 }
 
 static void hold(Vehicle *v, double acceleration) {
@@ -320,12 +320,13 @@ static void sort_by_x(World *w) {
 static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road *road, const Tables *tables) {
     Vehicle *v = w->v;
     int64_t *ahead = w->info + AHEAD, changes = 0;
+    blocks(w->words, w->slots, seed, test, w->info[N_DECISIONS], w->info[N_VEHICLES], PURPOSE_DECIDE);
     for (int64_t lane = 0; lane < road->n_lanes; lane++) ahead[lane] = -1;
     for (int64_t rank = w->info[N_VEHICLES] - 1; rank >= 0; rank--) {
         int64_t i = w->order[rank];
         if (v[i].present == 0) continue;
         if (i > 0) {
-            v[i].action = decide_naturalistic(w, rank, seed, test, road, tables);
+            v[i].action = decide_naturalistic(w, rank, road, tables);
             if (v[i].action < 2) changes++;
         }
         for (int64_t lane = 0; lane < road->n_lanes; lane++)
@@ -335,19 +336,16 @@ static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road
     return changes;
 }
 
-static void resolve_conflicts(
-    World *w, int64_t av_lane, int64_t seed, int64_t test, const Road *road, const Tables *tables
-) {
+static void resolve_conflicts(World *w, int64_t av_lane, const Road *road, const Tables *tables) {
     Vehicle *v = w->v;
     for (int64_t rank = w->info[N_VEHICLES] - 1; rank >= 0; rank--) {
         int64_t i = w->order[rank];
         if (i == 0 || v[i].present == 0 || v[i].action < 0 || v[i].action > 1) continue;
         if (v[i].duration > 0.0) continue;
         int64_t target = v[i].target_lane + 1 - 2 * v[i].action;
-        if (gives_way(w, i, target, av_lane, seed, test, road, tables)) {
-            Words words = block(seed, test, w->info[N_DECISIONS], i, PURPOSE_DECIDE);
-            double gap, rate;
-            int64_t action = worst_follow(w, rank, road, tables, words.w[1], uniform(words.w[3]), &gap, &rate);
+        if (gives_way(w, i, target, av_lane, road, tables)) {
+            double gap, rate, rounding = uniform(random_word(w, 3, i));
+            int64_t action = worst_follow(w, rank, road, tables, random_word(w, 1, i), rounding, &gap, &rate);
             v[i].action = drawn(tables, action);
         }
     }
@@ -358,7 +356,7 @@ static void decide_bvs(
 ) {
     sort_by_x(w);
     int64_t changes = all_naturalistic(w, seed, test, road, tables);
-    if (changes + (av_lane != w->v[0].target_lane) > 1) resolve_conflicts(w, av_lane, seed, test, road, tables);
+    if (changes + (av_lane != w->v[0].target_lane) > 1) resolve_conflicts(w, av_lane, road, tables);
 }
 
 #endif

@@ -25,6 +25,15 @@ static inline Words block(int64_t seed, int64_t test, int64_t step, int64_t vehi
     return (Words){{c0, c1, c2, c3}};
 }
 
+static inline void blocks(
+    uint64_t *restrict words, int64_t slots, int64_t seed, int64_t test, int64_t step, int64_t n, int64_t purpose
+) {
+    for (int64_t i = 0; i < n; i++) {
+        Words drawn = block(seed, test, step, i, purpose);
+        for (int64_t k = 0; k < 4; k++) words[k * slots + i] = drawn.w[k];
+    }
+}
+
 static inline double uniform(uint64_t word) { return ((double)word + 0.5) * 2.3283064365386963e-10; }
 
 static inline void normal_pair(uint64_t word_a, uint64_t word_b, double *z_a, double *z_b) {

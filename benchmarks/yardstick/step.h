@@ -7,7 +7,9 @@
 enum { SUBSTEPS = 10, UNSURE = 1 };
 #define DT 0.1
 #define FULL_STEERING_SPEED 5.0
-#define MAX_RELATIVE_GAIN 7.0
+#define HARDEST_BRAKING 12.0
+#define STRONGEST_ACCELERATION 10.0
+#define ROUNDING 0.01
 
 static void move_vehicle(Vehicle *v, double held, const Road *road) {
     double start = v->speed_held, a = v->acceleration, after = start + a * held;
@@ -43,23 +45,34 @@ static inline double lateral_reach(const World *w, int64_t i, const Road *road) 
     return road->lane_change_duration >= 2.0 ? road->lane_width : 2.0 * road->lane_width;
 }
 
+static void bound_motion(const World *w, double braking, double acceleration, Pairs *pairs) {
+    const Vehicle *v = w->v;
+    for (int64_t i = 0; i < w->info[N_VEHICLES]; i++) {
+        pairs->least[i] = v[i].speed + 0.5 * MIN(0.0, v[i].acceleration);
+        pairs->most[i] = v[i].speed + 0.5 * MAX(0.0, v[i].acceleration);
+    }
+    pairs->least[0] = v[0].speed - 0.5 * braking;
+    pairs->most[0] = v[0].speed + 0.5 * acceleration;
+}
+
 static int64_t find_pairs(const World *w, const Road *road, Pairs *pairs) {
     const Vehicle *v = w->v;
     const int64_t *order = w->order, n = w->info[N_VEHICLES];
     int64_t found = 0;
-    double slowest = road->max_speed;
+    double least = INFINITY;
     for (int64_t i = 0; i < n; i++)
-        if (v[i].present) slowest = MIN(slowest, v[i].speed);
+        if (v[i].present) least = MIN(least, pairs->least[i]);
     for (int64_t rank = 0; rank < n; rank++) {
         int64_t i = order[rank];
         if (v[i].present == 0) continue;
-        double reach = lateral_reach(w, i, road), limit = road->length + 1.0 + MAX_RELATIVE_GAIN + (v[i].speed - slowest);
+        double reach = lateral_reach(w, i, road), faster = pairs->most[i] - least;
+        double limit = road->length + 1.0 + MAX(0.0, faster);
         for (int64_t other = rank + 1; other < n; other++) {
             int64_t j = order[other];
             double dx = v[j].x - v[i].x;
             if (dx > limit) break;
-            double faster = v[i].speed - v[j].speed;
-            if (v[j].present == 0 || dx > road->length + 1.0 + MAX_RELATIVE_GAIN + MAX(0.0, faster)) continue;
+            faster = pairs->most[i] - pairs->least[j];
+            if (v[j].present == 0 || dx > road->length + 1.0 + MAX(0.0, faster)) continue;
             if (fabs(v[j].y - v[i].y) < road->width + 1.0 + reach + lateral_reach(w, j, road) &&
                 found < pairs->capacity) {
                 pairs->a[found] = MIN(i, j);
@@ -71,8 +84,14 @@ static int64_t find_pairs(const World *w, const Road *road, Pairs *pairs) {
     return found;
 }
 
-static inline double approach(const Vehicle *v, int64_t j) {
-    return fabs(v[j].speed - v[0].speed) + MAX_RELATIVE_GAIN;
+static inline double falls_back(const Pairs *pairs, int64_t j) {
+    double loss = pairs->most[0] - pairs->least[j];
+    return MAX(0.0, loss) + ROUNDING;
+}
+
+static inline double gains(const Pairs *pairs, int64_t j) {
+    double gain = pairs->most[j] - pairs->least[0];
+    return MAX(0.0, gain) + ROUNDING;
 }
 
 static void bound_av_neighbours(const World *w, Pairs *pairs, const Road *road) {
@@ -81,12 +100,12 @@ static void bound_av_neighbours(const World *w, Pairs *pairs, const Road *road) 
     for (int64_t j = 1; j < w->info[N_VEHICLES]; j++) {
         int64_t lane = v[j].target_lane;
         if (v[j].present && pairs->is_watched[j] != UNSURE && v[j].lanes == (int64_t)1 << lane) {
-            double dx = v[j].x - v[0].x, change = approach(v, j);
-            if (dx > change) {
-                double limit = dx + change;
+            double dx = v[j].x - v[0].x;
+            if (dx > falls_back(pairs, j)) {
+                double limit = dx + gains(pairs, j);
                 pairs->ahead[lane] = MIN(pairs->ahead[lane], limit);
-            } else if (-dx > change) {
-                double limit = change - dx;
+            } else if (-dx > gains(pairs, j)) {
+                double limit = falls_back(pairs, j) - dx;
                 pairs->behind[lane] = MIN(pairs->behind[lane], limit);
             }
         }
@@ -95,22 +114,21 @@ static void bound_av_neighbours(const World *w, Pairs *pairs, const Road *road) 
 
 static inline bool is_seen(const World *w, int64_t j, const Pairs *pairs, const Road *road) {
     const Vehicle *v = w->v;
-    double dx = v[j].x - v[0].x, change = approach(v, j);
+    double dx = v[j].x - v[0].x, nearest = dx - falls_back(pairs, j), farthest = dx + gains(pairs, j);
     int64_t own = v[j].target_lane;
-    if (keeps_one_lane(&v[j])) return -pairs->behind[own] - change <= dx && dx <= pairs->ahead[own] + change;
+    if (keeps_one_lane(&v[j])) return nearest <= pairs->ahead[own] && farthest >= -pairs->behind[own];
     for (int64_t lane = 0; lane < road->n_lanes; lane++)
-        if ((v[j].lanes & ((int64_t)1 << lane)) && -pairs->behind[lane] - change <= dx &&
-            dx <= pairs->ahead[lane] + change)
+        if ((v[j].lanes & ((int64_t)1 << lane)) && nearest <= pairs->ahead[lane] && farthest >= -pairs->behind[lane])
             return true;
     return false;
 }
 
-static inline void note_av_neighbour(World *w, int64_t j) {
+static inline void note_av_neighbour(World *w, int64_t j, const Pairs *pairs) {
     const Vehicle *v = w->v;
     int64_t lane = v[j].target_lane, *leads = w->info + AV_LEADS, *rears = w->info + AV_REARS;
     double dx = v[j].x - v[0].x;
     int64_t *spot = dx > 0.0 ? &leads[lane] : &rears[lane];
-    if (fabs(dx) <= approach(v, j) || *spot != -1)
+    if ((-gains(pairs, j) <= dx && dx <= falls_back(pairs, j)) || *spot != -1)
         leads[lane] = UNKNOWN;
     else
         *spot = j;
@@ -138,7 +156,7 @@ static void choose_current(World *w, Pairs *pairs, int64_t n_pairs, bool everybo
             pairs->is_watched[j] = 0;
             w->current[found++] = j;
             steady = steady && v[j].duration == 0.0 && keeps_one_lane(&v[j]);
-            note_av_neighbour(w, j);
+            note_av_neighbour(w, j, pairs);
         }
     }
     w->info[N_SEEN] = found;
@@ -204,7 +222,7 @@ static void av_acts(World *w, double command, int64_t lane, const Road *road) {
 }
 
 static void move(World *w, int64_t substep, const Road *road) {
-    if (substep == SUBSTEPS - 1) all_current(w);
+    if (substep == SUBSTEPS - 1) list_all(w);
     move_vehicle(&w->v[0], (double)(substep % road->av_substeps + 1) * DT, road);
     double held = (double)(substep + 1) * DT;
     for (int64_t k = 1; k < w->info[N_CURRENT]; k++) move_vehicle(&w->v[w->current[k]], held, road);
@@ -222,8 +240,11 @@ static void step_world(
     for (int64_t i = 1; i < n; i++)
         if (v[i].present) apply_action(w, i, v[i].action, accelerations, road);
     av_acts(w, command, lane, road);
+    bool everybody = av->mobil.politeness > 0.0;
+    double braking = everybody ? HARDEST_BRAKING : av->idm.max_braking;
+    bound_motion(w, braking, everybody ? STRONGEST_ACCELERATION : av->idm.max_acceleration, pairs);
     int64_t n_pairs = find_pairs(w, road, pairs);
-    choose_current(w, pairs, n_pairs, av->mobil.politeness > 0.0, road);
+    choose_current(w, pairs, n_pairs, everybody, road);
     info[N_DECISIONS] += 1;
     for (int64_t substep = 0; substep < SUBSTEPS; substep++) {
         if (substep > 0 && substep % road->av_substeps == 0) {

@@ -24,6 +24,7 @@ enum { RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP };
 typedef struct {
     Vehicle *v;
     int64_t *order, *current, *info;
+    uint64_t *words; /* (4, slots) */
     int64_t slots;
 } World;
 
@@ -57,7 +58,9 @@ typedef struct {
 } Tables;
 
 typedef struct {
-    int64_t *a, *b, *is_watched;
+    int64_t *a, *b;
+    double *least, *most;
+    int64_t *is_watched;
     double *ahead, *behind;
     int64_t capacity;
 } Pairs;
@@ -68,12 +71,16 @@ static inline void forget_av_neighbours(World *w) {
 
 static inline bool keeps_one_lane(const Vehicle *v) { return v->lanes == (int64_t)1 << v->target_lane; }
 
-static void all_current(World *w) {
+static void list_all(World *w) {
     int64_t found = 0;
     for (int64_t i = 0; i < w->info[N_VEHICLES]; i++)
         if (w->v[i].present) w->current[found++] = i;
     w->info[N_CURRENT] = found;
     w->info[N_SEEN] = found;
+}
+
+static void all_current(World *w) {
+    list_all(w);
     forget_av_neighbours(w);
 }
 

@@ -531,7 +531,9 @@ class ScriptedSeconds:
         """Advance a running world by one decision of the BVs."""
         script = self._av.script(setting, self._slots, seed, test)
         per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
-        worlds = World(world.vehicles[None], world.order[None], world.current[None], world.info[None])
+        worlds = World(
+            world.vehicles[None], world.order[None], world.current[None], world.info[None], world.words[None]
+        )
         batch = lockstep.allocate_batch(1, self._slots)._replace(worlds=worlds, test=np.array([test], dtype=np.int64))
         steps = _Steps(setting, self._slots, seed, batch, 1)
         begin = int(world.info[N_DECISIONS]) * per_second

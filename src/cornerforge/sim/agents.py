@@ -244,7 +244,9 @@ def drive_on_as_av(
         if not chosen[b]:
             continue
         w = world_row(worlds, b)
-        held = Pairs(seconds.a[b], seconds.b[b], pairs.is_watched, pairs.ahead, pairs.behind, pairs.av)
+        held = Pairs(
+            seconds.a[b], seconds.b[b], pairs.least, pairs.most, pairs.is_watched, pairs.ahead, pairs.behind, pairs.av
+        )
         lane = ordered_lane(w, 0, order[b], road)
         from_x = w.vehicles[0].x
         if seconds.substep[b] == 0:

@@ -27,7 +27,14 @@ if TYPE_CHECKING:
 
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
 
-__all__ = ["LEARNED_WIDTH", "AvScratch", "allocate_av_scratch", "built_in_av_decides", "sees_everybody"]
+__all__ = [
+    "LEARNED_WIDTH",
+    "AvScratch",
+    "allocate_av_scratch",
+    "built_in_av_decides",
+    "drives_by_idm",
+    "sees_everybody",
+]
 
 BESIDE = 2.0
 """A vehicle is beside the AV when their boxes overlap lengthwise, or would if one were this much longer [m]."""
@@ -75,6 +82,12 @@ def sees_everybody(av: AvNumbers) -> bool:
     A polite one asks how its follower would drive, hence sees through other vehicles' eyes too.
     """
     return av.kind == _LEARNED or av.mobil.politeness > 0.0
+
+
+@inlined_kernel
+def drives_by_idm(av: AvNumbers) -> bool:
+    """Does the AV command nothing beyond the IDM's limits?"""
+    return av.kind in (_PLAIN, _WATCHFUL)
 
 
 @inlined_kernel

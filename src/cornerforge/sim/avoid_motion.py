@@ -32,7 +32,7 @@ _SAME_M = 1e-3
 def allocate_rows(rows: int) -> World:
     """Vehicles without a world around them, (rows,), as the simulator's kernels of motion take them."""
     nothing = np.zeros(1, dtype=np.int64)
-    return World(np.zeros(rows, dtype=VEHICLE), nothing, nothing, nothing)
+    return World(np.zeros(rows, dtype=VEHICLE), nothing, nothing, nothing, np.zeros((4, 0), dtype=np.uint64))
 
 
 @kernel

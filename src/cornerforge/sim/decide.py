@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel, prefetch
-from cornerforge._philox import PURPOSE_DECIDE, block, uniform
+from cornerforge._philox import PURPOSE_DECIDE, blocks, uniform
 from cornerforge.drivers.naturalistic import (
     FIRST_PROBE,
     accept_chance,
@@ -158,23 +158,24 @@ def _return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables:
 
 
 @inlined_kernel
-def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> int:
+def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTables) -> int:
     """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE), which may be put off.
 
-    info[AHEAD + lane] names the next vehicle ahead of it in each lane.
+    info[AHEAD + lane] names the next vehicle ahead of it in each lane. Of the slot's random words the first decides
+    about lanes, the second and fourth about the acceleration, the third about giving way.
     """
     v = w.vehicles
     order = w.order
     info = w.info
+    words = w.words
     i = order[rank]
-    words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
     if v[i].lanes == 1 << v[i].target_lane:
         lead = info[AHEAD + v[i].target_lane]
-        action, gap, rate = _follow(w, i, lead, road, tables, words[1], uniform(words[3]))
+        action, gap, rate = _follow(w, i, lead, road, tables, words[1, i], uniform(words[3, i]))
     else:
-        action, gap, rate = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
+        action, gap, rate = _worst_follow(w, rank, road, tables, words[1, i], uniform(words[3, i]))
     if v[i].duration == 0.0:
-        draw = uniform(words[0])
+        draw = uniform(words[0, i])
         if draw >= 2.0 * tables.lc_most:  # nine times in ten this spares the look-up of what it wants
             return action
         base = lane_change_base(tables, v[i].speed, gap, rate)
@@ -187,7 +188,7 @@ def _decide_naturalistic(w: World, rank: int, seed: int, test: int, road: RoadNu
                     return 0
             if lane > 0 and draw < left + _side_chance(w, i, lane - 1, base, tables.overlook, road, tables):
                 return 1
-    elif uniform(words[0]) < _return_chance(w, i, tables.overlook, road, tables):
+    elif uniform(words[0, i]) < _return_chance(w, i, tables.overlook, road, tables):
         return 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
     return action
 
@@ -321,9 +322,7 @@ def _starts_into(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
 
 
 @kernel
-def _gives_way(
-    w: World, i: int, target: int, av_lane: int, seed: int, test: int, road: RoadNumbers, tables: NddTables
-) -> bool:
+def _gives_way(w: World, i: int, target: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> bool:
     """Must slot i, about to change to `target`, wait for one ahead that starts into it at the same moment?
 
     It waits unless it accepts the gap to that one as to a lead in the target lane, from whichever side it comes. An
@@ -339,8 +338,7 @@ def _gives_way(
         chance = min(chance, accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed))
     if chance >= 1.0:
         return False
-    words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-    waits: bool = uniform(words[2]) >= tables.overlook_conflict + (1.0 - tables.overlook_conflict) * chance
+    waits: bool = uniform(w.words[2, i]) >= tables.overlook_conflict + (1.0 - tables.overlook_conflict) * chance
     return waits
 
 
@@ -368,6 +366,7 @@ def _all_naturalistic(
     info = w.info
     controlled = info[CONTROLLED]
     changes = 0
+    blocks(w.words, seed, test, info[N_DECISIONS], info[N_VEHICLES], PURPOSE_DECIDE)
     for lane in range(road.n_lanes):
         info[AHEAD + lane] = -1
     for rank in range(info[N_VEHICLES] - 1, -1, -1):
@@ -375,7 +374,7 @@ def _all_naturalistic(
         if v[i].present == 0:
             continue
         if i > 0:
-            action = controlled_action if i == controlled else _decide_naturalistic(w, rank, seed, test, road, tables)
+            action = controlled_action if i == controlled else _decide_naturalistic(w, rank, road, tables)
             v[i].action = action
             if action < 2:
                 changes += 1
@@ -411,11 +410,11 @@ def decide_bvs(
         return
     changes = _all_naturalistic(w, seed, test, controlled_action, road, tables)
     if changes + (av_lane != w.vehicles[0].target_lane) > 1:
-        _resolve_conflicts(w, av_lane, seed, test, road, tables)
+        _resolve_conflicts(w, av_lane, road, tables)
 
 
 @kernel
-def _resolve_conflicts(w: World, av_lane: int, seed: int, test: int, road: RoadNumbers, tables: NddTables) -> None:
+def _resolve_conflicts(w: World, av_lane: int, road: RoadNumbers, tables: NddTables) -> None:
     """Turn the lane change of every BV that gives way into the acceleration it drew, from the front to the rear."""
     v = w.vehicles
     order = w.order
@@ -427,7 +426,6 @@ def _resolve_conflicts(w: World, av_lane: int, seed: int, test: int, road: RoadN
         if v[i].duration > 0.0:  # it turns back, because others are in the way
             continue
         target = v[i].target_lane + 1 - 2 * v[i].action
-        if _gives_way(w, i, target, av_lane, seed, test, road, tables):
-            words = block(seed, test, info[N_DECISIONS], i, PURPOSE_DECIDE)
-            action, _, _ = _worst_follow(w, rank, road, tables, words[1], uniform(words[3]))
+        if _gives_way(w, i, target, av_lane, road, tables):
+            action, _, _ = _worst_follow(w, rank, road, tables, w.words[1, i], uniform(w.words[3, i]))
             v[i].action = _drawn(tables, action)

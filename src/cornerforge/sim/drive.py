@@ -275,4 +275,4 @@ def drive_range(
 @kernel
 def world_row(worlds: World, b: int) -> World:
     """World b of a batch, as views."""
-    return World(worlds.vehicles[b], worlds.order[b], worlds.current[b], worlds.info[b])
+    return World(worlds.vehicles[b], worlds.order[b], worlds.current[b], worlds.info[b], worlds.words[b])

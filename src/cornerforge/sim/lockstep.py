@@ -89,6 +89,8 @@ def allocate_batch(n_worlds: int, slots: int) -> Batch:
         pairs=Pairs(
             np.zeros((n_worlds, one.a.size), dtype=np.int64),
             np.zeros((n_worlds, one.b.size), dtype=np.int64),
+            np.zeros((n_worlds, slots)),
+            np.zeros((n_worlds, slots)),
             np.zeros((n_worlds, one.is_watched.size), dtype=np.int64),
             np.zeros((n_worlds, one.ahead.size)),
             np.zeros((n_worlds, one.behind.size)),
@@ -183,6 +185,8 @@ def act(
         pairs = Pairs(
             batch.pairs.a[b],
             batch.pairs.b[b],
+            batch.pairs.least[b],
+            batch.pairs.most[b],
             batch.pairs.is_watched[b],
             batch.pairs.ahead[b],
             batch.pairs.behind[b],

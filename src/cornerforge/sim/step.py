@@ -10,7 +10,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
-from cornerforge.sim.av_kinds import AvScratch, allocate_av_scratch, built_in_av_decides, sees_everybody
+from cornerforge.sim.av_kinds import AvScratch, allocate_av_scratch, built_in_av_decides, drives_by_idm, sees_everybody
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.world import (
@@ -34,6 +34,7 @@ from cornerforge.sim.world import (
     UNKNOWN,
     all_current,
     forget_av_neighbours,
+    list_all,
     path_of,
 )
 from cornerforge.types import ACCELERATIONS, FRAME_S, MAX_LANES
@@ -62,9 +63,10 @@ SUBSTEPS = 10
 _DT = FRAME_S
 _FULL_STEERING_SPEED = 5.0
 _ACCELERATIONS = ACCELERATIONS
-MAX_RELATIVE_GAIN = 7.0
-"""Two vehicles whose accelerations differ by at most 14 m/s2 (what `IdmParams` and the actions allow) come nearer to
-each other by at most this much more than at constant speeds in 1 s [m]."""
+_HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0
+"""No AV brakes or accelerates harder [m/s2]: what `IdmParams` allows; orders from outside are cut to less."""
+_ROUNDING = 0.01
+"""Added to bounds of motion [m], far more than rounding errors."""
 
 
 UNSURE = 1
@@ -76,6 +78,7 @@ class Pairs(NamedTuple):
 
     Attributes:
         a, b: Slots of each pair, a < b.
+        least, most: How far a slot drives within the second at least and at most, (N,) [m].
         is_watched: UNSURE for slots that change lanes or may touch somebody, else 0, (N,).
         ahead, behind: How far off the AV's nearest vehicle of each lane is at most, (MAX_LANES,) [m].
         av: Scratch of the AV.
@@ -83,6 +86,8 @@ class Pairs(NamedTuple):
 
     a: NDArray[np.int64]
     b: NDArray[np.int64]
+    least: NDArray[np.float64]
+    most: NDArray[np.float64]
     is_watched: NDArray[np.int64]
     ahead: NDArray[np.float64]
     behind: NDArray[np.float64]
@@ -107,7 +112,8 @@ FRAME_FIELDS = np.dtype(
 def allocate_pairs(slots: int) -> Pairs:
     """Scratch for worlds of so many slots."""
     a, b, is_watched = (np.zeros(size * slots, dtype=np.int64) for size in (8, 8, 1))
-    return Pairs(a, b, is_watched, ahead=np.zeros(MAX_LANES), behind=np.zeros(MAX_LANES), av=allocate_av_scratch())
+    least, most, ahead, behind = (np.zeros(size) for size in (slots, slots, MAX_LANES, MAX_LANES))
+    return Pairs(a, b, least, most, is_watched, ahead, behind, av=allocate_av_scratch())
 
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
@@ -164,32 +170,49 @@ def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
 
 
 @inlined_kernel
+def _bound_motion(w: World, braking: float, acceleration: float, pairs: Pairs) -> None:
+    """Bound how far everybody drives within the coming second, into `pairs.least` and `pairs.most`.
+
+    Accelerations are constant or change at most to 0 (at standstill and at the highest speed), but the AV may decide
+    anew: it brakes with at most `braking` and accelerates with at most `acceleration` [m/s2]. The lead of one vehicle
+    over another then changes by no more than the difference of their bounds at the second's end, at any time within it:
+    t (d + c t / 2) for 0 <= t <= 1 and c >= 0 is at most max(0, d + c / 2).
+    """
+    v = w.vehicles
+    for i in range(w.info[N_VEHICLES]):
+        pairs.least[i] = v[i].speed + 0.5 * min(0.0, v[i].acceleration)
+        pairs.most[i] = v[i].speed + 0.5 * max(0.0, v[i].acceleration)
+    pairs.least[0] = v[0].speed - 0.5 * braking
+    pairs.most[0] = v[0].speed + 0.5 * acceleration
+
+
+@inlined_kernel
 def _find_pairs(w: World, road: RoadNumbers, pairs: Pairs) -> int:
     """List the pairs of vehicles that can touch within the coming second; returns their number.
 
-    A conservative bound on relative motion: testing only these is bitwise the same as testing all.
+    By the bounds of `_bound_motion`: testing only these is bitwise the same as testing all.
     """
     v = w.vehicles
     order = w.order
     info = w.info
     n = info[N_VEHICLES]
     found = 0
-    slowest = road.max_speed
+    least = np.inf
     for i in range(n):
         if v[i].present:
-            slowest = min(slowest, v[i].speed)
+            least = min(least, pairs.least[i])
     for rank in range(n):
         i = order[rank]
         if v[i].present == 0:
             continue
         reach = _lateral_reach(w, i, road)
-        limit = road.length + 1.0 + MAX_RELATIVE_GAIN + (v[i].speed - slowest)
+        limit = road.length + 1.0 + max(0.0, pairs.most[i] - least)
         for other in range(rank + 1, n):
             j = order[other]
             dx = v[j].x - v[i].x
             if dx > limit:
                 break
-            if v[j].present == 0 or dx > road.length + 1.0 + MAX_RELATIVE_GAIN + max(0.0, v[i].speed - v[j].speed):
+            if v[j].present == 0 or dx > road.length + 1.0 + max(0.0, pairs.most[i] - pairs.least[j]):
                 continue
             if abs(v[j].y - v[i].y) < road.width + 1.0 + reach + _lateral_reach(w, j, road) and found < pairs.a.size:
                 pairs.a[found] = min(i, j)
@@ -199,10 +222,17 @@ def _find_pairs(w: World, road: RoadNumbers, pairs: Pairs) -> int:
 
 
 @inlined_kernel
-def _approach(v: NDArray[np.void], j: int) -> float:
-    """Upper bound of the change in distance along the road of AV and vehicle j within the coming second [m]."""
-    change: float = abs(v[j].speed - v[0].speed) + MAX_RELATIVE_GAIN
-    return change
+def _falls_back(pairs: Pairs, j: int) -> float:
+    """Upper bound of what vehicle j loses against the AV within the coming second [m]."""
+    loss: float = max(0.0, pairs.most[0] - pairs.least[j]) + _ROUNDING
+    return loss
+
+
+@inlined_kernel
+def _gains(pairs: Pairs, j: int) -> float:
+    """Upper bound of what vehicle j gains on the AV within the coming second [m]."""
+    gain: float = max(0.0, pairs.most[j] - pairs.least[0]) + _ROUNDING
+    return gain
 
 
 @inlined_kernel
@@ -220,11 +250,10 @@ def _bound_av_neighbours(w: World, pairs: Pairs, road: RoadNumbers) -> None:
         lane = v[j].target_lane
         if v[j].present and pairs.is_watched[j] != UNSURE and v[j].lanes == 1 << lane:
             dx = v[j].x - v[0].x
-            change = _approach(v, j)
-            if dx > change:
-                pairs.ahead[lane] = min(pairs.ahead[lane], dx + change)
-            elif -dx > change:
-                pairs.behind[lane] = min(pairs.behind[lane], change - dx)
+            if dx > _falls_back(pairs, j):
+                pairs.ahead[lane] = min(pairs.ahead[lane], dx + _gains(pairs, j))
+            elif -dx > _gains(pairs, j):
+                pairs.behind[lane] = min(pairs.behind[lane], _falls_back(pairs, j) - dx)
 
 
 @inlined_kernel
@@ -232,19 +261,20 @@ def _is_seen(w: World, j: int, pairs: Pairs, road: RoadNumbers) -> bool:
     """Can vehicle j be the AV's nearest one ahead or behind in some lane within the coming second?"""
     v = w.vehicles
     dx = v[j].x - v[0].x
-    change = _approach(v, j)
+    nearest = dx - _falls_back(pairs, j)
+    farthest = dx + _gains(pairs, j)
     lane = v[j].target_lane
     if v[j].lanes == 1 << lane:
-        seen: bool = -pairs.behind[lane] - change <= dx <= pairs.ahead[lane] + change
+        seen: bool = nearest <= pairs.ahead[lane] and farthest >= -pairs.behind[lane]
         return seen
     for lane in range(road.n_lanes):
-        if v[j].lanes & (1 << lane) and -pairs.behind[lane] - change <= dx <= pairs.ahead[lane] + change:
+        if v[j].lanes & (1 << lane) and nearest <= pairs.ahead[lane] and farthest >= -pairs.behind[lane]:
             return True
     return False
 
 
 @inlined_kernel
-def _note_av_neighbour(w: World, j: int) -> None:
+def _note_av_neighbour(w: World, j: int, pairs: Pairs) -> None:
     """Note vehicle j, which the AV may see and which keeps its lane, as the AV's lead or rear there.
 
     A lane where it could be either within the second, or is not the only one, is left to a look at all.
@@ -254,7 +284,7 @@ def _note_av_neighbour(w: World, j: int) -> None:
     lane = v[j].target_lane
     dx = v[j].x - v[0].x
     place = AV_LEADS + lane if dx > 0.0 else AV_REARS + lane
-    if abs(dx) <= _approach(v, j) or info[place] != -1:
+    if -_gains(pairs, j) <= dx <= _falls_back(pairs, j) or info[place] != -1:
         info[AV_LEADS + lane] = UNKNOWN
     else:
         info[place] = j
@@ -287,7 +317,7 @@ def _choose_current(w: World, pairs: Pairs, n_pairs: int, everybody: bool, road:
             w.current[found] = j
             found += 1
             steady = steady and v[j].duration == 0.0 and v[j].lanes == 1 << v[j].target_lane
-            _note_av_neighbour(w, j)
+            _note_av_neighbour(w, j, pairs)
     info[N_SEEN] = found
     if not steady:
         forget_av_neighbours(w)
@@ -389,10 +419,13 @@ def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
 
 @inlined_kernel
 def _move(w: World, substep: int, road: RoadNumbers) -> None:
-    """Move who is kept current to the end of a substep; at the end of the second everybody."""
+    """Move who is kept current to the end of a substep; at the end of the second everybody.
+
+    What is known of the AV's neighbours holds at the second's end too, when the AV decides next.
+    """
     v = w.vehicles
     if substep == SUBSTEPS - 1:
-        all_current(w)
+        list_all(w)
     move_vehicle(v, 0, (substep % road.av_substeps + 1) * _DT, road)
     held = (substep + 1) * _DT
     for k in range(1, w.info[N_CURRENT]):
@@ -412,8 +445,13 @@ def begin_to_act(
         if v[i].present:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
+    everybody = everybody or sees_everybody(av)
+    bound_by_idm = drives_by_idm(av) and not everybody
+    braking = av.idm.max_braking if bound_by_idm else _HARDEST_BRAKING
+    acceleration = av.idm.max_acceleration if bound_by_idm else _STRONGEST_ACCELERATION
+    _bound_motion(w, braking, acceleration, pairs)
     n_pairs = _find_pairs(w, road, pairs)
-    _choose_current(w, pairs, n_pairs, everybody or sees_everybody(av), road)
+    _choose_current(w, pairs, n_pairs, everybody, road)
     w.info[N_DECISIONS] += 1
     return n_pairs
 

@@ -27,6 +27,7 @@ __all__ = [
     "allocate_worlds",
     "av_numbers",
     "forget_av_neighbours",
+    "list_all",
     "n_slots",
     "numbers_of_av",
     "path_of",
@@ -79,12 +80,14 @@ class World(NamedTuple):
             times all that are present, within a second only those that somebody may touch or look at. The AV is the
             first; the first info[N_SEEN] are whom somebody may look at; both parts rise.
         info: int64 (INFO_FIELDS,): see the index constants below.
+        words: Scratch: the random words with which each slot decides (`_philox.blocks`), uint64 (4, N).
     """
 
     vehicles: NDArray[np.void]
     order: NDArray[np.int64]
     current: NDArray[np.int64]
     info: NDArray[np.int64]
+    words: NDArray[np.uint64]
 
 
 N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN = range(10)
@@ -187,12 +190,13 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Zeroed state for a batch: arrays of shape (n_worlds, slots) and (n_worlds, INFO_FIELDS)."""
+    """Zeroed state for a batch: arrays of shape (n_worlds, slots), (n_worlds, INFO_FIELDS) and (n_worlds, 4, slots)."""
     return World(
         np.zeros((n_worlds, slots), dtype=VEHICLE),
         np.zeros((n_worlds, slots), dtype=np.int64),
         np.zeros((n_worlds, slots), dtype=np.int64),
         np.zeros((n_worlds, INFO_FIELDS), dtype=np.int64),
+        np.zeros((n_worlds, 4, slots), dtype=np.uint64),
     )
 
 
@@ -204,8 +208,8 @@ def forget_av_neighbours(w: World) -> None:
 
 
 @inlined_kernel
-def all_current(w: World) -> None:
-    """Note that the state of every vehicle is that of this moment, for all to see."""
+def list_all(w: World) -> None:
+    """Note that the state of every vehicle is that of this moment; what is known of the AV's neighbours stays."""
     found = 0
     for i in range(w.info[N_VEHICLES]):
         if w.vehicles[i].present:
@@ -213,6 +217,12 @@ def all_current(w: World) -> None:
             found += 1
     w.info[N_CURRENT] = found
     w.info[N_SEEN] = found
+
+
+@inlined_kernel
+def all_current(w: World) -> None:
+    """Note that the state of every vehicle is that of this moment, for all to see."""
+    list_all(w)
     forget_av_neighbours(w)
 
 
