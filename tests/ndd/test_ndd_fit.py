@@ -124,6 +124,22 @@ def test_a_second_fit_gives_the_same_bytes_whatever_the_order(tmp_path: Path) ->
     assert str(tmp_path) not in json.dumps(dict(load_model(out).provenance))
 
 
+def test_drivers_without_noise_give_a_model_and_a_warning(tmp_path: Path) -> None:
+    """As in simulated trajectories: the fitted spread is far below a step between two accelerations."""
+    rows = []
+    for follower in range(30):
+        speed, gap, lead = 22.0 + 0.2 * follower, 30.0 + follower, 25.0
+        for tick in range(201):
+            rows.append(f"1,{follower},999,{0.1 * tick:.1f},{speed:.5f},{lead},{gap:.5f},train")
+            acceleration = LogLaw().mean(np.array([speed]), np.array([gap]), np.array([lead - speed]))[0]
+            speed, gap = speed + 0.1 * acceleration, gap + 0.1 * (lead - speed)
+    path = tmp_path / "clean.csv"
+    path.write_text("\n".join([HEADER, *rows]) + "\n", encoding="utf-8")
+    model, report = fit_model([path], "pairs")
+    np.testing.assert_allclose(model.following.sum(axis=-1), 1.0, atol=1e-3)
+    assert any("far less than drivers do" in note for note in report.notes)
+
+
 def test_nothing_to_fit_on_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="at least one"):
         fit_model([], "pairs")
@@ -133,8 +149,14 @@ def test_nothing_to_fit_on_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="prior_strength"):
         fit_model([path], "pairs", prior_strength=0.0)
     path.write_text(path.read_text().replace("train", "test"))
-    with pytest.raises(DataError, match="No decision is left"):
+    with pytest.raises(DataError, match=r"No decision is left.* make 12 decision.s., all held out"):
         fit_model([path], "pairs")
+    alone = tmp_path / "alone.csv"
+    alone.write_text(
+        "track,leader_track,t_s,y_m,spacing_m\n" + "".join(f"1,77,{k / 10},{2.5 * k},30\n" for k in range(200))
+    )
+    with pytest.raises(DataError, match=r"200 usable of 200 row.s. make no decision.*leader's rows in the same file"):
+        fit_model([alone], "tracks")
 
 
 def shipped() -> NddModel:

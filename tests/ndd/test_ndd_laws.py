@@ -74,6 +74,13 @@ def test_support_is_never_empty_however_hard_one_must_brake() -> None:
     np.testing.assert_array_equal(np.flatnonzero(possible[1]), [30])
 
 
+@given(centre=st.floats(-5.0, 3.0), degrees=st.floats(1e-3, 100.0))
+def test_support_is_never_empty_however_small_the_spread(centre: float, degrees: float) -> None:
+    possible = support(np.array([centre]), np.array([1e-6]), degrees)[0]
+    assert possible[np.abs(ACCELERATIONS - centre).argmin()]
+    assert degrees <= 2.0 or possible.sum() <= 2
+
+
 def test_free_flow_spread_is_the_published_one() -> None:
     for speed, sd, share in ((20.0, 0.61, 0.06), (30.0, 0.38, 0.008), (36.0, 0.32, 0.004)):
         p = free_prior(FreeFlow())[int(speed) - 20]

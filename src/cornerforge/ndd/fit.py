@@ -36,6 +36,8 @@ DEFAULT_PRIOR_STRENGTH = 200.0
 on: log-likelihood -2.440 at strength 1, -2.290 at 10, -2.275 at 100, -2.274 from 200 on: so few counts do not help."""
 _FEWEST = 200
 """With fewer following decisions a law of nine parameters is not fitted; the shipped law stands in."""
+_LEAST_SPREAD = 0.05
+"""A quarter of a step between two accelerations [m/s2]: less cannot be told from none."""
 _FOLLOWING_STATES = (SPEEDS.size, GAPS.size, RANGE_RATES.size)
 _ATTRIBUTION = {
     "ngsim": "NGSIM, US DOT FHWA",
@@ -88,11 +90,7 @@ def fit_model(
     decisions = concatenate([reading.decisions for reading in readings])
     training = decisions.where(~decisions.held_out)
     if training.size == 0:
-        rows, held = sum(reading.rows_used for reading in readings), int(decisions.held_out.sum())
-        raise DataError(
-            f"No decision is left to fit on: {rows} usable row(s) make {held} decision(s), all held out. "
-            f"A decision needs a second of rows without a break; a fitted law needs {_FEWEST} decisions."
-        )
+        raise _nothing_to_fit(readings, decisions.size)
     tell(f"Fitting the car-following law to {training.size} decisions")
     log_law, baselines, notes = _fit_laws(training)
     safe = SafeLaw(log_law)
@@ -112,6 +110,22 @@ def _refuse_twins(readings: Sequence[Reading]) -> None:
         seen[reading.sha256] = reading.path.name
 
 
+def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
+    """Rows were read, but no decision came of them that may be fitted on."""
+    used, read = sum(reading.rows_used for reading in readings), sum(reading.rows_read for reading in readings)
+    made = f"{held_out} decision(s), all held out" if held_out else "no decision"
+    faults = [
+        f"{reading.path.name}: {reason} ({rows} row(s), first at line {line})"
+        for reading in readings
+        for reason, (rows, line) in reading.bad.reasons.items()
+    ]
+    return DataError(
+        f"No decision is left to fit on: {used} usable of {read} row(s) make {made}. A decision needs a second of rows "
+        "of one vehicle without a break, and its leader's rows in the same file; "
+        f"a fitted law needs {_FEWEST} decisions." + (f" Left out: {'; '.join(faults)}." if faults else "")
+    )
+
+
 def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, FollowingLaw], list[str]]:
     """The prior's law and the baseline to compare it with, both fitted at all speeds; notes."""
     following = training.where(np.isfinite(training.gap))
@@ -121,7 +135,14 @@ def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, FollowingLaw], lis
             "needed): the car-following law is the shipped one, not fitted to these files."
         )
         return LogLaw(), {}, [note]
-    return fit_law(LogLaw(), *_arrays(following)), {"idm": fit_law(IdmLaw(), *_arrays(following))}, []
+    law = fit_law(LogLaw(), *_arrays(following))
+    notes = []
+    if law.spread < _LEAST_SPREAD:
+        notes.append(
+            f"The accelerations scatter by only {law.spread:.2g} m/s2 about the fitted law, far less than drivers do "
+            f"({LogLaw().spread:.2g} in the shipped model's data): are these trajectories simulated, or smoothed?"
+        )
+    return law, {"idm": fit_law(IdmLaw(), *_arrays(following))}, notes
 
 
 def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:

@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 
 SUPPORT_SD = 5.0
 """Accelerations farther than this many standard deviations from the centre are impossible; 3 forbid 2 % of real."""
+_HALF_BIN = 0.1 + 1e-9
+"""From halfway between two accelerations to either [m/s2]."""
 
 
 @dataclass(frozen=True)
@@ -124,10 +126,16 @@ class FreeFlow:
 
 
 def support(mean: Floats, scale: Floats, degrees: float) -> NDArray[np.bool_]:
-    """Which of the 31 accelerations are possible, shape (*d, 31): within 5 standard deviations, never none."""
+    """Which of the 31 accelerations are possible, shape (*d, 31): within 5 standard deviations, never none.
+
+    However small the spread, the nearest acceleration is possible; with 2 degrees of freedom or fewer, all are.
+    """
+    if degrees <= 2.0:
+        return np.ones((*np.shape(mean), ACCELERATIONS.size), dtype=np.bool_)
     sd = scale * np.sqrt(degrees / (degrees - 2.0))
+    reach = np.maximum(SUPPORT_SD * sd, _HALF_BIN)
     centre = np.clip(mean, ACCELERATIONS[0], ACCELERATIONS[-1])
-    return np.asarray(np.abs(ACCELERATIONS - centre[..., None]) <= SUPPORT_SD * sd[..., None])
+    return np.asarray(np.abs(ACCELERATIONS - centre[..., None]) <= reach[..., None])
 
 
 def _table(mean: Floats, scale: Floats, degrees: float) -> Floats:
