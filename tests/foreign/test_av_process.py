@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError
-from cornerforge.foreign.driver import context_of
+from cornerforge.foreign.lane import context_of
 from cornerforge.foreign.process import AvFailureError, AvProcess
 from cornerforge.types import Odd
 

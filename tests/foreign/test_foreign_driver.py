@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.foreign.driver import ForeignAv, ForeignRecorder, seeds_of
+from cornerforge.foreign.driver import ForeignAv, seeds_of
+from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.drive import Outcomes
 from cornerforge.sim.recorder import scenario_digest

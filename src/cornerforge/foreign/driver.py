@@ -1,4 +1,4 @@
-"""Tests with a foreign AV: batches in lockstep, faults narrowed down to the tests that they belong to, recordings."""
+"""Tests with a foreign AV: batches in lockstep, faults narrowed down to the tests that they belong to."""
 
 from __future__ import annotations
 
@@ -8,20 +8,17 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
-from cornerforge.foreign.interface import AvContext
-from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
+from cornerforge.foreign.lane import Lane, Steps, context_of
+from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
 from cornerforge.sim import lockstep
 from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.av_view import AV_VIEW_VERSION
-from cornerforge.sim.drive import Decisions, Outcomes, Setting, allocate_decisions
-from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions
 from cornerforge.sim.runner import allocate_outcomes
 from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_recording
@@ -36,12 +33,9 @@ from cornerforge.sim.world import (
     SLOT_B,
     World,
 )
-from cornerforge.types import FRAME_S, Odd
+from cornerforge.types import Odd
 
-if TYPE_CHECKING:
-    from cornerforge.sim.step import Pairs
-
-__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "ForeignRecorder", "ScriptedSeconds", "context_of", "seeds_of"]
+__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "seeds_of"]
 
 BATCH = 256
 """Worlds driven side by side."""
@@ -50,23 +44,6 @@ MAX_FAULTS = 20
 MAX_HANGS = 5
 """So many that hung do."""
 _KEPT_SCRIPTS = 20_000
-
-
-def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
-    """What an AV is told of its world."""
-    return AvContext(
-        batch=batch,
-        n_lanes=odd.n_lanes,
-        lane_width=odd.lane_width,
-        vehicle_length=odd.vehicle_length,
-        vehicle_width=odd.vehicle_width,
-        max_speed=odd.max_speed,
-        lane_change_duration=odd.lane_change_duration,
-        interval=round(odd.av_substeps * FRAME_S, 1),
-        test_length=odd.test_length,
-        view_version=AV_VIEW_VERSION,
-        seed=seed,
-    )
 
 
 def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -107,47 +84,6 @@ class _SpoiledError(Exception):
         super().__init__(message)
         self.what, self.message = what, message
         self.suspects, self.left, self.certain = suspects, left, certain
-
-
-class _Lane:
-    """One AV process and the worlds that it drives; serves one thread at a time."""
-
-    def __init__(self, spec: str, context: AvContext, timeout: float, first_timeout: float) -> None:
-        self._spec, self._context = spec, context
-        self._timeouts = {"timeout": timeout, "first_timeout": first_timeout}
-        self._process: AvProcess | None = None
-        self._batch: lockstep.Batch | None = None
-
-    def process(self) -> AvProcess:
-        """The AV's process, set up; a new one after a failure."""
-        if self._process is None:
-            process = AvProcess(self._spec, **self._timeouts)
-            process.setup(self._context)
-            self._process = process
-        return self._process
-
-    @property
-    def is_fresh(self) -> bool:
-        """Will the next question be the first to its process?"""
-        return self._process is None
-
-    def renew(self) -> None:
-        """After a failure: the AV made anew, in a new process if that must be."""
-        if self._process is not None and not self._process.renew(self._context):
-            self.drop()
-
-    def drop(self) -> None:
-        """Give the process up."""
-        if self._process is not None:
-            self._process.close()
-            self._process = None
-
-    def batch(self, slots: int) -> lockstep.Batch:
-        """Idle worlds."""
-        if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
-            self._batch = lockstep.allocate_batch(self._context.batch, slots)
-        self._batch.test[:] = lockstep.IDLE
-        return self._batch
 
 
 class ForeignAv:
@@ -192,18 +128,18 @@ class ForeignAv:
         self._context = context_of(odd, batch=batch, seed=seed)
         self._timeouts = (timeout, first_timeout)
         self._lock = threading.Lock()
-        self._free: queue.SimpleQueue[_Lane] = queue.SimpleQueue()
+        self._free: queue.SimpleQueue[Lane] = queue.SimpleQueue()
         self.faults: dict[tuple[int, int], Fault] = {}
         self._driven = 0
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
-        first = _Lane(spec, self._context, *self._timeouts)
+        first = Lane(spec, self._context, *self._timeouts)
         about = first.process().about
         self.kind, self.hash = about["kind"], about["hash"]
         self._try(first)
         self._free.put(first)
 
-    def _try(self, lane: _Lane) -> None:
+    def _try(self, lane: Lane) -> None:
         """Ask once about an ordinary road, so that what never works is said at once and not test by test."""
         view = np.zeros((self._context.batch, 13, 8), dtype=np.float32)
         view[:, 0] = 1.0, self._context.test_length, 1.5 * self._context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
@@ -222,7 +158,7 @@ class ForeignAv:
         batch = lockstep.allocate_batch(1, slots)
         lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
         lockstep.see(batch, setting.road)
-        _Steps(setting, slots, 0, batch, 1).act(np.zeros((1, 2)))
+        Steps(setting, slots, 0, batch, 1).act(np.zeros((1, 2)))
 
     def close(self) -> None:
         """End its processes; they end with this object or the program anyway."""
@@ -230,12 +166,12 @@ class ForeignAv:
             self._free.get().drop()
 
     @contextmanager
-    def _lane(self) -> Iterator[_Lane]:
+    def _lane(self) -> Iterator[Lane]:
         """A process of its own for this thread."""
         try:
             lane = self._free.get_nowait()
         except queue.Empty:
-            lane = _Lane(self.spec, self._context, *self._timeouts)
+            lane = Lane(self.spec, self._context, *self._timeouts)
         try:
             yield lane
         except BaseException:
@@ -309,7 +245,7 @@ class ForeignAv:
             )
 
     def _drive(
-        self, lane: _Lane, setting: Setting, slots: int, seed: int, group: list[int], first: int, census: Census,
+        self, lane: Lane, setting: Setting, slots: int, seed: int, group: list[int], first: int, census: Census,
         out: Outcomes, counts: Counts,
     ) -> None:  # fmt: skip
         """Drive a group of tests from start to end.
@@ -320,7 +256,7 @@ class ForeignAv:
         batch = lane.batch(slots)
         size = batch.test.size
         scratch = allocate_choice_scratch(setting.policy)
-        recording, decisions = allocate_recording(0, slots), _no_decisions(slots)
+        recording, decisions = allocate_recording(0, slots), allocate_decisions(0, slots)
         done = np.zeros(size, dtype=np.int64)
         tests = np.array(group, dtype=np.int64)
         log = np.zeros((size, _most_answers(setting), 2)) if self._keeps_scripts else None
@@ -408,7 +344,7 @@ class ForeignAv:
         with self._lane() as lane:
             batch = lane.batch(slots)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
-            steps = _Steps(setting, slots, seed, batch, batch.test.size)
+            steps = Steps(setting, slots, seed, batch, batch.test.size)
             fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
             answers = []
             while batch.test[0] != lockstep.IDLE:
@@ -446,10 +382,6 @@ def _usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
     return usable
 
 
-def _no_decisions(slots: int) -> Decisions:
-    return allocate_decisions(0, slots)
-
-
 def _most_answers(setting: Setting) -> int:
     return int(setting.road.max_decisions) * -(-SUBSTEPS // int(setting.road.av_substeps))
 
@@ -468,74 +400,3 @@ def _clear(out: Outcomes, k: int) -> None:
     for column in out:
         column[k] = 0
     out.code[k] = AV_FAULT
-
-
-class _Steps:
-    """One test in world 0 of a batch, answer by answer."""
-
-    def __init__(
-        self, setting: Setting, slots: int, seed: int, batch: lockstep.Batch, size: int,
-        recording: NDArray[np.void] | None = None, decisions: Decisions | None = None,
-    ) -> None:  # fmt: skip
-        self._seed, self._setting, self._batch = seed, setting, batch
-        self._scratch = allocate_choice_scratch(setting.policy)
-        self._recording = allocate_recording(0, slots) if recording is None else recording
-        self._decisions = _no_decisions(slots) if decisions is None else decisions
-        self._counts, self._done = allocate_counts(slots), np.zeros(size, dtype=np.int64)
-
-    def act(self, answers: NDArray[np.float64]) -> None:
-        """Go on to the AV's next decision."""
-        lockstep.act(
-            self._seed, answers, False, self._setting, self._batch, self._scratch, self._recording, self._decisions,
-            self._counts, NOBODY, self._done,
-        )  # fmt: skip
-
-
-class ForeignRecorder(Recorder):
-    """Records tests of a foreign AV: drives them once more with the answers that it gave.
-
-    So what is recorded is what happened, even if the AV would answer differently now.
-
-    Args:
-        av: The AV.
-        setting, odd: As for `Recorder`.
-    """
-
-    def __init__(self, av: ForeignAv, setting: Setting, odd: Odd) -> None:
-        super().__init__(setting, odd)
-        self._av = av
-        av.keep_scripts()
-
-    def _drive(self, world: World, seed: int, test: int) -> None:
-        slots = world.vehicles.size
-        script = self._av.script(self._setting, slots, seed, test)
-        batch = lockstep.allocate_batch(1, slots)._replace(worlds=self._worlds)
-        lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), self._setting, batch)
-        steps = _Steps(self._setting, slots, seed, batch, 1, self._recording, self._decisions)
-        for answer in script:
-            steps.act(answer[None])
-
-
-class ScriptedSeconds:
-    """Steps a world of one test by whole seconds with the answers that a foreign AV gave: for `rates.attention`.
-
-    Args:
-        av: The AV.
-        slots: Vehicle slots per world.
-    """
-
-    def __init__(self, av: ForeignAv, slots: int) -> None:
-        self._av, self._slots = av, slots
-
-    def __call__(self, world: World, seed: int, test: int, setting: Setting, _pairs: Pairs) -> None:
-        """Advance a running world by one decision of the BVs."""
-        script = self._av.script(setting, self._slots, seed, test)
-        per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
-        worlds = World(
-            world.vehicles[None], world.order[None], world.current[None], world.info[None], world.words[None]
-        )
-        batch = lockstep.allocate_batch(1, self._slots)._replace(worlds=worlds, test=np.array([test], dtype=np.int64))
-        steps = _Steps(setting, self._slots, seed, batch, 1)
-        begin = int(world.info[N_DECISIONS]) * per_second
-        for answer in script[begin : begin + per_second]:
-            steps.act(answer[None])

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.foreign.driver import context_of
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
+from cornerforge.foreign.lane import context_of
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress

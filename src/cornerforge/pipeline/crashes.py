@@ -9,7 +9,7 @@ from typing import Any
 
 from cornerforge.analysis.crash_types import CRASH_TYPES, classify_crashes
 from cornerforge.analysis.mechanism import MECHANISMS, contact_pose, mechanism_of
-from cornerforge.foreign.driver import ScriptedSeconds
+from cornerforge.foreign.recorder import ScriptedSeconds
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates.attention import action_chances, oversight
 from cornerforge.types import Scenario

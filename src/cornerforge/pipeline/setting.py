@@ -13,9 +13,10 @@ from cornerforge.drivers.avs import AvModel, av_hash, av_named
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.foreign.driver import ForeignAv, ForeignRecorder
+from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
+from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.output import config_hash

@@ -1,0 +1,97 @@
+"""One process of a foreign AV, the worlds that it drives side by side, and single tests taken answer by answer."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.foreign.interface import AvContext
+from cornerforge.foreign.process import AvProcess
+from cornerforge.sim import lockstep
+from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.av_view import AV_VIEW_VERSION
+from cornerforge.sim.drive import Decisions, Setting, allocate_decisions
+from cornerforge.sim.statistics import NOBODY, allocate_counts
+from cornerforge.sim.step import allocate_recording
+from cornerforge.types import FRAME_S, Odd
+
+__all__ = ["Lane", "Steps", "context_of"]
+
+
+def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
+    """What an AV is told of its world."""
+    return AvContext(
+        batch=batch,
+        n_lanes=odd.n_lanes,
+        lane_width=odd.lane_width,
+        vehicle_length=odd.vehicle_length,
+        vehicle_width=odd.vehicle_width,
+        max_speed=odd.max_speed,
+        lane_change_duration=odd.lane_change_duration,
+        interval=round(odd.av_substeps * FRAME_S, 1),
+        test_length=odd.test_length,
+        view_version=AV_VIEW_VERSION,
+        seed=seed,
+    )
+
+
+class Lane:
+    """One AV process and the worlds that it drives; serves one thread at a time."""
+
+    def __init__(self, spec: str, context: AvContext, timeout: float, first_timeout: float) -> None:
+        self._spec, self._context = spec, context
+        self._timeouts = {"timeout": timeout, "first_timeout": first_timeout}
+        self._process: AvProcess | None = None
+        self._batch: lockstep.Batch | None = None
+
+    def process(self) -> AvProcess:
+        """The AV's process, set up; a new one after a failure."""
+        if self._process is None:
+            process = AvProcess(self._spec, **self._timeouts)
+            process.setup(self._context)
+            self._process = process
+        return self._process
+
+    @property
+    def is_fresh(self) -> bool:
+        """Will the next question be the first to its process?"""
+        return self._process is None
+
+    def renew(self) -> None:
+        """After a failure: the AV made anew, in a new process if that must be."""
+        if self._process is not None and not self._process.renew(self._context):
+            self.drop()
+
+    def drop(self) -> None:
+        """Give the process up."""
+        if self._process is not None:
+            self._process.close()
+            self._process = None
+
+    def batch(self, slots: int) -> lockstep.Batch:
+        """Idle worlds."""
+        if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
+            self._batch = lockstep.allocate_batch(self._context.batch, slots)
+        self._batch.test[:] = lockstep.IDLE
+        return self._batch
+
+
+class Steps:
+    """One test in world 0 of a batch, answer by answer."""
+
+    def __init__(
+        self, setting: Setting, slots: int, seed: int, batch: lockstep.Batch, size: int,
+        recording: NDArray[np.void] | None = None, decisions: Decisions | None = None,
+    ) -> None:  # fmt: skip
+        self._seed, self._setting, self._batch = seed, setting, batch
+        self._scratch = allocate_choice_scratch(setting.policy)
+        self._recording = allocate_recording(0, slots) if recording is None else recording
+        self._decisions = allocate_decisions(0, slots) if decisions is None else decisions
+        self._counts, self._done = allocate_counts(slots), np.zeros(size, dtype=np.int64)
+
+    def act(self, answers: NDArray[np.float64]) -> None:
+        """Go on to the AV's next decision."""
+        lockstep.act(
+            self._seed, answers, False, self._setting, self._batch, self._scratch, self._recording, self._decisions,
+            self._counts, NOBODY, self._done,
+        )  # fmt: skip

@@ -1,0 +1,71 @@
+"""Tests of a foreign AV driven once more with the answers that it gave: for recordings, and second by second."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge.foreign.lane import Steps
+from cornerforge.sim import lockstep
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.step import SUBSTEPS
+from cornerforge.sim.world import N_DECISIONS, World
+
+if TYPE_CHECKING:
+    from cornerforge.foreign.driver import ForeignAv
+    from cornerforge.sim.drive import Setting
+    from cornerforge.sim.step import Pairs
+    from cornerforge.types import Odd
+
+__all__ = ["ForeignRecorder", "ScriptedSeconds"]
+
+
+class ForeignRecorder(Recorder):
+    """Records tests of a foreign AV: drives them once more with the answers that it gave.
+
+    So what is recorded is what happened, even if the AV would answer differently now.
+
+    Args:
+        av: The AV.
+        setting, odd: As for `Recorder`.
+    """
+
+    def __init__(self, av: ForeignAv, setting: Setting, odd: Odd) -> None:
+        super().__init__(setting, odd)
+        self._av = av
+        av.keep_scripts()
+
+    def _drive(self, world: World, seed: int, test: int) -> None:
+        slots = world.vehicles.size
+        script = self._av.script(self._setting, slots, seed, test)
+        batch = lockstep.allocate_batch(1, slots)._replace(worlds=self._worlds)
+        lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), self._setting, batch)
+        steps = Steps(self._setting, slots, seed, batch, 1, self._recording, self._decisions)
+        for answer in script:
+            steps.act(answer[None])
+
+
+class ScriptedSeconds:
+    """Steps a world of one test by whole seconds with the answers that a foreign AV gave: for `rates.attention`.
+
+    Args:
+        av: The AV.
+        slots: Vehicle slots per world.
+    """
+
+    def __init__(self, av: ForeignAv, slots: int) -> None:
+        self._av, self._slots = av, slots
+
+    def __call__(self, world: World, seed: int, test: int, setting: Setting, _pairs: Pairs) -> None:
+        """Advance a running world by one decision of the BVs."""
+        script = self._av.script(setting, self._slots, seed, test)
+        per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
+        worlds = World(
+            world.vehicles[None], world.order[None], world.current[None], world.info[None], world.words[None]
+        )
+        batch = lockstep.allocate_batch(1, self._slots)._replace(worlds=worlds, test=np.array([test], dtype=np.int64))
+        steps = Steps(setting, self._slots, seed, batch, 1)
+        begin = int(world.info[N_DECISIONS]) * per_second
+        for answer in script[begin : begin + per_second]:
+            steps.act(answer[None])
