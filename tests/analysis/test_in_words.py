@@ -43,6 +43,8 @@ def test_the_whole_sentence() -> None:
     assert case_in_words(scenario, "avoidable by braking until 1.2 s before impact", -18.7) == (
         "BV cuts in from the right at 31 m; avoidable by braking until 1.2 s before impact; about once in 3e7 miles"
     )
+    assert case_in_words(scenario, "", -27.0).endswith("about once in 1e11 miles")
+    assert case_in_words(scenario, "", -40.0).endswith("at 31 m; less than once in 1e12 miles")
     assert case_in_words(scenario, "", -math.inf).endswith("at 31 m; natural drivers never do this")
     assert case_in_words(scenario, "", math.nan) == "BV cuts in from the right at 31 m"
 

@@ -11,6 +11,9 @@ from cornerforge.types import FRAME_S, METRES_PER_MILE, Scenario
 
 __all__ = ["case_in_words", "miles_between", "what_happened"]
 
+_NOBODY_DRIVES = 1e12
+"""All vehicles of the US drive three times as far in a year [miles] (NHTSA 2023); rarer than this is all the same."""
+
 
 def what_happened(scenario: Scenario) -> str:
     """What happened, such as "BV cuts in from the left at 11 m with -4 m/s2".
@@ -87,7 +90,12 @@ def case_in_words(scenario: Scenario, avoidance: str, natural_log_likelihood: fl
         parts.append(avoidance)
     if not math.isnan(natural_log_likelihood):
         miles = miles_between(natural_log_likelihood, scenario.odd.test_length)
-        parts.append("natural drivers never do this" if math.isinf(miles) else f"about once in {_round(miles)} miles")
+        if math.isinf(miles):
+            parts.append("natural drivers never do this")
+        elif miles > _NOBODY_DRIVES:
+            parts.append(f"less than once in {_round(_NOBODY_DRIVES)} miles")
+        else:
+            parts.append(f"about once in {_round(miles)} miles")
     return "; ".join(parts)
 
 
