@@ -19,7 +19,7 @@ from cornerforge.sim.observe import N_OBSERVATION
 
 SMALL = replace(
     PRESETS["fast"], width=32, batch=64, replay_size=4096, replay_start=64, worlds=64, decisions_per_update=64,
-    target_update=25, discount=0.9,
+    target_update=25, discount=0.9, paid_share=0.0,
 )  # fmt: skip
 
 # A corridor of five states. Left of the first is -1, right of the last +1; "stop" ends with 0.5 anywhere; "forbidden"

@@ -57,7 +57,7 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
             np.testing.assert_array_equal(allowed[b][~close], (costs[b] <= left)[~close])
             assert observation[b, 20] == np.float32(min(1.0, left / 10.0))
         collect(
-            1, 0, WORLDS, tests, 0.0, 0, setting, REWARD, worlds, pairs, scratch, nothing, history, observation,
+            1, 0, WORLDS, tests, 0.0, 0, 0.0, setting, REWARD, worlds, pairs, scratch, nothing, history, observation,
             allowed, out, finished,
         )  # fmt: skip
         after = worlds.info[:, BUDGET_LEFT]
@@ -83,7 +83,7 @@ def test_without_a_budget_nothing_is_counted(model: NddModel) -> None:
     start_worlds(1, tests, setting, worlds, scratch, observation, allowed)
     for _ in range(5):
         collect(
-            1, 0, 4, tests, 0.0, 0, setting, REWARD, worlds, allocate_pairs(n_slots(odd)), scratch,
+            1, 0, 4, tests, 0.0, 0, 0.0, setting, REWARD, worlds, allocate_pairs(n_slots(odd)), scratch,
             allocate_recording(0, n_slots(odd)), history_of(4, setting, n_slots(odd)), observation, allowed, out,
             np.zeros(N_FINISHED, dtype=np.int64),
         )  # fmt: skip

@@ -94,8 +94,8 @@ def test_collect_pays_as_tests_judged_apart(name: str, adversary: str, model: Nd
     for _ in range(60):
         before = tests.copy()
         collect(
-            seed, 0, n, tests, 0.0, 0, setting, reward_numbers(name), worlds, pairs, scratch, recording, history, view,
-            allowed, out, finished,
+            seed, 0, n, tests, 0.0, 0, 0.0, setting, reward_numbers(name), worlds, pairs, scratch, recording, history,
+            view, allowed, out, finished,
         )  # fmt: skip
         assert not out.reward[~out.end].any()
         rewards |= dict(zip(before[out.end].tolist(), out.reward[out.end].tolist(), strict=True))

@@ -21,7 +21,8 @@ class TrainConfig:
     seconds, so that the same seed learns the same weights on any machine speed. `reward` is a name of
     `sim.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
     `guided` is the share of worlds in which exploring mostly means to draw level and swerve, or to ram the AV from
-    behind, so that crashes that chance hardly ever makes are seen at all.
+    behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls below
+    `guided_epsilon` there. `paid_share`: see `replay.BalancedMemory`.
 
     Raises:
         InputError: A value is out of range.
@@ -46,6 +47,8 @@ class TrainConfig:
     width: int
     discount: float = 1.0
     guided: float = 0.0
+    guided_epsilon: float = 0.0
+    paid_share: float = 0.0
     reward: str = "crash"
     delay_s: float = field(default=1.0, metadata={"unit": "s"})
 
@@ -56,7 +59,8 @@ class TrainConfig:
         check_number("train.discount", self.discount, low=0.0, high=1.0)
         reward_numbers(self.reward, self.delay_s)
         check_number("train.epsilon_start", self.epsilon_start, low=0.0, high=1.0)
-        check_number("train.guided", self.guided, low=0.0, high=1.0)
+        for name in ("guided", "guided_epsilon", "paid_share"):
+            check_number(f"train.{name}", getattr(self, name), low=0.0, high=1.0)
         check_number("train.epsilon_end", self.epsilon_end, low=0.0, high=1.0)
         for name in ("batch", "epsilon_decisions", "target_update", "worlds", "decisions"):
             check_integer(f"train.{name}", getattr(self, name), low=1, high=10**12)
@@ -91,6 +95,8 @@ PRESETS = {
         n_stream=1,
         width=64,
         guided=0.5,
+        guided_epsilon=0.25,
+        paid_share=0.5,
     ),
     "paper": TrainConfig(
         preset="paper",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.adversary.config import TrainConfig
-from cornerforge.adversary.replay import ReplayMemory
+from cornerforge.adversary.replay import BalancedMemory
 from cornerforge.errors import MissingExtraError
 
 try:
@@ -56,7 +56,7 @@ class DqnLearner:
         self._gradient = DuelingNet(shape, torch.zeros_like(weights))
         self._optimiser = (Adam if config.optimiser == "adam" else Sgd)(weights.numel())
         self._rng = np.random.Generator(np.random.Philox(seed))
-        self.memory = ReplayMemory(config.replay_size, shape.n_inputs)
+        self.memory = BalancedMemory(config.replay_size, shape.n_inputs, config.paid_share)
         self.updates = 0
         self._now, self._online_next, self._target_next = (Pass(shape, config.batch) for _ in range(3))
         self._slope = torch.zeros_like(self._now.q)
@@ -81,7 +81,7 @@ class DqnLearner:
         """
         loss = 0.0
         for k in range(n_updates):
-            self.memory.sample(self._rng.integers(0, self.memory.size, self._config.batch), self._batch)
+            self.memory.draw(self._rng, self._batch)
             cut, apart = self._differentiate()
             if k == n_updates - 1:
                 loss = float((cut * (apart - 0.5 * cut)).mean())  # Huber's
@@ -118,7 +118,7 @@ class DqnLearner:
         return {
             "updates": self.updates,
             "steps": self._optimiser.steps,
-            "place": self.memory.place,
+            "places": self.memory.places,
             "rng": _plain(self._rng.bit_generator.state),
         }
 
@@ -128,7 +128,7 @@ class DqnLearner:
         Raises:
             KeyError, ValueError: Something is missing or does not fit.
         """
-        self.memory.restore(below("replay", arrays), values["place"])
+        self.memory.restore(below("replay", arrays), values["places"])
         for name, ours in self.arrays().items():
             if not name.startswith("replay."):
                 if arrays[name].shape != ours.shape:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from cornerforge.sim.drive_bv import Transitions
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.types import N_ACTIONS
 
-__all__ = ["ReplayMemory", "allocate_transitions"]
+__all__ = ["BalancedMemory", "ReplayMemory", "allocate_transitions"]
 
 
 def allocate_transitions(n: int, n_inputs: int = N_OBSERVATION) -> Transitions:
@@ -78,3 +78,99 @@ class ReplayMemory:
         self.place = place
         for name in Transitions._fields:
             getattr(self.arrays, name)[: self.size] = state[name]
+
+
+class BalancedMemory:
+    """The last transitions, and for longer those of tests that were paid for, so that batches hold enough of them.
+
+    Where one test in thousands is paid, a batch drawn alike from all transitions says next to nothing about what pays.
+    Drawn so that a given share comes from paid tests, what the network learns is no longer the chance of pay but grows
+    with it: the odds are multiplied by the same factor for every action, which keeps their order (docs/adr, learning).
+
+    Args:
+        capacity: Of the last transitions; a quarter as many from paid tests.
+        n_inputs: Entries of an observation.
+        share: At least this share of a batch comes from paid tests, as soon as a batch of them is there; 0 draws alike
+            from the last transitions.
+
+    Attributes:
+        recent, paid: The two memories.
+    """
+
+    def __init__(self, capacity: int, n_inputs: int = N_OBSERVATION, share: float = 0.0) -> None:
+        self.recent = ReplayMemory(capacity, n_inputs)
+        self.paid = ReplayMemory(max(capacity // 4, 1), n_inputs)
+        self._share = share
+        self._is_paid = np.zeros(capacity, dtype=np.bool_)
+
+    @property
+    def paid_share(self) -> float:
+        """Share of the last transitions that are known to be from paid tests."""
+        return np.count_nonzero(self._is_paid) / max(self.recent.size, 1)
+
+    def add(self, batch: Transitions) -> None:
+        """Append one decision of each of some worlds; with a share above 0 always of the same worlds in the same order.
+
+        A test is paid for where its last transition has a reward above 0.
+        """
+        begin = self.recent.place
+        self.recent.add(batch)
+        if self._share == 0.0:
+            return
+        n = batch.action.size
+        self._is_paid[(begin + np.arange(n)) % self.recent.capacity] = False
+        rows = self._tests_before(begin, np.flatnonzero(batch.end & (batch.reward > 0.0)), n)
+        is_scarce = self.paid_share < self._share
+        self._is_paid[rows] = True
+        if is_scarce:
+            rows = rows[-self.paid.capacity :]
+            self.paid.add(Transitions._make(array[rows] for array in self.recent.arrays))
+
+    def _tests_before(self, begin: int, worlds: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+        """Rows, as far as they are there, of the tests that end in these worlds in the batch of `n` rows at `begin`."""
+        rows = [(begin + worlds) % self.recent.capacity]
+        for back in range(1, self.recent.size // n):
+            if worlds.size == 0:
+                break
+            row = (begin + worlds - back * n) % self.recent.capacity
+            goes_on = ~self.recent.arrays.end[row]
+            worlds = worlds[goes_on]
+            rows.append(row[goes_on])
+        return np.concatenate(rows)
+
+    def room(self, n: int) -> Transitions:
+        """Room for n transitions like those that it holds."""
+        return self.recent.room(n)
+
+    def draw(self, rng: np.random.Generator, out: Transitions) -> None:
+        """Draw as many transitions as `out` holds, with replacement; at least one must have been added."""
+        n = out.action.size
+        by_chance = self.paid_share
+        more = 0
+        if by_chance < self._share and self.paid.size >= n:
+            more = round(n * (self._share - by_chance) / (1.0 - by_chance))
+        recent, paid = (Transitions._make(part[rows] for part in out) for rows in (slice(n - more), slice(n - more, n)))
+        self.recent.sample(rng.integers(0, self.recent.size, n - more), recent)
+        if more:
+            self.paid.sample(rng.integers(0, self.paid.size, more), paid)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Views of all that it remembers, by name; with `places`."""
+        parts = {f"recent.{name}": array for name, array in self.recent.state().items()}
+        parts |= {f"paid.{name}": array for name, array in self.paid.state().items()}
+        return parts | {"is_paid": self._is_paid}
+
+    @property
+    def places(self) -> list[int]:
+        """Where the next transitions go in the two memories."""
+        return [self.recent.place, self.paid.place]
+
+    def restore(self, state: Mapping[str, NDArray[Any]], places: Sequence[int]) -> None:
+        """Take over what `state` and `places` gave.
+
+        Raises:
+            KeyError, ValueError: Something is missing or does not fit into this memory.
+        """
+        for memory, name, place in zip((self.recent, self.paid), ("recent", "paid"), places, strict=True):
+            memory.restore({key: state[f"{name}.{key}"] for key in Transitions._fields}, place)
+        self._is_paid[...] = state["is_paid"]

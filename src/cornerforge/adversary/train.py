@@ -124,7 +124,7 @@ class _Actor:
         n = config.worlds
         self._setting = setting
         self._reward = reward_numbers(config.reward, config.delay_s)
-        self._guided = round(config.guided * n)
+        self._guided, self._guided_epsilon = round(config.guided * n), config.guided_epsilon
         self._seed = seed
         self._worlds = allocate_worlds(n, slots)
         self._tests = np.arange(TRAINING_TESTS, TRAINING_TESTS + n, dtype=np.int64)
@@ -155,6 +155,7 @@ class _Actor:
             self._tests,
             epsilon,
             self._guided,
+            self._guided_epsilon,
             setting,
             self._reward,
             self._worlds,
@@ -279,7 +280,7 @@ class _Training:
         acting = pool.submit(self._actor.act, learner.weights(), _epsilon(config, decisions), self._buffer)
         if threads == 1:
             acting.result()
-        if learner.memory.size >= config.replay_start:
+        if learner.memory.recent.size >= config.replay_start:
             updates = config.worlds // config.decisions_per_update
             self._loss = learner.learn(updates, _learning_rate(config, decisions, share_of_time))
         learner.memory.add(acting.result())

@@ -214,8 +214,8 @@ def _guided_action(w: World, epsilon: float, seed: int, test: int, setting: Sett
 
 @kernel
 def collect(
-    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, guided: int, setting: Setting,
-    reward: RewardNumbers,
+    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, guided: int, guided_epsilon: float,
+    setting: Setting, reward: RewardNumbers,
     worlds: World, pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void], history: History,
     observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
 ) -> None:  # fmt: skip
@@ -226,8 +226,8 @@ def collect(
 
     Rewards: `reward_of`.
 
-    Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds mostly one that helps to
-    make a crash.
+    Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds, with chance
+    `guided_epsilon` or more, mostly one that helps to make a crash.
     """
     n = tests.size
     for b in range(begin, end):
@@ -235,7 +235,7 @@ def collect(
         _copy_view(observation[b], allowed[b], s.observation, s.allowed)
         _copy_view(observation[b], allowed[b], out.observation[b], s.allowed)
         if b < guided:
-            action = _guided_action(w, epsilon, seed, tests[b], setting, s)
+            action = _guided_action(w, max(epsilon, guided_epsilon), seed, tests[b], setting, s)
         else:
             action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
         spend_budget(w, w.info[CONTROLLED], action, setting.road, setting.tables, s.p)
