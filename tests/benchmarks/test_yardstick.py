@@ -54,7 +54,7 @@ def in_numba(setting: Setting, slots: int) -> Drive:
     )
 
     def drive(seed: int, first: int, count: int, world: World, pairs: Pairs, out: Outcomes) -> None:
-        batch = World(*(part[None] for part in world))
+        batch = World._make(part[None] for part in world)
         drive_range(seed, first, count, setting, batch, pairs, scratch, recording, nothing, counts, NOBODY, out)
 
     return drive

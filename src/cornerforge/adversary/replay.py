@@ -85,7 +85,7 @@ class BalancedMemory:
 
     Where one test in thousands is paid, a batch drawn alike from all transitions says next to nothing about what pays.
     Drawn so that a given share comes from paid tests, what the network learns is no longer the chance of pay but grows
-    with it: the odds are multiplied by the same factor for every action, which keeps their order (docs/adr, learning).
+    with it: the odds are multiplied by the same factor for every action, which keeps their order (ADR 7).
 
     Args:
         capacity: Of the last transitions; a quarter as many from paid tests.
