@@ -94,8 +94,8 @@ def block(seed: int, test: int, step: int, vehicle: int, purpose: int) -> tuple[
 def blocks(words: NDArray[np.uint64], seed: int, test: int, step: int, n: int, purpose: int) -> None:
     """`block` for vehicles 0 .. n - 1 into `words`, shape (4, n or more).
 
-    Nothing in this loop depends on the vehicle before, so the processor draws for several at a time: four times as fast
-    as one after the other.
+    Nothing in this loop depends on the vehicle before, so the processor draws for several at a time: a whole simulation
+    was 4 % faster than with a `block` for each (median of 30 turns).
     """
     s = np.uint64(seed)
     t = np.uint64(test)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError
-from cornerforge.foreign.lane import context_of
 from cornerforge.foreign.process import AvFailureError, AvProcess
+from cornerforge.foreign.session import context_of
 from cornerforge.types import Odd
 
 NOBODY = np.zeros(0, np.int64)

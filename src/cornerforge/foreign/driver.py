@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
-from cornerforge.foreign.lane import Lane, Steps, context_of
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
+from cornerforge.foreign.session import AvSession, Steps, context_of
 from cornerforge.sim import lockstep
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions
@@ -128,25 +128,25 @@ class ForeignAv:
         self._context = context_of(odd, batch=batch, seed=seed)
         self._timeouts = (timeout, first_timeout)
         self._lock = threading.Lock()
-        self._free: queue.SimpleQueue[Lane] = queue.SimpleQueue()
+        self._free: queue.SimpleQueue[AvSession] = queue.SimpleQueue()
         self.faults: dict[tuple[int, int], Fault] = {}
         self._driven = 0
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
-        first = Lane(spec, self._context, *self._timeouts)
+        first = AvSession(spec, self._context, *self._timeouts)
         about = first.process().about
         self.kind, self.hash = about["kind"], about["hash"]
         self._try(first)
         self._free.put(first)
 
-    def _try(self, lane: Lane) -> None:
+    def _try(self, session: AvSession) -> None:
         """Ask once about an ordinary road, so that what never works is said at once and not test by test."""
         view = np.zeros((self._context.batch, 13, 8), dtype=np.float32)
         view[:, 0] = 1.0, self._context.test_length, 1.5 * self._context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
         view[:, 1] = 1.0, 60.0, 0.0, 28.0, 0.0, 0.0, 1.0, 0.0
         everywhere = np.arange(self._context.batch)
         try:
-            lane.process().act(view, everywhere, np.zeros_like(everywhere))
+            session.process().act(view, everywhere, np.zeros_like(everywhere))
         except AvFailureError as failure:
             raise AvFaultError(
                 f"The AV {self.spec} {failure} at its first question; "
@@ -166,19 +166,19 @@ class ForeignAv:
             self._free.get().drop()
 
     @contextmanager
-    def _lane(self) -> Iterator[Lane]:
+    def _session(self) -> Iterator[AvSession]:
         """A process of its own for this thread."""
         try:
-            lane = self._free.get_nowait()
+            session = self._free.get_nowait()
         except queue.Empty:
-            lane = Lane(self.spec, self._context, *self._timeouts)
+            session = AvSession(self.spec, self._context, *self._timeouts)
         try:
-            yield lane
+            yield session
         except BaseException:
-            lane.drop()
+            session.drop()
             raise
         finally:
-            self._free.put(lane)
+            self._free.put(session)
 
     # --- driving ---
 
@@ -193,16 +193,16 @@ class ForeignAv:
         census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
         out, total = allocate_outcomes(count), allocate_counts(slots)
         groups = [list(range(first, first + count))] if count else []
-        with self._lane() as lane:
+        with self._session() as session:
             while groups:
                 group = groups.pop()
-                is_fresh = lane.is_fresh
+                is_fresh = session.is_fresh
                 counts = allocate_counts(slots)
                 try:
-                    self._drive(lane, setting, slots, seed, group, first, census, out, counts)
+                    self._drive(session, setting, slots, seed, group, first, census, out, counts)
                 except _SpoiledError as spoiled:
                     if len(group) == 1 and not (is_fresh or spoiled.certain):  # what was before may be to blame
-                        lane.drop()
+                        session.drop()
                         groups.append(group)
                     else:
                         groups += self._narrow(spoiled, group, seed, first, out)
@@ -245,7 +245,7 @@ class ForeignAv:
             )
 
     def _drive(
-        self, lane: Lane, setting: Setting, slots: int, seed: int, group: list[int], first: int, census: Census,
+        self, session: AvSession, setting: Setting, slots: int, seed: int, group: list[int], first: int, census: Census,
         out: Outcomes, counts: Counts,
     ) -> None:  # fmt: skip
         """Drive a group of tests from start to end.
@@ -253,7 +253,7 @@ class ForeignAv:
         Raises:
             _SpoiledError: Not all of them could be.
         """
-        batch = lane.batch(slots)
+        batch = session.batch(slots)
         size = batch.test.size
         scratch = allocate_choice_scratch(setting.policy)
         recording, decisions = allocate_recording(0, slots), allocate_decisions(0, slots)
@@ -274,9 +274,9 @@ class ForeignAv:
                 return
             lockstep.see(batch, setting.road)
             try:
-                answers = lane.process().act(batch.views, fresh, seeds_of(seed, batch.test[fresh]))
+                answers = session.process().act(batch.views, fresh, seeds_of(seed, batch.test[fresh]))
             except AvFailureError as failure:
-                lane.renew()
+                session.renew()
                 suspects = sorted(int(test) for test in batch.test[driving])
                 again = () if census.on else finished
                 left = [test for test in group if test not in again and test not in suspects]
@@ -341,8 +341,8 @@ class ForeignAv:
         with self._lock:
             if (seed, test) in self._scripts:
                 return self._scripts[seed, test]
-        with self._lane() as lane:
-            batch = lane.batch(slots)
+        with self._session() as session:
+            batch = session.batch(slots)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
             steps = Steps(setting, slots, seed, batch, batch.test.size)
             fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
@@ -350,7 +350,7 @@ class ForeignAv:
             while batch.test[0] != lockstep.IDLE:
                 lockstep.see(batch, setting.road)
                 try:
-                    given = lane.process().act(batch.views, fresh, seeds)
+                    given = session.process().act(batch.views, fresh, seeds)
                 except AvFailureError as failure:
                     raise AvFaultError(f"The AV {self.spec} {failure} in test {test}.") from failure
                 fresh, seeds = fresh[:0], seeds[:0]

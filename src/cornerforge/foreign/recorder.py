@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge.foreign.lane import Steps
+from cornerforge.foreign.session import Steps
 from cornerforge.sim import lockstep
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.step import SUBSTEPS

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
-from cornerforge.foreign.lane import context_of
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
+from cornerforge.foreign.session import context_of
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
 from cornerforge.pipeline.simulate import simulate_experiment

@@ -56,6 +56,7 @@ def ndd_fit(
 
     path = _model_place(out)
     check_integer("study_tests", study_tests, low=0, high=10**12)
+    check_integer("seed", seed, low=0, high=2**63 - 1)
     drive = None
     if study and study_tests:
         drive = partial(
@@ -68,14 +69,15 @@ def ndd_fit(
     paths = [Path(file) for file in files]
     data_format = guess_format(paths) if data_format is None else data_format
     model, report = fit_model(paths, data_format, prior_strength=prior_strength, progress=say)
+    _write_model(model, path)
+    page = path.with_suffix(".report.html")
+    write_fit_report(report, model, page)  # now, so that stopping the study loses no fit
     if study:
         from cornerforge.ndd.sensitivity import fit_sensitivity
 
         rows = fit_sensitivity(paths, data_format, prior_strength=prior_strength, progress=say, drive=drive)
         report = replace(report, sensitivity=rows)
-    _write_model(model, path)
-    page = path.with_suffix(".report.html")
-    write_fit_report(report, model, page)
+        write_fit_report(report, model, page)
     return {
         **report.to_json(),
         "format": data_format,

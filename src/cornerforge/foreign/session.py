@@ -15,7 +15,7 @@ from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import allocate_recording
 from cornerforge.types import FRAME_S, Odd
 
-__all__ = ["Lane", "Steps", "context_of"]
+__all__ = ["AvSession", "Steps", "context_of"]
 
 
 def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
@@ -35,7 +35,7 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
     )
 
 
-class Lane:
+class AvSession:
     """One AV process and the worlds that it drives; serves one thread at a time."""
 
     def __init__(self, spec: str, context: AvContext, timeout: float, first_timeout: float) -> None:
