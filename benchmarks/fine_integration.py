@@ -20,7 +20,8 @@ from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.pipeline.setting import experiment
 from cornerforge.sim.actions import hold
-from cornerforge.sim.step import allocate_pairs, allocate_recording, move_vehicle, step_world
+from cornerforge.sim.reach import allocate_pairs
+from cornerforge.sim.step import allocate_recording, move_vehicle, step_world
 from cornerforge.sim.world import (
     CONTROLLED,
     N_VEHICLES,

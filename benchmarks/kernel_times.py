@@ -15,8 +15,8 @@ from measuring import Series, on_one_core, table
 from timed_kernels import EXTRAS, PARTS, RESET, SEED, clock_cost, timed_tests
 
 from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
-from cornerforge.sim.step import allocate_pairs
 from cornerforge.sim.world import allocate_worlds
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.drive import world_row
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.runner import default_threads, simulate, simulate_chunks, warm_up
-from cornerforge.sim.step import allocate_pairs
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import allocate_worlds
 

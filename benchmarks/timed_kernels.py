@@ -23,15 +23,8 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.drive import world_row
 from cornerforge.sim.neighbours import nearest_bv, neighbours_in_lane
 from cornerforge.sim.observe import allowed_actions, observe
-from cornerforge.sim.step import (
-    SUBSTEPS,
-    _bound_motion,
-    _check_contacts,
-    _choose_current,
-    _find_pairs,
-    _move,
-    av_acts,
-)
+from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
+from cornerforge.sim.step import SUBSTEPS, _check_contacts, _move, av_acts
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     COMPLETED,
@@ -50,7 +43,7 @@ if TYPE_CHECKING:
 
     from cornerforge.sim.adversaries import ChoiceScratch
     from cornerforge.sim.drive import Setting
-    from cornerforge.sim.step import Pairs
+    from cornerforge.sim.reach import Pairs
     from cornerforge.sim.world import World
 
 __all__ = ["EXTRAS", "PARTS", "RESET", "SEED", "clock_cost", "timed_tests"]
@@ -61,7 +54,7 @@ PARTS = (
     "BVs decide (`decide_bvs`)",
     "BVs begin their actions (`apply_action`)",
     "AV decides, 10 x (`av_decide`)",
-    "pairs that can touch, whom the AV may see (`_find_pairs`, `_choose_current`)",
+    "pairs that can touch, whom the AV may see (`find_pairs`, `choose_current`)",
     "motion, 10 x (`_move`)",
     "contacts, 10 x (`_check_contacts`)",
 )
@@ -162,9 +155,9 @@ def _timed_step(
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
     since = _lap(ns, APPLY, since, clock)
-    _bound_motion(w, setting.av.idm.max_braking, setting.av.idm.max_acceleration, pairs)
-    n_pairs = _find_pairs(w, road, pairs)
-    _choose_current(w, pairs, n_pairs, False, road)
+    bound_motion(w, setting.av.idm.max_braking, setting.av.idm.max_acceleration, pairs)
+    n_pairs = find_pairs(w, road, pairs)
+    choose_current(w, pairs, n_pairs, False, road)
     info[N_DECISIONS] += 1
     since = _lap(ns, FIND_PAIRS, since, clock)
     return _timed_substeps(w, first_frame, n_pairs, setting, pairs, ns, clock, since)

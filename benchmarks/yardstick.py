@@ -20,8 +20,8 @@ import numpy as np
 from cornerforge.drivers.idm import IdmNumbers
 from cornerforge.drivers.mobil import MobilNumbers
 from cornerforge.sim.drive import Outcomes
+from cornerforge.sim.reach import Pairs, allocate_pairs
 from cornerforge.sim.runner import allocate_outcomes
-from cornerforge.sim.step import Pairs, allocate_pairs
 from cornerforge.sim.world import INFO_FIELDS, VEHICLE, RoadNumbers, World, allocate_worlds
 from cornerforge.types import ACCELERATIONS
 

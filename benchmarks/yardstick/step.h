@@ -1,4 +1,4 @@
-/* src/cornerforge/sim/step.py, without recording. */
+/* src/cornerforge/sim/reach.py and sim/step.py, without recording. */
 #ifndef YARDSTICK_STEP_H
 #define YARDSTICK_STEP_H
 

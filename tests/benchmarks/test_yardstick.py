@@ -15,9 +15,10 @@ from cornerforge.drivers.avs import AVS, av_named
 from cornerforge.ndd.model import NddModel, default_model_path, load_model
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_range
+from cornerforge.sim.reach import Pairs, allocate_pairs
 from cornerforge.sim.runner import allocate_outcomes, drive_chunk
 from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording
+from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import AV_CRASH, N_CURRENT, N_VEHICLES, World, allocate_worlds, n_slots
 from cornerforge.types import ODDS, Odd, odd_named
 

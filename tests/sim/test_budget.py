@@ -12,8 +12,9 @@ from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.drive import Setting, world_row
 from cornerforge.sim.drive_bv import N_FINISHED, History, collect, start_worlds
 from cornerforge.sim.observe import UNITS_PER_NAT, budget_units
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
+from cornerforge.sim.step import SUBSTEPS, allocate_recording
 from cornerforge.sim.world import BUDGET_LEFT, CONTROLLED, allocate_worlds, n_slots
 from cornerforge.types import Odd
 

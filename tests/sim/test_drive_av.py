@@ -15,7 +15,8 @@ from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.av_features import N_AV_FEATURES
 from cornerforge.sim.drive_av import AvReward, collect_av, start_av_worlds
 from cornerforge.sim.drive_bv import Transitions
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.reach import allocate_pairs
+from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import allocate_worlds, n_slots
 from cornerforge.types import Odd
 

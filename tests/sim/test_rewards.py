@@ -16,9 +16,10 @@ from cornerforge.sim.braking import Braking
 from cornerforge.sim.drive_bv import N_FINISHED, History, collect, start_worlds
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.rewards import REWARDS, av_strikes, is_paid, reward_named, reward_numbers
 from cornerforge.sim.runner import drive_chunk
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
+from cornerforge.sim.step import SUBSTEPS, allocate_recording
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, allocate_worlds, n_slots, road_numbers
 from cornerforge.types import Odd
 

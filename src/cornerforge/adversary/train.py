@@ -31,8 +31,9 @@ from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.drive_bv import N_FINISHED, Transitions, allocate_history, collect, start_worlds
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import allocate_worlds
 from cornerforge.types import N_ACTIONS
 

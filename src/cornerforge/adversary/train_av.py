@@ -26,7 +26,8 @@ from cornerforge.sim.av_kinds import DECIDES_EVERY, LEARNED_WIDTH
 from cornerforge.sim.drive import Setting
 from cornerforge.sim.drive_av import AV_DECISIONS, AvReward, collect_av, start_av_worlds
 from cornerforge.sim.drive_bv import N_FINISHED, Transitions
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.reach import allocate_pairs
+from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import allocate_worlds
 from cornerforge.types import N_ACTIONS
 

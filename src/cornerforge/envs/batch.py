@@ -28,8 +28,9 @@ from cornerforge.sim.agents import (
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.drive_bv import History, allocate_history
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.reach import Pairs, allocate_pairs
 from cornerforge.sim.rewards import RewardNumbers
-from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording
+from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, FRAME, RUNNING, TIME_UP, World, allocate_worlds
 from cornerforge.types import FRAME_S, N_ACTIONS
 

@@ -15,7 +15,7 @@ from cornerforge.sim.world import N_DECISIONS, World
 if TYPE_CHECKING:
     from cornerforge.foreign.driver import ForeignAv
     from cornerforge.sim.drive import Setting
-    from cornerforge.sim.step import Pairs
+    from cornerforge.sim.reach import Pairs
     from cornerforge.types import Odd
 
 __all__ = ["ForeignRecorder", "ScriptedSeconds"]

@@ -16,9 +16,10 @@ from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions
 from cornerforge.sim.harvest import CASES as N_CASES
 from cornerforge.sim.harvest import EXACT, FILLED, MARKS, Harvest, allocate_harvest, harvest_range
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.runner import allocate_outcomes
 from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
+from cornerforge.sim.step import SUBSTEPS, allocate_recording
 from cornerforge.sim.world import allocate_worlds
 
 __all__ = ["ADVERSARY_COLUMNS", "POLICY_COLUMNS", "Harvested", "Harvester"]

@@ -22,9 +22,10 @@ from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import allocate_decisions, drive_range
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.runner import allocate_outcomes
 from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import allocate_worlds
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]

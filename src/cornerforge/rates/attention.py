@@ -14,7 +14,8 @@ from cornerforge.errors import InputError
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.drive import Setting, world_row
-from cornerforge.sim.step import Pairs, allocate_pairs, allocate_recording, step_world
+from cornerforge.sim.reach import Pairs, allocate_pairs
+from cornerforge.sim.step import allocate_recording, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import CONTROLLED, N_DECISIONS, N_VEHICLES, OUTCOME, RUNNING, World, allocate_worlds
 from cornerforge.types import ACTION_RIGHT

@@ -16,7 +16,8 @@ from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.av_view import view_of_av
 from cornerforge.sim.drive import world_row
 from cornerforge.sim.drive_bv import look_as_bv, reward_of
-from cornerforge.sim.step import SUBSTEPS, Pairs, av_acts, begin_second, move_on, move_vehicle, step_world
+from cornerforge.sim.reach import Pairs
+from cornerforge.sim.step import SUBSTEPS, av_acts, begin_second, move_on, move_vehicle, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     CONTROLLED,

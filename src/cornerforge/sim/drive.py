@@ -21,8 +21,9 @@ from cornerforge.sim.adversaries import (
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
+from cornerforge.sim.reach import Pairs
 from cornerforge.sim.statistics import BV_TRAVEL_MM, Census, Counts, count_av, count_choices, count_states
-from cornerforge.sim.step import Pairs, step_world
+from cornerforge.sim.step import step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     BUDGET_LEFT,

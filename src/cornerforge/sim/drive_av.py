@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.adversaries import ChoiceScratch
     from cornerforge.sim.drive import Setting
     from cornerforge.sim.drive_bv import Transitions
-    from cornerforge.sim.step import Pairs
+    from cornerforge.sim.reach import Pairs
     from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = ["AV_DECISIONS", "AvReward", "collect_av", "start_av_worlds"]

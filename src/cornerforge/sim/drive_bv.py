@@ -13,8 +13,9 @@ from cornerforge.sim.drive import put_at_start, world_row
 from cornerforge.sim.judge import forget_frames, judge_crash
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
+from cornerforge.sim.reach import Pairs
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
-from cornerforge.sim.step import SUBSTEPS, Pairs, allocate_recording, step_world
+from cornerforge.sim.step import SUBSTEPS, allocate_recording, step_world
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     AV_CRASH,

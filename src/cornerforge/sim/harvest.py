@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.sim.adversaries import ChoiceScratch
+    from cornerforge.sim.reach import Pairs
     from cornerforge.sim.statistics import Census, Counts
-    from cornerforge.sim.step import Pairs
     from cornerforge.sim.world import World
 
 __all__ = [

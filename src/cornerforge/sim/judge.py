@@ -12,9 +12,10 @@ from cornerforge._jit import kernel
 from cornerforge.sim.adversaries import ChoiceScratch, allocate_choice_scratch
 from cornerforge.sim.braking import Braking, is_avoidable
 from cornerforge.sim.drive import Decisions, Setting, allocate_decisions, drive_test, world_row
+from cornerforge.sim.reach import Pairs, allocate_pairs
 from cornerforge.sim.rewards import av_strikes
 from cornerforge.sim.statistics import NOBODY, Census, Counts, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, Pairs, allocate_pairs, allocate_recording
+from cornerforge.sim.step import SUBSTEPS, allocate_recording
 from cornerforge.sim.world import AV_CRASH, FRAME, N_VEHICLES, OUTCOME, SLOT_B, World, allocate_worlds
 
 __all__ = ["forget_frames", "judge_crash", "judge_crashes", "judge_range"]

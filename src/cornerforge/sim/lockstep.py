@@ -16,6 +16,7 @@ from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lan
 from cornerforge.sim.adversaries import ChoiceScratch
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.drive import Decisions, Setting, choose_hostile, record_choice, start_test, world_row
+from cornerforge.sim.reach import Pairs, allocate_pairs
 from cornerforge.sim.statistics import (
     BV_TRAVEL_MM,
     Census,
@@ -25,7 +26,7 @@ from cornerforge.sim.statistics import (
     count_choices,
     count_states,
 )
-from cornerforge.sim.step import SUBSTEPS, Pairs, allocate_pairs, av_acts, begin_second, move_on
+from cornerforge.sim.step import SUBSTEPS, av_acts, begin_second, move_on
 from cornerforge.sim.world import (
     CONTROLLED,
     N_BV_CRASHES,

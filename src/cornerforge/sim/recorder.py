@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Decisions, Setting, allocate_decisions, drive_test, world_row
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_pairs, allocate_recording
+from cornerforge.sim.step import SUBSTEPS, allocate_recording
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,

@@ -14,8 +14,9 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_range
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
-from cornerforge.sim.step import allocate_pairs, allocate_recording
+from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds
 from cornerforge.types import METRES_PER_MILE
 

@@ -21,16 +21,9 @@ from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.decide import action_probabilities
 from cornerforge.sim.drive import allocate_decisions, record_choice, world_row
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
+from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.recorder import scenario_of
-from cornerforge.sim.step import (
-    SUBSTEPS,
-    allocate_pairs,
-    allocate_recording,
-    av_acts,
-    begin_to_act,
-    move_on,
-    record_frame,
-)
+from cornerforge.sim.step import SUBSTEPS, allocate_recording, av_acts, begin_to_act, move_on, record_frame
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     AV_CRASH,
@@ -55,7 +48,7 @@ if TYPE_CHECKING:
 
     from cornerforge.sim.adversaries import ChoiceScratch
     from cornerforge.sim.drive import Decisions, Setting
-    from cornerforge.sim.step import Pairs
+    from cornerforge.sim.reach import Pairs
     from cornerforge.sim.world import World
 
 __all__ = ["NATURAL", "START_FIELDS", "Ending", "Script", "ScriptDriver", "scripted_start"]
