@@ -132,6 +132,20 @@ def test_the_page_shows_the_study(model: NddModel, study: tuple[Mapping[str, Any
     assert f"{study[0]['held_out']['t.csv']['law']:.3f}" in page
 
 
+def test_held_out_scores_are_told_by_law_and_speed(model: NddModel, tmp_path: Path) -> None:
+    row = {"decisions": 300, "uniform": -3.434, "log": -2.1, "idm": -2.2, "model": -2.11}
+    fast = {"table_decisions": 40, "table": -2.345, "log_on_grid": -2.3, "idm_on_grid": -2.4, "model_on_grid": -2.35}
+    report = replace(report_of(model), held_out_log_likelihood={"slow.csv": row, "fast.csv": {**row, **fast}})
+    write_fit_report(report, model, tmp_path / "h.html")
+    page = (tmp_path / "h.html").read_text(encoding="utf-8")
+    slow, both = page.split("fast.csv")
+    assert "fitted stochastic IDM</td><td>-2.200</td></tr>" in slow
+    assert "fitted stochastic IDM</td><td>-2.200</td><td>-2.400</td>" in both
+    assert "table, with the counts</td><td></td><td>-2.345</td>" in both
+    assert "all 300 decisions" in slow
+    assert "the 40 from 19.5 m/s" in both
+
+
 def test_a_driven_study_says_how_far_the_crash_rate_moves(model: NddModel, tmp_path: Path) -> None:
     driven: list[NddModel] = []
 

@@ -32,7 +32,7 @@ _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:64em;margin:2em auto;padding:0 1em;color:#222;background:#fff}"
     "table{border-collapse:collapse;margin:.5em 0}"
     "td,th{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:right;vertical-align:top}"
-    "td:first-child,th:first-child{text-align:left}pre{background:#f6f6f6;padding:1em;overflow:auto}"
+    "th{overflow-wrap:anywhere}td:first-child,th:first-child{text-align:left;overflow-wrap:normal}pre{background:#f6f6f6;padding:1em;overflow:auto}"
     "img{max-width:100%}figure{margin:1em 0}figcaption{color:#555}.bad{color:#b00020;font-weight:600}"
 )
 

@@ -62,6 +62,14 @@ class FitReport:
         return {**asdict(self), "notes": list(self.notes), "sensitivity": list(self.sensitivity)}
 
 
+_SCORED = (
+    ("law blended into its safe response, as the table is made of", "model", "model_on_grid"),
+    ("fitted law alone", "log", "log_on_grid"),
+    ("table, with the counts", "", "table"),
+    ("fitted stochastic IDM", "idm", "idm_on_grid"),
+    ("all accelerations alike", "uniform", "uniform"),
+)
+"""What the page calls a score, and its keys in `scores.held_out_scores`: at all speeds, and on the grid."""
 _FREE_FACTS = ((20, 0.61, 0.06), (30, 0.38, 0.008), (36, 0.32, 0.004))
 """Speed [m/s], published standard deviation [m/s2] and share at or below -1 m/s2 of free-flow accelerations (IVBSS)."""
 
@@ -81,9 +89,7 @@ def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
         "<h2>Where the model extrapolates</h2>",
         _coverage(report, model),
         "<h2>Held-out decisions: mean log-probability</h2>",
-        "<p>Higher is better. <code>log</code> is the fitted law, <code>idm</code> the baseline with the same noise; "
-        "<code>model</code> is the law blended into its safe response; <code>table</code> the shipped table.</p>",
-        *(_score_table(name, row) for name, row in report.held_out_log_likelihood.items()),
+        _held_out(report),
         "<h2>How far other choices matter</h2>",
         _sensitivity(report),
         "<h2>Rows left out</h2>",
@@ -136,7 +142,7 @@ def _sources(report: FitReport, model: NddModel) -> str:
         ],
         [
             "following table",
-            f"the law, worth {strength} decisions in each state, and counts",
+            f"the law, worth {_number(strength)} decisions in each state, and counts",
             f"{report.data_share_of_states:.3%} of the table is counts; {report.data_share_where_data:.1%} where there "
             f"are any ({report.states:,} of {report.states_total:,} states)",
         ],
@@ -146,6 +152,10 @@ def _sources(report: FitReport, model: NddModel) -> str:
         ["traffic at the start", "published distributions (IVBSS)", "no data of these files"],
     ]
     return table(["part", "where it comes from", "how much of it is data"], rows)
+
+
+def _number(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _coverage(report: FitReport, model: NddModel) -> str:
@@ -191,17 +201,20 @@ def _sensitivity(report: FitReport) -> str:
     """What other prior strengths and smoothing windows would have given, all scored on the same decisions."""
     if not report.sensitivity:
         return "<p>Not studied for this fit; <code>cornerforge ndd fit --study</code> fits it again with others.</p>"
-    files = list(report.sensitivity[0]["held_out"])
-    head = ["choice", *(f"{name}: {part}" for name in files for part in ("law", "table")), *map(_probe, PROBES)]
-    rows = []
-    for row in report.sensitivity:
-        scores = [row["held_out"][name][part] for name in files for part in ("law", "table")]
-        shown = ["" if score is None else f"{score:.3f}" for score in scores]
-        rows.append([row["variant"], *shown, *(f"{mean:+.2f}, {sd:.2f}" for mean, sd in row["probes"])])
+    held_out = report.sensitivity[0]["held_out"]
+    places = [(name, part) for name in held_out for part in ("law", "table") if held_out[name][part] is not None]
+    scores = [
+        [row["variant"], *(f"{row['held_out'][name][part]:.3f}" for name, part in places)] for row in report.sensitivity
+    ]
+    accelerations = [
+        [row["variant"], *(f"{mean:+.2f}, {sd:.2f}" for mean, sd in row["probes"])] for row in report.sensitivity
+    ]
     return (
-        "<p>Whole fits of the same files with one choice changed. Scores: log-likelihood per held-out decision, read "
-        "as the fit itself reads them. Last columns: mean and sd [m/s²] of the table's acceleration.</p>"
-        + table(head, rows)
+        "<p>Whole fits of the same files with one choice changed. Log-likelihood per held-out decision, read as the "
+        "fit itself reads them:</p>"
+        + table(["choice", *(f"{part}, {name}" for name, part in places)], scores)
+        + "<p>Mean and standard deviation of the table's acceleration [m/s²], at a speed, a gap and a range rate:</p>"
+        + table(["choice", *map(_probe, PROBES)], accelerations)
         + "<p>A shorter window takes more of the measuring error for driving: it sets the spread of accelerations, and "
         "with it how near drivers come to each other in simulated traffic.</p>" + _crash_rates(report)
     )
@@ -243,7 +256,7 @@ def _rate(value: float, interval: Sequence[float]) -> str:
 
 
 def _probe(state: tuple[float, float, float]) -> str:
-    return "at {:g} m/s, {:g} m, {:+g} m/s".format(*state)
+    return "{:g} m/s, {:g} m, {:+g} m/s".format(*state)
 
 
 def _summary(report: FitReport) -> str:
@@ -261,9 +274,26 @@ def _summary(report: FitReport) -> str:
     )
 
 
+def _held_out(report: FitReport) -> str:
+    """How likely each law and the table hold what drivers did whom the fit did not see, a table for each file."""
+    if not report.held_out_log_likelihood:
+        return "<p>No decision was held out.</p>"
+    text = (
+        "<p>Natural log, mean over the decisions; higher is better. The IDM has the same noise with the same "
+        "state-dependent spread, and v0 fixed; <code>cornerforge ndd validate</code> fits it to the compared files' own "
+        "training decisions, and gives intervals.</p>"
+    )
+    return text + "".join(_score_table(name, row) for name, row in report.held_out_log_likelihood.items())
+
+
 def _score_table(name: str, row: Mapping[str, float]) -> str:
-    cells = [[key, f"{value:.3f}" if isinstance(value, float) else f"{value:,}"] for key, value in row.items()]
-    return f"<h3>{escape(name)}</h3>{table(['law', 'per decision'], cells)}"
+    head = ["what predicts", f"all {row['decisions']:,} decisions"]
+    if "table" in row:
+        head.append(f"the {row['table_decisions']:,} from 19.5 m/s, where the table begins")
+    rows = [
+        [label, *(f"{row[key]:.3f}" if key in row else "" for key in keys)][: len(head)] for label, *keys in _SCORED
+    ]
+    return f"<h3>{escape(name)}</h3>{table(head, rows)}"
 
 
 def _bad_rows(report: FitReport) -> str:
