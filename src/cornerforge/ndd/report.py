@@ -280,8 +280,8 @@ def _held_out(report: FitReport) -> str:
         return "<p>No decision was held out.</p>"
     text = (
         "<p>Natural log, mean over the decisions; higher is better. The IDM has the same noise with the same "
-        "state-dependent spread, and v0 fixed; <code>cornerforge ndd validate</code> fits it to the compared files' own "
-        "training decisions, and gives intervals.</p>"
+        "state-dependent spread, and v0 fixed; <code>cornerforge ndd validate</code> fits it to the compared files' "
+        "own training decisions, and gives intervals.</p>"
     )
     return text + "".join(_score_table(name, row) for name, row in report.held_out_log_likelihood.items())
 
