@@ -101,6 +101,8 @@ def test_the_folder_holds_the_page_and_what_it_was_made_of(found: dict[str, Any]
     assert "http" not in page
     for fact in found["facts"]:
         assert fact["fact"] in page
+    assert "<td>time gap, 5 % [s]</td>" in page
+    assert "<td>lane changes per vehicle-mile</td>" in page
     for name in names:
         if name.endswith(".png"):
             assert (folder / name).read_bytes().startswith(b"\x89PNG")

@@ -32,7 +32,7 @@ _STYLE = (
     "body{font:15px/1.5 system-ui,sans-serif;max-width:64em;margin:2em auto;padding:0 1em;color:#222;background:#fff}"
     "table{border-collapse:collapse;margin:.5em 0}"
     "td,th{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:right;vertical-align:top}"
-    "th{overflow-wrap:anywhere}td:first-child,th:first-child{text-align:left;overflow-wrap:normal}pre{background:#f6f6f6;padding:1em;overflow:auto}"
+    "td:first-child,th:first-child{text-align:left}pre{background:#f6f6f6;padding:1em;overflow:auto}"
     "img{max-width:100%}figure{margin:1em 0}figcaption{color:#555}.bad{color:#b00020;font-weight:600}"
 )
 
@@ -98,8 +98,8 @@ def inline(png: bytes, caption: str) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """An HTML table; cells are escaped."""
-    cells = "".join(f"<th>{escape(text)}</th>" for text in head)
+    """An HTML table; cells are escaped. Long names in its head (of files) may break behind an underscore."""
+    cells = "".join(f"<th>{escape(text).replace('_', '_<wbr>')}</th>" for text in head)
     lines = ["<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows]
     return f"<table><tr>{cells}</tr>{''.join(lines)}</table>"
 

@@ -195,12 +195,26 @@ def page_of(result: Result, figures: Mapping[str, bytes]) -> str:
         _facts_table(result),
         inline(figures["traffic"], "Distribution functions of simulated traffic; diamonds are published quantiles."),
         "<h2>Likelihood of held-out decisions</h2>",
+        _WHAT_IS_SCORED,
         inline(figures["log_likelihood"], "Model minus IDM; lines are 95 % intervals by bootstrap over vehicles."),
         _likelihood_table(result),
     ]
     for number, name in enumerate(result["log_likelihood_per_decision"], 1):
         parts += _file_parts(result, figures, number, name)
     return page("Validation of a naturalistic model", "".join(parts))
+
+
+_WHAT_IS_SCORED = (
+    "<p><code>law</code> is the car-following law at every speed, <code>table</code> what the simulator looks up from "
+    "19.5 m/s on, <code>law_on_grid</code> the law on the same decisions. Fitted to the decisions of these files that "
+    "are not scored: <code>idm</code>, an IDM with Student-t noise of state-dependent spread; <code>idm_fast</code>, "
+    "the same from its faster decisions alone; <code>raw_table</code>, counts without smoothing. <code>uniform</code> "
+    "takes all 31 accelerations for equally likely.</p>"
+)
+
+
+def _with_unit(fact: str, unit: str) -> str:
+    return f"{fact} [{unit}]" if unit and not unit.startswith("per ") else f"{fact} {unit}".rstrip()
 
 
 def _facts_table(result: Result) -> str:
@@ -215,8 +229,8 @@ def _facts_table(result: Result) -> str:
         found = "none" if row["found"] is None else f"{row['found']:.3g}"
         rows.append(
             [
-                f"{row['fact']} {row['unit']}",
-                row["when"],
+                _with_unit(row["fact"], row["unit"]),
+                row["when"].replace(" ", "\u00a0"),
                 found,
                 interval,
                 allowed,
