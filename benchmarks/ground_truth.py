@@ -128,7 +128,7 @@ def count(setting: Setting, run: Experiment, entry: Entry, session: Session) -> 
         if entry.counts.tests == 0:
             entry = replace(entry, first_block=block.digest)
         for test in block.crashed:
-            entry = entry.with_crash(test, crashes.record(test)[1])
+            entry = _with_crash(entry, test, crashes)
         entry = replace(entry, counts=entry.counts.plus(block))
         write_text(_place(setting, session), entry.to_text() + "\n")
         yield entry
@@ -164,7 +164,7 @@ def _taken_over(setting: Setting, run: Experiment, entry: Entry, session: Sessio
     for crash in entry.crashes:
         test = crash["test"]
         try:
-            again = Entry(taken.identity).with_crash(test, crashes.record(test)[1]).crashes[0]
+            again = _with_crash(Entry(taken.identity), test, crashes).crashes[0]
         except InputError as error:
             raise _other_bits(setting, f"test {test} does not end in a crash") from error
         if again != crash:
@@ -174,6 +174,12 @@ def _taken_over(setting: Setting, run: Experiment, entry: Entry, session: Sessio
             raise _other_bits(setting, f"the crash of test {test} has other {named}")
     write_text(_place(setting, session), taken.to_text() + "\n")
     return taken
+
+
+def _with_crash(entry: Entry, test: int, crashes: NaturalCrashes) -> Entry:
+    scenario, study = crashes.record(test)
+    assert scenario.crash is not None  # or there were nothing to study
+    return entry.with_crash(test, scenario.crash.time, study)
 
 
 def _other_bits(setting: Setting, what: str) -> InputError:
@@ -212,10 +218,10 @@ def work(chosen: Sequence[Setting], entries: dict[str, Entry], session: Session)
 def _say(setting: Setting, entry: Entry, session: Session) -> None:
     done, wanted, counts = entry.counts.tests, session.wanted(setting), entry.counts
     speed = counts.tests / counts.seconds if counts.seconds else 0.0
-    left = max(0, wanted - done) / speed / 60.0 if speed else float("nan")
+    left = f"; {speed:,.0f} tests/s, {max(0, wanted - done) / speed / 60.0:.0f} min left" if speed else ""
     print(
-        f"{setting.name}: {done:,} of {wanted:,} tests, {counts.av_crashes} crashes, {counts.bv_crashes} between BVs; "
-        f"{speed:,.0f} tests/s, {left:.0f} min left",
+        f"{setting.name}: {done:,} of {wanted:,} tests, {counts.av_crashes} crashes, {counts.bv_crashes} between BVs"
+        + left,
         file=sys.stderr,
         flush=True,
     )

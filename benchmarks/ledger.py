@@ -30,7 +30,9 @@ SCHEMA = 1
 _SIMULATION = ("_jit.py", "_philox.py", "geometry.py", "types.py", "drivers/*.py", "sim/*.py")
 _NOT_NATURAL = ("policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py")
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
-_CRASH_COLUMNS = ("test", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked")
+_CRASH_COLUMNS = (
+    "test", "time", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked",
+)  # fmt: skip
 
 
 def _skeleton(node: object) -> Iterator[str]:
@@ -78,7 +80,7 @@ class Entry:
         counts: Tests 0 .. n-1, whole blocks only.
         first_block: Digest of block 0 alone: to see whether another machine computes the same bits.
         travel: Distance of BVs, from a counted sample; None before the first block.
-        crashes: `CrashStudy` columns and `test` of every AV crash, in the order of the tests.
+        crashes: `test`, `time` into it [s] and the `CrashStudy` columns of every AV crash, in the order of the tests.
         earlier_simulations: Hashes of the simulation code that counted before that of `identity`, oldest first; each
             was seen to drive the same bits as the next.
     """
@@ -97,12 +99,12 @@ class Entry:
         earlier = (*self.earlier_simulations, str(self.identity["simulation"]))
         return replace(self, identity={**self.identity, "simulation": simulation}, earlier_simulations=earlier)
 
-    def with_crash(self, test: int, study: CrashStudy) -> Entry:
-        """This entry with one more crash described."""
+    def with_crash(self, test: int, time: float, study: CrashStudy) -> Entry:
+        """This entry with one more crash described, `time` [s] into its test."""
         columns = study.columns()
         if columns["rarest_chance"] is not None:
             columns["rarest_chance"] = float(f"{columns['rarest_chance']:.3g}")
-        return replace(self, crashes=(*self.crashes, {"test": test, **columns}))
+        return replace(self, crashes=(*self.crashes, {"test": test, "time": round(time, 1), **columns}))
 
     def to_text(self) -> str:
         """JSON with one line a crash, so that a diff of the file shows what came new."""

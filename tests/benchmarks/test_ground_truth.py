@@ -43,7 +43,7 @@ def some_entry(blocks: int = 2, identity: dict[str, Any] | None = None) -> Entry
     for k in range(blocks):
         block = Block(100, 2, 1300, 40_000_000, 1.5, 2.5, (100 * k + 2,), f"digest {k}")
         study = CrashStudy("sideswipe", "bv-side", k == 0, 1.23456e-7, True, True)
-        entry = replace(entry.with_crash(100 * k + 2, study), counts=entry.counts.plus(block))
+        entry = replace(entry.with_crash(100 * k + 2, 2.5 * k + 0.51, study), counts=entry.counts.plus(block))
     return entry
 
 
@@ -56,8 +56,8 @@ def test_a_ledger_comes_back_as_it_was(tmp_path: Path) -> None:
     found = read_ledger(tmp_path / "l.json")
     assert found == entries
     assert found["b"].crashes[1] == {
-        "test": 102, "crash_type": "sideswipe", "mechanism": "bv-side", "at_start": False, "rarest_chance": 1.23e-7,
-        "rare_action": True, "overlooked": True,
+        "test": 102, "time": 3.0, "crash_type": "sideswipe", "mechanism": "bv-side", "at_start": False,
+        "rarest_chance": 1.23e-7, "rare_action": True, "overlooked": True,
     }  # fmt: skip
     first = (tmp_path / "l.json").read_bytes()
     write_ledger(tmp_path / "l.json", found)
@@ -77,7 +77,7 @@ def test_damage_and_other_schemas_are_refused(tmp_path: Path) -> None:
     for spoiled in (
         {**entry, "crashes": entry["crashes"][:1]},
         {**entry, "counts": {"tests": 5}},
-        {**entry, "crashes": [[*row[:2], "sorcery", *row[3:]] for row in entry["crashes"]]},
+        {**entry, "crashes": [[*row[:3], "sorcery", *row[4:]] for row in entry["crashes"]]},
         {key: value for key, value in entry.items() if key != "identity"},
     ):
         path.write_text(json.dumps({"schema": 1, "settings": {"x": spoiled}}))
@@ -400,3 +400,11 @@ def test_a_model_without_provenance_is_not_varied(model: NddModel) -> None:
         varied_model(replace(model, provenance=wrong), Variation("safe", "response", 2.0), [])
     with pytest.raises(InputError, match="--data"):
         varied_model(model, Variation("fit", "prior_strength", 50.0), [])
+
+
+def test_crashes_are_counted_by_their_time_into_the_test() -> None:
+    assert "crashes enough" in render({SETTINGS[0].name: some_entry(39)}, SETTINGS)
+    text = render({SETTINGS[0].name: some_entry(40)}, SETTINGS)  # at 0.5, 3.0, 5.5, 8.0, 10.5 s, ... of 4,000 tests
+    for row in ("| 0 to 2 s | 1: 125.000 (3.165 to 696.45", "| 6 to 8 s | 1: 125.000", "| 8 to 10 s | 0: 0.000"):
+        assert row in text
+    assert "| after 10 s | 36 |" in text
