@@ -18,7 +18,7 @@ from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.cli import main
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.mobil import MobilParams
-from cornerforge.errors import InputError, OutputError, UnknownNameError
+from cornerforge.errors import CornerForgeError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.pipeline.cases import experiment_of
 from cornerforge.pipeline.setting import experiment
@@ -288,6 +288,15 @@ def copied(library: Path, to: Path) -> Path:
     for file in library.iterdir():
         (to / file.name).write_bytes(file.read_bytes())
     return to
+
+
+def test_a_damaged_case_is_named_before_anything_is_written(swerve_library: Path, tmp_path: Path) -> None:
+    library = copied(swerve_library, tmp_path / "library")
+    tracks = library / "tracks-000000.parquet"
+    tracks.write_bytes(tracks.read_bytes()[:-100])
+    with pytest.warns(UserWarning, match="left out"), pytest.raises(CornerForgeError, match="damaged shard"):
+        pipeline.shrink(library, ids_of(swerve_library)[0], out=tmp_path / "shrunk")
+    assert not (tmp_path / "shrunk").exists()
 
 
 def test_an_av_from_outside_is_refused_with_the_reason(swerve_library: Path, tmp_path: Path) -> None:

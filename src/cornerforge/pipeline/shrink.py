@@ -79,6 +79,7 @@ def shrink(
         )
     place = _place(Path(library), ids) if out is None else Path(out)
     run = experiment_of(source)
+    source.scenario(ids[0])  # what cannot be read is told before a folder is made
     shrunk = _open(source, run, place, resume=resume)
     left = _left(shrunk, ids)
     _fill(source, run, shrunk, left, progress)
