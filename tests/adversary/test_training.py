@@ -57,6 +57,19 @@ def test_the_curve_counts_up_to_the_end_and_is_told(world: Experiment) -> None:
     assert all(p.crashes_per_test is None or 0.0 <= p.crashes_per_test <= 1.0 for p in told)
 
 
+def test_the_curve_leaves_guided_worlds_out(world: Experiment) -> None:
+    """Before anything is learned a world that explores at random crashes in 2 tests of 100, a guided one in 40."""
+    config = replace(TINY, worlds=512, decisions=512 * 50, replay_size=65_536, replay_start=65_536)
+    unguided = tiny(world, config=replace(config, guided=0.0, guided_epsilon=0.0)).curve[0]
+    half = tiny(world, config=replace(config, guided=0.5, guided_epsilon=1.0)).curve[0]
+    assert half.tests == pytest.approx(unguided.tests / 2, rel=0.1)
+    assert half.crashes_per_test is not None
+    low, high = binomial_interval(round(half.crashes_per_test * half.tests), half.tests)
+    assert low < 0.0208 < high  # uniform random, 8,192 tests (docs/results.md)
+    with pytest.raises(InputError, match="guided"):
+        replace(config, guided=1.0)
+
+
 def test_a_long_curve_is_thinned_and_loses_no_test(world: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     config = replace(TINY, replay_start=2048, decisions=64 * 400)
     whole = tiny(world, config=config).curve

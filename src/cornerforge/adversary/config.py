@@ -20,9 +20,9 @@ class TrainConfig:
     `decisions` counts transitions of the controlled BV over all worlds; schedules run over decisions, never over
     seconds, so that the same seed learns the same weights on any machine speed. `reward` is a name of
     `sim.rewards.REWARDS`; `delay_s` is the AV's time to react in `avoidable`, and of no account in others.
-    `guided` is the share of worlds in which exploring mostly means to draw level and swerve, or to ram the AV from
-    behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls below
-    `guided_epsilon` there. `paid_share`: see `replay.BalancedMemory`.
+    `guided` is the share of worlds, at most 0.9, in which exploring mostly means to draw level and swerve, or to ram
+    the AV from behind, so that crashes that chance hardly ever makes are seen at all; the chance to explore never falls
+    below `guided_epsilon` there. The training curve counts the other worlds. `paid_share`: see `replay.BalancedMemory`.
 
     Raises:
         InputError: A value is out of range.
@@ -59,7 +59,8 @@ class TrainConfig:
         check_number("train.discount", self.discount, low=0.0, high=1.0)
         reward_numbers(self.reward, self.delay_s)
         check_number("train.epsilon_start", self.epsilon_start, low=0.0, high=1.0)
-        for name in ("guided", "guided_epsilon", "paid_share"):
+        check_number("train.guided", self.guided, low=0.0, high=0.9)
+        for name in ("guided_epsilon", "paid_share"):
             check_number(f"train.{name}", getattr(self, name), low=0.0, high=1.0)
         check_number("train.epsilon_end", self.epsilon_end, low=0.0, high=1.0)
         for name in ("batch", "epsilon_decisions", "target_update", "worlds", "decisions"):

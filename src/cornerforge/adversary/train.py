@@ -55,8 +55,9 @@ drown in them."""
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One point of the training curve, over the tests that ended since the point before (while exploring).
+    """One point of the training curve, over the tests that ended since the point before.
 
+    Exploring is on, at random only: tests of guided worlds (`TrainConfig.guided`) are not counted.
     `paid_per_test` is the share of tests in which the reward was +1 (with the reward `crash` that of all AV crashes);
     None where nobody counts them.
     """

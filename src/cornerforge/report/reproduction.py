@@ -129,7 +129,7 @@ def _headline(item: Reader) -> str:
     paper, ours = (_value(item.values.get(key)) for key in ("paper", "ours"))
     unit = f" {item.text('unit')}" if item.text("unit") else ""
     ends = _ends(item)
-    note = f"; {item.text('note')}" if item.text("note") else ""
+    note = f"; {item.text('note').rstrip('.')}" if item.text("note") else ""
     return (
         f"{item.text('what')}: the paper {paper}, ours {ours}{unit}{f' (95 % interval {ends})' if ends else ''}{note}."
     )

@@ -86,7 +86,8 @@ def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
 
 
 N_FINISHED = 4
-"""Counters of `collect`: tests, AV crashes, crashes of the controlled BV with another, AV crashes that were paid."""
+"""Counters of `collect`, of worlds that are not guided: tests, AV crashes, crashes of the controlled BV with another,
+AV crashes that were paid."""
 
 
 @kernel
@@ -228,7 +229,7 @@ def collect(
     Rewards: `reward_of`.
 
     Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds, with chance
-    `guided_epsilon` or more, mostly one that helps to make a crash.
+    `guided_epsilon` or more, mostly one that helps to make a crash: those count for nothing in `finished`.
     """
     n = tests.size
     for b in range(begin, end):
@@ -251,10 +252,11 @@ def collect(
         ended = code != RUNNING or not look_as_bv(w, setting, s, observation[b], allowed[b])
         out.end[b] = ended
         if ended:
-            finished[0] += 1
-            finished[1] += code == AV_CRASH
-            finished[2] += code == BV_CRASH
-            finished[3] += code == AV_CRASH and out.reward[b] > 0.0
+            if b >= guided:
+                finished[0] += 1
+                finished[1] += code == AV_CRASH
+                finished[2] += code == BV_CRASH
+                finished[3] += code == AV_CRASH and out.reward[b] > 0.0
             tests[b] += n
             put_at_start(w, seed, tests[b], setting.budget, setting)
             while not look_as_bv(w, setting, s, observation[b], allowed[b]):
