@@ -69,15 +69,15 @@ class ReproduceBudget:
 
 REPRODUCE_BUDGETS = {
     "quick": ReproduceBudget(
-        decisions=1_000_000, bounded_decisions=700_000, seeds=1, trained_on=("idm-mobil",),
+        decisions=1_000_000, bounded_decisions=2_000_000, seeds=1, trained_on=("idm-mobil",),
         rewards=("crash", "avoidable"), tests=1_024, natural_tests=20_000, typed=100, miles=100.0, cases=2_000,
     ),
     "standard": ReproduceBudget(
-        decisions=2_000_000, bounded_decisions=4_000_000, seeds=1, trained_on=None, rewards=None,
+        decisions=2_000_000, bounded_decisions=6_000_000, seeds=1, trained_on=None, rewards=None,
         tests=4_096, natural_tests=200_000, typed=500, miles=500.0, cases=10_000,
     ),
     "full": ReproduceBudget(
-        decisions=3_000_000, bounded_decisions=6_000_000, seeds=3, trained_on=None, rewards=None,
+        decisions=3_000_000, bounded_decisions=12_000_000, seeds=3, trained_on=None, rewards=None,
         tests=8_192, natural_tests=1_000_000, typed=1_000, miles=2_000.0, cases=50_000,
     ),
 }  # fmt: skip
