@@ -20,7 +20,7 @@ from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
 from cornerforge.geometry import boxes_overlap
-from cornerforge.pipeline.paper import ITEMS, clusters, examples, figure3, figure7
+from cornerforge.pipeline.paper import ITEMS, clusters, examples, figure3, figure6, figure7
 from cornerforge.pipeline.paper import bench as bench_module
 from cornerforge.pipeline.paper.bench import Adversary, Bench, ReproduceBudget, World, keep
 from cornerforge.pipeline.paper.figure2 import seconds_to_yield
@@ -90,7 +90,7 @@ def test_the_folder_holds_page_figures_numbers_and_policies(finished: tuple[Path
     assert {"index.html", "items.json", "provenance.json", "figures", "policies", "parts", "items"} <= names
     figures = {entry.name for entry in (folder / "figures").iterdir()}
     # Random weights crash too rarely for libraries of their own; `test_figures_of_a_library` has one.
-    drawn = set(RENDERERS) - {"figure7", "figure8", "figure9", "figure10", "figure11"}
+    drawn = set(RENDERERS) - {"figure6", "figure7", "figure8", "figure9", "figure10", "figure11"}
     assert {f"{name}.{ending}" for name in drawn for ending in ("png", "svg")} <= figures
     kinds = {entry.name for entry in (folder / "policies").iterdir()}
     free, bounded = (f"idm-mobil.crash.{kind}" for kind in ("free", "bounded"))
@@ -244,6 +244,7 @@ def test_figures_of_a_library_count_every_case_and_can_be_drawn(swerving: Bench)
         "figure7": figure7.compute(swerving, {"unbounded": SWERVE}),
         "figure8": clusters.compute(swerving, SWERVE),
         "figure9": examples.compute(swerving, SWERVE),
+        "figure6": figure6.compute(swerving, (SWERVE,)),
     }
     for name, finding in found.items():
         content = json.loads(json.dumps(finding.as_json(), allow_nan=False))
@@ -260,7 +261,11 @@ def test_figures_of_a_library_count_every_case_and_can_be_drawn(swerving: Bench)
     assert {group["letter"][0] for group in groups if group["group"] == "majority"} == {"A"}
     shown = found["figure9"].data["examples"]
     assert [example["letter"] for example in shown] == [group["letter"] for group in groups]
-    for example in shown:
+    of_types = found["figure6"].data["examples"]
+    counted = [part for part in found["figure6"].rows[1:] if part.ours]
+    assert len(of_types) == len(counted) == found["figure6"].headline.ours >= 2
+    assert sum(int(part.ours) for part in counted) == 60  # type: ignore[arg-type]
+    for example in shown + of_types:
         contact = example["moments"][-1]
         assert contact["before"] == 0.0
         assert contact["bv"] is not None
@@ -276,7 +281,7 @@ def test_shares_of_kinds_are_those_of_all_cases(swerving: Bench) -> None:
 
 def test_without_crashes_there_is_a_reason_and_no_number(finished: tuple[Path, dict[str, Any]]) -> None:
     _, result = finished
-    for name in ("figure7", "figure8", "figure9", "figure10", "figure11"):
+    for name in ("figure6", "figure7", "figure8", "figure9", "figure10", "figure11"):
         found = item(result, name)
         if not (finished[0] / "libraries").exists():
             assert found["ours"] is None

@@ -61,7 +61,7 @@ def reproduce(
         list[str] | None,
         typer.Option(
             metavar="ID...",
-            help="table1, figure2, figure3, figure5, figure7 to figure11, matrix, timings; all by default.",
+            help="table1, figure2, figure3, figure5 to figure11, matrix, timings; all by default.",
             show_default=False,
         ),
     ] = None,

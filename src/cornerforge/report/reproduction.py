@@ -35,11 +35,12 @@ RENDERERS: dict[str, Callable[[Mapping[str, Any]], list[Picture]]] = {
     "figure2": training_pictures,
     "figure3": exposure_pictures,
     "figure5": crash_type_pictures,
+    "figure6": partial(example_pictures, name="figure6", of="crash type"),
     "figure7": period_pictures,
     "figure8": partial(cluster_pictures, name="figure8"),
-    "figure9": partial(example_pictures, name="figure9"),
+    "figure9": partial(example_pictures, name="figure9", of="cluster"),
     "figure10": partial(cluster_pictures, name="figure10"),
-    "figure11": partial(example_pictures, name="figure11"),
+    "figure11": partial(example_pictures, name="figure11", of="cluster"),
     "matrix": matrix_pictures,
 }
 """Item id to what draws its `data`."""

@@ -139,8 +139,8 @@ def _split_picture(data: Data, name: str) -> Picture:
     return Picture(f"{name}-choices", caption, drawing)
 
 
-def example_pictures(data: Data, *, name: str) -> list[Picture]:
-    """Figure 9 or 11: the typical case of each cluster, 3 to 0 s before contact, moving along with the AV."""
+def example_pictures(data: Data, *, name: str, of: str) -> list[Picture]:
+    """Figures 6, 9 and 11: the typical case `of` each kind, 3 to 0 s before contact, moving along with the AV."""
     examples = data.get("examples", [])
     if not examples:
         return []
@@ -153,7 +153,7 @@ def example_pictures(data: Data, *, name: str) -> list[Picture]:
     for panel in panels[max(0, len(examples) - 2) : len(examples)]:
         panel.set_xlabel("ahead of the AV [m]", fontsize=8)
     caption = (
-        "The typical case of each cluster (blue: the AV; orange: the BV in the crash; grey: others at contact) "
+        f"The typical case of each {of} (blue: the AV; orange: the BV in the crash; grey: others at contact) "
         "3, 2, 1 s before contact (pale to strong) and at contact (filled). The AV drives to the right and stays at 0."
     )
     return [Picture(name, caption, drawing)]
@@ -187,8 +187,7 @@ def _draw_example(panel: Any, example: Data) -> None:
     panel.set_aspect("equal")
     panel.grid(visible=False)
     panel.set_yticks([])
-    title = f"{example['letter']} ({example['group']}, {example['size']:,} cases): {example['mechanism']}"
-    panel.set_title(title, fontsize=9, loc="left")
+    panel.set_title(example["title"], fontsize=9, loc="left")
 
 
 def _corners(box: list[float], length: float, width: float) -> list[tuple[float, float]]:

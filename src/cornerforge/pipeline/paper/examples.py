@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from cornerforge.analysis.mechanism import MECHANISMS, mechanism_of
 from cornerforge.pipeline.paper.bench import Adversary, Bench
 from cornerforge.pipeline.paper.clusters import Analysed, analysed, letters
+from cornerforge.pipeline.paper.drawn import drawn_case
 from cornerforge.pipeline.paper.figure7 import thinned
 from cornerforge.pipeline.paper.item import Finding, Item, Row
 from cornerforge.pipeline.paper.libraries import BOUNDED, FREE, missing_note
 from cornerforge.rates import binomial_interval
-from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["FIGURE9", "FIGURE11"]
 
@@ -33,8 +33,6 @@ _KINDS: dict[bool, dict[str, tuple[str, tuple[str, ...]]]] = {
     },
 }
 """By bounded or not: a kind of crash in the paper's text, where it places it, and our mechanisms of that kind."""
-_SHOWN_S = (3.0, 2.0, 1.0, 0.0)
-_NEAR_M = 30.0
 _LEAST = 5
 """So many cases of each cluster are read at least."""
 
@@ -101,46 +99,10 @@ def _cluster_row(letter: str, size: int, names: list[str]) -> Row:
 
 
 def _example(found: Analysed, letter: str, size: int, group: str, case_id: str) -> dict[str, Any]:
-    """The typical case of a cluster: boxes at some moments, in a frame that moves along the road with the AV."""
-    scenario = found.library.scenario(case_id).scenario
-    moments = [moment for moment in _SHOWN_S if moment <= _contact_time(scenario)]
-    return {
-        "letter": letter,
-        "group": group,
-        "size": size,
-        "case": case_id,
-        "mechanism": mechanism_of(scenario).name,
-        "lanes": scenario.odd.n_lanes,
-        "lane_width": scenario.odd.lane_width,
-        "length": scenario.odd.vehicle_length,
-        "width": scenario.odd.vehicle_width,
-        "moments": [{"before": moment, **_boxes(scenario, moment)} for moment in moments],
-    }
-
-
-def _contact_time(scenario: Scenario) -> float:
-    assert scenario.crash is not None  # every case is a crash
-    return float(scenario.crash.time)
-
-
-def _boxes(scenario: Scenario, before: float) -> dict[str, Any]:
-    assert scenario.crash is not None
-    frame = round((_contact_time(scenario) - before) / FRAME_S)
-    here = {
-        int(slot): [
-            round(float(value), 4)
-            for value in (
-                scenario.x[frame, column] - scenario.x[frame, 0],
-                scenario.y[frame, column],
-                scenario.heading[frame, column],
-            )
-        ]
-        for column, slot in enumerate(scenario.slot)
-        if scenario.present[frame, column]
-    }
-    partner = scenario.crash.slot_b
-    others = [box for slot, box in here.items() if slot not in (0, partner) and abs(box[0]) <= _NEAR_M]
-    return {"av": here[0], "bv": here.get(partner), "others": others}
+    """The typical case of a cluster."""
+    drawn = drawn_case(found.library.scenario(case_id).scenario)
+    title = f"{letter} ({group}, {size:,} cases): {drawn['mechanism']}"
+    return {"letter": letter, "case": case_id, "title": title, **drawn}
 
 
 _NOTES = (

@@ -7,6 +7,7 @@ from cornerforge.pipeline.paper.examples import FIGURE9, FIGURE11
 from cornerforge.pipeline.paper.figure2 import FIGURE2
 from cornerforge.pipeline.paper.figure3 import FIGURE3
 from cornerforge.pipeline.paper.figure5 import FIGURE5
+from cornerforge.pipeline.paper.figure6 import FIGURE6
 from cornerforge.pipeline.paper.figure7 import FIGURE7
 from cornerforge.pipeline.paper.item import Item
 from cornerforge.pipeline.paper.matrix import MATRIX
@@ -18,6 +19,6 @@ __all__ = ["ITEMS"]
 ITEMS: dict[str, Item] = {
     item.id: item
     for item in (
-        TABLE1, FIGURE2, FIGURE3, FIGURE5, FIGURE7, FIGURE8, FIGURE9, FIGURE10, FIGURE11, MATRIX, TIMINGS,
+        TABLE1, FIGURE2, FIGURE3, FIGURE5, FIGURE6, FIGURE7, FIGURE8, FIGURE9, FIGURE10, FIGURE11, MATRIX, TIMINGS,
     )
 }  # fmt: skip
