@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from cornerforge.errors import InputError
 from cornerforge.geometry import boxes_overlap, path_at, plan_path
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.braking import Braking, avoidable_by_braking
+from cornerforge.sim.braking import Braking, avoidable_by_braking, manoeuvre_begin
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
-from cornerforge.sim.world import n_slots
+from cornerforge.sim.step import allocate_recording
+from cornerforge.sim.world import n_slots, road_numbers
 from cornerforge.types import Crash, Odd, Scenario
 
 ODD = Odd()
@@ -117,6 +118,36 @@ def test_behind_a_braking_lead_the_closed_form_decides(gap: float, tenths: int) 
         return
     scenario = drive(AV, Mover(405.0 + gap, 1, 30.0, -4.0, brakes=10))
     assert avoidable_by_braking(scenario, delay_s=delay) is bool(gap > 4.0 * delay**2)
+
+
+def begin_of(scenario: Scenario, speed: np.ndarray | None = None) -> float:
+    """When the manoeuvre began [s]; `speed` of the partner, frame by frame, instead of the recorded one."""
+    assert scenario.crash is not None
+    frames = allocate_recording(*scenario.x.shape)
+    for field in frames.dtype.names or ():
+        frames[field] = getattr(scenario, field)
+    if speed is not None:
+        frames["speed"][:, 1] = speed
+    return 0.1 * manoeuvre_begin(frames, 1, round(scenario.crash.time / 0.1), road_numbers(ODD))
+
+
+def test_a_follower_comes_since_it_is_faster_and_its_own_braking_is_no_manoeuvre() -> None:
+    ahead = drive(AV, Mover(415.0, 1, 30.0, -4.0, brakes=10))
+    assert begin_of(ahead) == pytest.approx(1.0)
+    late = drive(AV, Mover(380.0, 1, 38.0, -2.0, brakes=15))
+    assert begin_of(late) == 0.0  # closing all the time
+    faster = drive(AV, Mover(394.0, 1, 30.0, 2.0, brakes=20))
+    assert begin_of(faster) == pytest.approx(2.1)
+    assert begin_of(drive(replace(AV, acceleration=-4.0, brakes=12), Mover(388.0, 1, 30.0))) == pytest.approx(1.3)
+
+
+@pytest.mark.parametrize(("pause", "begin"), [(9, 0.0), (10, 2.0)])
+def test_a_pause_of_a_second_begins_it_anew(pause: int, begin: float) -> None:
+    rammed = drive(AV, Mover(370.0, 1, 38.0))
+    speed = np.array(rammed.speed[:, 1])
+    speed[20 - pause : 20] = 29.0
+    assert len(speed) > 25
+    assert begin_of(rammed, speed) == pytest.approx(begin)
 
 
 def test_time_to_react_and_harder_braking_count() -> None:

@@ -68,12 +68,35 @@ def _last_change(frames: NDArray[np.void], slot: int, last: int, road: RoadNumbe
 
 
 @kernel
+def _closing_begin(frames: NDArray[np.void], partner: int, last: int) -> int:
+    """First frame from which the one behind, of AV and partner, was the faster one; pauses below 1 s do not count.
+
+    0, the test's begin, if it was not the faster one just before the contact.
+    """
+    behind, ahead = partner, 0
+    if frames[last, partner].x > frames[last, 0].x:
+        behind, ahead = 0, partner
+    begin = 0
+    paused = 0
+    for f in range(last - 1, -1, -1):
+        if frames[f, partner].present == 0 or paused >= _RECENT_FRAMES:
+            break
+        if frames[f, behind].speed > frames[f, ahead].speed:
+            begin = f
+            paused = 0
+        else:
+            paused += 1
+    return begin
+
+
+@kernel
 def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: RoadNumbers) -> int:
     """Frame at which the manoeuvre that led to the AV's crash with `partner` at frame `last` began.
 
     The first of these that there is: the partner's last lane change, if it runs at the contact or ended within 1 s
-    before; the partner's last uninterrupted braking of 1 m/s2 and more, if it lasts until 1 s before; the AV's own
-    last lane change, likewise; else the test's begin.
+    before; the partner's last uninterrupted braking of 1 m/s2 and more ahead of the AV, if it lasts until 1 s before;
+    the AV's own last lane change, like the partner's; the closing, since when the one behind was the faster one but for
+    pauses below 1 s; else the test's begin.
 
     Args:
         frames: Recording, (frames, slots) of `step.FRAME_FIELDS`.
@@ -85,14 +108,14 @@ def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: Roa
     if start >= 0 and last - end <= _RECENT_FRAMES:
         return start
     for f in range(last - 1, max(-1, last - 1 - _RECENT_FRAMES), -1):
-        if frames[f, partner].acceleration <= _BRAKING:
+        if frames[f, partner].acceleration <= _BRAKING and frames[f, partner].x > frames[f, 0].x:
             while f > 0 and frames[f - 1, partner].present and frames[f - 1, partner].acceleration <= _BRAKING:
                 f -= 1
             return f
     start, end = _last_change(frames, 0, last, road)
     if start >= 0 and last - end <= _RECENT_FRAMES:
         return start
-    return 0
+    return _closing_begin(frames, partner, last)
 
 
 @kernel
