@@ -319,6 +319,27 @@ def test_one_case(swerve_library: Path) -> None:
     assert pipeline.replay(swerve_library, case["case_id"], check=True)["identical"] is True
 
 
+@pytest.mark.parametrize(("name", "begin"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml")])
+def test_a_case_as_a_picture(swerve_library: Path, tmp_path: Path, name: str, begin: bytes) -> None:
+    case = table(swerve_library)["case_id"][7].as_py()
+    place = tmp_path / "new" / name
+    assert pipeline.replay(swerve_library, case, picture=place)["picture"] == str(place)
+    first = place.read_bytes()
+    assert first.startswith(begin)
+    with pytest.raises(OutputError, match="exists already"):
+        pipeline.replay(swerve_library, case, picture=place)
+    pipeline.replay(swerve_library, table(swerve_library)["case_id"][8].as_py(), picture=place.with_name(f"b{name}"))
+    assert place.with_name(f"b{name}").read_bytes() != first
+
+
+@pytest.mark.parametrize(("case", "name", "why"), [("all", "a.png", "one case"), ("5:1", "a.jpg", "nor in .svg")])
+def test_what_cannot_be_a_picture_is_told_first(
+    swerve_library: Path, tmp_path: Path, case: str, name: str, why: str
+) -> None:
+    with pytest.raises(InputError, match=why):
+        pipeline.replay(swerve_library, case, picture=tmp_path / name)
+
+
 def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) -> None:
     """One frame of one vehicle is moved by a tenth of a millimetre: stored at full precision in the digest only."""
     run = experiment(bv="swerve")

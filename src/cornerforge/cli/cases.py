@@ -152,6 +152,10 @@ def replay(
     check: Annotated[
         bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")
     ] = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Draw the crash and the latest way out into this .png or .svg.", show_default=False),
+    ] = None,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
     av_timeout: AvTimeout = AV_TIMEOUT,
@@ -167,10 +171,13 @@ def replay(
         if "cases" in r:
             differ = f"; different: {', '.join(r['differ'][:10])}" if r["differ"] else ""
             return f"{r['cases']:,} cases: {verdict}{differ}"
-        return f"Case {r['case']}: {verdict}; crash at {r['crash_time_s']} s"
+        drawn = f"; picture: {r['picture']}" if "picture" in r else ""
+        return f"Case {r['case']}: {verdict}; crash at {r['crash_time_s']} s{drawn}"
 
     result = run_command(
-        lambda bars: pipeline.replay(library, case, check=check, av_timeout=av_timeout, progress=bars),
+        lambda bars: pipeline.replay(
+            library, case, check=check, picture=picture, av_timeout=av_timeout, progress=bars
+        ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
     if result["identical"] is False:

@@ -16,6 +16,7 @@ from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash
+from cornerforge.pipeline.picture import check_picture, write_picture
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.recorder import scenario_digest
@@ -99,6 +100,7 @@ def replay(
     case: str,
     *,
     check: bool = False,
+    picture: Path | str | None = None,
     av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
@@ -108,16 +110,21 @@ def replay(
         library: The library's folder.
         case: Case id, or "all".
         check: Also compare with what is stored.
+        picture: New file, .png or .svg, to draw the crash and the latest way out of it (extra `report`); for one case.
         av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
 
     Returns:
         The object that `cornerforge replay --json` prints; `identical` is None unless checked. For "all" also `cases`
-        and the ids that `differ`.
+        and the ids that `differ`; with a picture, its place as `picture`.
 
     Raises:
-        CornerForgeError: No such case, or the library, its policy or model cannot be read.
+        CornerForgeError: No such case, the library, its policy or model cannot be read, or there can be no picture.
     """
+    if picture is not None:
+        if case == "all":
+            raise InputError("A picture shows one case; name it instead of all.")
+        check_picture(Path(picture))
     cases = CaseLibrary.open(Path(library))
     run = experiment_of(cases, av_timeout)
     again = driver_of_cases(run)
@@ -136,6 +143,8 @@ def replay(
             if note is None:
                 note = _why_different(cases, run, driven)
         progress("replay", done + 1, len(ids))
+        if picture is not None:
+            write_picture(driven, Path(picture))
     summary: dict[str, Any] = {
         "case": case,
         "crash_time_s": crash_time if case != "all" else None,
@@ -145,6 +154,8 @@ def replay(
         summary |= {"cases": len(ids), "differ": differ}
     if note is not None:
         summary["note"] = note
+    if picture is not None:
+        summary["picture"] = str(picture)
     return summary
 
 

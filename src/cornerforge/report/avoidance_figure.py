@@ -16,6 +16,14 @@ __all__ = ["avoidance_figure"]
 
 _BEFORE_S, _LONGEST_BEFORE_S = 2.0, 6.0
 _AHEAD_M = 30.0
+_LABELS = {
+    "unavoidable": "unavoidable once the manoeuvre had begun",
+    "by braking": "avoidable by braking or accelerating",
+    "by steering": "avoidable by steering",
+    "by both": "avoidable by braking or accelerating, and by steering",
+    "by combination": "avoidable only by both together",
+    "undecided": "undecided",
+}
 
 
 def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
@@ -49,11 +57,12 @@ def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
 
 
 def _in_words(answer: Avoidability) -> str:
+    label = _LABELS[answer.label]
     if answer.latest_s is None or answer.time_to_react_s is None:
-        return f"{answer.label}; no way out in the time looked at"
+        return f"{label}; no way out in the time looked at"
     when = f"last way out {answer.latest_s:.1f} s before contact"
     reaction = f"{abs(answer.time_to_react_s):.1f} s {'after' if answer.time_to_react_s >= 0.0 else 'before'}"
-    return f"{answer.label}; {when}, {reaction} the manoeuvre began"
+    return f"{label}; {when}, {reaction} the manoeuvre began"
 
 
 def _times(first: int, last: int) -> NDArray[np.float64]:
