@@ -192,6 +192,15 @@ def _hazard(entry: Entry, low: float, high: float) -> str:
     return f"{n:,}: {n / exposure:.3f} ({bounds[0] / exposure:.3f} to {bounds[1] / exposure:.3f})"
 
 
+def _same_tests(entry: Entry, base: Entry | None) -> str:
+    """How many of the shipped model's crashes in the tests that both drove happen here too."""
+    if base is None:
+        return "-"
+    theirs = {crash["test"] for crash in base.crashes if crash["test"] < entry.counts.tests}
+    ours = {crash["test"] for crash in entry.crashes}
+    return f"{len(theirs & ours)} of {len(theirs)}"
+
+
 def _sensitivity(
     varied: Sequence[tuple[Setting, Entry]], entries: Mapping[str, Entry], settings: Sequence[Setting]
 ) -> str:
@@ -214,6 +223,7 @@ def _sensitivity(
                 f"{counts.av_crashes:,}",
                 f"{_number(counts.av_crashes / counts.tests)} ({_interval(low, high)})",
                 ratio,
+                _same_tests(entry, base),
                 _bv_rate(entry),
             ]
         )
@@ -223,10 +233,12 @@ def _sensitivity(
         "AV crashes",
         "per test (95 %)",
         "times the shipped model's (95 %)",
+        "of the shipped model's crashes in these tests, here too",
         "BV-BV per BV-mile",
     ]
     note = (
         "Each row changes one number of the shipped model and counts the same tests of the same seed, so that the\n"
-        "interval of the ratio, which takes both counts for independent, is wider than it need be."
+        "interval of the ratio, which takes both counts for independent, is wider than it need be; the column behind\n"
+        "it says how many tests end in a crash under both models."
     )
     return f"{table(head, rows)}\n\n{note}"

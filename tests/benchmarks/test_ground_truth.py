@@ -312,7 +312,7 @@ def test_tables_hold_what_can_be_reckoned_by_hand() -> None:
     assert "2.17e-03 (2.63e-04 to 7.85e-03)" in text
     # 1 of 50 against 1 of 100: ratio 2, and 1 of 2 has the interval 0.0126 to 0.9874
     row = next(line for line in text.splitlines() if line.startswith("| overlook x 10 |"))
-    assert "2.00 (0.03 to 156.99)" in row
+    assert "2.00 (0.03 to 156.99) | 1 of 1 |" in row
     assert "`idm-mobil-2-lanes`" in text.splitlines()[-1]
     assert render({}, SETTINGS).startswith("The ledger is empty")
     assert replace_block(f"a{BEGIN}b{END}c", "new") == f"a{BEGIN}\nnew\n{END}c"
