@@ -30,7 +30,7 @@ from cornerforge.sim.world import allocate_worlds
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]
 
-BUDGETS_NATS = (2.0, 5.0, 10.0, 20.0, 40.0)
+BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 _NATURAL_TESTS = 500
 
 
@@ -189,29 +189,40 @@ def _worst(row: dict[str, Any], name: str) -> float | None:
     return None if any(value is None for value in values) else min(values)
 
 
+def _mask_name(row: dict[str, Any]) -> str:
+    if row["budget"] is not None:
+        return f"{row['budget']:g}"
+    return "mask only" if row["bounded"] else "unbounded"
+
+
 def _draw(path: Path, result: dict[str, Any]) -> None:
-    """Yield of every policy against its plausibility; those without a mask have no finite place on the axis."""
-    figure, (panel,) = new_figure(1, 1, 6.4, 4.2)
-    for name, label, colour, marker in (
-        ("crashes_per_test", "crashes", BLUE, "o"),
-        ("avoidable_per_test", "avoidable by braking", ORANGE, "s"),
+    """Yield of every policy with its exact interval, log scale, from the tightest budget to none.
+
+    Where there was no crash at all only the upper end is drawn.
+    """
+    figure, (panel,) = new_figure(1, 1, 7.2, 4.4)
+    rows = result["rows"]
+    for share, (name, ends, label, colour, marker) in enumerate(
+        (
+            ("crashes_per_test", "interval95", "crashes", BLUE, "o"),
+            ("avoidable_per_test", "avoidable_interval95", "avoidable by braking", ORANGE, "s"),
+        )
     ):
-        points = [
-            (run["log_prob_per_decision"], run[name], row["budget"])
-            for row in result["rows"]
-            for run in row["runs"]
-            if run.get("log_prob_per_decision") is not None and run.get(name) is not None
-        ]
-        if not points:
-            continue
-        panel.plot([p[0] for p in points], [p[1] for p in points], marker, color=colour, label=label, alpha=0.7)
-        for x, y, budget in points if name == "crashes_per_test" else ():
-            text = "no budget" if budget is None else f"{budget:g}"
-            panel.annotate(text, (x, y), textcoords="offset points", xytext=(4, 4), fontsize=7)
-    panel.axvline(result["natural"]["log_prob_per_decision"], color=GREY, linestyle=":", label="natural drivers")
-    panel.set_xlabel("mean log-probability per controlled decision in crashes [nats]")
-    panel.set_ylabel("per test")
-    panel.set_ylim(bottom=0.0)
+        for place, row in enumerate(rows):
+            known = [(run[name], *run[ends]) for run in row["runs"] if run.get(name) is not None]
+            for k, (value, low, high) in enumerate(known):
+                x = place - 0.3 + (share + (k + 0.5) / len(known)) * 0.3
+                panel.plot([x, x], [low if value else high, high], color=colour, linewidth=1.2)
+                panel.plot([x], [value or high], marker if value else "v", color=colour, markersize=5,
+                           fillstyle="full" if value else "none")  # fmt: skip
+        panel.plot([], [], marker, color=colour, label=label)
+    panel.plot([], [], "v", color=GREY, fillstyle="none", label="none seen: upper end")
+    panel.set_yscale("log")
+    panel.set_ylim(top=1.2)
+    panel.set_xticks(range(len(rows)), [_mask_name(row) for row in rows])
+    spent = result["natural"]["shortfall_per_test"]
+    panel.set_xlabel(f"likelihood budget of a test [nats]; natural drivers spend {spent:.1f} on average", fontsize=9)
+    panel.set_ylabel("per test, 95 % interval, each training seed", fontsize=9)
     panel.legend(fontsize=8)
     with writing(path) as part:
         part.write_bytes(png_of(figure))
