@@ -63,13 +63,14 @@ def drawable() -> dict[str, dict[str, Any]]:
                     "sensitivity": [at, at | {"eps_factor": 2.0}]},
     }  # fmt: skip
     moment = {"before": 0.0, "av": [0.0, 2.0, 0.0], "bv": [4.9, 2.0, 0.1], "others": [[-20.0, 6.0, 0.0]]}
-    example = {"letter": "A", "group": "majority", "size": 2, "case": "0:1", "mechanism": "av-rear", "lanes": 3,
+    example = {"title": "A (majority, 2 cases): av-rear", "case": "0:1", "mechanism": "av-rear", "lanes": 3,
                "lane_width": 4.0, "length": 5.0, "width": 2.0,
                "moments": [moment | {"before": 1.0, "bv": None, "others": []}, moment]}  # fmt: skip
     return {
         "figure7": {"worlds": [{"name": name, "periods": [period] * 3} for name in ("unbounded", "bounded")]},
         "figure8": clusters,
         "figure10": {},  # no library: crashes were too rare
+        "figure6": {"examples": [example]},
         "figure9": {"examples": [example] * 3},
         "figure11": {},
         "figure2": {"curves": [curve], "levels": {"swerve": 0.7},
@@ -118,7 +119,7 @@ def test_each_item_has_its_section_pictures_and_numbers(tmp_path: Path) -> None:
     tags = Tags(page)
     assert [a.get("id") for tag, a in tags.found if tag == "section"] == [*ITEMS, "made"]
     pictures = [a for tag, a in tags.found if tag == "img"]
-    assert len(pictures) == 10  # one each, two of Figure 7, of Figure 8 and of the matrix, none without a library
+    assert len(pictures) == 11  # one each, two of Figure 7, of Figure 8 and of the matrix, none without a library
     assert all((a["src"] or "").startswith("data:image/png;base64,") and a["alt"] for a in pictures)
     assert "the paper 0.286, ours 0.900 crashes per test (95 % interval 0.800 to 0.950)" in tags.text
     assert {entry.name for entry in (tmp_path / "figures").iterdir()} == {
@@ -127,6 +128,7 @@ def test_each_item_has_its_section_pictures_and_numbers(tmp_path: Path) -> None:
             "figure2",
             "figure3",
             "figure5",
+            "figure6",
             "figure7",
             "figure7-bounded",
             "figure8",
