@@ -7,6 +7,8 @@ compares a text with a file below `tests/golden/`; `make golden` writes these fi
 from __future__ import annotations
 
 import secrets
+import signal
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,6 +30,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # A background job of a shell ignores Ctrl-C, and so would all programs that tests start and interrupt.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption("--seed") == "random":
         config.option.seed = str(secrets.randbelow(2**31))
 
