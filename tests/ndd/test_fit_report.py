@@ -143,6 +143,7 @@ def test_held_out_scores_are_told_by_law_and_speed(model: NddModel, tmp_path: Pa
     assert "fitted stochastic IDM</td><td>-2.200</td><td>-2.400</td>" in both
     assert "table, with the counts</td><td></td><td>-2.345</td>" in both
     assert "all 300 decisions" in slow
+    assert "table, with the counts" not in slow
     assert "the 40 from 19.5 m/s" in both
 
 

@@ -290,10 +290,10 @@ def _score_table(name: str, row: Mapping[str, float]) -> str:
     head = ["what predicts", f"all {row['decisions']:,} decisions"]
     if "table" in row:
         head.append(f"the {row['table_decisions']:,} from 19.5 m/s, where the table begins")
-    rows = [
+    scores = [
         [label, *(f"{row[key]:.3f}" if key in row else "" for key in keys)][: len(head)] for label, *keys in _SCORED
     ]
-    return f"<h3>{escape(name)}</h3>{table(head, rows)}"
+    return f"<h3>{escape(name)}</h3>{table(head, [line for line in scores if any(line[1:])])}"
 
 
 def _bad_rows(report: FitReport) -> str:

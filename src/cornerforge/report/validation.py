@@ -204,6 +204,8 @@ def page_of(result: Result, figures: Mapping[str, bytes]) -> str:
     return page("Validation of a naturalistic model", "".join(parts))
 
 
+_UNBROKEN = {ord(" "): "\u00a0", ord("-"): "\u2011"}
+"""What a browser may break a line at, and what it may not."""
 _WHAT_IS_SCORED = (
     "<p><code>law</code> is the car-following law at every speed, <code>table</code> what the simulator looks up from "
     "19.5 m/s on, <code>law_on_grid</code> the law on the same decisions. Fitted to the decisions of these files that "
@@ -230,7 +232,7 @@ def _facts_table(result: Result) -> str:
         rows.append(
             [
                 _with_unit(row["fact"], row["unit"]),
-                row["when"].replace(" ", "\u00a0"),
+                row["when"].translate(_UNBROKEN),
                 found,
                 interval,
                 allowed,
