@@ -73,7 +73,7 @@ REPRODUCE_BUDGETS = {
         rewards=("crash", "avoidable"), tests=1_024, natural_tests=20_000, typed=100, miles=100.0, cases=2_000,
     ),
     "standard": ReproduceBudget(
-        decisions=2_000_000, bounded_decisions=6_000_000, seeds=1, trained_on=None, rewards=None,
+        decisions=2_000_000, bounded_decisions=4_000_000, seeds=3, trained_on=None, rewards=None,
         tests=4_096, natural_tests=200_000, typed=500, miles=500.0, cases=10_000,
     ),
     "full": ReproduceBudget(
