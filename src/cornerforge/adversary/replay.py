@@ -102,11 +102,12 @@ class BalancedMemory:
         self.paid = ReplayMemory(max(capacity // 4, 1), n_inputs)
         self._share = share
         self._is_paid = np.zeros(capacity, dtype=np.bool_)
+        self._n_paid = 0
 
     @property
     def paid_share(self) -> float:
         """Share of the last transitions that are known to be from paid tests."""
-        return np.count_nonzero(self._is_paid) / max(self.recent.size, 1)
+        return self._n_paid / max(self.recent.size, 1)
 
     def add(self, batch: Transitions) -> None:
         """Append one decision of each of some worlds; with a share above 0 always of the same worlds in the same order.
@@ -118,13 +119,18 @@ class BalancedMemory:
         if self._share == 0.0:
             return
         n = batch.action.size
-        self._is_paid[(begin + np.arange(n)) % self.recent.capacity] = False
+        self._mark((begin + np.arange(n)) % self.recent.capacity, np.False_)
         rows = self._tests_before(begin, np.flatnonzero(batch.end & (batch.reward > 0.0)), n)
         is_scarce = self.paid_share < self._share
-        self._is_paid[rows] = True
+        self._mark(rows, np.True_)
         if is_scarce:
             rows = rows[-self.paid.capacity :]
             self.paid.add(Transitions._make(array[rows] for array in self.recent.arrays))
+
+    def _mark(self, rows: NDArray[np.int64] | slice, is_paid: np.bool_ | NDArray[np.bool_]) -> None:
+        """Note which of the last transitions are from paid tests; counted here, for every draw asks how many."""
+        self._is_paid[rows] = is_paid
+        self._n_paid = int(np.count_nonzero(self._is_paid))
 
     def _tests_before(self, begin: int, worlds: NDArray[np.int64], n: int) -> NDArray[np.int64]:
         """Rows, as far as they are there, of the tests that end in these worlds in the batch of `n` rows at `begin`."""
@@ -173,4 +179,4 @@ class BalancedMemory:
         """
         for memory, name, place in zip((self.recent, self.paid), ("recent", "paid"), places, strict=True):
             memory.restore({key: state[f"{name}.{key}"] for key in Transitions._fields}, place)
-        self._is_paid[...] = state["is_paid"]
+        self._mark(slice(None), state["is_paid"])
