@@ -9,8 +9,9 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +24,7 @@ from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, 
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary, case_record
+from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.setting import experiment
 from cornerforge.sim.adversaries import cast_index
 from cornerforge.sim.recorder import Recorder
@@ -363,6 +365,28 @@ def test_unknown_case_and_unknown_library(swerve_library: Path, tmp_path: Path) 
         pipeline.replay(swerve_library, "5:999999")
     with pytest.raises(FileFormatError, match="no case library"):
         pipeline.replay(tmp_path / "none", "0:1")
+
+
+@pytest.mark.parametrize(
+    ("world", "model", "told"),
+    [
+        ({"odd": "swift"}, None, "ODD default, here swift"),
+        ({"lanes": 2}, None, "lanes 3, here 2"),
+        ({}, "of-another", "naturalistic model of-another, here"),
+        ({}, None, None),
+    ],
+)
+def test_a_policy_from_another_world_is_said_to_be_one(
+    world: dict[str, Any], model: str | None, told: str | None, some_policy: Path, tmp_path: Path,
+    recwarn: pytest.WarningsRecorder,
+) -> None:  # fmt: skip
+    here = experiment()
+    about = {"odd": asdict(here.odd), "model_hash": model or model_hash(here.model)}
+    save_policy(replace(load_policy(some_policy), about=about), tmp_path / "from.safetensors")
+    pipeline.simulate(bv=str(tmp_path / "from.safetensors"), tests=2, **world)
+    messages = [str(w.message) for w in recwarn]
+    assert len(messages) == (told is not None)
+    assert told is None or told in messages[0]
 
 
 def test_a_library_with_another_model_does_not_replay(swerve_library: Path, tmp_path: Path) -> None:

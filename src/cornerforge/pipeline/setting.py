@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -173,6 +174,25 @@ def _load_policies(bv: Sequence[str], known: Sequence[str]) -> tuple[Policy, ...
     return tuple(policies)
 
 
+def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) -> None:
+    """Say so where a policy was trained with another model or on another highway; it drives here all the same.
+
+    Another AV goes without saying: trying an adversary on other AVs is what policies are for.
+    """
+    odd = policy.about.get("odd")
+    theirs = dict(odd) if isinstance(odd, dict) else {}
+    theirs["model"] = policy.about.get("model_hash")
+    ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd)}
+    words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model"}
+    other = [f"{words[key]} {theirs[key]}, here {here}" for key, here in ours.items() if theirs.get(key, here) != here]
+    if other:
+        warnings.warn(
+            f"The policy {name} learned in another world ({'; '.join(other)}) and may be worse in this one; to learn "
+            "here: cornerforge train.",
+            stacklevel=3,
+        )
+
+
 def experiment(
     *,
     av: str = "idm-mobil",
@@ -231,6 +251,8 @@ def experiment(
         policies = (policy,) if isinstance(policy, Policy) else tuple(policy)
     elif len(names) != 1 or names[0] not in known:
         policies = _load_policies(names, known)
+        for file, loaded in zip(names, policies, strict=True):
+            _warn_of_another_world(loaded, file, road, ndd)
     driver = "policy" if policies else names[0]
     if policies:
         if budget is not None:
