@@ -72,6 +72,7 @@ def test_every_command_helps(command: list[str], capsys: Capture) -> None:
     status, out, err = call(capsys, *command, "--help")
     assert status == 0
     assert "Usage" in out
+    assert " ," not in out  # what stands in brackets would be taken for markup, and vanish
     assert err == ""
 
 

@@ -247,7 +247,7 @@ def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[
         list[float] | None,
-        typer.Option(help="Likelihood budget [nats]; may be given again. 10, 20, 40, 60, 80.", show_default=False),
+        typer.Option(help="Likelihood budget in nats; may be given again. 10, 20, 40, 60, 80.", show_default=False),
     ] = None,
     seeds: Annotated[int, typer.Option(help="Training seeds per budget.")] = 3,
     decisions: Annotated[

@@ -39,8 +39,8 @@ Bounded = Annotated[bool, typer.Option("--bounded", help="Only actions that the 
 Budget = Annotated[
     float | None,
     typer.Option(
-        help="Likelihood budget of a test [nats], such as 5: how far the actions may fall short of the likeliest ones. "
-        "Implies --bounded.",
+        help="Likelihood budget of a test in nats, such as 5: how far the actions may fall short of the likeliest "
+        "ones. Implies --bounded.",
         show_default=False,
     ),
 ]
