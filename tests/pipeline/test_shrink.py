@@ -18,9 +18,10 @@ from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.cli import main
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.mobil import MobilParams
-from cornerforge.errors import CornerForgeError, InputError, OutputError, UnknownNameError
+from cornerforge.errors import CornerForgeError, InputError, OutputError, ReplayError, UnknownNameError
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.pipeline.cases import experiment_of
+from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.setting import experiment
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
@@ -296,6 +297,19 @@ def test_a_damaged_case_is_named_before_anything_is_written(swerve_library: Path
     tracks.write_bytes(tracks.read_bytes()[:-100])
     with pytest.warns(UserWarning, match="left out"), pytest.raises(CornerForgeError, match="damaged shard"):
         pipeline.shrink(library, ids_of(swerve_library)[0], out=tmp_path / "shrunk")
+    assert not (tmp_path / "shrunk").exists()
+
+
+def test_a_case_that_drives_otherwise_is_named_before_anything_is_written(swerve_library: Path, tmp_path: Path) -> None:
+    source = CaseLibrary.open(swerve_library)
+    (tmp_path / "library").mkdir()
+    library = CaseLibrary.create(tmp_path / "library", source.identity, source.odd)
+    (tmp_path / "library" / MODEL_FILE).write_bytes((swerve_library / MODEL_FILE).read_bytes())
+    test = int(ids_of(swerve_library)[0].partition(":")[2])
+    scenario = experiment_of(source).recorder().record(int(str(source.identity["seed"])), test)
+    library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
+    with pytest.raises(ReplayError, match="is not what is stored"):
+        pipeline.shrink(tmp_path / "library", "all", out=tmp_path / "shrunk")
     assert not (tmp_path / "shrunk").exists()
 
 

@@ -156,7 +156,8 @@ def _judge(
     rows = pc.index_in(pa.array(found.case_ids, pa.string()), value_set=table.column("case_id").combine_chunks())
     if rows.null_count:
         raise InputError(
-            f"The trajectories of {rows.null_count} case(s) of {cases.path} are damaged; analyse a copy without them."
+            f"The trajectories of {rows.null_count} case(s) of {cases.path} are damaged; generate the library again: "
+            "with the same command and seed its cases are the same."
         )
     table, value = values_of(table.take(rows), found.projection.points)
     seconds["judge"] = time.perf_counter() - begin

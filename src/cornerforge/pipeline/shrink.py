@@ -6,7 +6,7 @@ import contextlib
 import math
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +79,7 @@ def shrink(
         )
     place = _place(Path(library), ids) if out is None else Path(out)
     run = experiment_of(source)
-    source.scenario(ids[0])  # what cannot be read is told before a folder is made
+    _check_same(source.scenario(ids[0]), driver_of_cases(run))  # what does not replay is told before a folder is made
     shrunk = _open(source, run, place, resume=resume)
     left = _left(shrunk, ids)
     _fill(source, run, shrunk, left, progress)
@@ -175,7 +175,8 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
         for done, case_id in enumerate(ids):
             stored = source.scenario(case_id)
             seed, test = stored.scenario.seed, stored.scenario.test
-            small = shrink_script(driver, run.odd, _script(stored, again(stored), driver), seed=seed, test=test)
+            script = _script(stored, _check_same(stored, again), driver)
+            small = shrink_script(driver, run.odd, script, seed=seed, test=test)
             loose.append(_record(small))
             if len(loose) == _SHARD_CASES or time.monotonic() - committed_at >= _COMMIT_SECONDS:
                 commit()
@@ -194,18 +195,24 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
             raise ReplayError(f"The shrunk case {case_id} in {shrunk.path} does not replay; please report this.")
 
 
-def _script(stored: StoredCase, driven: Scenario, driver: ScriptDriver) -> Script:
-    """The whole case as a script.
+def _check_same(stored: StoredCase, again: Callable[[StoredCase], Scenario]) -> Scenario:
+    """The case, driven again.
 
     Raises:
-        ReplayError: Driven again, it is not what is stored.
+        ReplayError: It is not what is stored.
     """
-    seed, test = driven.seed, driven.test
+    driven = again(stored)
     if not is_same(driven, stored):
         raise ReplayError(
-            f"Case {seed}:{test}, driven again, is not what is stored; install the version that made the library."
+            f"Case {driven.seed}:{driven.test}, driven again, is not what is stored; install the version that made the "
+            "library."
         )
-    return stored.script or Script(driven.slot, driver.start_of_test(seed, test), driven.action)
+    return driven
+
+
+def _script(stored: StoredCase, driven: Scenario, driver: ScriptDriver) -> Script:
+    """The whole case as a script."""
+    return stored.script or Script(driven.slot, driver.start_of_test(driven.seed, driven.test), driven.action)
 
 
 def _record(small: Shrunk) -> CaseRecord:
