@@ -63,8 +63,8 @@ def drawable() -> dict[str, dict[str, Any]]:
                     "sensitivity": [at, at | {"eps_factor": 2.0}]},
     }  # fmt: skip
     moment = {"before": 0.0, "av": [0.0, 2.0, 0.0], "bv": [4.9, 2.0, 0.1], "others": [[-20.0, 6.0, 0.0]]}
-    example = {"title": "A (majority, 2 cases): av-rear", "case": "0:1", "mechanism": "av-rear", "lanes": 3,
-               "lane_width": 4.0, "length": 5.0, "width": 2.0,
+    example = {"title": "A (majority, 2 cases)", "case": "0:1", "mechanism": "av-rear", "happened": "BV brakes",
+               "lanes": 3, "lane_width": 4.0, "length": 5.0, "width": 2.0,
                "moments": [moment | {"before": 1.0, "bv": None, "others": []}, moment]}  # fmt: skip
     return {
         "figure7": {"worlds": [{"name": name, "periods": [period] * 3} for name in ("unbounded", "bounded")]},

@@ -145,7 +145,7 @@ def example_pictures(data: Data, *, name: str, of: str) -> list[Picture]:
     if not examples:
         return []
     rows = math.ceil(len(examples) / 2)
-    drawing, panels = new_figure(rows, 2, 12.0, 0.5 + 1.75 * rows)
+    drawing, panels = new_figure(rows, 2, 12.0, 0.5 + 1.95 * rows)
     for panel, example in zip(panels, examples, strict=False):
         _draw_example(panel, example)
     for panel in panels[len(examples) :]:
@@ -187,7 +187,8 @@ def _draw_example(panel: Any, example: Data) -> None:
     panel.set_aspect("equal")
     panel.grid(visible=False)
     panel.set_yticks([])
-    panel.set_title(example["title"], fontsize=9, loc="left")
+    happened = example["happened"]
+    panel.set_title(f"{example['title']}\n{happened[:1].upper()}{happened[1:]}", fontsize=9, loc="left")
 
 
 def _corners(box: list[float], length: float, width: float) -> list[tuple[float, float]]:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import mechanism_of
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["drawn_case"]
+__all__ = ["drawn_case", "number_of_cases"]
 
 _SHOWN_S = (3.0, 2.0, 1.0, 0.0)
 _NEAR_M = 30.0
 
 
 def drawn_case(scenario: Scenario) -> dict[str, Any]:
-    """A crash at 3, 2, 1 and 0 s before contact (as far as it goes back), with its mechanism and the road.
+    """A crash at 3, 2, 1 and 0 s before contact (as far as it goes back), its mechanism, what happened, and the road.
 
     Each of `moments` holds the boxes `av`, `bv` (of the crash; None where it was not there) and `others` near the AV as
     [x ahead of the AV, y, heading] in m and rad.
@@ -22,12 +23,22 @@ def drawn_case(scenario: Scenario) -> dict[str, Any]:
     moments = [moment for moment in _SHOWN_S if moment <= _contact_time(scenario)]
     return {
         "mechanism": mechanism_of(scenario).name,
+        "happened": what_happened(scenario),
         "lanes": scenario.odd.n_lanes,
         "lane_width": scenario.odd.lane_width,
         "length": scenario.odd.vehicle_length,
         "width": scenario.odd.vehicle_width,
         "moments": [{"before": moment, **_boxes(scenario, moment)} for moment in moments],
     }
+
+
+def number_of_cases(n: int, kind: str = "") -> str:
+    """The number in words.
+
+    >>> number_of_cases(1, "bounded"), number_of_cases(1627)
+    ('1 bounded case', '1,627 cases')
+    """
+    return " ".join(word for word in (f"{n:,}", kind, "case" if n == 1 else "cases") if word)
 
 
 def _contact_time(scenario: Scenario) -> float:

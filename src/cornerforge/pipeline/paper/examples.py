@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.mechanism import MECHANISMS, mechanism_of
 from cornerforge.pipeline.paper.bench import Adversary, Bench
 from cornerforge.pipeline.paper.clusters import Analysed, analysed, letters
-from cornerforge.pipeline.paper.drawn import drawn_case
+from cornerforge.pipeline.paper.drawn import drawn_case, number_of_cases
 from cornerforge.pipeline.paper.figure7 import thinned
 from cornerforge.pipeline.paper.item import Finding, Item, Row
 from cornerforge.pipeline.paper.libraries import BOUNDED, FREE, missing_note
@@ -101,8 +101,7 @@ def _cluster_row(letter: str, size: int, names: list[str]) -> Row:
 def _example(found: Analysed, letter: str, size: int, group: str, case_id: str) -> dict[str, Any]:
     """The typical case of a cluster."""
     drawn = drawn_case(found.library.scenario(case_id).scenario)
-    title = f"{letter} ({group}, {size:,} cases): {drawn['mechanism']}"
-    return {"letter": letter, "case": case_id, "title": title, **drawn}
+    return {"letter": letter, "case": case_id, "title": f"{letter} ({group}, {number_of_cases(size)})", **drawn}
 
 
 _NOTES = (

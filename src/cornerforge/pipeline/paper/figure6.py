@@ -9,7 +9,7 @@ import numpy as np
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.pipeline.paper.bench import Adversary, Bench
 from cornerforge.pipeline.paper.clusters import Analysed, analysed
-from cornerforge.pipeline.paper.drawn import drawn_case
+from cornerforge.pipeline.paper.drawn import drawn_case, number_of_cases
 from cornerforge.pipeline.paper.item import Finding, Item, Row
 from cornerforge.pipeline.paper.libraries import BOUNDED, FREE, missing_note
 
@@ -33,7 +33,7 @@ def compute(bench: Bench, adversaries: tuple[Adversary, ...] = (FREE, BOUNDED)) 
         said = ", ".join(f"{n:,} {_word(adversary)}" for adversary, n in counts.items())
         rows.append(Row(f"type {code} ({name})", _PAPER[code], sum(counts.values()), None, "cases", said))
         if shown is not None:
-            title = f"type {code}, {name} ({counts[shown]:,} {_word(shown)} cases)"
+            title = f"type {code}, {name} ({number_of_cases(counts[shown], _word(shown))})"
             examples.append(_example(libraries[shown], name, title))
     headline = Row("types of which there is a case", 4, len(examples), note="; ".join(notes))
     return Finding(headline, [headline, *rows], {"examples": examples}, [*notes, *_NOTES])
@@ -54,8 +54,7 @@ def _example(found: Analysed, name: str, title: str) -> dict[str, Any]:
     spread = found.analysis.features.values.std(axis=0)
     far = ((values - values.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)) ** 2
     case_id = found.analysis.case_ids[members[int(far.sum(axis=1).argmin())]]
-    drawn = drawn_case(found.library.scenario(case_id).scenario)
-    return {"case": case_id, "title": f"{title}: {drawn['mechanism']}", **drawn}
+    return {"case": case_id, "title": title, **drawn_case(found.library.scenario(case_id).scenario)}
 
 
 _NOTES = (
