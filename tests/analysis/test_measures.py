@@ -111,9 +111,14 @@ def test_a_sideswipe_by_hand() -> None:
     found = measure(scenario)
     assert found["impact_speed_mps"] == pytest.approx([math.hypot(10.0, 2.0)])
     assert found["impact_angle_rad"] == pytest.approx([math.atan(0.1)])
-    # The BV moves backwards and to the left, seen from the AV: the force comes from ahead, a little from the right.
-    assert found["av_force_direction_rad"] == pytest.approx([-math.atan2(2.0, 10.0)])
-    assert found["bv_force_direction_rad"] == pytest.approx([math.pi - math.atan2(2.0, 10.0) - math.atan(0.1)])
+    # The AV's corner meets the side of the BV, which stands askew. Across that side both close in; along it they slide.
+    turn = math.atan(0.1)
+    closing = 10.0 * math.sin(turn) + 2.0 * math.cos(turn)
+    assert closing < math.hypot(10.0, 2.0) / 3.0
+    assert found["av_delta_v_mps"] == found["bv_delta_v_mps"] == pytest.approx([closing / 2.0 * math.hypot(1.0, 0.5)])
+    # Friction pulls the AV back along the BV, the push comes from the right, across the BV's side.
+    assert found["av_force_direction_rad"] == pytest.approx([turn - math.atan2(1.0, 0.5)])
+    assert found["bv_force_direction_rad"] == pytest.approx([math.pi - math.atan2(1.0, 0.5)])
     assert found["pet_s"] == [0.0]
     assert np.isnan(found["min_bbd_front_m"]).all()  # never in one path before the contact
 

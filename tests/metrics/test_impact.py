@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.errors import InputError
-from cornerforge.metrics import crash_mode, delta_v, injury_probability
+from cornerforge.metrics import crash_mode, delta_v, injury_probability, velocity_changes
 from cornerforge.metrics.injury import CRASH_MODES
 
 MPH = 0.44704
@@ -19,6 +19,7 @@ AHEAD, LEFT, RIGHT, BEHIND = 0.0, math.pi / 2.0, -math.pi / 2.0, math.pi
 speeds = st.floats(0.0, 80.0)
 masses = st.floats(100.0, 40_000.0)
 shares = st.floats(0.0, 1.0)
+frictions = st.floats(0.0, 2.0)
 
 
 def odds(probability: float) -> float:
@@ -26,48 +27,81 @@ def odds(probability: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("speed", "own", "other", "restitution", "expected"),
+    ("closing", "sliding", "own", "other", "restitution", "friction", "expected"),
     [
-        (10.0, 1.0, 1.0, 0.0, 5.0),
-        (10.0, 1.0, 1.0, 1.0, 10.0),  # equal balls exchange their velocities
-        (10.0, 1.0, 3.0, 0.0, 7.5),
-        (10.0, 3.0, 1.0, 0.0, 2.5),
-        (0.0, 1.0, 1.0, 0.5, 0.0),
+        (10.0, 0.0, 1.0, 1.0, 0.0, 0.5, (5.0, 0.0)),
+        (10.0, 0.0, 1.0, 1.0, 1.0, 0.5, (10.0, 0.0)),  # equal balls exchange their velocities
+        (10.0, 0.0, 1.0, 3.0, 0.0, 0.5, (7.5, 0.0)),
+        (10.0, 0.0, 3.0, 1.0, 0.0, 0.5, (2.5, 0.0)),
+        (0.0, 0.0, 1.0, 1.0, 0.5, 0.5, (0.0, 0.0)),
+        (1.0, 10.0, 1.0, 1.0, 0.0, 0.5, (0.5, 0.25)),  # they go on sliding
+        (1.0, 10.0, 1.0, 1.0, 0.0, 0.0, (0.5, 0.0)),
+        (1.0, 0.3, 1.0, 1.0, 0.0, 0.5, (0.5, 0.15)),  # they stop sliding
+        (1.0, 10.0, 1.0, 1.0, 0.0, math.inf, (0.5, 5.0)),  # they stick together
+        (0.0, 10.0, 1.0, 1.0, 0.0, math.inf, (0.0, 0.0)),  # nobody presses
     ],
 )
-def test_delta_v_by_hand(speed: float, own: float, other: float, restitution: float, expected: float) -> None:
-    assert delta_v(speed, own, other, restitution) == pytest.approx(expected)
+def test_an_impact_by_hand(
+    closing: float, sliding: float, own: float, other: float, restitution: float, friction: float,
+    expected: tuple[float, float],
+) -> None:  # fmt: skip
+    changes = velocity_changes(closing, sliding, own, other, restitution, friction)
+    assert changes == pytest.approx(expected)
+    assert delta_v(closing, sliding, own, other, restitution, friction) == pytest.approx(math.hypot(*expected))
 
 
-@given(speed=speeds, own=masses, other=masses, restitution=shares)
-def test_momentum_is_kept_and_both_part_with_the_restitution(
-    speed: float, own: float, other: float, restitution: float
+@given(closing=speeds, sliding=speeds, own=masses, other=masses, restitution=shares, friction=frictions)
+def test_momentum_is_kept_and_friction_stops_sliding_at_most(
+    closing: float, sliding: float, own: float, other: float, restitution: float, friction: float
 ) -> None:
-    mine, others = float(delta_v(speed, own, other, restitution)), float(delta_v(speed, other, own, restitution))
+    mine = np.array(velocity_changes(closing, sliding, own, other, restitution, friction))
+    others = np.array(velocity_changes(closing, sliding, other, own, restitution, friction))
     assert own * mine == pytest.approx(other * others)
-    # Together they take the closing speed away and add the parting one.
-    assert mine + others == pytest.approx((1.0 + restitution) * speed)
+    # Together they take the closing speed away and add the parting one; and of the sliding speed no more than there is.
+    across, along = mine + others
+    assert across == pytest.approx((1.0 + restitution) * closing)
+    assert along <= sliding * (1.0 + 1e-12)
+    slides_on = along < sliding * (1.0 - 1e-9)
+    if slides_on:
+        assert along == pytest.approx(friction * across)
 
 
-@given(speed=speeds, extra=st.floats(0.1, 50.0), own=masses, other=masses, restitution=st.floats(0.0, 0.9))
-def test_delta_v_grows_with_speed_bounce_and_the_others_mass(
-    speed: float, extra: float, own: float, other: float, restitution: float
+@given(closing=speeds, sliding=speeds, own=masses, other=masses, restitution=shares, friction=frictions)
+def test_energy_is_never_won(
+    closing: float, sliding: float, own: float, other: float, restitution: float, friction: float
 ) -> None:
-    value = delta_v(speed, own, other, restitution)
-    assert delta_v(speed + extra, own, other, restitution) > value
-    assert delta_v(speed, own, other + extra, restitution) >= value
-    assert delta_v(speed, own + extra, other, restitution) <= value
-    assert delta_v(speed, own, other, restitution + 0.1) >= value
+    mine = np.array(velocity_changes(closing, sliding, own, other, restitution, friction))
+    others = np.array(velocity_changes(closing, sliding, other, own, restitution, friction))
+    left = np.array([closing, sliding]) - mine - others
+    assert np.hypot(*left) <= math.hypot(closing, sliding) * (1.0 + 1e-12) + 1e-300
+
+
+@given(
+    closing=speeds, sliding=speeds, extra=st.floats(0.1, 50.0), own=masses, other=masses,
+    restitution=st.floats(0.0, 0.9), friction=frictions,
+)  # fmt: skip
+def test_delta_v_grows_with_speed_bounce_friction_and_the_others_mass(
+    closing: float, sliding: float, extra: float, own: float, other: float, restitution: float, friction: float
+) -> None:
+    value = delta_v(closing, sliding, own, other, restitution, friction) * (1.0 - 1e-12)
+    assert delta_v(closing + extra, sliding, own, other, restitution, friction) > value
+    assert delta_v(closing, sliding + extra, own, other, restitution, friction) >= value
+    assert delta_v(closing, sliding, own, other + extra, restitution, friction) >= value
+    assert delta_v(closing, sliding, own, other, restitution + 0.1, friction) >= value
+    assert delta_v(closing, sliding, own, other, restitution, friction + extra) >= value
+    assert delta_v(closing, sliding, own + extra, other, restitution, friction) * (1.0 - 1e-12) <= value / (1.0 - 1e-12)
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((-1.0,), "impact_speed = -1.0 m/s is negative"),
-        ((1.0, 0.0), "A mass is not positive"),
-        ((1.0, 1.0, -2.0), "A mass is not positive"),
-        ((1.0, 1.0, 1.0, 1.1), "A restitution is out of range"),
-        ((math.nan,), "impact_speed is NaN"),
+        ((-1.0,), "closing_speed = -1.0 m/s is negative"),
+        ((1.0, -2.0), "sliding_speed = -2.0 m/s is negative"),
+        ((1.0, 0.0, 0.0), "A mass is not positive"),
+        ((1.0, 0.0, 1.0, -2.0), "A mass is not positive"),
+        ((1.0, 0.0, 1.0, 1.0, 1.1), "A restitution is out of range"),
+        ((1.0, 0.0, 1.0, 1.0, 0.0, -0.1), "A friction is negative"),
+        ((math.nan,), "closing_speed is NaN"),
     ],
 )
 def test_bad_impacts_are_refused(arguments: tuple[float, ...], message: str) -> None:
@@ -105,10 +139,15 @@ def test_a_harder_blow_is_never_less_dangerous(change: float, extra: float, dire
     assert 0.0 < weak < hard <= 1.0
 
 
-@given(change=speeds)
+@given(change=st.floats(0.01, 80.0))
 def test_near_side_is_worst_and_the_driver_sits_on_the_left(change: float) -> None:
     near, far, front = (float(injury_probability(change, angle)) for angle in (LEFT, RIGHT, AHEAD))
     assert near > far > front
+
+
+def test_a_blow_of_nothing_has_no_side() -> None:
+    near, far, front = (float(injury_probability(0.0, angle)) for angle in (LEFT, RIGHT, AHEAD))
+    assert near == far == front
 
 
 @given(direction=st.floats(-math.pi, math.pi), turns=st.integers(-3, 3))

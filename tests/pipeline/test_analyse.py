@@ -36,9 +36,11 @@ def test_every_case_has_its_row(analysed: tuple[dict[str, Any], Path]) -> None:
     for name in wanted:
         assert (cases.schema.field(name).metadata or {}).get(b"meaning"), f"{name} says what it is"
     assert sum(summary["fault"].values()) == sum(summary["fault_rules"].values()) == summary["cases"]
-    np.testing.assert_allclose(
-        cases.column("impact_speed_mps").to_numpy(), 2.0 * cases.column("av_delta_v_mps").to_numpy(), rtol=1e-9
-    )  # equal masses, plastic
+    speed, of_av, of_bv = (
+        cases.column(name).to_numpy() for name in ("impact_speed_mps", "av_delta_v_mps", "bv_delta_v_mps")
+    )
+    np.testing.assert_allclose(of_av, of_bv, rtol=1e-9)  # equal masses
+    assert (2.0 * of_av <= speed * (1.0 + 1e-9)).all()  # plastic; less where they go on sliding
 
 
 def test_drawn_cases_make_the_shares_and_outstanding_ones_are_looked_at_too(

@@ -38,6 +38,7 @@ class Contact:
         relative_heading: Angle between the headings [rad], in [0, pi], shape (S,).
         av_approach: Speed at which the AV's motion across the road closes in on the BV [m/s], shape (S,).
         bv_approach: The same of the BV's motion towards the AV.
+        normal: Unit vector across the touching faces, from the AV to the BV, [along, across the road], shape (S, 2).
     """
 
     av_sector: NDArray[np.int8]
@@ -45,6 +46,7 @@ class Contact:
     relative_heading: NDArray[np.float64]
     av_approach: NDArray[np.float64]
     bv_approach: NDArray[np.float64]
+    normal: NDArray[np.float64]
 
 
 def find_contact(pose: NDArray[np.floating], length: float, width: float) -> Contact:
@@ -79,7 +81,9 @@ def find_contact(pose: NDArray[np.floating], length: float, width: float) -> Con
     axes = np.concatenate([forward, left], axis=1)
     offset = place[:, 1] - place[:, 0]
     touching = _touching_axis(offset, velocity[:, 1] - velocity[:, 0], axes, half)
-    sectors = _sectors(offset, axes, forward, touching)
+    axis = np.take_along_axis(axes, touching[:, None, None], axis=1)[:, 0]
+    side = np.sign(_dot(offset, axis))[:, None]
+    sectors = _sectors(side * axis, forward)
     across = np.sign(offset[:, 1])
     return Contact(
         av_sector=sectors[:, 0],
@@ -87,6 +91,7 @@ def find_contact(pose: NDArray[np.floating], length: float, width: float) -> Con
         relative_heading=np.arccos(np.clip(_dot(forward[:, 0], forward[:, 1]), -1.0, 1.0)),
         av_approach=velocity[:, 0, 1] * across,
         bv_approach=-velocity[:, 1, 1] * across,
+        normal=np.where(side == 0.0, 1.0, side) * axis,
     )
 
 
@@ -116,12 +121,8 @@ def _touching_axis(
     return np.asarray(axis, np.intp)
 
 
-def _sectors(
-    offset: NDArray[np.float64], axes: NDArray[np.float64], forward: NDArray[np.float64], touching: NDArray[np.intp]
-) -> NDArray[np.int8]:
+def _sectors(towards_bv: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.int8]:
     """Sectors of the AV (column 0) and the BV (column 1), shape (S, 2)."""
-    axis = np.take_along_axis(axes, touching[:, None, None], axis=1)[:, 0]
-    towards_bv = np.sign(_dot(offset, axis))[:, None] * axis
     # how much each front faces the other vehicle: 1 straight ahead, -1 straight behind
     facing = np.stack([_dot(towards_bv, forward[:, 0]), -_dot(towards_bv, forward[:, 1])], axis=1)
     sectors = np.where(facing >= _FACING, FRONT, np.where(facing <= -_FACING, REAR, SIDE))

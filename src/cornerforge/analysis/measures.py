@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
 from cornerforge.analysis.columns import CaseColumn
+from cornerforge.analysis.contact import find_contact
 from cornerforge.analysis.fault import RssRules, pair_margins
 from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
-from cornerforge.metrics.delta_v import delta_v
+from cornerforge.metrics.delta_v import FRICTION, velocity_changes
 from cornerforge.metrics.drac import drac
 from cornerforge.metrics.injury import injury_probability
 from cornerforge.metrics.pet import pet
@@ -76,10 +77,10 @@ MEASURES: tuple[CaseColumn, ...] = (
     _column(
         "av_force_direction_rad", "rad",
         "Where the force on the AV comes from, from its heading counter-clockwise, in [-pi, pi]: 0 ahead, pi/2 left; "
-        "0 without relative velocity.",
+        "0 without an impact.",
     ),
     _column("bv_force_direction_rad", "rad", "The same of the partner."),
-    _column("av_delta_v_mps", "m/s", "Change of the AV's velocity; too large where vehicles slide along each other."),
+    _column("av_delta_v_mps", "m/s", "Change of the AV's velocity; too large for a blow past its centre of mass."),
     _column("bv_delta_v_mps", "m/s", "The same of the partner."),
     _column("av_injury_probability", "", "P(MAIS 3+) of an occupant of the AV, by delta-v and the force's direction."),
     _column("bv_injury_probability", "", "The same of the partner."),
@@ -92,12 +93,13 @@ _SECOND = round(1.0 / FRAME_S)
 
 @dataclass(frozen=True)
 class Impact:
-    """What is assumed of an impact: as given, perfectly plastic between equal masses.
+    """What is assumed of an impact: as given, perfectly plastic between equal masses that rub along each other.
 
     Attributes:
         av_mass: Relative to `bv_mass`, in any unit.
         bv_mass: In the same unit.
         restitution: 0 plastic, 1 elastic.
+        friction: Between the two bodies where they slide along each other.
 
     Raises:
         InputError: A value is out of range.
@@ -106,11 +108,13 @@ class Impact:
     av_mass: float = 1.0
     bv_mass: float = 1.0
     restitution: float = 0.0
+    friction: float = FRICTION
 
     def __post_init__(self) -> None:
         check_number("impact.av_mass", self.av_mass, low=1e-6, high=1e6)
         check_number("impact.bv_mass", self.bv_mass, low=1e-6, high=1e6)
         check_number("impact.restitution", self.restitution, low=0.0, high=1.0)
+        check_number("impact.friction", self.friction, low=0.0, high=1e3)
 
 
 def measure_cases(
@@ -260,17 +264,27 @@ def _at_contact(motion: PairMotion, impact: Impact) -> dict[str, NDArray[np.floa
     """Speeds, directions and severity of the impact, from the velocities in the contact's frame."""
     heading = motion.heading[:, :, -1]
     along = motion.speed[:, :, -1]  # that along the road; a heading is the direction of the path
-    across = along * np.tan(heading)
-    push_x, push_y = along[BV] - along[AV], across[BV] - across[AV]  # the AV is pushed along the BV's relative velocity
-    speed = np.hypot(push_x, push_y)
+    velocity = np.stack([along, along * np.tan(heading)], axis=-1)
+    relative = velocity[BV] - velocity[AV]
     between = np.abs((heading[BV] - heading[AV] + math.pi) % (2.0 * math.pi) - math.pi)
-    found = {"impact_speed_mps": speed, "impact_angle_rad": between}
+    found = {"impact_speed_mps": np.hypot(relative[:, 0], relative[:, 1]), "impact_angle_rad": between}
+    pose = np.stack([motion.x[:, :, -1], motion.y[:, :, -1], along, heading], axis=-1).swapaxes(0, 1)
+    normal = find_contact(pose, motion.length, motion.width).normal
+    apart = (relative * normal).sum(axis=1)
+    closing = np.maximum(0.0, -apart)
+    slide = relative - apart[:, None] * normal  # of the BV along the AV's face, which friction pulls with it
+    sliding = np.hypot(slide[:, 0], slide[:, 1])
+    direction = slide / np.where(sliding > 0.0, sliding, 1.0)[:, None]
     masses = (impact.av_mass, impact.bv_mass)
     for who, name in ((AV, "av"), (BV, "bv")):
         sign = 1.0 if who == AV else -1.0
-        came_from = np.arctan2(-sign * push_y, -sign * push_x) - heading[who]
-        came_from = np.where(speed > 0.0, np.arctan2(np.sin(came_from), np.cos(came_from)), 0.0)
-        change = delta_v(speed, masses[who], masses[1 - who], impact.restitution)
+        across, rubbed = velocity_changes(
+            closing, sliding, masses[who], masses[1 - who], impact.restitution, impact.friction
+        )
+        push = sign * (rubbed[:, None] * direction - across[:, None] * normal)
+        change = np.hypot(push[:, 0], push[:, 1])
+        came_from = np.arctan2(-push[:, 1], -push[:, 0]) - heading[who]
+        came_from = np.where(change > 0.0, np.arctan2(np.sin(came_from), np.cos(came_from)), 0.0)
         found[f"{name}_force_direction_rad"] = came_from
         found[f"{name}_delta_v_mps"] = change
         found[f"{name}_injury_probability"] = injury_probability(change, came_from)

@@ -6,11 +6,12 @@ Frontal and rear: a and b are those of Wang (2022), "MAIS(05/08) injury probabil
 NHTSA, DOT HS 813 219, for MAIS 3+ in the crashes of NASS-CDS 2010-2015, as later users of the report give them (they
 name its tables A-6 and A-9). We had not the report itself: hold them against it before anything rests on them.
 
-Near and far side: that report has no curve for side impacts. Ours are its frontal curve, shifted by the odds ratio
-between the modes at 30 mph in Augenstein et al. (2003), "Characteristics of crashes that increase the risk of serious
-injuries", 47th AAAM conference (MAIS 3+ at a delta-v of 30 mph: frontal 38.9 %, near side 83.8 %, far side 47.8 %, rear
-19.9 %). They are derived, not published. Only the ratios between the modes are taken from there, because the level is
-that of an older fleet: the frontal 38.9 % is 10.7 % in Wang.
+Near and far side: that report has no curve for side impacts. Ours begin where its frontal curve does, because a blow of
+nothing has no direction, and are steeper, so that the odds ratio between the modes at 30 mph is that of Augenstein et
+al. (2003), "Characteristics of crashes that increase the risk of serious injuries", 47th AAAM conference (MAIS 3+ at
+a delta-v of 30 mph: frontal 38.9 %, near side 83.8 %, far side 47.8 %, rear 19.9 %). They are derived, not published.
+Only the ratios between the modes are taken from there, because the level is that of an older fleet: the frontal 38.9 %
+is 10.7 % in Wang. With that ratio at every speed, a brush of 1 m/s would injure one in a hundred.
 """
 
 from __future__ import annotations
@@ -39,16 +40,14 @@ def _log_odds(probability: float) -> float:
     return math.log(probability / (1.0 - probability))
 
 
+def _steeper(mode: int) -> float:
+    """By how much a side's log-odds grow faster than the frontal ones [1/mph]."""
+    return (_log_odds(_AT_30_MPH[mode]) - _log_odds(_AT_30_MPH[_FRONTAL])) / 30.0
+
+
 _FRONTAL_A, _FRONTAL_B = -6.9774, 0.1620
-_INTERCEPT = np.array(
-    [
-        _FRONTAL_A,
-        _FRONTAL_A + _log_odds(_AT_30_MPH[_NEAR]) - _log_odds(_AT_30_MPH[_FRONTAL]),
-        _FRONTAL_A + _log_odds(_AT_30_MPH[_FAR]) - _log_odds(_AT_30_MPH[_FRONTAL]),
-        -8.0329,
-    ]
-)
-_PER_MPH = np.array([_FRONTAL_B, _FRONTAL_B, _FRONTAL_B, 0.1793])
+_INTERCEPT = np.array([_FRONTAL_A, _FRONTAL_A, _FRONTAL_A, -8.0329])
+_PER_MPH = np.array([_FRONTAL_B, _FRONTAL_B + _steeper(_NEAR), _FRONTAL_B + _steeper(_FAR), 0.1793])
 
 
 def crash_mode(force_direction: ArrayLike) -> NDArray[np.int8]:
@@ -86,8 +85,8 @@ def injury_probability(delta_v: ArrayLike, force_direction: ArrayLike) -> NDArra
         force_direction: Where the force comes from [rad]; see `crash_mode`.
 
     Returns:
-        Shape (*d), in (0, 1]. Not 0 at a delta-v of 0 (frontal: 0.0009), because logistic curves have no zero; 1 within
-        rounding from about 130 m/s on.
+        Shape (*d), in (0, 1]. Not 0 at a delta-v of 0 (0.0009; from behind 0.0003), because logistic curves have no
+        zero; 1 within rounding from about 130 m/s on.
 
     Raises:
         InputError: A value is NaN or a delta-v negative, or the shapes do not match.

@@ -1,7 +1,8 @@
 """Safe distances of responsibility-sensitive safety, RSS, for vehicles that drive in the same direction.
 
 Definitions and lemmas are those of Shalev-Shwartz, Shammah and Shashua, "On a formal model of safe and scalable
-self-driving cars", arXiv:1708.06374. `drivers.rss.rss_distance` is the longitudinal one as a compiled kernel.
+self-driving cars", arXiv:1708.06374; the lateral one gives what the open library ad-rss-lib expects in its own tests,
+but for one case that `rss_lateral` names. `drivers.rss.rss_distance` is the longitudinal one as a compiled kernel.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def rss_lateral(
 
     Source: Shalev-Shwartz et al. (2017), definition 6 and lemma 4; the response times of the two may differ here, and
     a vehicle that still moves away after its response time is credited with the way until it has stopped, as the
-    definition has it (the lemma writes out the case of two that move towards each other).
+    definition has it (the lemma writes out the case of two that move towards each other; ad-rss-lib gives no credit).
     >>> rss_lateral([0.0, 1.0, -3.0], 0.0, 1.0, 1.0, 0.2, 0.8, 0.1)
     array([0.35 , 2.225, 0.1  ])
     """
