@@ -150,6 +150,33 @@ def test_nothing_is_lost_against_all_sequences_one_by_one(random_crashes: list[T
     assert min(seen.values()) >= 10  # the crashes are of both sorts
 
 
+def random_squeeze(rng: np.random.Generator) -> Traffic | None:
+    """An AV in one lane with a car close ahead and one close behind: only few orders of braking and going on fit."""
+    speed = rng.uniform(18.0, 35.0)
+
+    def other(x: float) -> Mover:
+        pull, acts = float(rng.choice([-4.0, -2.0, 0.0, 2.0])), int(rng.integers(0, 5))
+        return Mover(x, 1, float(np.clip(speed + rng.normal(0.0, 3.0), 17.5, 40.0)), pull, 0, acts)
+
+    av = Mover(200.0, 1, speed, rng.choice([-2.0, 0.0, 2.0]), 0, 3)
+    traffic = drive(av, other(205.0 + rng.uniform(0.3, 5.0)), other(195.0 - rng.uniform(0.1, 2.5)), frames=31)
+    return traffic if traffic is not None and traffic.last >= 5 else None
+
+
+def test_no_order_of_accelerations_is_lost_where_few_will_do() -> None:
+    """The same by braking alone, where it matters which of two orders came to one place, or to one speed, first."""
+    rng = np.random.default_rng(20_260_102)
+    squeezes = [traffic for traffic in (random_squeeze(rng) for _ in range(500)) if traffic is not None]
+    assert len(squeezes) >= 200
+    ways_out = 0
+    for traffic in squeezes:
+        answer = avoidability(scenario_of(traffic), PARAMS)
+        ways_out += answer.braking_s is not None
+        for moment in later_than(answer.braking_s, traffic, answer.manoeuvre_s):
+            assert not has_way_out(traffic, moment, "braking", ACTIONS, margin=MARGIN), moment
+    assert 50 <= ways_out <= len(squeezes) - 50
+
+
 def test_the_referee_catches_a_search_that_leaves_actions_out(random_crashes: list[Traffic]) -> None:
     """Negative control: the same comparison fails when the search may not accelerate, or not change lanes twice."""
     for short_sighted in (
