@@ -164,17 +164,22 @@ def random_squeeze(rng: np.random.Generator) -> Traffic | None:
 
 
 def test_no_order_of_accelerations_is_lost_where_few_will_do() -> None:
-    """The same by braking alone, where it matters which of two orders came to one place, or to one speed, first."""
-    rng = np.random.default_rng(20_260_102)
-    squeezes = [traffic for traffic in (random_squeeze(rng) for _ in range(500)) if traffic is not None]
-    assert len(squeezes) >= 200
+    """The same by braking alone, where it matters which of two orders came to one place, or to one speed, first.
+
+    The numbers above 99 are squeezes, of the first 2,500, in which a search that forgets the place or the speed of its
+    states was seen to lose a way out.
+    """
+    telling = (430, 708, 1074, 1094, 1452, 1643, 1884, 2312)
+    drawn = [random_squeeze(np.random.default_rng([20_260_102, k])) for k in (*range(100), *telling)]
+    squeezes = [traffic for traffic in drawn if traffic is not None]
+    assert len(squeezes) >= 50
     ways_out = 0
     for traffic in squeezes:
         answer = avoidability(scenario_of(traffic), PARAMS)
         ways_out += answer.braking_s is not None
         for moment in later_than(answer.braking_s, traffic, answer.manoeuvre_s):
             assert not has_way_out(traffic, moment, "braking", ACTIONS, margin=MARGIN), moment
-    assert 50 <= ways_out <= len(squeezes) - 50
+    assert 15 <= ways_out <= len(squeezes) - 15
 
 
 def test_the_referee_catches_a_search_that_leaves_actions_out(random_crashes: list[Traffic]) -> None:
