@@ -121,6 +121,8 @@ def test_numbers_are_those_of_simulate(finished: tuple[Path, dict[str, Any]]) ->
     natural = row(result, "matrix", "natural traffic against idm-mobil")["ours"]
     net = row(result, "matrix", "swerve.free against idm-mobil")["ours"]
     assert net == pytest.approx(tally.av_crashes / TINY.tests - natural)
+    avoidable = row(result, "matrix", "avoidable crashes, swerve.free against idm-mobil")["ours"]
+    assert avoidable == swerve["avoidable"] / TINY.tests
 
 
 def test_the_papers_two_cells_are_the_surrogate_and_the_rl_av(finished: tuple[Path, dict[str, Any]]) -> None:

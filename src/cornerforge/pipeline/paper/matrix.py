@@ -29,7 +29,7 @@ def compute(bench: Bench) -> Finding:
     natural = {av: bench.natural(av) for av in bench.avs}
     cells = [_cell(bench, adversary, av, natural[av]) for adversary in adversaries(bench) for av in bench.avs]
     rows = [_natural_row(av, rate) for av, rate in natural.items()]
-    rows += [_row(cell) for cell in cells]
+    rows += [row(cell) for row in (_row, _avoidable_row) for cell in cells]
     of_paper = {cell["av"]: _row(cell) for cell in cells if cell["paper"] is not None}
     headline = of_paper["rl" if "rl" in of_paper else "idm-mobil"]
     notes = [
