@@ -23,8 +23,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
+from document import MarkedBlock
 from ground_truth_settings import SETTINGS, Setting, varied_model
-from ground_truth_tables import BEGIN, END, render, replace_block
+from ground_truth_tables import render
 from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, write_ledger
 
 from cornerforge.errors import CornerForgeError, InputError
@@ -37,6 +38,7 @@ from cornerforge.rates.monte_carlo import BLOCK, Block, drive_block
 from cornerforge.sim.runner import warm_up
 
 SEED = 0
+IN_DOCUMENT = MarkedBlock("benchmarks/ground_truth.py")
 LEDGER = Path(__file__).parent / "ground_truth.json"
 _SAY_SECONDS = 20.0
 
@@ -248,9 +250,8 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
         parser.error(f"no setting is named {' or '.join(patterns)}; --list names them.")
     if (parsed.minutes is not None and parsed.minutes <= 0.0) or (parsed.tests is not None and parsed.tests < 1):
         parser.error("--minutes and --tests must be above 0.")
-    text = parsed.write.read_text("utf-8") if parsed.write and parsed.write.is_file() else ""
-    if parsed.write and not 0 <= text.find(BEGIN) < text.find(END):
-        parser.error(f"{parsed.write} has no lines {BEGIN} and {END}; put them where the tables shall stand.")
+    if parsed.write and (fault := IN_DOCUMENT.missing_in(parsed.write)):
+        parser.error(fault)
     return parsed
 
 
@@ -287,7 +288,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         block = render(entries, SETTINGS)
         print(block)
         if given.write:
-            write_text(given.write, replace_block(given.write.read_text("utf-8"), block))
+            write_text(given.write, IN_DOCUMENT.replace_in(given.write.read_text("utf-8"), block))
         return status
     except CornerForgeError as error:
         print(f"ground_truth: {error}", file=sys.stderr)

@@ -13,10 +13,8 @@ from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.pipeline.crashes import crash_tables
 from cornerforge.rates import binomial_interval, poisson_interval, rate_ratio_interval
 
-__all__ = ["BEGIN", "END", "render", "replace_block"]
+__all__ = ["render"]
 
-BEGIN = "<!-- begin: benchmarks/ground_truth.py writes this -->"
-END = "<!-- end: benchmarks/ground_truth.py -->"
 _CIRCUMSTANCES = {
     "at_start": "within 4 s of the start",
     "rare_action": "partner's rarest action in the last 5 s has an attentive chance below 1e-3",
@@ -25,13 +23,6 @@ _CIRCUMSTANCES = {
 _WINDOWS = (0, 2, 4, 6, 8, 10)
 """Bounds of times into a test [s] for which crashes are counted apart."""
 _ENOUGH_FOR_TIMES = 40
-
-
-def replace_block(document: str, block: str) -> str:
-    """The document with the text between the two marks replaced."""
-    before, rest = document.split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    return f"{before}{BEGIN}\n{block.strip()}\n{END}{after}"
 
 
 def render(entries: Mapping[str, Entry], settings: Sequence[Setting]) -> str:

@@ -23,13 +23,13 @@ import scaling
 import versus_c
 import versus_functions
 import versus_highway_env
+from document import MarkedBlock
 from end_to_end import Sizes
 from machine import BUSY_LOAD, describe, this_machine
 
 from cornerforge.pipeline.setting import experiment
 
-BEGIN = "<!-- begin: benchmarks/run.py writes this -->"
-END = "<!-- end: benchmarks/run.py -->"
+IN_DOCUMENT = MarkedBlock("benchmarks/run.py")
 
 
 @dataclass(frozen=True)
@@ -63,23 +63,11 @@ def _arguments() -> argparse.Namespace:
     arguments = parser.parse_args()
     if arguments.write and arguments.quick:
         parser.error("--quick is a trial: its numbers are not for a document; leave --write out.")
-    if arguments.write and not _has_block(arguments.write):
-        parser.error(f"{arguments.write} has no lines {BEGIN} and {END}; put them where the numbers shall stand.")
+    if arguments.write and (fault := IN_DOCUMENT.missing_in(arguments.write)):
+        parser.error(fault)
     if arguments.json:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
     return arguments
-
-
-def _has_block(path: Path) -> bool:
-    text = path.read_text("utf-8") if path.is_file() else ""
-    return 0 <= text.find(BEGIN) < text.find(END)
-
-
-def replace_block(document: str, block: str) -> str:
-    """The document with the text between the two marks replaced."""
-    before, rest = document.split(BEGIN, 1)
-    _, after = rest.split(END, 1)
-    return f"{before}{BEGIN}\n{block.strip()}\n{END}{after}"
 
 
 def _say(what: str) -> None:
@@ -181,7 +169,7 @@ def main() -> None:
     if arguments.json:
         arguments.json.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", "utf-8")
     if arguments.write:
-        arguments.write.write_text(replace_block(arguments.write.read_text("utf-8"), block), "utf-8")
+        arguments.write.write_text(IN_DOCUMENT.replace_in(arguments.write.read_text("utf-8"), block), "utf-8")
 
 
 if __name__ == "__main__":

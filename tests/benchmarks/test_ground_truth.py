@@ -22,8 +22,9 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
 import ground_truth  # noqa: E402
+from ground_truth import IN_DOCUMENT  # noqa: E402
 from ground_truth_settings import SETTINGS, Setting, Variation, varied_model  # noqa: E402
-from ground_truth_tables import BEGIN, END, render, replace_block  # noqa: E402
+from ground_truth_tables import render  # noqa: E402
 from ledger import (  # noqa: E402
     Entry,
     agree,
@@ -284,17 +285,17 @@ def test_only_other_simulation_code_is_taken_over() -> None:
 @pytest.mark.usefixtures("small")
 def test_tables_go_between_the_marks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / "page.md"
-    page.write_text(f"# Results\n{BEGIN}\nwhat was there\n{END}\nafter\n")
+    page.write_text(f"# Results\n{IN_DOCUMENT.begin}\nwhat was there\n{IN_DOCUMENT.end}\nafter\n")
     assert run(tmp_path, "r", "--tests", "1", "--write", str(page)) == 0
     text = page.read_text()
-    assert text.startswith(f"# Results\n{BEGIN}\n")
-    assert text.endswith(f"{END}\nafter\n")
+    assert text.startswith(f"# Results\n{IN_DOCUMENT.begin}\n")
+    assert text.endswith(f"{IN_DOCUMENT.end}\nafter\n")
     assert "| idm-mobil-blind, 3 lanes | 3,000 |" in text
     assert "what was there" not in text
     page.write_text("no marks")
     with pytest.raises(SystemExit):
         run(tmp_path, "r", "--write", str(page))
-    assert BEGIN in capsys.readouterr().err
+    assert IN_DOCUMENT.begin in capsys.readouterr().err
 
 
 # --- tables ---
@@ -315,7 +316,6 @@ def test_tables_hold_what_can_be_reckoned_by_hand() -> None:
     assert "2.00 (0.03 to 156.99) | 1 of 1 |" in row
     assert "`idm-mobil-2-lanes`" in text.splitlines()[-1]
     assert render({}, SETTINGS).startswith("The ledger is empty")
-    assert replace_block(f"a{BEGIN}b{END}c", "new") == f"a{BEGIN}\nnew\n{END}c"
 
 
 def test_the_committed_ledger_can_be_read_and_names_settings_of_the_list() -> None:
