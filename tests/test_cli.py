@@ -76,6 +76,24 @@ def test_every_command_helps(command: list[str], capsys: Capture) -> None:
     assert err == ""
 
 
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["generate"], "interrupted; what was finished is kept."),
+        (["analyse"], "interrupted."),
+        (["ndd", "fit"], "interrupted."),
+    ],
+)
+def test_an_interrupt_promises_what_the_command_does(
+    command: list[str], said: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(typer.Typer, "__call__", interrupted)
+    assert call(capsys, *command, "--quiet") == (130, "", f"cornerforge: {said}\n")
+
+
 def test_the_promised_commands_are_there() -> None:
     promised = ("run", "simulate", "train", "generate", "analyse", "replay", "query")
     below_ndd = {"ndd fit", "ndd import", "ndd show", "ndd validate"}

@@ -39,6 +39,14 @@ def _complain(message: object, *, debug: bool) -> int:
     return EXIT_BAD_INPUT
 
 
+def _goes_on(given: list[str]) -> bool:
+    """Whether the command that was called has --resume: only such ones keep anything before they end."""
+    command: Any = typer.main.get_command(app)
+    for word in given:
+        command = getattr(command, "commands", {}).get(word, command)
+    return any(parameter.name == "resume" for parameter in command.params)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status (see the interface: 0, 1, 2 or 130)."""
     given = sys.argv[1:] if arguments is None else arguments
@@ -57,5 +65,6 @@ def main(arguments: list[str] | None = None) -> int:
         except (KeyboardInterrupt, typer.Abort):
             status = EXIT_INTERRUPTED
     if status == EXIT_INTERRUPTED:  # this is also how Typer reports Ctrl-C
-        typer.echo("cornerforge: interrupted; what was finished is kept.", err=True)
+        kept = "; what was finished is kept" if _goes_on(given) else ""
+        typer.echo(f"cornerforge: interrupted{kept}.", err=True)
     return status if isinstance(status, int) else 0

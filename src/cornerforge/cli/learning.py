@@ -42,7 +42,9 @@ def train(
     minutes: Annotated[
         float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Keep a finished policy of the same command.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a stopped training; keep a finished one.")
+    ] = False,
     lanes: Lanes = None,
     odd: OddName = "default",
     model: Model = None,
