@@ -1,10 +1,11 @@
-"""What `cornerforge reproduce` found, as Markdown for docs/results.md.
+"""What `cornerforge reproduce` found, as Markdown.
 
     cornerforge reproduce --budget standard --out out/reproduction
     .venv/bin/python benchmarks/reproduction.py out/reproduction --write docs/results.md
+    .venv/bin/python benchmarks/reproduction.py out/reproduction --rows --write docs/reproduction.md
 
-Computes nothing: numbers are those of `items.json`, intervals and notes included. The matrix becomes four tables; every
-other item one, the paper beside ours.
+Computes nothing: numbers are those of `items.json`, intervals and notes included. Without `--rows`: one line an item
+and the matrix as four tables; with it: all numbers of all other items, the paper's beside ours.
 """
 
 from __future__ import annotations
@@ -31,31 +32,36 @@ _YIELDS = (
 """What the tables of the matrix show: title, and keys of a cell."""
 
 
-def render(items: Json, provenance: Json) -> str:
-    """All tables of a finished reproduction."""
+def render(items: Json, provenance: Json, *, rows: bool) -> str:
+    """Lines of all items and the matrix, or the rows of all items but the matrix."""
     size = REPRODUCE_BUDGETS[items["budget"]]
     head = (
         f"Budget `{items['budget']}`, seed {items['seed']}: {size.seeds} training(s) of each kind, "
         f"{size.decisions:,} decisions each ({size.bounded_decisions:,} bounded); {size.tests:,} evaluation tests a "
-        f"training and AV. Code `{provenance['identity']['code']}`, model `{provenance['identity']['model_hash']}`. A "
-        "mean over trainings has an interval from the lowest to the highest end of their exact 95 % intervals; other "
+        f"training and AV.\nCode `{provenance['identity']['code']}`, model `{provenance['identity']['model_hash']}`. A "
+        "mean over trainings has an interval from the lowest to the highest end of\ntheir exact 95 % intervals; other "
         "intervals are 95 %."
     )
     parts = [head]
+    if not rows:
+        parts.append(_rows([{**item, "what": f"{item['title']}: {item['what']}"} for item in items["items"]]))
     for item in items["items"]:
-        parts.append(f"### {item['title']}")
-        parts.append(f"The paper ({item['place']}): {item['says']}")
-        parts += _matrix(item["data"]) if item["id"] == "matrix" else [_rows(item["rows"])]
+        if item["id"] == "matrix" and not rows:
+            parts += [f"### {item['title']}", *_matrix(item["data"])]
+        elif item["id"] != "matrix" and rows:
+            parts += [f"## {item['title']}", f"The paper ({item['place']}): {item['says']}", _rows(item["rows"])]
     return "\n\n".join(parts)
 
 
 def _rows(rows: Sequence[Json]) -> str:
+    """A row a number; those that neither the paper nor we have are left out."""
     head = ["quantity", "paper", "ours", "interval", "note"]
-    return table(head, [[row["what"], _value(row["paper"]), _ours(row), _ends(row), row["note"]] for row in rows])
+    known = [row for row in rows if row["paper"] is not None or row["ours"] is not None]
+    return table(head, [[row["what"], _value(row["paper"]), _ours(row), _ends(row), row["note"]] for row in known])
 
 
 def _ours(row: Json) -> str:
-    return f"{_value(row['ours'])} {row['unit']}".strip()
+    return _value(row["ours"]) if row["ours"] is None else f"{_value(row['ours'])} {row['unit']}".strip()
 
 
 def _ends(row: Json) -> str:
@@ -68,7 +74,11 @@ def _matrix(data: Json) -> list[str]:
     """Natural rates; then yields and avoidable yields, unbounded and bounded."""
     avs, cells = data["avs"], data["cells"]
     natural = [
-        [av, f"{rate['av_crashes']:,} of {rate['tests']:,}", " to ".join(_value(end) for end in rate["interval95"])]
+        [
+            f"`{av}`",
+            f"{rate['crashes_per_test'] * rate['tests']:,.0f} of {rate['tests']:,}",
+            " to ".join(_value(end) for end in rate["interval95"]),
+        ]
         for av, rate in data["natural"].items()
     ]
     parts = ["Natural traffic:", table(["AV", "crashes of tests", "per test, 95 %"], natural)]
@@ -104,13 +114,14 @@ def _value(value: float | str | None) -> str:
         return f"{value:,.0f}"
     if abs(value) < 1e-3:
         return f"{value:.1e}"
-    return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+    return f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.2g}" if abs(value) < 0.01 else f"{value:.3g}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print, and write with `--write`."""
     parser = argparse.ArgumentParser(description="Tables of a finished `cornerforge reproduce`.")
     parser.add_argument("folder", type=Path, metavar="OUT", help="what `cornerforge reproduce --out` wrote")
+    parser.add_argument("--rows", action="store_true", help="all numbers of all items but the matrix")
     parser.add_argument("--write", type=Path, metavar="PATH", help="replace the marked block of this document")
     given = parser.parse_args(arguments)
     if given.write and (fault := IN_DOCUMENT.missing_in(given.write)):
@@ -120,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                              for name in ("items", "provenance"))  # fmt: skip
     except (OSError, ValueError) as error:
         parser.error(f"{given.folder} is no finished reproduction ({error}); run: cornerforge reproduce --out OUT")
-    block = render(items, provenance)
+    block = render(items, provenance, rows=given.rows)
     print(block)
     if given.write:
         write_text(given.write, IN_DOCUMENT.replace_in(given.write.read_text("utf-8"), block))

@@ -27,13 +27,14 @@ def cell(adversary: str, trained_on: str | None, bounded: bool, net: float) -> d
 @pytest.fixture
 def reproduction(tmp_path: Path) -> Path:
     about = {"place": "Figure 0", "says": "something"}
-    natural = {"idm-mobil": {"av_crashes": 0, "tests": 20_000, "interval95": [0.0, 1.8e-4]}}
+    natural = {"idm-mobil": {"crashes_per_test": 1.5e-4, "tests": 20_000, "interval95": [3.1e-5, 4.4e-4]}}
     cells = [cell("swerve", None, False, 0.7), cell("learned", "idm-mobil", False, 0.95),
              cell("swerve", None, True, 0.005), cell("learned", "idm-mobil", True, 0.1)]  # fmt: skip
     timing = row("time", 345_600.0, 1.5, None, "s")
+    headline, unknown = row("yield", 0.286, 0.95, [0.94, 0.96]), row("nothing", None, None, None, "s")
     items = [
-        {**about, "id": "figure2", "title": "Training", "rows": [row("yield", 0.286, 0.95, [0.94, 0.96]), timing]},
-        {**about, "id": "matrix", "title": "Matrix",
+        {**about, **headline, "id": "figure2", "title": "Training", "rows": [headline, timing, unknown]},
+        {**about, **headline, "id": "matrix", "title": "Matrix", "rows": [headline],
          "data": {"avs": ["idm-mobil"], "natural": natural, "cells": cells}},
     ]  # fmt: skip
     (tmp_path / "items.json").write_text(json.dumps({"budget": "quick", "seed": 0, "items": items}))
@@ -42,11 +43,17 @@ def reproduction(tmp_path: Path) -> Path:
 
 
 def test_every_number_stands_beside_the_papers(reproduction: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(reproduction)]) == 0
+    assert main([str(reproduction), "--rows"]) == 0
     text = capsys.readouterr().out
     assert "| yield | 0.286 | 0.95 | 0.94 to 0.96 | so |" in text
     assert "| time | 345,600 | 1.5 s |  | so |" in text
-    assert "| idm-mobil | 0 of 20,000 | 0 to 1.8e-04 |" in text
+    assert "nothing" not in text
+    assert "Matrix" not in text
+    assert main([str(reproduction)]) == 0
+    text = capsys.readouterr().out
+    assert "| Training: yield | 0.286 | 0.95 | 0.94 to 0.96 | so |" in text
+    assert "| time |" not in text
+    assert "| `idm-mobil` | 3 of 20,000 | 3.1e-05 to 4.4e-04 |" in text
     assert "| swerve | 0.7 (0.69 to 0.71) |" in text
     assert "| on `idm-mobil`, crash | 0.95 (0.94 to 0.96) [paper 0.286] |" in text
     assert "| on `idm-mobil`, crash | 0.1 (0.09 to 0.11) |" in text  # bounded: the paper reports none

@@ -147,18 +147,22 @@ def _yield_map(data: Data, what: str, name: str, title: str) -> Picture:
                 values[place] = cell[what]
                 if what == "net_per_test" and cell.get("paper") is not None:
                     said[place] = cell["paper"]
+        darkest = max(float(np.nanmax(values, initial=0.0)), 1e-4) if bounded else 1.0
         panel.grid(visible=False)
-        panel.imshow(values, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+        panel.imshow(values, cmap="Blues", vmin=0.0, vmax=darkest, aspect="auto")
         for (y, x), value in np.ndenumerate(values):
             if np.isfinite(value):
                 paper = f"\n(paper {said[y, x]:g})" if (y, x) in said else ""
                 panel.text(x, y, _short(value) + paper, ha="center", va="center", fontsize=8,
-                           color="white" if value > 0.55 else "black")  # fmt: skip
+                           color="white" if value > 0.55 * darkest else "black")  # fmt: skip
         panel.set_xticks(range(len(avs)), avs, rotation=30, ha="right")
         panel.set_yticks(range(len(rows)), [_shown(row) for row in rows] if not bounded else [])
         panel.set_title("bounded to what the naturalistic model allows" if bounded else "unbounded", fontsize=9)
         panel.set_xlabel("AV under test", fontsize=9)
-    caption = f"{title}: adversaries (rows: plain ones, then by the AV and the reward they learned with) against AVs."
+    caption = (
+        f"{title}: adversaries (rows: plain ones, then by the AV and the reward they learned with) against AVs. "
+        "The bounded map has a colour scale of its own, up to its largest number."
+    )
     return Picture(name, caption, drawing)
 
 
