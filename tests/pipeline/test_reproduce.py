@@ -409,9 +409,18 @@ def test_a_median_beyond_the_grid_is_no_number() -> None:
     none, _ = figure3._jackknifed(exposure([[8, 0]], miles=1.0), 0, "median")
     assert math.isinf(far)
     assert math.isnan(none)
-    shown = figure3._row("median", (far, 0.0), EXPOSURE[0], "m")
+    shown = figure3._row("median", (far, 0.0), EXPOSURE[0], "m", 1.0)
     assert shown.ours is None
     assert "beyond 120 m" in shown.note
+
+
+def test_none_seen_is_no_proof_of_none() -> None:
+    """Of no event in 50 miles the exact upper end is 3.69 events: a jackknife over blocks without any would say 0."""
+    none = figure3._jackknifed(exposure([[20, 6]], miles=2.5), 0, "near")
+    assert none == (0.0, 0.0)
+    row = figure3._row("near", none, EXPOSURE[0], "s per mile", 50.0)
+    assert row.interval == pytest.approx((0.0, 3.6889 / 50.0), rel=1e-4)
+    assert "none seen" in row.note
 
 
 def test_no_ratio_where_natural_traffic_has_none() -> None:

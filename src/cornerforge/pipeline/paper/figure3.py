@@ -14,6 +14,7 @@ from cornerforge.drivers.avs import av_hash
 from cornerforge.pipeline.paper.bench import Adversary, Bench
 from cornerforge.pipeline.paper.item import Finding, Item, Row
 from cornerforge.pipeline.setting import Experiment
+from cornerforge.rates import poisson_interval
 from cornerforge.sim.runner import simulate_chunks, warm_up
 from cornerforge.sim.statistics import AV_STATES, EXPOSURE, TRAFFIC, HistogramGrid, grid_edges
 from cornerforge.types import METRES_PER_MILE
@@ -134,8 +135,11 @@ def _jackknifed(world: _Exposure, row: int, kind: str) -> tuple[float, float]:
     return value(total, miles), spread
 
 
-def _row(what: str, found: tuple[float, float], grid: HistogramGrid, unit: str) -> Row:
+def _row(what: str, found: tuple[float, float], grid: HistogramGrid, unit: str, miles: float) -> Row:
     value, spread = found
+    if value == 0.0:  # blocks that all have none say nothing of how rare it is
+        none = "none seen; the end of the interval takes each second for an event of its own (Poisson)"
+        return Row(what, None, value, (0.0, poisson_interval(0)[1] / miles), unit, none)
     if not math.isfinite(value):
         beyond = f"beyond {grid_edges(grid)[-2]:g} {grid.unit}, where the grid ends"
         return Row(what, None, None, None, unit, beyond if math.isinf(value) else "no sample")
@@ -161,7 +165,10 @@ def _rows(worlds: dict[str, _Exposure]) -> list[Row]:
         near = f"seconds per mile with {label} below {_NEAR[grid.name]:g} {unit}"
         for kind, what, of in (("median", f"median {label}", unit), ("near", near, "s per mile")):
             found = {name: _jackknifed(world, index, kind) for name, world in worlds.items()}
-            rows += [_row(f"{what}, {name}", value, grid, of) for name, value in found.items()]
+            rows += [
+                _row(f"{what}, {name}", value, grid, of, float(worlds[name].miles.sum()))
+                for name, value in found.items()
+            ]
             paper = "below 1" if kind == "median" else "above 1"
             for name in [name for name in worlds if name != _NATURAL]:
                 said = paper if name == _ADVERSARY else None
