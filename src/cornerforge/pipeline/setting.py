@@ -177,11 +177,12 @@ def _load_policies(bv: Sequence[str], known: Sequence[str]) -> tuple[Policy, ...
 def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) -> None:
     """Say so where a policy was trained with another model or on another highway; it drives here all the same.
 
-    Another AV goes without saying: trying an adversary on other AVs is what policies are for.
+    Another AV goes without saying: trying an adversary on other AVs is what policies are for. A policy that does not
+    say where it learned, such as one of Stable-Baselines3, is not asked.
     """
     odd = policy.about.get("odd")
     theirs = dict(odd) if isinstance(odd, dict) else {}
-    theirs["model"] = policy.about.get("model_hash")
+    theirs["model"] = policy.about.get("model_hash", model_hash(ndd))
     ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd)}
     words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model"}
     other = [f"{words[key]} {theirs[key]}, here {here}" for key, here in ours.items() if theirs.get(key, here) != here]
