@@ -53,21 +53,20 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     run = experiment(bv="uniform")
-    rows = []
+    tenths = [f"{tenth + 1}/{_TENTHS}" for tenth in range(_TENTHS)]
+    print(table(["learning rate", "updates", "updates at 1e-6", *tenths, "greedy, 95 %"], []), flush=True)
     for rate in given.rate:
         policy, result = learn(run, at_rate(rate, given.decisions), seed=given.seed, threads=1)
         found = evaluate(experiment(policy=policy), tests=given.tests, seed=given.seed)
         low, high = found["interval95"]
-        rows.append([
+        row = [
             f"{rate:g}",
             f"{result.updates:,}",
             f"{result.updates * rate / _PAPERS_RATE:.1e}",
             *(f"{share:.3f}" for share, _ in in_tenths(result.curve, result.decisions)),
             f"{found['crashes_per_test']:.3f} ({low:.3f} to {high:.3f})",
-        ])  # fmt: skip
-        print(f"rate {rate:g}: {result.seconds:.0f} s", file=sys.stderr, flush=True)
-    tenths = [f"{tenth + 1}/{_TENTHS}" for tenth in range(_TENTHS)]
-    print(table(["learning rate", "updates", "updates at 1e-6", *tenths, "greedy, 95 %"], rows))
+        ]
+        print(f"| {' | '.join(row)} |", flush=True)  # a rate takes long: none is lost when the next is stopped
     return 0
 
 

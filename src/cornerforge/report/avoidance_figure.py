@@ -52,7 +52,7 @@ def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
     first = max(0, last - round(begin_s / FRAME_S))
     _draw_road(above, scenario, answer, first, last, partner)
     _draw_speeds(below, scenario, answer, first, last, partner)
-    above.set_title(f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}", fontsize=10, loc="left")
+    above.set_title(f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}", fontsize=9, loc="left")
     return drawing
 
 
@@ -62,7 +62,7 @@ def _in_words(answer: Avoidability) -> str:
         return f"{label}; no way out in the time looked at"
     when = f"last way out {answer.latest_s:.1f} s before contact"
     reaction = f"{abs(answer.time_to_react_s):.1f} s {'after' if answer.time_to_react_s >= 0.0 else 'before'}"
-    return f"{label}; {when}, {reaction} the manoeuvre began"
+    return f"{label};\n{when}, {reaction} the manoeuvre began"
 
 
 def _times(first: int, last: int) -> NDArray[np.float64]:
@@ -85,7 +85,7 @@ def _draw_road(
         x = scenario.x[first : last + 1, j] - x_contact - pace * t
         if not seen[-1] or abs(float(x[-1])) > _AHEAD_M:
             continue
-        colour = ORANGE if j == 0 else BLUE if j == partner else GREY
+        colour = BLUE if j == 0 else ORANGE if j == partner else GREY
         label = {0: "AV, as recorded", partner: "whom it touched"}.get(j)
         panel.plot(x[seen], scenario.y[first : last + 1, j][seen], color=colour, linewidth=1.2, alpha=0.9, zorder=2,
                    label=label)  # fmt: skip
@@ -121,8 +121,8 @@ def _draw_speeds(
 ) -> None:  # fmt: skip
     t = _times(first, last)
     seen = scenario.present[first : last + 1, partner]
-    panel.plot(t, scenario.speed[first : last + 1, 0], color=ORANGE, linewidth=1.8, label="AV, as recorded")
-    panel.plot(t[seen], scenario.speed[first : last + 1, partner][seen], color=BLUE, linewidth=1.8, linestyle="-.",
+    panel.plot(t, scenario.speed[first : last + 1, 0], color=BLUE, linewidth=1.8, label="AV, as recorded")
+    panel.plot(t[seen], scenario.speed[first : last + 1, partner][seen], color=ORANGE, linewidth=1.8, linestyle="-.",
                label="whom it touched")  # fmt: skip
     if answer.witness is not None:
         w = FRAME_S * np.arange(len(answer.witness.x)) - answer.witness.begin_s
