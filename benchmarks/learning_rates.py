@@ -3,9 +3,10 @@
     .venv/bin/python benchmarks/learning_rates.py --rate 1e-4 --rate 1e-3 --decisions 1000000
 
 In small steps SGD follows its gradient, so what counts is the learning rate times the number of updates: k times the
-rate shows after n updates what the paper's 1e-6 (Table 1) would show after about k n. Everything else is as in the
-preset. Prints Markdown: the training curve (exploring included) in tenths, and the yield of the greedy policy after it
-on tests that nothing was trained on. On one core at about 1,200 updates a second; rates can run beside each other.
+rate shows after n updates roughly what the paper's 1e-6 (Table 1) would show after k n; roughly, for the target network
+and exploring go on at their own pace. Everything else is as in the preset. Prints Markdown: the training curve
+(exploring included) in tenths, and the yield of the greedy policy after it on tests that nothing was trained on. On one
+core at about 1,200 updates a second; rates can run beside each other.
 """
 
 from __future__ import annotations

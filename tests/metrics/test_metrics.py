@@ -22,7 +22,7 @@ def test_every_public_measure_is_under_contract() -> None:
     # The others: tests/metrics/test_impact.py and test_safe_distances.py.
     assert set(metrics.__all__) == {"bbd", "drac", "thw", "ttc"} | {
         *("crash_mode", "delta_v", "injury_probability"),
-        *("pet", "rss_lateral", "rss_longitudinal", "rss_margin", "velocity_changes"),
+        *("pet", "rss_lateral", "rss_longitudinal", "rss_margin"),
     }
     assert all(inspect.isfunction(getattr(metrics, name)) for name in metrics.__all__)
 

@@ -20,7 +20,7 @@ from cornerforge.analysis.columns import CaseColumn
 from cornerforge.analysis.contact import find_contact
 from cornerforge.analysis.fault import RssRules, pair_margins
 from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
-from cornerforge.metrics.delta_v import FRICTION, velocity_changes
+from cornerforge.metrics.delta_v import FRICTION, delta_v
 from cornerforge.metrics.drac import drac
 from cornerforge.metrics.injury import injury_probability
 from cornerforge.metrics.pet import pet
@@ -278,9 +278,7 @@ def _at_contact(motion: PairMotion, impact: Impact) -> dict[str, NDArray[np.floa
     masses = (impact.av_mass, impact.bv_mass)
     for who, name in ((AV, "av"), (BV, "bv")):
         sign = 1.0 if who == AV else -1.0
-        across, rubbed = velocity_changes(
-            closing, sliding, masses[who], masses[1 - who], impact.restitution, impact.friction
-        )
+        across, rubbed = delta_v(closing, sliding, masses[who], masses[1 - who], impact.restitution, impact.friction)
         push = sign * (rubbed[:, None] * direction - across[:, None] * normal)
         change = np.hypot(push[:, 0], push[:, 1])
         came_from = np.arctan2(-push[:, 1], -push[:, 0]) - heading[who]

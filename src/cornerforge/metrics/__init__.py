@@ -8,7 +8,7 @@ Most functions have their module's name: import them from here, or as `from corn
 from __future__ import annotations
 
 from cornerforge.metrics.bbd import bbd
-from cornerforge.metrics.delta_v import delta_v, velocity_changes
+from cornerforge.metrics.delta_v import delta_v
 from cornerforge.metrics.drac import drac
 from cornerforge.metrics.injury import crash_mode, injury_probability
 from cornerforge.metrics.pet import pet
@@ -28,5 +28,4 @@ __all__ = [
     "rss_margin",
     "thw",
     "ttc",
-    "velocity_changes",
 ]

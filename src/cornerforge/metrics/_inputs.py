@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cornerforge.errors import InputError
 
-__all__ = ["matching_arrays"]
+__all__ = ["check_above_zero", "check_at_least", "matching_arrays"]
 
 
 def matching_arrays(**values: ArrayLike) -> tuple[NDArray[np.float64], ...]:
@@ -43,3 +43,25 @@ def _as_float(name: str, value: ArrayLike) -> NDArray[np.float64]:
             "or give them a distance of inf."
         )
     return array
+
+
+def check_at_least(low: float, **values: NDArray[np.float64]) -> None:
+    """Check that no value is below `low`.
+
+    Raises:
+        InputError: One is; the message names the argument and its least value.
+    """
+    for name, array in values.items():
+        if (array < low).any():
+            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: {low} and more.")
+
+
+def check_above_zero(**values: NDArray[np.float64]) -> None:
+    """Check that all values are positive.
+
+    Raises:
+        InputError: One is not; the message names the argument and its least value.
+    """
+    for name, array in values.items():
+        if (array <= 0.0).any():
+            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: more than 0.")

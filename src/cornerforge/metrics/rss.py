@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cornerforge.errors import InputError
-from cornerforge.metrics._inputs import matching_arrays
+from cornerforge.metrics._inputs import check_above_zero, check_at_least, matching_arrays
 
 __all__ = ["rss_lateral", "rss_longitudinal", "rss_margin"]
 
@@ -54,8 +54,8 @@ def rss_longitudinal(
         rear_braking=rear_braking,
         lead_braking=lead_braking,
     )
-    _check_at_least(0.0, rear_speed=rear, lead_speed=lead, response_time=response, acceleration=gain)
-    _check_above_zero(rear_braking=brakes, lead_braking=braked)
+    check_at_least(0.0, rear_speed=rear, lead_speed=lead, response_time=response, acceleration=gain)
+    check_above_zero(rear_braking=brakes, lead_braking=braked)
     # Term for term as in the kernel, so that both give the same bits.
     faster = rear + response * gain
     while_responding = rear * response + 0.5 * gain * response * response
@@ -106,8 +106,8 @@ def rss_lateral(
         braking=braking,
         margin=margin,
     )
-    _check_at_least(0.0, response_time_a=response_a, response_time_b=response_b, acceleration=gain, margin=least)
-    _check_above_zero(braking=brakes)
+    check_at_least(0.0, response_time_a=response_a, response_time_b=response_b, acceleration=gain, margin=least)
+    check_above_zero(braking=brakes)
     way = _way_to_rest(a, response_a, gain, brakes) + _way_to_rest(b, response_b, gain, brakes)
     return np.asarray(least + np.maximum(0.0, way))
 
@@ -131,7 +131,7 @@ def rss_margin(distance: ArrayLike, safe_distance: ArrayLike) -> NDArray[np.floa
     array([ 4.625, -5.375,    inf])
     """
     is_distance, needed = matching_arrays(distance=distance, safe_distance=safe_distance)
-    _check_at_least(0.0, safe_distance=needed)
+    check_at_least(0.0, safe_distance=needed)
     if np.isinf(needed).any():
         raise InputError("safe_distance is infinite; give a finite one.")
     return np.asarray(is_distance - needed)
@@ -143,15 +143,3 @@ def _way_to_rest(
     """How far a vehicle comes towards the other [m]; negative: away."""
     after = speed + response * gain
     return np.asarray(0.5 * (speed + after) * response + after * np.abs(after) / (2.0 * brakes))
-
-
-def _check_at_least(low: float, **values: NDArray[np.float64]) -> None:
-    for name, array in values.items():
-        if (array < low).any():
-            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: {low} and more.")
-
-
-def _check_above_zero(**values: NDArray[np.float64]) -> None:
-    for name, array in values.items():
-        if (array <= 0.0).any():
-            raise InputError(f"{name} = {float(array.min())} is out of range; allowed: more than 0.")

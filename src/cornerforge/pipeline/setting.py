@@ -182,8 +182,8 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
     """
     odd = policy.about.get("odd")
     theirs = dict(odd) if isinstance(odd, dict) else {}
-    theirs["model"] = policy.about.get("model_hash", model_hash(ndd))
     ours = {"name": road.name, "n_lanes": road.n_lanes, "model": model_hash(ndd)}
+    theirs["model"] = policy.about.get("model_hash", ours["model"])
     words = {"name": "ODD", "n_lanes": "lanes", "model": "naturalistic model"}
     other = [f"{words[key]} {theirs[key]}, here {here}" for key, here in ours.items() if theirs.get(key, here) != here]
     if other:
