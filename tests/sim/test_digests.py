@@ -1,0 +1,90 @@
+"""The ground is pinned: 60,000 tests of every kind of driver in every ODD, by the digest of their outcomes.
+
+A change that alters any outcome shows here first; it needs `make golden` and a changelog line that says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from hand_built import setting_of
+
+from cornerforge.drivers.avs import AVS
+from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
+from cornerforge.ndd.model import NddModel
+from cornerforge.pipeline.av_file import av_of
+from cornerforge.sim.adversaries import cast_of
+from cornerforge.sim.drive import Setting
+from cornerforge.sim.observe import N_OBSERVATION, budget_units
+from cornerforge.sim.runner import Tally, drive_chunk
+from cornerforge.sim.world import n_slots
+from cornerforge.types import ODDS, Odd
+
+TESTS = 60_000
+SEED = 9
+
+
+def random_policy(seed: int, width: int = 16) -> PolicyNumbers:
+    """A network of random weights; its Q lie so close together that many actions are tried."""
+    shape = NetworkShape(N_OBSERVATION, 1, 1, width)
+    weights = np.random.default_rng(seed).normal(0.0, 0.3, n_weights(shape)).astype(np.float32)
+    return PolicyNumbers(weights, shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
+
+
+@dataclass(frozen=True)
+class Bvs:
+    """Who drives the background vehicles, by its name in the list."""
+
+    name: str
+    adversary: str | None = None
+    bounded: bool = False
+    idm: bool = False
+    budget: float | None = None
+    temperature: float = 0.0
+    mixture: tuple[float | None, ...] = field(default=())
+    """Budgets of the policies of a mixture, the first of which is unbounded."""
+
+    def setting(self, model: NddModel, odd: Odd, av: str) -> Setting:
+        setting = setting_of(
+            model, odd, av=av_of(av), adversary=self.adversary, bounded=self.bounded, idm_bvs=self.idm,
+            policy=random_policy(1), budget=self.budget,
+        )  # fmt: skip
+        if self.mixture:
+            members = [random_policy(k, width=8 * (k + 1)) for k in range(len(self.mixture))]
+            bounded = [k > 0 for k in range(len(self.mixture))]
+            widest = max(members, key=lambda member: member.width)
+            cast = cast_of(members, bounded, [budget_units(budget) for budget in self.mixture])
+            setting = setting._replace(policy=widest, cast=cast)
+        return setting._replace(temperature=self.temperature)
+
+
+DRIVERS = (
+    Bvs("natural"),
+    Bvs("idm", idm=True),
+    Bvs("uniform", "uniform"),
+    Bvs("lane-changer bounded", "lane-changer", bounded=True),
+    Bvs("swerve", "swerve"),
+    Bvs("policy", "policy"),
+    Bvs("policy bounded", "policy", bounded=True),
+    Bvs("policy with a budget", "policy", bounded=True, budget=6.0),
+    Bvs("policy softmax", "policy", temperature=0.3),
+    Bvs("mixture", "policy", mixture=(None, None, 4.0)),
+)
+
+
+def digest_of(setting: Setting, odd: Odd, tests: int) -> str:
+    tally = Tally()
+    tally.add(*drive_chunk(setting, n_slots(odd), SEED, 0, tests, False))
+    return f"{tally.tests} {tally.av_crashes} {tally.digest.hexdigest()}"
+
+
+def test_sixty_thousand_tests_end_as_they_did(model: NddModel, golden: Callable[[str, str], None]) -> None:
+    runs = [(bvs, odd, av) for bvs in DRIVERS for odd in ODDS.values() for av in AVS]
+    tests = -(-TESTS // len(runs))
+    with ThreadPoolExecutor(2) as pool:
+        found = pool.map(lambda run: digest_of(run[0].setting(model, run[1], run[2]), run[1], tests), runs)
+        lines = [f"{bvs.name} | {odd.name} | {av} | {text}" for (bvs, odd, av), text in zip(runs, found, strict=True)]
+    golden("digests.txt", "\n".join(lines) + "\n")
