@@ -20,25 +20,28 @@ from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.pipeline.setting import experiment
 from cornerforge.sim.actions import hold
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.step import allocate_recording, move_vehicle, step_world
+from cornerforge.sim.advance import BV_MUST_ANSWER, NEVER, advance, answer_as_bv
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import TOLD
+from cornerforge.sim.step import allocate_recording, move_vehicle
 from cornerforge.sim.world import (
-    CONTROLLED,
-    N_VEHICLES,
+    NO_VEHICLE,
+    RUNNING,
     VEHICLE,
     RoadNumbers,
-    World,
     all_current,
     allocate_worlds,
     av_numbers,
     road_numbers,
+    world_of,
 )
 from cornerforge.types import ACCELERATIONS, Odd
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.drive import Setting
+    from cornerforge.sim.setting import Setting
 
     Floats = NDArray[np.float64]
 
@@ -192,22 +195,25 @@ def simulated(leads: Leads, p: IdmParams) -> tuple[Floats, Floats]:
     setting = experiment(av="idm-mobil").setting._replace(
         road=road_numbers(_ODD), av=av_numbers(p, _STUBBORN, sees_intentions=True)
     )
+    setting = setting.with_drivers(critical=TOLD)
     motion = [_simulated_run(leads, run, setting) for run in range(leads.speed.size)]
     return np.array([gap for gap, _ in motion]).T, np.array([speed for _, speed in motion]).T
 
 
 def _simulated_run(leads: Leads, run: int, setting: Setting) -> tuple[Floats, Floats]:
-    w = World(*(part[0] for part in allocate_worlds(1, 2)))
+    w = world_of(allocate_worlds(1, 2))
     v = w.vehicles
     v["x"], v["speed"] = (0.0, leads.gap[run] + LENGTH), (leads.speed[run], leads.lead_speed[run])
     v["y"], v["lanes"], v["present"], v["action"] = 2.0, 1, 1, -1
     w.order[:] = 0, 1
-    w.info[N_VEHICLES] = 2
+    w.state["n_vehicles"], w.state["controlled"], w.state["outcome"] = 2, NO_VEHICLE, RUNNING
     all_current(w)
-    pairs, frames = allocate_pairs(2), allocate_recording(10 * SECONDS + 1, 2)
+    frames = allocate_recording(10 * SECONDS + 1, 2)
+    scratch, keep = allocate_scratch(2, setting.who.policy), keep_nothing(2)._replace(recording=frames)
     for action in leads.action[run]:
-        w.info[CONTROLLED] = 1
-        step_world(w, 0, 0, 0, 2 + action, setting.road, setting.av, setting.tables, pairs, frames)
+        answer_as_bv(w, 2 + action)
+        if advance(w, setting, scratch, keep, NEVER) != BV_MUST_ANSWER:
+            raise RuntimeError("A run of car following ended before its time.")
     # The frame that a second begins with is written when it begins; the last one stands in the world.
     x = np.append(frames["x"][:-1, 1] - frames["x"][:-1, 0], v["x"][1] - v["x"][0])
     return x - LENGTH, np.append(frames["speed"][:-1, 0], v["speed"][0])

@@ -14,10 +14,10 @@ import numpy as np
 from measuring import Series, on_one_core, table
 from timed_kernels import EXTRAS, PARTS, RESET, SEED, clock_cost, timed_tests
 
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
-from cornerforge.sim.world import allocate_worlds
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import NOBODY
+from cornerforge.sim.world import allocate_worlds, world_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,16 +70,15 @@ class _Bench:
     def __init__(self, run: Experiment, tests: int) -> None:
         self._run = run
         self._tests = tests
-        self._worlds = allocate_worlds(1, run.slots)
-        self._pairs = allocate_pairs(run.slots)
-        self._scratch = allocate_choice_scratch(run.setting.policy)
+        self._world = world_of(allocate_worlds(1, run.slots))
+        self._scratch = allocate_scratch(run.slots, run.setting.who.policy)
         self._states = np.zeros((run.slots, 2))
         self._clock = np.zeros(2, dtype=np.int64)
         self._frames = np.zeros(tests, dtype=np.int32)
         self._x = np.zeros(tests)
-        plain = run.setting._replace(adversary=0)
-        warm_up(plain, run.slots)
-        chunks = simulate_chunks(plain, run.slots, seed=SEED, first=0, tests=tests, threads=1)
+        self._plain = run.setting.with_drivers(critical=NOBODY)
+        warm_up(self._plain, run.slots)
+        chunks = simulate_chunks(self._plain, run.slots, seed=SEED, first=0, tests=tests, threads=1)
         outcomes = [out for _, out, _ in chunks]
         self._expected = np.concatenate([out.frame for out in outcomes])
         self._distance = np.concatenate([out.distance for out in outcomes])
@@ -96,18 +95,18 @@ class _Bench:
         ns = np.zeros((len(PARTS), 2), dtype=np.int64)
         extras = np.zeros((len(EXTRAS), 2), dtype=np.int64)
         timed_tests(
-            0, count, self._run.setting, self._worlds, self._pairs, self._scratch, with_extras,
-            self._states, ns, extras, self._clock, self._frames, self._x,
+            0, count, self._run.setting, self._world, self._scratch, with_extras, self._states, ns, extras,
+            self._clock, self._frames, self._x,
         )  # fmt: skip
         same = np.array_equal(self._frames[:count], self._expected[:count])
         if not same or not np.array_equal(self._x[:count] - self._run.setting.road.av_start, self._distance[:count]):
-            raise RuntimeError("benchmarks/timed_kernels.py no longer does what sim/step.py does; bring it up to date.")
+            raise RuntimeError("benchmarks/timed_kernels.py does not do what sim/advance.py does; bring it up to date.")
         return self._net(ns), self._net(extras)
 
     def total(self) -> float:
         """Microseconds per world-step of `simulate`."""
         start = time.perf_counter()
-        simulate(self._run.setting._replace(adversary=0), self._run.slots, seed=SEED, tests=self._tests, threads=1)
+        simulate(self._plain, self._run.slots, seed=SEED, tests=self._tests, threads=1)
         return 1e6 * (time.perf_counter() - start) / self.world_steps
 
     def _net(self, ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -130,7 +129,7 @@ def profile(run: Experiment, *, repetitions: int, tests: int) -> KernelTimes:
             totals.append(bench.total())
             parts.append(bench.drive(count=tests, with_extras=False)[0])
             extras.append(bench.drive(count=tests, with_extras=True)[1])
-    p = run.setting.policy
+    p = run.setting.who.policy
     return KernelTimes(
         _by_name(PARTS, parts),
         _by_name(EXTRAS, extras),

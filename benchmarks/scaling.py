@@ -13,11 +13,10 @@ from measuring import Series, interleave, on_one_core, table
 from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.sim.drive import world_row
-from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.runner import default_threads, simulate, simulate_chunks, warm_up
+from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import allocate_worlds
+from cornerforge.sim.world import allocate_worlds, world_of
 
 __all__ = ["GROUND_TRUTH_TESTS", "Memory", "Scaling", "measure_scaling", "render"]
 
@@ -139,12 +138,11 @@ def measure_memory(run: Experiment, worlds: int) -> Memory:
     """Fill a batch of worlds with traffic and see how the process grows."""
     before = _resident()
     batch = allocate_worlds(worlds, run.slots)
-    scratch = [allocate_pairs(run.slots)]
+    scratch = allocate_scratch(run.slots, run.setting.who.policy)
     for b in range(worlds):
-        w = world_row.py_func(batch, b)  # type: ignore[attr-defined]
-        reset_world(w, SEED, b, run.setting.road, run.setting.av, run.setting.tables.initial)
+        reset_world(world_of(batch, b), SEED, b, run.setting)
     grown = (_resident() - before) / worlds
-    computed = _bytes(batch) // worlds + _bytes(scratch[0])
+    computed = _bytes(batch) // worlds + _bytes(scratch)
     return Memory(run.slots, computed, grown, worlds)
 
 

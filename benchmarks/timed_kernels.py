@@ -1,4 +1,4 @@
-"""The loop of `drive_test` and `step_world` with a clock between its parts.
+"""The loop of `sim.advance` in natural traffic with a clock between its parts.
 
 `timed_tests` calls the same kernels in the same order on the same worlds as the simulator and reads the clock after
 each. Its end frames and positions are handed out, so that its caller can see that it drove what the simulator drives.
@@ -20,30 +20,19 @@ from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.sim.actions import apply_action
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.decide import decide_bvs
-from cornerforge.sim.drive import world_row
 from cornerforge.sim.neighbours import nearest_bv, neighbours_in_lane
 from cornerforge.sim.observe import allowed_actions, observe
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.step import SUBSTEPS, _check_contacts, _move, av_acts
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import (
-    COMPLETED,
-    CONTROLLED,
-    FRAME,
-    N_DECISIONS,
-    N_VEHICLES,
-    OUTCOME,
-    RUNNING,
-    TIME_UP,
-)
+from cornerforge.sim.world import COMPLETED, NO_ACTION, NO_VEHICLE, RUNNING, TIME_UP, moment_of
 from cornerforge.types import ACCELERATIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.adversaries import ChoiceScratch
-    from cornerforge.sim.drive import Setting
-    from cornerforge.sim.reach import Pairs
+    from cornerforge.sim.scratch import ChoiceScratch, Scratch
+    from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
 __all__ = ["EXTRAS", "PARTS", "RESET", "SEED", "clock_cost", "timed_tests"]
@@ -112,11 +101,11 @@ def _lap(ns: NDArray[np.int64], part: int, since: int, clock: NDArray[np.int64])
 
 @_compiled
 def _timed_substeps(
-    w: World, first_frame: int, n_pairs: int, setting: Setting, pairs: Pairs, ns: NDArray[np.int64],
-    clock: NDArray[np.int64], since: int,
+    w: World, setting: Setting, ns: NDArray[np.int64], clock: NDArray[np.int64], since: int
 ) -> int:  # fmt: skip
-    """The second half of `step_world`: 10 substeps, or fewer when the test ends."""
-    v, info, road = w.vehicles, w.info, setting.road
+    """The rest of a second begun: 10 substeps (`move_on`), or fewer when the test ends."""
+    v, state, road = w.vehicles, w.state[0], setting.road
+    first_frame = SUBSTEPS * (state.decisions - 1)
     for substep in range(SUBSTEPS):
         if substep > 0 and substep % road.av_substeps == 0:
             command, lane = av_decide(w, road, setting.av)
@@ -125,61 +114,60 @@ def _timed_substeps(
         _move(w, substep, road)
         since = _lap(ns, MOVE, since, clock)
         frame = first_frame + substep + 1
-        ends = _check_contacts(w, pairs, n_pairs, frame, road)
+        ends = _check_contacts(w, frame, road)
         if not ends and v[0].x >= road.av_start + road.test_length:
-            info[OUTCOME] = COMPLETED
-            info[FRAME] = frame
+            state.outcome = COMPLETED
+            state.frame = frame
             ends = True
         since = _lap(ns, CONTACTS, since, clock)
         if ends:
             return since
-    if info[N_DECISIONS] >= road.max_decisions:
-        info[OUTCOME] = TIME_UP
-        info[FRAME] = first_frame + SUBSTEPS
+    if state.decisions >= road.max_decisions:
+        state.outcome = TIME_UP
+        state.frame = first_frame + SUBSTEPS
     return since
 
 
 @_compiled
-def _timed_step(
-    w: World, test: int, setting: Setting, pairs: Pairs, ns: NDArray[np.int64], clock: NDArray[np.int64], since: int
+def _timed_second(
+    w: World, setting: Setting, s: Scratch, ns: NDArray[np.int64], clock: NDArray[np.int64], since: int
 ) -> int:
-    """`step_world` without recording and with a clock."""
-    v, info, road = w.vehicles, w.info, setting.road
-    first_frame = SUBSTEPS * info[N_DECISIONS]
+    """One second of `advance` with a clock: nobody is controlled, nothing kept."""
+    v, state, road = w.vehicles, w.state[0], setting.road
     command, lane = av_decide(w, road, setting.av)
     since = _lap(ns, AV, since, clock)
-    decide_bvs(w, SEED, test, setting.bv_model, -1, lane, road, setting.av, setting.tables)
+    state.controlled = NO_VEHICLE
+    decide_bvs(w, NO_ACTION, lane, setting, s)
     since = _lap(ns, DECIDE, since, clock)
-    for i in range(1, info[N_VEHICLES]):
+    for i in range(1, state.n_vehicles):
         if v[i].present:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
     since = _lap(ns, APPLY, since, clock)
-    bound_motion(w, setting.av.idm.max_braking, setting.av.idm.max_acceleration, pairs)
-    n_pairs = find_pairs(w, road, pairs)
-    choose_current(w, pairs, n_pairs, False, road)
-    info[N_DECISIONS] += 1
+    bound_motion(w, setting.av.idm.max_braking, setting.av.idm.max_acceleration, s)
+    find_pairs(w, road, s)
+    choose_current(w, s, False, road)
+    state.decisions += 1
     since = _lap(ns, FIND_PAIRS, since, clock)
-    return _timed_substeps(w, first_frame, n_pairs, setting, pairs, ns, clock, since)
+    return _timed_substeps(w, setting, ns, clock, since)
 
 
 @_compiled
 def _timed_draws(
-    w: World, test: int, setting: Setting, states: NDArray[np.float64],
+    w: World, setting: Setting, words: NDArray[np.uint64], states: NDArray[np.float64],
     extras: NDArray[np.int64], clock: NDArray[np.int64],
 ) -> int:  # fmt: skip
     """The random numbers and table look-ups of all BVs alone; their leads are found before the clock starts."""
-    v, road = w.vehicles, setting.road
-    n = w.info[N_VEHICLES]
+    v, state, road = w.vehicles, w.state[0], setting.road
+    n = state.n_vehicles
     for i in range(1, n):
         lead, _ = neighbours_in_lane(w, i, v[i].target_lane, road.lane_width, 1)
         states[i, 0] = v[lead].x - v[i].x - road.length if lead >= 0 else np.inf
         states[i, 1] = v[lead].speed - v[i].speed if lead >= 0 else 0.0
     since = _now(clock)
-    blocks(w.words, SEED, test, w.info[N_DECISIONS], n, PURPOSE_DECIDE)
+    blocks(words, state.seed, state.test, moment_of(w), n, PURPOSE_DECIDE)
     since = _lap(extras, PHILOX, since, clock)
     total = 0
-    words = w.words
     cut = setting.tables.cut
     for i in range(1, n):
         if v[i].present:
@@ -207,7 +195,7 @@ def _timed_choice(
     since = _lap(extras, BOUNDED, since, clock)
     allowed_actions(w, bv, 0, setting.road, setting.tables, s.p, s.allowed)
     since = _lap(extras, ALLOWED, since, clock)
-    q_values(setting.policy, s.observation, s.layers, s.q)
+    q_values(setting.who.policy, s.observation, s.layers, s.q)
     action = best_action(s.q, s.allowed)
     _lap(extras, NETWORK, since, clock)
     return action
@@ -215,25 +203,24 @@ def _timed_choice(
 
 @_compiled
 def timed_tests(
-    first: int, count: int, setting: Setting, worlds: World, pairs: Pairs, s: ChoiceScratch, with_extras: bool,
-    states: NDArray[np.float64], ns: NDArray[np.int64], extras: NDArray[np.int64],
-    clock: NDArray[np.int64], frames: NDArray[np.int32], x: NDArray[np.float64],
+    first: int, count: int, setting: Setting, w: World, s: Scratch, with_extras: bool, states: NDArray[np.float64],
+    ns: NDArray[np.int64], extras: NDArray[np.int64], clock: NDArray[np.int64], frames: NDArray[np.int32],
+    x: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Drive tests first .. first + count - 1; end frames and the AV's end positions show what was driven."""
-    w = world_row(worlds, 0)
     kept = 0
+    state = w.state[0]
     for k in range(count):
         test = first + k
         since = _now(clock)
-        reset_world(w, SEED, test, setting.road, setting.av, setting.tables.initial)
+        reset_world(w, SEED, test, setting)
         since = _lap(ns, RESET, since, clock)
-        while w.info[OUTCOME] == RUNNING:
+        while state.outcome == RUNNING:
             if with_extras:
-                kept += _timed_draws(w, test, setting, states, extras, clock)
-                kept += _timed_choice(w, setting, s, extras, clock)
+                kept += _timed_draws(w, setting, s.words, states, extras, clock)
+                kept += _timed_choice(w, setting, s.choice, extras, clock)
                 since = _now(clock)
-            w.info[CONTROLLED] = -1
-            since = _timed_step(w, test, setting, pairs, ns, clock, since)
-        frames[k] = w.info[FRAME]
+            since = _timed_second(w, setting, s, ns, clock, since)
+        frames[k] = state.frame
         x[k] = w.vehicles[0].x
     return kept

@@ -18,13 +18,13 @@ from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.world import (
-    CONTROLLED,
-    N_VEHICLES,
+    NO_VEHICLE,
     World,
     all_current,
     allocate_worlds,
     av_numbers,
     road_numbers,
+    world_of,
 )
 from cornerforge.types import Odd
 
@@ -229,15 +229,15 @@ def _random_cars(rng: np.random.Generator, has_old_follower: bool) -> list[tuple
 
 def _world_of(worlds: World, cars: list[tuple[float, int, float]]) -> World:
     """Our world of these cars, all in the centres of their lanes."""
-    w = World(*(part[0] for part in worlds))
+    w = world_of(worlds)
     w.vehicles["present"] = 0
     for k, (x, lane, speed) in enumerate(cars):
         v = w.vehicles[k]
         v["x"], v["y"], v["speed"], v["duration"] = x, 4.0 * lane + 2.0, speed, 0.0
         v["target_lane"], v["lanes"], v["present"], v["action"] = lane, 1 << lane, 1, -1
     w.order[:] = np.arange(w.order.size)
-    w.info[:] = 0
-    w.info[N_VEHICLES], w.info[CONTROLLED] = len(cars), -1
+    w.state[:] = 0
+    w.state["n_vehicles"], w.state["controlled"] = len(cars), NO_VEHICLE
     all_current(w)
     return w
 

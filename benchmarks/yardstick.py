@@ -1,7 +1,7 @@
-"""The yardstick in C: compiles `yardstick/drive.c` and drives tests with it on the simulator's own arrays.
+"""The yardstick in C: compiles `yardstick/drive.c` and drives tests with it in memory of its own.
 
-Same loops, same memory layout, same libm as the Numba kernels; `tests/benchmarks/test_yardstick.py` holds both to the
-last bit. Naturalistic BVs, a built-in AV, nobody controlled, nothing recorded or counted.
+Same loops, same layout of a vehicle, same libm as the Numba kernels; `tests/benchmarks/test_yardstick.py` holds both to
+the last bit. Naturalistic BVs, a built-in AV, nobody controlled, nothing recorded or counted.
 """
 
 from __future__ import annotations
@@ -13,24 +13,32 @@ import subprocess
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cornerforge.drivers.idm import IdmNumbers
 from cornerforge.drivers.mobil import MobilNumbers
-from cornerforge.sim.drive import Outcomes
-from cornerforge.sim.reach import Pairs, allocate_pairs
-from cornerforge.sim.runner import allocate_outcomes
-from cornerforge.sim.world import INFO_FIELDS, VEHICLE, RoadNumbers, World, allocate_worlds
-from cornerforge.types import ACCELERATIONS
+from cornerforge.sim.keep import Outcomes, allocate_outcomes
+from cornerforge.sim.setting import NATURALISTIC, NOBODY
+from cornerforge.sim.world import VEHICLE, RoadNumbers
+from cornerforge.types import ACCELERATIONS, MAX_LANES
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from cornerforge.sim.setting import Setting
 
-    from cornerforge.sim.drive import Setting
-
-__all__ = ["COMPILER", "FLAGS", "Yardstick", "compiler_version", "has_compiler", "same_outcomes"]
+__all__ = [
+    "COMPILER",
+    "FLAGS",
+    "INFO",
+    "Memory",
+    "Yardstick",
+    "allocate_memory",
+    "compiler_version",
+    "has_compiler",
+    "same_outcomes",
+]
 
 COMPILER = "gcc"
 FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=off", "-fno-tree-slp-vectorize")
@@ -66,12 +74,71 @@ class _Setting(ctypes.Structure):
     _fields_ = [("road", _Road), ("av", _Av), ("tables", _Tables), ("accelerations", ctypes.c_void_p)]
 
 
+INFO = (
+    "n_vehicles", "decisions", "controlled", "outcome", "frame", "slot_a", "slot_b", "bv_crashes", "n_current",
+    "n_seen", "budget_left",
+)  # fmt: skip
+"""What the first numbers of `Memory.info` are, by their names in `sim.world.STATE`; then follow the AV's leads and
+rears and the front of a walk, each MAX_LANES long."""
+_PAIRS_PER_SLOT = 8
+
+
+class Memory(NamedTuple):
+    """A world and scratch as the C code has them, in its order; for their meaning see `sim.world` and `sim.scratch`.
+
+    Attributes:
+        vehicles: (N,) of `sim.world.VEHICLE`.
+        order, current: int64 (N,).
+        info: int64, see INFO.
+        words: uint64 (4, N).
+        pair_a, pair_b: int64 (8 N,).
+        least, most: float64 (N,).
+        is_watched: int64 (N,).
+        ahead, behind: float64 (MAX_LANES,).
+    """
+
+    vehicles: NDArray[np.void]
+    order: NDArray[np.int64]
+    current: NDArray[np.int64]
+    info: NDArray[np.int64]
+    words: NDArray[np.uint64]
+    pair_a: NDArray[np.int64]
+    pair_b: NDArray[np.int64]
+    least: NDArray[np.float64]
+    most: NDArray[np.float64]
+    is_watched: NDArray[np.int64]
+    ahead: NDArray[np.float64]
+    behind: NDArray[np.float64]
+
+
+_OF_WORLD = Memory._fields[:5]
+_OF_PAIRS = Memory._fields[5:]
+
+
+def allocate_memory(slots: int) -> Memory:
+    """Memory for one world of so many vehicle slots."""
+    return Memory(
+        vehicles=np.zeros(slots, dtype=VEHICLE),
+        order=np.zeros(slots, dtype=np.int64),
+        current=np.zeros(slots, dtype=np.int64),
+        info=np.zeros(len(INFO) + 3 * MAX_LANES, dtype=np.int64),
+        words=np.zeros((4, slots), dtype=np.uint64),
+        pair_a=np.zeros(_PAIRS_PER_SLOT * slots, dtype=np.int64),
+        pair_b=np.zeros(_PAIRS_PER_SLOT * slots, dtype=np.int64),
+        least=np.zeros(slots),
+        most=np.zeros(slots),
+        is_watched=np.zeros(slots, dtype=np.int64),
+        ahead=np.zeros(MAX_LANES),
+        behind=np.zeros(MAX_LANES),
+    )
+
+
 class _World(ctypes.Structure):
-    _fields_ = [*((name, ctypes.c_void_p) for name in World._fields), ("slots", _INT)]
+    _fields_ = [*((name, ctypes.c_void_p) for name in _OF_WORLD), ("slots", _INT)]
 
 
 class _Pairs(ctypes.Structure):
-    _fields_ = [*((name, ctypes.c_void_p) for name in Pairs._fields[:-1]), ("capacity", _INT)]  # last: a learned AV's
+    _fields_ = [*((name, ctypes.c_void_p) for name in _OF_PAIRS), ("capacity", _INT)]
 
 
 class _Outcomes(ctypes.Structure):
@@ -130,38 +197,38 @@ class Yardstick:
     """
 
     def __init__(self, setting: Setting) -> None:
-        if setting.bv_model != 0 or setting.adversary != 0:
+        if setting.who.others != NATURALISTIC or setting.who.critical != NOBODY:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
         if setting.av.kind != 0:
             raise ValueError("The yardstick drives a plain AV, IDM and MOBIL.")
-        if VEHICLE.itemsize != 160 or INFO_FIELDS != 29 or setting.tables.cut.shape[1] != 32:
-            raise ValueError("The layout of a world or of the tables changed; bring benchmarks/yardstick up to date.")
+        if VEHICLE.itemsize != 160 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
+            raise ValueError("The layout of a vehicle or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
-        self._kept = (setting, ACCELERATIONS)  # what the pointers below point to
         tables = setting.tables
+        initial = np.array([*tables.initial])
+        self._kept = (setting, initial, ACCELERATIONS)  # what the pointers below point to
         self._setting = _Setting(
             _Road(*setting.road),
             _Av(*setting.av.idm, *setting.av.mobil, setting.av.sees_intentions),
             _Tables(
                 *(_address(getattr(tables, name)) for name in _TABLES),
                 *(getattr(tables, name) for name in _NUMBERS),
-                _address(tables.initial),
+                _address(initial),
             ),
             _address(ACCELERATIONS),
         )
 
-    def drive_range(self, seed: int, first: int, count: int, world: World, pairs: Pairs, out: Outcomes) -> None:
-        """As `sim.drive.drive_range`; `world` is one world, without a leading axis. Releases the GIL."""
-        w = _World(*(_address(part) for part in world), world.vehicles.size)
-        p = _Pairs(*(_address(part) for part in pairs[:-1]), pairs.a.size)
+    def drive_range(self, seed: int, first: int, memory: Memory, out: Outcomes) -> None:
+        """As `sim.drive.drive_range`. Releases the GIL."""
+        w = _World(*(_address(getattr(memory, name)) for name in _OF_WORLD), memory.vehicles.size)
+        p = _Pairs(*(_address(getattr(memory, name)) for name in _OF_PAIRS), memory.pair_a.size)
         o = _Outcomes(*(_address(part) for part in out))
-        self._drive(seed, first, count, *(ctypes.byref(part) for part in (self._setting, w, p, o)))
+        self._drive(seed, first, out.code.size, *(ctypes.byref(part) for part in (self._setting, w, p, o)))
 
     def drive_chunk(self, slots: int, seed: int, first: int, count: int) -> Outcomes:
         """As `sim.runner.drive_chunk`: with buffers of its own."""
         out = allocate_outcomes(count)
-        world = World(*(part[0] for part in allocate_worlds(1, slots)))
-        self.drive_range(seed, first, count, world, allocate_pairs(slots), out)
+        self.drive_range(seed, first, allocate_memory(slots), out)
         return out
 
 

@@ -12,13 +12,12 @@ from cornerforge.drivers.naturalistic import NddTables, tables_of
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import hold
-from cornerforge.sim.adversaries import ADVERSARIES
-from cornerforge.sim.drive import Setting
 from cornerforge.sim.observe import budget_units
+from cornerforge.sim.setting import ADVERSARIES, IDM_BVS, NATURALISTIC, Controllers, Setting
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import (
-    CONTROLLED,
-    N_VEHICLES,
+    NO_VEHICLE,
+    RUNNING,
     RoadNumbers,
     World,
     all_current,
@@ -26,6 +25,7 @@ from cornerforge.sim.world import (
     numbers_of_av,
     road_numbers,
 )
+from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import Odd
 
 __all__ = ["Car", "glide", "setting_of", "world_of"]
@@ -61,11 +61,13 @@ def setting_of(
         road=road_numbers(odd or Odd()),
         av=numbers_of_av(av),
         tables=_tables[id(model)][1],
-        bv_model=int(idm_bvs),
-        adversary=ADVERSARIES[adversary or "nobody"],
-        bounded=int(bounded),
-        policy=policy,
-        budget=budget_units(budget) if bounded else 0,
+        who=Controllers(
+            critical=ADVERSARIES[adversary or "nobody"],
+            others=IDM_BVS if idm_bvs else NATURALISTIC,
+            bounded=int(bounded),
+            policy=policy,
+            budget=budget_units(budget) if bounded else 0,
+        ),
     )
 
 
@@ -73,7 +75,7 @@ def world_of(cars: Iterable[Car]) -> World:
     """A world of these cars in the centres of 4 m wide lanes, the first is the AV. Absent cars are poisoned."""
     cars = list(cars)
     batch = allocate_worlds(1, len(cars))
-    world = World(*(part[0] for part in batch))
+    world = world_of_batch(batch)
     for vehicle, car in zip(world.vehicles, cars, strict=True):
         if car.present:
             vehicle["x"], vehicle["y"], vehicle["speed"] = car.x, 4.0 * car.lane + 2.0, car.speed
@@ -84,8 +86,9 @@ def world_of(cars: Iterable[Car]) -> World:
                 vehicle[name] = np.nan
             vehicle["lanes"], vehicle["action"] = 0b111111, 0
     world.order[:] = np.arange(len(cars))
-    world.info[N_VEHICLES] = len(cars)
-    world.info[CONTROLLED] = -1
+    world.state["n_vehicles"] = len(cars)
+    world.state["controlled"] = NO_VEHICLE
+    world.state["outcome"] = RUNNING
     all_current(world)
     return world
 

@@ -282,7 +282,7 @@ def test_a_case_that_happens_differently_is_status_1(
 
     def other(*arguments: Any) -> Any:
         run = honest(*arguments)
-        return run.__class__(**{**vars(run), "setting": run.setting._replace(bounded=1)})
+        return run.__class__(**{**vars(run), "setting": run.setting.with_drivers(bounded=1)})
 
     monkeypatch.setattr(cases, "experiment_of", other)
     status, out, _ = call(capsys, "replay", files / "library", "all", "--check", "--json")

@@ -1,4 +1,5 @@
-/* State and constants of a world, laid out as in src/cornerforge/sim/world.py: the two work on the same memory. */
+/* State and constants of a world: a vehicle is laid out as in src/cornerforge/sim/world.py, the rest as in
+ * benchmarks/yardstick.py, which allocates it. */
 #ifndef YARDSTICK_WORLD_H
 #define YARDSTICK_WORLD_H
 

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from hand_built import setting_of
-from yardstick import COMPILER, Yardstick, has_compiler, same_outcomes
+from yardstick import COMPILER, INFO, Memory, Yardstick, allocate_memory, has_compiler, same_outcomes
 
 from cornerforge.drivers.avs import AVS, av_named
 from cornerforge.ndd.model import NddModel, default_model_path, load_model
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_range
-from cornerforge.sim.reach import Pairs, allocate_pairs
-from cornerforge.sim.runner import allocate_outcomes, drive_chunk
-from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import AV_CRASH, N_CURRENT, N_VEHICLES, World, allocate_worlds, n_slots
+from cornerforge.sim.drive import drive_range
+from cornerforge.sim.keep import allocate_outcomes, keep_nothing
+from cornerforge.sim.runner import drive_chunk
+from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, n_slots, world_of
 from cornerforge.types import ODDS, Odd, odd_named
 
 pytestmark = pytest.mark.skipif(not has_compiler(), reason=f"no {COMPILER}")
@@ -42,34 +40,21 @@ def reckless(model: NddModel) -> NddModel:
     return replace(model, lc_base=base, overlook=0.3, overlook_conflict=0.5, initial=initial)
 
 
-Drive = Callable[[int, int, int, World, Pairs, Outcomes], None]
-
-
-def in_numba(setting: Setting, slots: int) -> Drive:
-    """The kernels, called as the yardstick is."""
-    nothing = allocate_decisions(0, slots)
-    scratch, recording, counts = (
-        allocate_choice_scratch(setting.policy),
-        allocate_recording(0, slots),
-        allocate_counts(),
-    )
-
-    def drive(seed: int, first: int, count: int, world: World, pairs: Pairs, out: Outcomes) -> None:
-        batch = World._make(part[None] for part in world)
-        drive_range(seed, first, count, setting, batch, pairs, scratch, recording, nothing, counts, NOBODY, out)
-
-    return drive
-
-
-def final_state(world: World) -> tuple[bytes, ...]:
+def final_state(held: World | Memory, info: np.ndarray) -> tuple[bytes, ...]:
     """All of a world that means something, as bytes."""
-    info = world.info
+    n_vehicles, n_current = info[INFO.index("n_vehicles")], info[INFO.index("n_current")]
     return (
-        world.vehicles[: info[N_VEHICLES]].tobytes(),
-        world.order[: info[N_VEHICLES]].tobytes(),
-        world.current[: info[N_CURRENT]].tobytes(),
+        held.vehicles[:n_vehicles].tobytes(),
+        held.order[:n_vehicles].tobytes(),
+        held.current[:n_current].tobytes(),
         info.tobytes(),
     )
+
+
+def info_of(world: World, scratch: Scratch) -> np.ndarray:
+    """What the yardstick has in `info`."""
+    numbers = [world.state[name] for name in INFO]
+    return np.concatenate([*numbers, world.av_lead, world.av_rear, scratch.front])
 
 
 class Happened(NamedTuple):
@@ -82,27 +67,27 @@ class Happened(NamedTuple):
 
 def running_returns(world: World) -> int:
     """BVs on their way back to the lane they came from: only such a path begins with a lateral speed."""
-    bvs = world.vehicles[1 : world.info[N_VEHICLES]]
+    bvs = world.vehicles[1 : world.state["n_vehicles"][0]]
     return int(((bvs["present"] == 1) & (bvs["duration"] > 0.0) & (bvs["c1"] != 0.0)).sum())
 
 
 def assert_equal_test_by_test(setting: Setting, odd: Odd, tests: int, seed: int = 5) -> Happened:
     """Drive tests one by one in both and compare bytes; returns what happened in them."""
     slots = n_slots(odd)
-    sides = [
-        (drive, World(*(part[0] for part in allocate_worlds(1, slots))), allocate_pairs(slots), allocate_outcomes(1))
-        for drive in (in_numba(setting, slots), Yardstick(setting).drive_range)
-    ]
+    yardstick = Yardstick(setting)
+    world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
+    memory, nothing = allocate_memory(slots), keep_nothing(slots)
+    ours, theirs = allocate_outcomes(1), allocate_outcomes(1)
     av_crashes = bv_crashes = returns = 0
     for test in range(tests):
-        for drive, world, pairs, out in sides:
-            drive(seed, test, 1, world, pairs, out)
-        (_, ours, _, our_outcome), (_, theirs, _, their_outcome) = sides
-        assert same_outcomes(our_outcome, their_outcome), f"test {test}: other outcomes"
-        assert final_state(ours) == final_state(theirs), f"test {test}: other final states"
-        av_crashes += int(our_outcome.code[0] == AV_CRASH)
-        bv_crashes += int(our_outcome.bv_crashes[0])
-        returns += running_returns(ours)
+        drive_range(seed, test, setting, world, scratch, nothing, ours)
+        yardstick.drive_range(seed, test, memory, theirs)
+        assert same_outcomes(ours, theirs), f"test {test}: other outcomes"
+        our_state, their_state = final_state(world, info_of(world, scratch)), final_state(memory, memory.info)
+        assert our_state == their_state, f"test {test}: other final states"
+        av_crashes += int(ours.code[0] == AV_CRASH)
+        bv_crashes += int(ours.bv_crashes[0])
+        returns += running_returns(world)
     return Happened(av_crashes, bv_crashes, returns)
 
 

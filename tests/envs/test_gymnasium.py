@@ -241,11 +241,11 @@ def test_a_picture_shows_who_is_where() -> None:
     picture = env.render()
     assert picture.shape == (96, 900, 3)
     assert picture.dtype == np.uint8
-    vehicles, info = env._batch.worlds.vehicles[0], env._batch.worlds.info[0]
+    vehicles, state = env._batch.worlds.vehicles[0], env._batch.worlds.state[0, 0]
     blue, red = (70, 140, 255), (230, 70, 60)
     row = round((12.0 + 2.0 - vehicles["y"][0]) * 6)
     assert tuple(picture[row, 300]) == blue, "the AV's centre is 50 m from the left edge"
-    controlled = vehicles[info[2]]
+    controlled = vehicles[state["controlled"]]
     column = round((controlled["x"] - vehicles["x"][0] + 50.0) * 6)
     assert tuple(picture[round((14.0 - controlled["y"]) * 6), column]) == red
     area = (picture == blue).all(axis=2).sum() / 36.0

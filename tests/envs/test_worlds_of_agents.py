@@ -15,15 +15,17 @@ from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.actions import ordered_lane
-from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch, choose_action
+from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.agents import substitute_action
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.drive import Outcomes, world_row
 from cornerforge.sim.judge import judge_crashes
+from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import drive_chunk
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, CONTROLLED, FRAME, N_VEHICLES, World
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import ADVERSARIES
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, World, world_of
 from cornerforge.types import Odd
 
 SEED = 3
@@ -31,8 +33,7 @@ N = 96
 
 
 def world(batch: BvBatch | AvBatch, b: int) -> World:
-    found: World = world_row.py_func(batch.worlds, b)  # type: ignore[attr-defined]
-    return found
+    return world_of(batch.worlds, b)
 
 
 def drive_to_the_end(batch: BvBatch | AvBatch, act) -> None:
@@ -48,14 +49,14 @@ def as_adversary(kind: str):
     """Steps that take the choices of a plain adversary."""
 
     def act(batch: BvBatch, running: np.ndarray) -> None:
-        policy = batch.run.setting.policy
-        s = allocate_choice_scratch(policy)
+        policy = batch.run.setting.who.policy
+        s = allocate_scratch(batch.run.slots, policy).choice
         actions = np.zeros(batch.n, dtype=np.int64)
         for b in np.flatnonzero(running):
             w = world(batch, int(b))
             s.allowed[:] = batch.allowed[b]
-            test = int(batch.tests[b])
-            actions[b] = choose_action(w, int(w.info[CONTROLLED]), ADVERSARIES[kind], 0.0, SEED, test, policy, s)
+            assert (w.state["seed"][0], w.state["test"][0]) == (SEED, batch.tests[b])
+            actions[b] = choose_action(w, int(w.state["controlled"][0]), ADVERSARIES[kind], 0.0, policy, s)
         batch.step(actions, running)
 
     return act
@@ -74,7 +75,7 @@ def as_built_in_av(batch: AvBatch, running: np.ndarray) -> None:
 def assert_same_tests(batch: BvBatch | AvBatch, run: Experiment) -> Outcomes:
     out, _ = drive_chunk(run.setting, run.slots, SEED, 0, batch.n, False)
     np.testing.assert_array_equal(batch.outcome, out.code)
-    np.testing.assert_array_equal(batch.worlds.info[:, FRAME], out.frame)
+    np.testing.assert_array_equal(batch.worlds.state["frame"][:, 0], out.frame)
     np.testing.assert_array_equal(batch.worlds.vehicles["x"][:, 0] - run.odd.av_start, out.distance)
     return out
 
@@ -123,11 +124,11 @@ def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) ->
     for b in range(N):
         last = recorder.record(SEED, b)
         w = world(batch, int(b))
-        there = w.vehicles[: w.info[N_VEHICLES]]
+        there = w.vehicles[: w.state["n_vehicles"][0]]
         np.testing.assert_array_equal(there["present"] == 1, last.present[-1])
         for name in ("x", "y", "speed", "heading"):
             np.testing.assert_array_equal(there[name][last.present[-1]], getattr(last, name)[-1][last.present[-1]])
-        within_a_second += w.info[FRAME] % 10 > 0
+        within_a_second += w.state["frame"][0] % 10 > 0
     assert within_a_second > N // 4
 
 

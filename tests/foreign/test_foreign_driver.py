@@ -12,7 +12,7 @@ from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.driver import ForeignAv, seeds_of
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.sim.drive import Outcomes
+from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.runner import simulate
 from cornerforge.sim.world import AV_CRASH, AV_FAULT

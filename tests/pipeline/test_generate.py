@@ -26,8 +26,8 @@ from cornerforge.errors import CornerForgeError, FileFormatError, InputError, Ou
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.setting import experiment
-from cornerforge.sim.adversaries import cast_index
 from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.setting import cast_index
 
 generate_module = importlib.import_module("cornerforge.pipeline.generate")  # the attribute of that name is the function
 WHAT = ["case_id", "trajectory_digest", "crash_time_s", "log_prob_nde"]
@@ -309,8 +309,8 @@ def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
 def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
     (policy,) = more_policies(tmp_path, 1, bounded=True, budget=20.0)
     own, tighter = (experiment(bv=policy, budget=budget) for budget in (None, 2.0))
-    assert (own.bounded, own.budget, own.setting.budget) == (True, 20.0, 20_000_001)
-    assert (tighter.bounded, tighter.budget, tighter.setting.budget) == (True, 2.0, 2_000_001)
+    assert (own.bounded, own.budget, own.setting.who.budget) == (True, 20.0, 20_000_001)
+    assert (tighter.bounded, tighter.budget, tighter.setting.who.budget) == (True, 2.0, 2_000_001)
     assert own.identity(0)["policy_hash"] != tighter.identity(0)["policy_hash"]
 
 

@@ -6,20 +6,19 @@ from hand_built import Car, world_of
 from statistical_bounds import l1_bound, l1_distance
 
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, n_weights
-from cornerforge.sim.adversaries import (
-    ADVERSARIES,
-    allocate_choice_scratch,
-    cast_index,
-    cast_member,
-    cast_of,
-    choose_action,
-    sample_action,
-)
+from cornerforge.sim.adversaries import choose_action, sample_action
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.scratch import ChoiceScratch, allocate_scratch
+from cornerforge.sim.setting import ADVERSARIES, Controllers, cast_index, cast_of, critical_of
 from cornerforge.sim.world import World
 
 N = 50_000
 WORLD = [Car(400.0, 1, 30.0), Car(420.0, 2, 30.0)]
+SEED = 9
+
+
+def scratch_for(policy: PolicyNumbers) -> ChoiceScratch:
+    return allocate_scratch(3, policy).choice
 
 
 def choices(
@@ -33,11 +32,13 @@ def choices(
 ) -> np.ndarray:
     """Counts of the actions chosen over n tests."""
     world = world or world_of(WORLD)
-    scratch = allocate_choice_scratch(policy)
+    scratch = scratch_for(policy)
     scratch.allowed[allowed] = True
     counts = np.zeros(33, dtype=np.int64)
+    world.state["seed"] = SEED
     for test in range(n):
-        counts[choose_action(world, 1, ADVERSARIES[kind], epsilon, 9, test, policy, scratch)] += 1
+        world.state["test"] = test
+        counts[choose_action(world, 1, ADVERSARIES[kind], epsilon, policy, scratch)] += 1
     return counts
 
 
@@ -110,12 +111,15 @@ def test_swerve(bv: Car, allowed: list[int], action: int) -> None:
 
 def test_choices_of_another_vehicle_are_other_draws() -> None:
     world = world_of([*WORLD, Car(440.0, 0, 30.0)])
-    scratch = allocate_choice_scratch(NO_POLICY)
+    scratch = scratch_for(NO_POLICY)
     scratch.allowed[:] = True
     uniform = ADVERSARIES["uniform"]
-    chosen = [
-        [choose_action(world, slot, uniform, 0.0, 9, k, NO_POLICY, scratch) for k in range(50)] for slot in (1, 2)
-    ]
+    world.state["seed"] = SEED
+    chosen: list[list[int]] = [[], []]
+    for test in range(50):
+        world.state["test"] = test
+        for slot in (1, 2):
+            chosen[slot - 1].append(choose_action(world, slot, uniform, 0.0, NO_POLICY, scratch))
     assert chosen[0] != chosen[1]
 
 
@@ -137,7 +141,7 @@ def test_a_policy_draws_by_its_values_among_the_allowed(allowed: list[int], temp
     values = np.random.default_rng(3).uniform(0.0, 1.0, 33).astype(np.float32)
     policy = valued_policy(values)
     world = world_of(WORLD)
-    scratch = allocate_choice_scratch(policy)
+    scratch = scratch_for(policy)
     scratch.allowed[allowed] = True
     expected = np.zeros(33)
     q = values[allowed].astype(np.float64)
@@ -147,8 +151,10 @@ def test_a_policy_draws_by_its_values_among_the_allowed(allowed: list[int], temp
         weights = np.exp((q - q.max()) / temperature)
         expected[allowed] = weights / weights.sum()
     counts = np.zeros(33, dtype=np.int64)
+    world.state["seed"] = SEED
     for test in range(N):
-        action, log_prob = sample_action(world, 1, temperature, 9, test, policy, scratch)
+        world.state["test"] = test
+        action, log_prob = sample_action(world, 1, temperature, policy, scratch)
         counts[action] += 1
         assert log_prob == pytest.approx(np.log(expected[action]), abs=1e-5)
     bound = l1_bound(33, N, comparisons=9)
@@ -160,10 +166,13 @@ def test_a_policy_draws_by_its_values_among_the_allowed(allowed: list[int], temp
 
 def test_an_action_far_worse_is_never_drawn_and_nothing_overflows() -> None:
     policy = valued_policy(np.linspace(-1e6, 1e6, 33).astype(np.float32))
-    scratch = allocate_choice_scratch(policy)
+    scratch = scratch_for(policy)
     scratch.allowed[:30] = True
-    found = {sample_action(world_of(WORLD), 1, 1e-4, 9, test, policy, scratch) for test in range(100)}
-    assert found == {(29, 0.0)}
+    world = world_of(WORLD)
+    world.state["seed"] = SEED
+    for test in range(100):
+        world.state["test"] = test
+        assert sample_action(world, 1, 1e-4, policy, scratch) == (29, 0.0)
 
 
 def test_each_test_of_a_mixture_draws_its_policy_alike() -> None:
@@ -181,9 +190,25 @@ def test_each_test_of_a_mixture_draws_its_policy_alike() -> None:
 def test_a_mixture_holds_its_policies_whole() -> None:
     policies = [constant_policy(favourite) for favourite in (3, 12, 30)]
     cast = cast_of(policies, [False, True, True], [0, 0, 7])
+    # As Python: a view that a kernel gives out would come back as the whole array.
+    as_python = cast._replace(members=cast.members.view(np.recarray))
+    test_of = {cast_index(SEED, test, 3): test for test in range(50)}
+    assert sorted(test_of) == [0, 1, 2]
+    found = []
     for index, policy in enumerate(policies):
-        # As Python: a view that a kernel gives out would come back as the whole array.
-        member = cast_member.py_func(cast, index)  # type: ignore[attr-defined]
+        who = Controllers(cast=as_python, policy=NO_POLICY, bounded=5, budget=5)  # these three are not looked at
+        member, bounded, budget = critical_of.py_func(SEED, test_of[index], who)  # type: ignore[attr-defined]
         np.testing.assert_array_equal(member.weights, policy.weights)
         assert member[1:] == policy[1:]
-    assert cast.members[:, 6].tolist() == [0, 1, 8]
+        compiled = critical_of(SEED, test_of[index], who._replace(cast=cast))
+        assert (compiled[0][1:], *compiled[1:]) == (policy[1:], bounded, budget)
+        found.append((bounded, budget))
+    assert found == [(0, 0), (1, 0), (1, 7)]
+
+
+def test_a_single_policy_drives_every_test() -> None:
+    who = Controllers(policy=constant_policy(12), bounded=1, budget=7)
+    for test in range(20):
+        policy, bounded, budget = critical_of(SEED, test, who)
+        assert (policy[1:], bounded, budget) == (who.policy[1:], 1, 7)
+        np.testing.assert_array_equal(policy.weights, who.policy.weights)

@@ -10,11 +10,12 @@ from hand_built import Car, setting_of, world_of
 
 from cornerforge.drivers.avs import AvModel, AvNetwork, av_named
 from cornerforge.drivers.idm import idm_acceleration
-from cornerforge.drivers.policy import NetworkShape, n_weights
+from cornerforge.drivers.policy import NO_POLICY, NetworkShape, n_weights
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
-from cornerforge.sim.av_kinds import allocate_av_scratch, built_in_av_decides
+from cornerforge.sim.av_kinds import built_in_av_decides
+from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import World
 from cornerforge.types import ODDS
 
@@ -27,7 +28,8 @@ FREE = pytest.approx(2.0 * (1.0 - (30.0 / 35.0) ** 4))
 def decide(model: NddModel, av: str | AvModel, world: World, substep: int = 0) -> tuple[float, int]:
     """(acceleration, target lane)."""
     setting = setting_of(model, ROAD, av=av_named(av) if isinstance(av, str) else av)
-    return built_in_av_decides(world, substep, setting.road, setting.av, allocate_av_scratch())
+    scratch = allocate_scratch(world.vehicles.size, NO_POLICY)
+    return built_in_av_decides(world, substep, setting.road, setting.av, scratch.av)
 
 
 def changing(model: NddModel, cars: list[Car], changes: dict[int, int]) -> World:

@@ -13,15 +13,17 @@ from statistical_bounds import l1_bound, l1_distance, rate_fits
 
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.idm import idm_acceleration
+from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.geometry import lane_centre
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.decide import action_probabilities, decide_bvs
-from cornerforge.sim.drive import Setting
 from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, sort_by_x
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import CONTROLLED, N_DECISIONS, World
+from cornerforge.sim.world import World
 from cornerforge.types import ACCELERATIONS, Odd
 
 ROAD = Odd(n_lanes=4)
@@ -38,7 +40,8 @@ def decide(
     world: World, setting: Setting, test: int, controlled_action: int = -1, seed: int = 11, av_lane: int | None = None
 ) -> np.ndarray:
     lane = int(world.vehicles["target_lane"][0]) if av_lane is None else av_lane
-    decide_bvs(world, seed, test, setting.bv_model, controlled_action, lane, setting.road, setting.av, setting.tables)
+    world.state["seed"], world.state["test"] = seed, test
+    decide_bvs(world, controlled_action, lane, setting, allocate_scratch(world.vehicles.size, NO_POLICY))
     return np.array(world.vehicles["action"])
 
 
@@ -415,7 +418,7 @@ def test_far_apart_is_no_conflict(model: NddModel) -> None:
 
 def test_the_controlled_bv_takes_its_action_and_gives_no_way(model: NddModel) -> None:
     world, setting = conflict(model, overlook_conflict=0.0)
-    world.info[CONTROLLED] = 1
+    world.state["controlled"] = 1
     for action in (0, 17):
         assert decide(world, setting, 3, controlled_action=action)[1] == action
 
@@ -424,7 +427,7 @@ def test_decisions_of_another_second_differ(model: NddModel) -> None:
     setting = setting_of(model, ROAD)
     world = world_of([Car(0.0, 0, 30.0)] + [Car(40.0 * k, k % 4, 30.0) for k in range(1, 30)])
     first = decide(world, setting, 0)
-    world.info[N_DECISIONS] = 1
+    world.state["decisions"] = 1
     assert (decide(world, setting, 0) != first).any()
 
 

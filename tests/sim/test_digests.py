@@ -16,10 +16,9 @@ from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.av_file import av_of
-from cornerforge.sim.adversaries import cast_of
-from cornerforge.sim.drive import Setting
 from cornerforge.sim.observe import N_OBSERVATION, budget_units
 from cornerforge.sim.runner import Tally, drive_chunk
+from cornerforge.sim.setting import Setting, cast_of
 from cornerforge.sim.world import n_slots
 from cornerforge.types import ODDS, Odd
 
@@ -57,8 +56,8 @@ class Bvs:
             bounded = [k > 0 for k in range(len(self.mixture))]
             widest = max(members, key=lambda member: member.width)
             cast = cast_of(members, bounded, [budget_units(budget) for budget in self.mixture])
-            setting = setting._replace(policy=widest, cast=cast)
-        return setting._replace(temperature=self.temperature)
+            setting = setting.with_drivers(policy=widest, cast=cast)
+        return setting.with_drivers(temperature=self.temperature)
 
 
 DRIVERS = (

@@ -9,20 +9,20 @@ from hand_built import setting_of
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train_av import AV_TRAINING
 from cornerforge.drivers.avs import AV_KINDS
-from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
+from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers, n_weights
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.av_features import N_AV_FEATURES
-from cornerforge.sim.drive_av import AvReward, collect_av, start_av_worlds
+from cornerforge.sim.drive_av import HOSTILE, AvReward, allocate_av_actors, collect_av, start_av_worlds
 from cornerforge.sim.drive_bv import Transitions
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import allocate_worlds, n_slots
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import ADVERSARIES
+from cornerforge.sim.world import n_slots
 from cornerforge.types import Odd
 
 B = 16
-NOBODY = np.array([[0, 0]])
-SWERVE = np.array([[ADVERSARIES["swerve"], 0]])
+NOBODY = np.array([(ADVERSARIES["nobody"], 0)], dtype=HOSTILE)
+SWERVE = np.array([(ADVERSARIES["swerve"], 0)], dtype=HOSTILE)
 
 
 class Worlds:
@@ -34,23 +34,18 @@ class Worlds:
         shape = NetworkShape(N_AV_FEATURES, 1, 0, 8)
         network = PolicyNumbers(np.zeros(n_weights(shape), dtype=np.float32), shape.n_inputs, 1, 0, 8)
         self.setting = setting._replace(av=setting.av._replace(kind=AV_KINDS["learned"], network=network))
-        self.seed, self.mix, self.reward = seed, mix, reward
-        self.worlds = allocate_worlds(B, n_slots(odd))
-        self.tests = np.arange(B, dtype=np.int64)
-        self.observation = np.zeros((B, N_AV_FEATURES), dtype=np.float32)
-        self.allowed = np.zeros((B, 33), dtype=np.bool_)
-        self.pairs = allocate_pairs(n_slots(odd))
-        self.finished = np.zeros(3, dtype=np.int64)
-        start_av_worlds(seed, self.tests, self.setting, self.worlds, self.pairs, self.observation, self.allowed)
+        self.reward = reward
+        self.actors = allocate_av_actors(B, n_slots(odd), N_AV_FEATURES, mix)
+        self.scratch, self.nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))
+        self.observation, self.allowed = self.actors.observation, self.actors.allowed
+        self.tests, self.finished = self.actors.worlds.state["test"][:, 0], self.actors.finished[0]
+        start_av_worlds(seed, 0, self.setting, self.scratch, self.actors)
+        assert self.tests.tolist() == list(range(B))
 
     def second(self, epsilon: float = 1.0) -> Transitions:
         """One second of all worlds."""
         out = allocate_transitions(2 * B, N_AV_FEATURES)
-        rows = collect_av(
-            self.seed, self.tests, epsilon, self.setting, self.mix, self.reward, self.worlds, self.pairs,
-            allocate_choice_scratch(self.setting.policy), allocate_recording(0, 1), self.observation, self.allowed,
-            out, self.finished,
-        )  # fmt: skip
+        rows = collect_av(B, epsilon, self.setting, self.reward, self.actors, self.scratch, self.nothing, out)
         return Transitions._make(part[:rows] for part in out)
 
 
@@ -67,7 +62,7 @@ def test_what_is_seen_next_is_what_is_seen(model: NddModel, seed: int) -> None:
             np.testing.assert_array_equal(batch.next_allowed[1::2], worlds.allowed)
         assert B + on.sum() <= batch.action.size <= 2 * B
         assert np.isin(worlds.tests - tests, [0, B]).all()
-    assert worlds.finished[0] >= B  # 400 m last half a minute at most, unless the AV crawls
+    assert worlds.finished["tests"] >= B  # 400 m last half a minute at most, unless the AV crawls
 
 
 def test_the_pay_by_hand(model: NddModel, seed: int) -> None:
@@ -106,9 +101,9 @@ def test_nearness_costs(model: NddModel, seed: int) -> None:
 def test_only_a_crash_is_an_end(model: NddModel, seed: int) -> None:
     worlds = Worlds(model, seed, SWERVE, AV_TRAINING.av_reward)
     ends = sum(int(worlds.second().end.sum()) for _ in range(30))
-    assert ends == worlds.finished[1] > 10
-    assert worlds.finished[0] > worlds.finished[1]
-    assert worlds.finished[2] == 0  # none of them in natural traffic
+    assert ends == worlds.finished["av_crashes"] > 10
+    assert worlds.finished["tests"] > worlds.finished["av_crashes"]
+    assert worlds.finished["natural_av_crashes"] == 0  # none of them in natural traffic
 
 
 @pytest.mark.parametrize("epsilon", [0.0, 1.0])

@@ -17,11 +17,11 @@ from cornerforge.library.harvester import Harvested, Harvester, extra_columns
 from cornerforge.library.shards import encode_tables
 from cornerforge.library.tables import cases_table, tracks_table
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.drive import Setting
 from cornerforge.sim.harvest import CRASHED, DRIVEN
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.recorder import Recorder, scenario_digest
 from cornerforge.sim.runner import drive_chunk
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import n_slots
 from cornerforge.types import ODDS, Odd
 
@@ -121,7 +121,7 @@ def test_shortfalls_add_up(model: NddModel) -> None:
     """Within the support nothing is implausible; a budget caps the sum, and without one it goes beyond."""
     road = ODDS["paper"]
     for budget in (12_000_001, 0):
-        setting = run_of(model, "bounded swerve", road)._replace(budget=budget)
+        setting = run_of(model, "bounded swerve", road).with_drivers(budget=budget)
         cases = Harvester(setting, n_slots(road)).harvest(3, 0, 3000).cases
         shortfall = np.array(cases.column("shortfall_nats").to_pylist())
         assert len(shortfall) > 10

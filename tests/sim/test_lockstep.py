@@ -13,46 +13,51 @@ from cornerforge._jit import kernel
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim import lockstep
 from cornerforge.sim.actions import ordered_lane, start_lane_change
-from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, world_row
-from cornerforge.sim.runner import allocate_outcomes, drive_chunk
-from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import FRAME, N_BV_CRASHES, N_DECISIONS, OUTCOME, SLOT_A, SLOT_B, n_slots
+from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing
+from cornerforge.sim.runner import drive_chunk
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import OUTSIDE, Setting
+from cornerforge.sim.statistics import EVERYBODY, NOBODY_COUNTED, Census, Counts, allocate_counts
+from cornerforge.sim.world import AV_CRASH, IDLE, RUNNING, n_slots, world_row
 from cornerforge.types import ODDS, Odd
 
 
 @kernel
 def answers_of_built_in(batch: lockstep.Batch, setting: Setting, answers: NDArray[np.float64]) -> None:
-    for b in range(batch.test.size):
-        if batch.test[b] != lockstep.IDLE:
-            command, lane = av_decide(world_row(batch.worlds, b), setting.road, setting.av)
+    for b in range(answers.shape[0]):
+        w = world_row(batch.worlds, b)
+        if w.state[0].outcome == RUNNING:
+            command, lane = av_decide(w, setting.road, setting.av)
             answers[b, 0] = command
             answers[b, 1] = lane
 
 
-def drive(setting: Setting, slots: int, tests: int, size: int, census: Census = NOBODY) -> tuple[Outcomes, Counts]:
+def drive(
+    setting: Setting, slots: int, tests: int, size: int, census: Census = NOBODY_COUNTED
+) -> tuple[Outcomes, Counts]:
     """Tests 0, 1, ... of seed 5 in a batch of `size` worlds, refilled as tests end."""
-    batch, out, counts = lockstep.allocate_batch(size, slots), allocate_outcomes(tests), allocate_counts(slots)
-    scratch, done, answers = allocate_choice_scratch(setting.policy), np.zeros(size, np.int64), np.zeros((size, 2))
-    recording = allocate_recording(0, slots)
-    decisions = allocate_decisions(0, slots)
+    setting = setting.with_drivers(av=OUTSIDE)
+    batch, out, counts = lockstep.allocate_batch(size, slots), allocate_outcomes(tests), allocate_counts()
+    scratch, done = allocate_scratch(slots, setting.who.policy), np.zeros(size, np.int64)
+    answers, keep = np.zeros((size, 2)), keep_nothing(slots, counts=counts, census=census)
     begun = 0
     while True:
-        fresh = np.flatnonzero(batch.test == lockstep.IDLE)[: tests - begun]
+        fresh = lockstep.idle(batch)[: tests - begun]
         lockstep.begin(5, fresh, np.arange(begun, begun + fresh.size), setting, batch)
         begun += fresh.size
-        if (batch.test == lockstep.IDLE).all():
+        if lockstep.running(batch).size == 0:
             return out, counts
         answers_of_built_in(batch, setting, answers)
-        running = batch.test.copy()
-        n = lockstep.act(5, answers, True, setting, batch, scratch, recording, decisions, counts, census, done)
+        running = lockstep.running(batch).tolist()
+        n = lockstep.act(answers, True, setting, batch, scratch, keep, done)
+        assert set(done[:n].tolist()) == set(running) - set(lockstep.running(batch).tolist())
         for b in done[:n]:
-            info, test = batch.worlds.info[b], running[b]
-            out.code[test], out.frame[test] = info[OUTCOME], info[FRAME]
-            out.slot_a[test], out.slot_b[test] = info[SLOT_A], info[SLOT_B]
-            out.bv_crashes[test], out.decisions[test] = info[N_BV_CRASHES], info[N_DECISIONS]
+            state = batch.worlds.state[b, 0]
+            test = state["test"]
+            out.code[test], out.frame[test] = state["outcome"], state["frame"]
+            out.slot_a[test], out.slot_b[test] = state["slot_a"], state["slot_b"]
+            out.bv_crashes[test], out.decisions[test] = state["bv_crashes"], state["decisions"]
             out.distance[test] = batch.worlds.vehicles["x"][b, 0] - setting.road.av_start
 
 
@@ -69,7 +74,7 @@ def test_the_same_bits_as_the_loop_of_the_kernels(model: NddModel, adversary: st
     loop = drive_chunk(setting, slots, 5, 0, 150, True)
     assert_same(loop, drive(setting, slots, 150, 32, EVERYBODY))
     if adversary:
-        assert (loop[0].code == 2).any()  # there were crashes to agree on
+        assert (loop[0].code == AV_CRASH).any()  # there were crashes to agree on
 
 
 def test_any_batch_gives_the_same(model: NddModel) -> None:
@@ -80,26 +85,27 @@ def test_any_batch_gives_the_same(model: NddModel) -> None:
 
 
 def test_idle_worlds_show_nothing(model: NddModel) -> None:
-    setting, slots = setting_of(model), n_slots(Odd())
+    setting, slots = setting_of(model).with_drivers(av=OUTSIDE), n_slots(Odd())
     batch = lockstep.allocate_batch(3, slots)
     batch.views[:] = np.nan
     lockstep.begin(0, np.array([1]), np.array([9]), setting, batch)
-    lockstep.see(batch, setting.road)
+    lockstep.see(batch, setting, allocate_scratch(slots, setting.who.policy))
     assert not batch.views[[0, 2]].any()
     assert batch.views[1, 0, 0] == 1.0
-    assert batch.test.tolist() == [lockstep.IDLE, 9, lockstep.IDLE]
+    assert batch.worlds.state["outcome"][:, 0].tolist() == [IDLE, RUNNING, IDLE]
+    assert (lockstep.running(batch).tolist(), lockstep.idle(batch).tolist()) == ([1], [0, 2])
+    assert batch.worlds.state["test"][1, 0] == 9
 
 
 def test_commands_are_cut_to_what_a_vehicle_can_do(model: NddModel) -> None:
-    setting, slots = setting_of(model), n_slots(Odd())
+    setting, slots = setting_of(model).with_drivers(av=OUTSIDE), n_slots(Odd())
     for wish, held in ((-50.0, -8.0), (50.0, 2.0), (-1.5, -1.5)):
         batch = lockstep.allocate_batch(1, slots)
         lockstep.begin(0, np.array([0]), np.array([0]), setting, batch)
-        decisions = allocate_decisions(0, slots)
+        scratch = allocate_scratch(slots, setting.who.policy)
         lockstep.act(
-            0, np.array([[wish, 0.0]]), False, setting, batch, allocate_choice_scratch(setting.policy),
-            allocate_recording(0, slots), decisions, allocate_counts(slots), NOBODY, np.zeros(1, np.int64),
-        )  # fmt: skip
+            np.array([[wish, 0.0]]), False, setting, batch, scratch, keep_nothing(slots), np.zeros(1, np.int64)
+        )
         assert batch.worlds.vehicles["acceleration"][0, 0] == held
 
 

@@ -15,7 +15,7 @@ from cornerforge.sim.observe import (
     observe,
     spend_budget,
 )
-from cornerforge.sim.world import BUDGET_LEFT, World
+from cornerforge.sim.world import World
 from cornerforge.types import Odd
 
 ROAD = Odd(n_lanes=4)
@@ -126,12 +126,12 @@ def behind(lead_gap: float) -> World:
 def test_a_budget_allows_what_it_can_pay_for(model: NddModel, lead_gap: float, budget: float) -> None:
     world = behind(lead_gap)
     cost = shortfalls(model, world)
-    world.info[BUDGET_LEFT] = budget_units(budget)
+    world.state["budget_left"] = budget_units(budget)
     allowed = mask(model, world, 1, bounded=True)
     assert allowed[cost.argmin()]  # the likeliest costs nothing
     near = np.abs(cost - budget) < 2.0 / UNITS_PER_NAT  # costs are rounded up
     np.testing.assert_array_equal(allowed[~near], (cost <= budget)[~near])
-    world.info[BUDGET_LEFT] = 0
+    world.state["budget_left"] = 0
     np.testing.assert_array_equal(mask(model, world, 1, bounded=True), np.isfinite(cost))
 
 
@@ -142,21 +142,21 @@ def test_an_action_costs_by_how_much_less_likely_it_is(model: NddModel, lead_gap
     cost = shortfalls(model, world)
     for action in np.flatnonzero(np.isfinite(cost)):
         for budget in (5.0, 40.0):
-            world.info[BUDGET_LEFT] = budget_units(budget)
+            world.state["budget_left"] = budget_units(budget)
             spend_budget(world, 1, int(action), setting.road, setting.tables, np.zeros(33))
-            left = (world.info[BUDGET_LEFT] - 1) / UNITS_PER_NAT
+            left = (world.state["budget_left"][0] - 1) / UNITS_PER_NAT
             assert left == pytest.approx(max(0.0, budget - cost[action]), abs=1.1 / UNITS_PER_NAT)
     assert len(set(np.round(cost[np.isfinite(cost)], 3))) > 5
-    world.info[BUDGET_LEFT] = 0  # no limit stays no limit
+    world.state["budget_left"] = 0  # no limit stays no limit
     spend_budget(world, 1, int(np.flatnonzero(np.isfinite(cost))[0]), setting.road, setting.tables, np.zeros(33))
-    assert world.info[BUDGET_LEFT] == 0
+    assert world.state["budget_left"][0] == 0
 
 
 @pytest.mark.parametrize(("budget", "entry"), [(None, 1.0), (0.0, 0.0), (2.5, 0.25), (10.0, 1.0), (50.0, 1.0)])
 def test_the_rest_of_the_budget_is_seen(model: NddModel, budget: float | None, entry: float) -> None:
     world = behind(20.0)
     before = seen(model, world, 1)
-    world.info[BUDGET_LEFT] = budget_units(budget)
+    world.state["budget_left"] = budget_units(budget)
     after = seen(model, world, 1)
     assert after[20] == pytest.approx(entry)
     np.testing.assert_array_equal(np.delete(after, 20), np.delete(before, 20))

@@ -3,12 +3,14 @@ from __future__ import annotations
 import numpy as np
 from hand_built import Car, setting_of, world_of
 
+from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import hold
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
-from cornerforge.sim.reach import allocate_pairs, bound_motion, choose_current, find_pairs
+from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
+from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.step import SUBSTEPS, move_vehicle
-from cornerforge.sim.world import AV_LEADS, UNKNOWN, World
+from cornerforge.sim.world import UNKNOWN, World
 from cornerforge.types import Odd
 
 ODD = Odd(n_lanes=3)
@@ -18,13 +20,13 @@ def test_nobody_drives_farther_or_less_far_than_was_bounded(model: NddModel) -> 
     """Also an AV that decides anew every 0.1 s, and vehicles that come to a standstill or to the highest speed."""
     rng = np.random.default_rng(6)
     road, passed = setting_of(model, ODD).road, 0
-    pairs = allocate_pairs(8)
+    scratch = allocate_scratch(8, NO_POLICY)
     for _ in range(200):
         world = world_of([Car(100.0 * i, 1, float(rng.choice([0.5, 39.5, rng.uniform(2.0, 39.0)]))) for i in range(8)])
         v = world.vehicles
         v["x_held"], v["speed_held"] = v["x"], v["speed"]
         v["acceleration"] = rng.uniform(-4.0, 2.0, v.size)
-        bound_motion(world, 8.0, 2.0, pairs)
+        bound_motion(world, 8.0, 2.0, scratch)
         x = v["x"].copy()
         for substep in range(SUBSTEPS):
             hold(v, 0, rng.uniform(-8.0, 2.0))
@@ -32,9 +34,9 @@ def test_nobody_drives_farther_or_less_far_than_was_bounded(model: NddModel) -> 
             for i in range(1, v.size):
                 move_vehicle(v, i, 0.1 * (substep + 1), road)
             lead = (v["x"] - x) - (v["x"][0] - x[0])
-            assert (lead <= np.maximum(0.0, pairs.most - pairs.least[0]) + 1e-9)[1:].all()
-            assert (lead >= np.minimum(0.0, pairs.least - pairs.most[0]) - 1e-9)[1:].all()
-            passed += int((lead > np.maximum(0.0, pairs.most - pairs.least[0] - 3.0))[1:].any())
+            assert (lead <= np.maximum(0.0, scratch.most - scratch.least[0]) + 1e-9)[1:].all()
+            assert (lead >= np.minimum(0.0, scratch.least - scratch.most[0]) - 1e-9)[1:].all()
+            passed += int((lead > np.maximum(0.0, scratch.most - scratch.least[0] - 3.0))[1:].any())
     assert passed > 0  # as if the AV braked with 2 m/s2 at most
 
 
@@ -59,10 +61,11 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
         v["acceleration"] = rng.choice([-4.0, 0.0, 2.0], v.size)
         v["acceleration"][0] = rng.choice([-8.0, 2.0])
         world.order[:] = np.argsort(v["x"])
-        pairs = allocate_pairs(v.size)
-        bound_motion(world, 8.0, 2.0, pairs)
-        choose_current(world, pairs, find_pairs(world, road, pairs), False, road)
-        lanes = [lane for lane in range(3) if world.info[AV_LEADS + lane] != UNKNOWN]
+        scratch = allocate_scratch(v.size, NO_POLICY)
+        bound_motion(world, 8.0, 2.0, scratch)
+        find_pairs(world, road, scratch)
+        choose_current(world, scratch, False, road)
+        lanes = [lane for lane in range(3) if world.av_lead[lane] != UNKNOWN]
         noted += len(lanes)
         for substep in range(SUBSTEPS):
             for i in range(v.size):

@@ -8,19 +8,20 @@ from hand_built import setting_of
 
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.analysis.contact import FRONT, find_contact
+from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.geometry import boxes_overlap
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.braking import Braking
-from cornerforge.sim.drive_bv import N_FINISHED, History, collect, start_worlds
+from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.sim.judge import judge_crashes
+from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.rewards import REWARDS, av_strikes, is_paid, reward_named, reward_numbers
 from cornerforge.sim.runner import drive_chunk
-from cornerforge.sim.step import SUBSTEPS, allocate_recording
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, allocate_worlds, n_slots, road_numbers
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import ADVERSARIES, TOLD
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, n_slots, road_numbers
 from cornerforge.types import Odd
 
 ROAD = road_numbers(Odd())
@@ -40,18 +41,30 @@ def random_contacts(seed: int, n: int) -> np.ndarray:
     return pose[np.array(overlap)]
 
 
+def boxes(pose: np.ndarray) -> tuple[np.void, np.void]:
+    """Two vehicles at [x, y, speed, heading], (2, 4)."""
+    found = np.zeros(2, dtype=VEHICLE)
+    for name, values in zip(("x", "y", "speed", "heading"), pose.T, strict=True):
+        found[name] = values
+    return found[0], found[1]
+
+
+def strikes(*poses: tuple[float, float, float, float]) -> bool:
+    return av_strikes(*boxes(np.array(poses)), ROAD)
+
+
 def test_the_av_strikes_where_the_analysis_sees_its_front(seed: int) -> None:
     pose = random_contacts(seed, 3000)
     expected = find_contact(pose, 5.0, 2.0).av_sector == FRONT
-    found = [av_strikes(ax, ay, av, ah, bx, by, bv, bh, ROAD) for (ax, ay, av, ah), (bx, by, bv, bh) in pose]
+    found = [av_strikes(*boxes(pair), ROAD) for pair in pose]
     assert np.array_equal(found, expected)
     assert 300 < expected.sum() < len(pose) - 300
 
 
 def test_plain_contacts() -> None:
-    assert av_strikes(0.0, 2.0, 30.0, 0.0, 4.5, 2.0, 20.0, 0.0, ROAD) is True  # into a rear
-    assert av_strikes(4.5, 2.0, 20.0, 0.0, 0.0, 2.0, 30.0, 0.0, ROAD) is False  # struck from behind
-    assert av_strikes(0.0, 2.0, 30.0, 0.0, 1.0, 3.9, 30.0, -0.1, ROAD) is False  # side against side
+    assert strikes((0.0, 2.0, 30.0, 0.0), (4.5, 2.0, 20.0, 0.0)) is True  # into a rear
+    assert strikes((4.5, 2.0, 20.0, 0.0), (0.0, 2.0, 30.0, 0.0)) is False  # struck from behind
+    assert strikes((0.0, 2.0, 30.0, 0.0), (1.0, 3.9, 30.0, -0.1)) is False  # side against side
 
 
 def test_who_is_paid_for_what() -> None:
@@ -81,31 +94,25 @@ def test_unknown_rewards_and_times_out_of_range_are_named() -> None:
 def test_collect_pays_as_tests_judged_apart(name: str, adversary: str, model: NddModel, seed: int) -> None:
     odd, n = Odd(), 24
     setting, slots = setting_of(model, odd, adversary=adversary), n_slots(odd)
-    worlds, pairs, scratch = allocate_worlds(n, slots), allocate_pairs(slots), allocate_choice_scratch(setting.policy)
-    tests = np.arange(n, dtype=np.int64)
-    view, allowed = np.zeros((n, N_OBSERVATION), dtype=np.float32), np.zeros((n, 33), dtype=np.bool_)
-    recording, out, finished = allocate_recording(0, slots), allocate_transitions(n), np.zeros(N_FINISHED, np.int64)
-    longest = setting.road.max_decisions
-    history = History(
-        np.zeros((n, longest), np.int16), np.zeros((n, longest), np.int8), allocate_worlds(1, slots),
-        allocate_recording(SUBSTEPS * longest + 1, slots),
-    )  # fmt: skip
-    start_worlds(seed, tests, setting, worlds, scratch, view, allowed)
+    told = setting.with_drivers(critical=TOLD)
+    exploring = Exploring(ADVERSARIES[adversary], NO_POLICY, 0.0, 0, 0.0)
+    actors, out = allocate_actors(n, told, slots, N_OBSERVATION), allocate_transitions(n)
+    scratch, nothing = allocate_scratch(slots, NO_POLICY), keep_nothing(slots)
+    start_worlds(seed, 0, told, scratch, actors)
+    tests = actors.worlds.state["test"][:, 0]
+    assert tests.tolist() == list(range(n))
     rewards: dict[int, float] = {}
     for _ in range(60):
         before = tests.copy()
-        collect(
-            seed, 0, n, tests, 0.0, 0, 0.0, setting, reward_numbers(name), worlds, pairs, scratch, recording, history,
-            view, allowed, out, finished,
-        )  # fmt: skip
+        collect(n, exploring, told, reward_numbers(name), actors, scratch, nothing, out)
         assert not out.reward[~out.end].any()
         rewards |= dict(zip(before[out.end].tolist(), out.reward[out.end].tolist(), strict=True))
-    assert finished[0] == len(rewards) > 2 * n
+    assert actors.finished["tests"][0] == len(rewards) > 2 * n
     expected = {}
     for test in rewards:
         outcome, _ = drive_chunk(setting, slots, seed, test, 1, False)
-        strikes, avoidable = judge_crashes(setting, slots, seed=seed, tests=[test], braking=Braking(1.0, 8.0))
-        paid = {"crash": True, "striking": bool(strikes[0]), "avoidable": bool(avoidable[0])}[name]
+        struck, avoidable = judge_crashes(setting, slots, seed=seed, tests=[test], braking=Braking(1.0, 8.0))
+        paid = {"crash": True, "striking": bool(struck[0]), "avoidable": bool(avoidable[0])}[name]
         expected[test] = float(paid) if outcome.code[0] == AV_CRASH else -float(outcome.code[0] == BV_CRASH)
     assert rewards == expected
-    assert finished[3] == sum(reward > 0.0 for reward in rewards.values())
+    assert actors.finished["paid"][0] == sum(reward > 0.0 for reward in rewards.values())

@@ -10,50 +10,78 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.drivers.avs import av_named
+from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.geometry import lane_bits
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
-from cornerforge.sim.drive import Setting
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.step import SUBSTEPS, allocate_recording, step_world
+from cornerforge.sim.advance import MILESTONE, OVER, advance, answer_as_bv
+from cornerforge.sim.av_kinds import built_in_av_decides
+from cornerforge.sim.decide import decide_bvs
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import TOLD, Setting
+from cornerforge.sim.step import SUBSTEPS, allocate_recording, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import (
     AV_CRASH,
-    AV_LEADS,
-    AV_REARS,
     BV_CRASH,
     COMPLETED,
-    CONTROLLED,
-    FRAME,
-    N_BV_CRASHES,
-    OUTCOME,
+    NO_ACTION,
     RUNNING,
-    SLOT_A,
-    SLOT_B,
     TIME_UP,
     World,
+    arrays_of,
 )
-from cornerforge.types import MAX_LANES, Odd
+from cornerforge.types import Odd
 
 KEEP_SPEED = 22
 ODD = Odd(n_lanes=3)
 
 
-def step(world: World, setting: Setting, *, action: int = -1, test: int = 0, frames: int = 0) -> np.ndarray:
+def step(
+    world: World,
+    setting: Setting,
+    *,
+    action: int = NO_ACTION,
+    test: int = 0,
+    frames: int = 0,
+    recording: np.ndarray | None = None,
+) -> np.ndarray:
+    """One second, in which the BV nearest to the AV does `action` (NO_ACTION: nobody is controlled)."""
     slots = world.vehicles.size
-    recording = allocate_recording(frames, slots)
-    step_world(
-        world,
-        0,
-        test,
-        setting.bv_model,
-        action,
-        setting.road,
-        setting.av,
-        setting.tables,
-        allocate_pairs(slots),
-        recording,
-    )
+    if recording is None:
+        recording = allocate_recording(frames, slots)
+    keep = keep_nothing(slots)._replace(recording=recording)
+    world.state["test"] = test
+    if action != NO_ACTION:
+        setting = setting.with_drivers(critical=TOLD)
+        answer_as_bv(world, action)
+    until = int(world.state["decisions"][0]) + 1
+    why = advance(world, setting, allocate_scratch(slots, NO_POLICY), keep, until)
+    assert why == (MILESTONE if world.state["outcome"][0] == RUNNING else OVER)
+    assert world.state["decisions"][0] == until
     return recording
+
+
+def step_controlling(world: World, setting: Setting, slot: int, action: int) -> None:
+    """One second, in which any BV does `action`, be it the nearest to the AV or not: the parts of `advance`."""
+    scratch = allocate_scratch(world.vehicles.size, NO_POLICY)
+    nothing = allocate_recording(0, world.vehicles.size)
+    world.state["controlled"] = slot
+    for substep in range(SUBSTEPS):
+        if substep % setting.road.av_substeps == 0:
+            command, lane = built_in_av_decides(world, substep, setting.road, setting.av, scratch.av)
+            if substep == 0:
+                decide_bvs(world, action, lane, setting, scratch)
+                begin_to_act(world, command, lane, False, setting, scratch)
+            else:
+                av_acts(world, command, lane, setting.road)
+        if move_on(world, substep, setting.road, nothing):
+            return
+
+
+def ending(world: World) -> list[int]:
+    """Frame of the end, and the slots in contact."""
+    return [int(world.state[name][0]) for name in ("frame", "slot_a", "slot_b")]
 
 
 # Motion
@@ -125,11 +153,11 @@ def test_a_slow_lane_change_takes_longer(model: NddModel) -> None:
 
 def test_the_av_crashes_into_a_standing_car(model: NddModel) -> None:
     world = world_of([Car(450.0, 1, 30.0), Car(461.0, 1, 0.0)])
-    world.info[CONTROLLED] = 1
     recording = step(world, setting_of(model, ODD), action=KEEP_SPEED, frames=11)
+    assert world.state["controlled"][0] == 1
     # bumper to bumper 6 m at 30 m/s, braking with 4 m/s2: 6 m are gone in 0.2029 s, seen at 0.3 s
-    assert world.info[OUTCOME] == AV_CRASH
-    assert world.info[[FRAME, SLOT_A, SLOT_B]].tolist() == [3, 0, 1]
+    assert world.state["outcome"][0] == AV_CRASH
+    assert ending(world) == [3, 0, 1]
     assert recording["present"][:, 0].tolist() == [1, 1, 1, 1] + 7 * [0]
     assert recording["x"][3, 0] == pytest.approx(450.0 + 9.0 - 2.0 * 0.09)
 
@@ -138,18 +166,18 @@ def test_the_controlled_bv_ends_the_test_by_crashing_another(model: NddModel) ->
     cars = [Car(450.0, 0, 30.0), Car(440.0, 1, 35.0), Car(440.0, 2, 35.0)]
     setting = setting_of(model, replace(ODD, lane_change_duration=1.0, max_lateral_acceleration=100.0))
     world = world_of(cars)
-    world.info[CONTROLLED] = 2
-    step(world, setting, action=1)
-    assert world.info[OUTCOME] == BV_CRASH
-    assert world.info[[SLOT_A, SLOT_B, N_BV_CRASHES]].tolist() == [1, 2, 1]
+    step_controlling(world, setting, 2, action=1)
+    assert world.state["outcome"][0] == BV_CRASH
+    assert ending(world)[1:] == [1, 2]
+    assert world.state["bv_crashes"][0] == 1
     assert world.vehicles["present"].tolist() == [1, 1, 1]  # the last frame shows everybody
 
 
 def test_other_bvs_that_crash_are_counted_and_removed(model: NddModel) -> None:
     world = world_of([Car(450.0, 0, 30.0), Car(440.0, 2, 35.0), Car(446.0, 2, 0.0), Car(400.0, 2, 30.0)])
     step(world, setting_of(model, ODD))
-    assert world.info[OUTCOME] == RUNNING
-    assert world.info[N_BV_CRASHES] == 1
+    assert world.state["outcome"][0] == RUNNING
+    assert world.state["bv_crashes"][0] == 1
     assert world.vehicles["present"].tolist() == [1, 0, 0, 1]
 
 
@@ -159,11 +187,10 @@ def test_a_crash_of_the_av_goes_before_all_others(model: NddModel) -> None:
     setting = setting_of(model, ODD)
     for last, outcome, slots in ((4, AV_CRASH, [0, 3]), (3, BV_CRASH, [1, 2])):
         world = world_of(cars[:last])
-        world.info[CONTROLLED] = 1
-        step(world, setting, action=KEEP_SPEED)
-        assert world.info[OUTCOME] == outcome
-        assert world.info[[FRAME, SLOT_A, SLOT_B]].tolist() == [1, *slots]
-        assert world.info[N_BV_CRASHES] == (outcome == BV_CRASH)
+        step_controlling(world, setting, 1, action=KEEP_SPEED)
+        assert world.state["outcome"][0] == outcome
+        assert ending(world) == [1, *slots]
+        assert world.state["bv_crashes"][0] == (outcome == BV_CRASH)
 
 
 @pytest.mark.parametrize(("max_braking", "gap", "crashes"), [(4.0, 2.9, True), (4.0, 3.1, False), (12.0, 6.95, True)])
@@ -177,42 +204,30 @@ def test_contacts_by_acceleration_alone_are_found(
     setting = setting_of(model, replace(ODD, av_substeps=10), av=av)
     beside = [Car(450.0, 0, 30.0), Car(450.0, 2, 30.0)]
     world = world_of([Car(450.0, 1, 30.0), Car(445.0 - gap, 1, 30.0), Car(460.0, 1, 30.0), *beside])
-    world.info[CONTROLLED] = 1
-    step(world, setting, action=32)
-    assert (world.info[OUTCOME] == AV_CRASH) == crashes
+    step_controlling(world, setting, 1, action=32)
+    assert (world.state["outcome"][0] == AV_CRASH) == crashes
     if crashes:
-        assert world.info[[FRAME, SLOT_A, SLOT_B]].tolist() == [10, 0, 1]
+        assert ending(world) == [10, 0, 1]
 
 
 def test_the_test_is_over_at_its_length(model: NddModel) -> None:
     world = world_of([Car(798.0, 1, 30.0), Car(1000.0, 1, 30.0)])
     step(world, setting_of(model, ODD))
-    assert world.info[OUTCOME] == COMPLETED
-    assert world.info[FRAME] == 1
+    assert world.state["outcome"][0] == COMPLETED
+    assert world.state["frame"][0] == 1
 
 
 def test_the_time_runs_out(model: NddModel) -> None:
     setting = setting_of(model, replace(ODD, time_limit=2.0))
     world = world_of([Car(400.0, 1, 0.0), Car(406.0, 1, 0.0)])
-    world.info[CONTROLLED] = 1
     recording = allocate_recording(21, 2)
     for k in range(2):
-        assert world.info[OUTCOME] == RUNNING
-        step_world(
-            world,
-            0,
-            0,
-            0,
-            KEEP_SPEED,
-            setting.road,
-            setting.av,
-            setting.tables,
-            allocate_pairs(2),
-            recording,
-        )
+        assert world.state["outcome"][0] == RUNNING
+        step(world, setting, action=KEEP_SPEED, recording=recording)
+        assert world.state["controlled"][0] == 1
         assert recording["present"][10 * (k + 1) - 1].all()
-    assert world.info[OUTCOME] == TIME_UP
-    assert world.info[FRAME] == 20
+    assert world.state["outcome"][0] == TIME_UP
+    assert world.state["frame"][0] == 20
     assert recording["present"].all()
 
 
@@ -228,8 +243,14 @@ def test_recording_changes_nothing(model: NddModel, seed: int) -> None:
         step(silent, setting, test=test)
         step(recorded, setting, test=test, frames=40)
     np.testing.assert_array_equal(silent.vehicles, recorded.vehicles)
-    notes = slice(AV_LEADS, AV_REARS + MAX_LANES)  # who is near the AV is noted where not everybody is kept current
-    np.testing.assert_array_equal(np.delete(silent.info, notes), np.delete(recorded.info, notes))
+    # Who is near the AV, and how many may touch, is noted otherwise where everybody is kept current.
+    notes = ("av_lead", "av_rear", "pair_a", "pair_b")
+    silent.state["n_pairs"] = recorded.state["n_pairs"]
+    arrays = arrays_of(recorded)
+    assert set(notes) < set(arrays)
+    for name, ours in arrays_of(silent).items():
+        if name not in notes:
+            np.testing.assert_array_equal(ours, arrays[name], err_msg=name)
 
 
 def drive_alone(model: NddModel, others: list[Car], decisions: int = 8) -> list[tuple[float, float, float]]:
@@ -241,7 +262,7 @@ def drive_alone(model: NddModel, others: list[Car], decisions: int = 8) -> list[
         step(world, setting)
         av = world.vehicles[0]
         way.append((float(av["x"]), float(av["y"]), float(av["speed"])))
-    assert world.info[OUTCOME] == RUNNING
+    assert world.state["outcome"][0] == RUNNING
     return way
 
 

@@ -11,9 +11,9 @@ from statistical_bounds import distance_to_law, dkw_bound, l1_bound, l1_distance
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.idm import desired_gap
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.drive import Setting
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import AHEAD, AV_LEADS, CONTROLLED, N_VEHICLES, UNKNOWN, World, allocate_worlds, n_slots
+from cornerforge.sim.world import RUNNING, STATE, UNKNOWN, allocate_worlds, n_slots, world_of
 from cornerforge.types import Odd
 
 ODD = Odd()
@@ -22,12 +22,11 @@ N = 20_000
 
 def started(setting: Setting, odd: Odd, seed: int, tests: range) -> list[np.ndarray]:
     """Vehicles of each test at its start, copied."""
-    batch = allocate_worlds(1, n_slots(odd))
-    world = World(*(part[0] for part in batch))
+    world = world_of(allocate_worlds(1, n_slots(odd)))
     result = []
     for test in tests:
-        reset_world(world, seed, test, setting.road, setting.av, setting.tables.initial)
-        result.append(world.vehicles[: world.info[N_VEHICLES]].copy())
+        reset_world(world, seed, test, setting)
+        result.append(world.vehicles[: world.state["n_vehicles"][0]].copy())
     return result
 
 
@@ -125,12 +124,18 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
     after_others = started(setting, ODD, 5, range(4))[-1]
     for name in ("x", "y", "speed", "target_lane", "lanes", "present", "duration", "heading", "action"):
         np.testing.assert_array_equal(after_others[name], fresh[name])
-    batch = allocate_worlds(1, n_slots(ODD))
-    world = World(*(part[0] for part in batch))
-    world.info[:] = 77
-    reset_world(world, 5, 3, setting.road, setting.av, setting.tables.initial)
-    assert world.info[:AV_LEADS].tolist() == [fresh.size, 0, -1, 0, 0, 0, 0, 0, fresh.size, fresh.size, 0]
-    assert (world.info[AV_LEADS:AHEAD] == UNKNOWN).all()
-    assert (world.info[AHEAD:] == 0).all()
-    assert world.info[CONTROLLED] == -1
+    world, unused = (world_of(allocate_worlds(1, n_slots(ODD))) for _ in range(2))
+    for name in STATE.names or ():
+        world.state[name] = 77
+    world.av_lead[:], world.av_rear[:] = 77, 77
+    reset_world(world, 5, 3, setting)
+    reset_world(unused, 5, 3, setting)
+    state = {name: world.state[name][0] for name in STATE.names or ()}
+    draws = state.pop("draw")
+    assert draws == unused.state["draw"][0] > fresh.size
+    named = {"seed": 5, "test": 3, "outcome": RUNNING, "controlled": -1, "bv_action": -1}
+    sizes = dict.fromkeys(("n_vehicles", "n_current", "n_seen"), fresh.size)
+    assert state == dict.fromkeys(state, 0) | named | sizes
+    assert (world.av_lead == UNKNOWN).all()
+    assert (world.av_rear == UNKNOWN).all()
     assert sorted(world.order[: fresh.size]) == list(range(fresh.size))

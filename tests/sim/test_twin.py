@@ -14,9 +14,9 @@ from reference.simulator import AV_CRASH, BV_CRASH, COMPLETED, TIME_UP, Drive, S
 
 from cornerforge.drivers.avs import AvModel, av_named
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.drive import Setting
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import n_slots
 from cornerforge.types import ODDS, Odd, Scenario
 

@@ -20,7 +20,7 @@ from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = ["CHECKPOINT_SCHEMA", "CheckpointFile", "TrainingState"]
 
-CHECKPOINT_SCHEMA = 2
+CHECKPOINT_SCHEMA = 3
 _WRITING_SHARE = 20
 """After a write at least this many times its duration passes until the next: a slow disk costs 5 % at most."""
 

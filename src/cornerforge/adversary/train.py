@@ -27,15 +27,13 @@ from cornerforge.adversary.learner import DqnLearner, below
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
-from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
-from cornerforge.sim.drive import Setting
-from cornerforge.sim.drive_bv import N_FINISHED, Transitions, allocate_history, collect, start_worlds
+from cornerforge.sim.drive_bv import Exploring, Transitions, allocate_actors, collect, start_worlds
+from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import allocate_worlds
-from cornerforge.types import N_ACTIONS
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import POLICY, TOLD, Setting
+from cornerforge.sim.world import arrays_of
 
 try:
     import torch
@@ -123,68 +121,38 @@ class _Actor:
     """The worlds that produce transitions of the adversary."""
 
     def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int) -> None:
-        n = config.worlds
         self._setting = setting
         self._reward = reward_numbers(config.reward, config.delay_s)
-        self._guided, self._guided_epsilon = round(config.guided * n), config.guided_epsilon
-        self._seed = seed
-        self._worlds = allocate_worlds(n, slots)
-        self._tests = np.arange(TRAINING_TESTS, TRAINING_TESTS + n, dtype=np.int64)
-        self._observation = np.zeros((n, N_OBSERVATION), dtype=np.float32)
-        self._allowed = np.zeros((n, N_ACTIONS), dtype=np.bool_)
-        self._pairs = allocate_pairs(slots)
-        self._recording = allocate_recording(0, slots)
-        self._scratch = allocate_choice_scratch(setting.policy)
-        self._history = allocate_history(n, setting, slots)
-        self.finished = np.zeros(N_FINISHED, dtype=np.int64)
-        start_worlds(seed, self._tests, setting, self._worlds, self._scratch, self._observation, self._allowed)
+        self._guided = round(config.guided * config.worlds), config.guided_epsilon
+        self._scratch = allocate_scratch(slots, setting.who.policy)
+        self._keep = keep_nothing(slots)
+        self._actors = allocate_actors(config.worlds, setting, slots, N_OBSERVATION)
+        self.finished = self._actors.finished.view(np.int64)
+        start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
     def warm_up(self) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
-        self._collect(0, self._setting.policy.weights, 0.0, allocate_transitions(1))
+        self._collect(0, self._setting.who.policy.weights, 0.0, allocate_transitions(1))
 
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
         """One decision of every world with the given weights; returns `out`."""
-        return self._collect(self._tests.size, weights, epsilon, out)
+        return self._collect(len(self._actors.allowed), weights, epsilon, out)
 
     def _collect(self, n: int, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
         """One decision of the first n worlds."""
-        setting = self._setting._replace(policy=self._setting.policy._replace(weights=weights))
-        collect(
-            self._seed,
-            0,
-            n,
-            self._tests,
-            epsilon,
-            self._guided,
-            self._guided_epsilon,
-            setting,
-            self._reward,
-            self._worlds,
-            self._pairs,
-            self._scratch,
-            self._recording,
-            self._history,
-            self._observation,
-            self._allowed,
-            out,
-            self.finished,
-        )
+        policy = self._setting.who.policy._replace(weights=weights)
+        exploring = Exploring(POLICY, policy, epsilon, *self._guided)
+        collect(n, exploring, self._setting, self._reward, self._actors, self._scratch, self._keep, out)
         return out
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything that `act` changes and needs again, by name; views, the vehicles as bytes."""
-        worlds = self._worlds
+        """Everything that `act` changes and needs again, by name; views."""
+        actors = self._actors
         return {
-            "vehicles": worlds.vehicles.view(np.uint8),
-            "order": worlds.order,
-            "current": worlds.current,
-            "info": worlds.info,
-            "tests": self._tests,
-            "observation": self._observation,
-            "allowed": self._allowed,
-            "bvs": self._history.bv,
-            "actions": self._history.action,
+            **{f"worlds.{name}": array for name, array in arrays_of(actors.worlds).items()},
+            "observation": actors.observation,
+            "allowed": actors.allowed,
+            "actions": actors.history.action,
             "finished": self.finished,
         }
 
@@ -242,8 +210,7 @@ def train_adversary(
     check_integer("seed", seed, low=0, high=2**63 - 1)
 
     def worlds(numbers: PolicyNumbers) -> Actor:
-        hostile = setting._replace(adversary=ADVERSARIES["policy"], policy=numbers)
-        return _Actor(hostile, slots, config, seed)
+        return _Actor(setting.with_drivers(critical=TOLD, policy=numbers), slots, config, seed)
 
     return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)
 

@@ -20,16 +20,21 @@ from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult,
 from cornerforge.drivers.avs import AV_KINDS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers
 from cornerforge.errors import InputError
-from cornerforge.sim.adversaries import ADVERSARIES, allocate_choice_scratch
 from cornerforge.sim.av_features import N_AV_FEATURES
-from cornerforge.sim.av_kinds import DECIDES_EVERY, LEARNED_WIDTH
-from cornerforge.sim.drive import Setting
-from cornerforge.sim.drive_av import AV_DECISIONS, AvReward, collect_av, start_av_worlds
-from cornerforge.sim.drive_bv import N_FINISHED, Transitions
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import allocate_worlds
-from cornerforge.types import N_ACTIONS
+from cornerforge.sim.av_kinds import DECIDES_EVERY
+from cornerforge.sim.drive_av import (
+    AV_DECISIONS,
+    HOSTILE,
+    AvReward,
+    allocate_av_actors,
+    collect_av,
+    start_av_worlds,
+)
+from cornerforge.sim.drive_bv import Transitions
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.scratch import LEARNED_WIDTH, allocate_scratch
+from cornerforge.sim.setting import ADVERSARIES, NOBODY, Setting
+from cornerforge.sim.world import arrays_of
 
 __all__ = ["AV_TRAINING", "AvTrainConfig", "train_av"]
 
@@ -73,9 +78,10 @@ class AvTrainConfig(TrainConfig):
         return AvReward(self.progress, self.acceleration, self.lane_change, self.nearness, self.time_gap)
 
     @property
-    def mix(self) -> NDArray[np.int64]:
-        """`hostile` for the kernels, int64 (M, 2)."""
-        return np.array([(ADVERSARIES[name], int(bounded)) for name, bounded in self.hostile], dtype=np.int64)
+    def adversaries(self) -> NDArray[np.void]:
+        """The adversaries by turns, as kernels take them."""
+        turns = [(ADVERSARIES[name], bounded) for name, bounded in self.hostile]
+        return np.array(turns, dtype=HOSTILE)
 
 
 AV_TRAINING = AvTrainConfig(
@@ -111,21 +117,14 @@ class _Actor:
     """The worlds in which the AV drives."""
 
     def __init__(self, setting: Setting, slots: int, config: AvTrainConfig, seed: int) -> None:
-        n = config.worlds
         self._setting = setting
-        self._seed = seed
-        self._mix = config.mix
         self._reward = config.av_reward
-        self._worlds = allocate_worlds(n, slots)
-        self._tests = np.arange(TRAINING_TESTS, TRAINING_TESTS + n, dtype=np.int64)
-        self._observation = np.zeros((n, N_AV_FEATURES), dtype=np.float32)
-        self._allowed = np.zeros((n, N_ACTIONS), dtype=np.bool_)
-        self._pairs = allocate_pairs(slots)
-        self._recording = allocate_recording(0, slots)
-        self._scratch = allocate_choice_scratch(setting.policy)
-        self._out = allocate_transitions(AV_DECISIONS * n, N_AV_FEATURES)
-        self.finished = np.zeros(N_FINISHED, dtype=np.int64)
-        start_av_worlds(seed, self._tests, setting, self._worlds, self._pairs, self._observation, self._allowed)
+        self._scratch = allocate_scratch(slots, setting.who.policy)
+        self._keep = keep_nothing(slots)
+        self._actors = allocate_av_actors(config.worlds, slots, N_AV_FEATURES, config.adversaries)
+        self._out = allocate_transitions(AV_DECISIONS * config.worlds, N_AV_FEATURES)
+        self.finished = self._actors.finished.view(np.int64)
+        start_av_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
     def warm_up(self) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
@@ -133,40 +132,22 @@ class _Actor:
 
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:  # noqa: ARG002
         """One second of every world with the given weights."""
-        rows = self._collect(self._tests.size, weights, epsilon)
+        rows = self._collect(len(self._actors.allowed), weights, epsilon)
         return Transitions._make(part[:rows] for part in self._out)
 
     def _collect(self, n: int, weights: NDArray[np.float32], epsilon: float) -> int:
         """One second of the first n worlds into `_out`; returns the number of transitions."""
         av = self._setting.av
-        return collect_av(
-            self._seed,
-            self._tests[:n],
-            epsilon,
-            self._setting._replace(av=av._replace(network=av.network._replace(weights=weights))),
-            self._mix,
-            self._reward,
-            self._worlds,
-            self._pairs,
-            self._scratch,
-            self._recording,
-            self._observation,
-            self._allowed,
-            self._out,
-            self.finished,
-        )
+        setting = self._setting._replace(av=av._replace(network=av.network._replace(weights=weights)))
+        return collect_av(n, epsilon, setting, self._reward, self._actors, self._scratch, self._keep, self._out)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything that `act` changes and needs again, by name; views, the vehicles as bytes."""
-        worlds = self._worlds
+        """Everything that `act` changes and needs again, by name; views."""
+        actors = self._actors
         return {
-            "vehicles": worlds.vehicles.view(np.uint8),
-            "order": worlds.order,
-            "current": worlds.current,
-            "info": worlds.info,
-            "tests": self._tests,
-            "observation": self._observation,
-            "allowed": self._allowed,
+            **{f"worlds.{name}": array for name, array in arrays_of(actors.worlds).items()},
+            "observation": actors.observation,
+            "allowed": actors.allowed,
             "finished": self.finished,
         }
 
@@ -213,6 +194,6 @@ def train_av(
     def worlds(network: PolicyNumbers) -> _Actor:
         av = setting.av._replace(kind=AV_KINDS["learned"], network=network)
         road = setting.road._replace(av_substeps=DECIDES_EVERY)
-        return _Actor(setting._replace(av=av, road=road, adversary=0), slots, config, seed)
+        return _Actor(setting._replace(av=av, road=road).with_drivers(critical=NOBODY), slots, config, seed)
 
     return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)

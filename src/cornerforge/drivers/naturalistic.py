@@ -22,7 +22,16 @@ if TYPE_CHECKING:
 
     from cornerforge.ndd.model import NddModel
 
-__all__ = ["NddTables", "accept_chance", "following_row", "free_row", "lane_change_base", "sample_row", "tables_of"]
+__all__ = [
+    "InitialNumbers",
+    "NddTables",
+    "accept_chance",
+    "following_row",
+    "free_row",
+    "lane_change_base",
+    "sample_row",
+    "tables_of",
+]
 
 N_ACCELERATIONS = 31
 MAX_TABLE_CLOSING = 10.0
@@ -36,6 +45,23 @@ _FIRST_FREE_ROW = 21 * 116 * 19
 _LAST_WORD = np.uint64(0xFFFFFFFE)
 
 
+class InitialNumbers(NamedTuple):
+    """`ndd.model.InitialState` as kernels take it: the same names, units and order."""
+
+    speed_mean: float
+    speed_sd: float
+    speed_low: float
+    speed_high: float
+    follow_share: float
+    time_gap_median: float
+    time_gap_sigma: float
+    rr_scale: float
+    rr_exponent: float
+    min_ttc: float
+    free_gap_low: float
+    free_gap_high: float
+
+
 class NddTables(NamedTuple):
     """The model as kernels take it.
 
@@ -45,7 +71,7 @@ class NddTables(NamedTuple):
         lc_base: (21,); lc_desire: (116, 19); lc_accept: (2, 116, 19), lead and rear. float32.
         lc_desire_free, overlook, overlook_conflict: Numbers of the model.
         lc_most: No `lane_change_base` is larger.
-        initial: Fields of `InitialState` in order, float64 (12,).
+        initial: Traffic at the start of a test.
     """
 
     p: NDArray[np.float32]
@@ -57,7 +83,7 @@ class NddTables(NamedTuple):
     overlook: float
     overlook_conflict: float
     lc_most: float
-    initial: NDArray[np.float64]
+    initial: InitialNumbers
 
 
 def _cuts(p: NDArray[np.float32]) -> NDArray[np.uint32]:
@@ -72,7 +98,7 @@ def _cuts(p: NDArray[np.float32]) -> NDArray[np.uint32]:
 def tables_of(model: NddModel) -> NddTables:
     """Prepare a model for the kernels (about 20 ms, 12 MB)."""
     p = np.concatenate([model.following.reshape(-1, N_ACCELERATIONS), model.free])
-    initial = [float(getattr(model.initial, name)) for name in model.initial.__dataclass_fields__]
+    initial = InitialNumbers(**{name: float(getattr(model.initial, name)) for name in InitialNumbers._fields})
     return NddTables(
         p=p,
         cut=_cuts(p),
@@ -83,7 +109,7 @@ def tables_of(model: NddModel) -> NddTables:
         overlook=float(model.overlook),
         overlook_conflict=float(model.overlook_conflict),
         lc_most=float(model.lc_base.max()) * max(float(model.lc_desire.max()), float(model.lc_desire_free)),
-        initial=np.array(initial, dtype=np.float64),
+        initial=initial,
     )
 
 

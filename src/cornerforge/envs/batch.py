@@ -15,24 +15,25 @@ from cornerforge._checks import check_integer
 from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.sim.adversaries import ChoiceScratch, allocate_choice_scratch
 from cornerforge.sim.agents import (
     MAX_TRIES,
     NOBODY_LEFT,
-    allocate_av_seconds,
+    AvAgents,
+    BvAgents,
+    allocate_av_agents,
+    allocate_bv_agents,
     drive_on_as_av,
     start_as_av,
     start_as_bv,
     step_as_bv,
 )
-from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
-from cornerforge.sim.drive_bv import History, allocate_history
-from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.reach import Pairs, allocate_pairs
+from cornerforge.sim.drive_bv import allocate_history
+from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.rewards import RewardNumbers
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, FRAME, RUNNING, TIME_UP, World, allocate_worlds
-from cornerforge.types import FRAME_S, N_ACTIONS
+from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.setting import OUTSIDE, TOLD
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, RUNNING, TIME_UP, World
+from cornerforge.types import FRAME_S
 
 __all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "read_options"]
 
@@ -95,34 +96,30 @@ class Batch(ABC):
     observation: NDArray[np.float32]
     reward: NDArray[np.float64]
 
-    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int) -> None:
+    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, agents: BvAgents | AvAgents) -> None:
         self.run = run
         self.n = n
-        self.worlds = allocate_worlds(n, run.slots)
-        self.seeds = np.zeros(n, dtype=np.int64)
-        self.tests = np.full(n, FIRST_TEST - 1, dtype=np.int64)
+        self.worlds: World = agents.worlds
+        self.seeds, self.tests, self.outcome = agents.seeds, agents.tests, agents.outcome
+        self.tests[:] = FIRST_TEST - 1
         self.is_seeded = np.zeros(n, dtype=np.bool_)
         self.is_over = np.ones(n, dtype=np.bool_)
-        self.outcome = np.zeros(n, dtype=np.int64)
-        self.reward = np.zeros(n)
         wished = cores if threads is None else check_integer("threads", threads, low=1, high=1024)
         most = n if threads is not None else n // _WORLDS_PER_THREAD
         count = max(1, min(wished, most))
         edges = [n * k // count for k in range(count + 1)]
         self._parts = list(itertools.pairwise(edges))
-        self._pairs = [allocate_pairs(run.slots) for _ in self._parts]
-        self._scratch = [allocate_choice_scratch(run.setting.policy) for _ in self._parts]
-        self._recording = allocate_recording(0, run.slots)
+        self._scratch = [allocate_scratch(run.slots, run.setting.who.policy) for _ in self._parts]
+        self._keep = keep_nothing(run.slots)
         self._pool = ThreadPoolExecutor(count) if count > 1 else None
 
-    def _share(self, work: Callable[[int, int, Pairs, ChoiceScratch, int], None]) -> None:
-        """Let the threads work on their ranges of worlds: `work(begin, end, pairs, scratch, number)`."""
+    def _share(self, work: Callable[[int, int, Scratch, int], None]) -> None:
+        """Let the threads work on their ranges of worlds: `work(begin, end, scratch, number)`."""
         if self._pool is None:
-            work(0, self.n, self._pairs[0], self._scratch[0], 0)
+            work(0, self.n, self._scratch[0], 0)
             return
         waiting = [
-            self._pool.submit(work, begin, end, self._pairs[k], self._scratch[k], k)
-            for k, (begin, end) in enumerate(self._parts)
+            self._pool.submit(work, begin, end, self._scratch[k], k) for k, (begin, end) in enumerate(self._parts)
         ]
         for future in waiting:
             future.result()
@@ -172,7 +169,7 @@ class Batch(ABC):
 
     def time(self) -> NDArray[np.float64]:
         """When the tests ended [s], (B,); meaningless where they run."""
-        return np.asarray(np.round(self.worlds.info[:, FRAME] * FRAME_S, 1))
+        return np.asarray(np.round(self.worlds.state["frame"][:, 0] * FRAME_S, 1))
 
     @property
     @abstractmethod
@@ -194,13 +191,6 @@ class Batch(ABC):
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None: ...
 
 
-def _with_own_scratch(history: History) -> History:
-    """The same record of decisions, with a world and a recording of its own for another thread."""
-    return history._replace(
-        world=World._make(array.copy() for array in history.world), recording=history.recording.copy()
-    )
-
-
 class BvBatch(Batch):
     """Worlds in which the agent is the BV nearest to the AV.
 
@@ -214,13 +204,18 @@ class BvBatch(Batch):
     """
 
     def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, reward: RewardNumbers) -> None:
-        super().__init__(run, n, threads, cores)
+        self._agents = allocate_bv_agents(n, run.slots)
+        super().__init__(run, n, threads, cores, self._agents)
+        self._setting = run.setting.with_drivers(critical=TOLD)
         self._pays = reward
         done = allocate_history(n, run.setting, run.slots)
-        self._histories = [done, *(_with_own_scratch(done) for _ in self._parts[1:])]
-        self.observation = np.zeros((n, N_OBSERVATION), dtype=np.float32)
-        self.allowed = np.zeros((n, N_ACTIONS), dtype=np.bool_)
-        self._taken = np.zeros(n, dtype=np.int64)
+        scratch = (allocate_history(0, run.setting, run.slots) for _ in self._parts[1:])
+        self._histories = [done, *(own._replace(action=done.action) for own in scratch)]
+        self.observation, self.allowed, self.reward = (
+            self._agents.observation,
+            self._agents.allowed,
+            self._agents.reward,
+        )
 
     @property
     def truncated(self) -> NDArray[np.bool_]:
@@ -233,14 +228,13 @@ class BvBatch(Batch):
 
     def acted(self) -> dict[str, NDArray[Any]]:
         """The action carried out."""
-        return {"action": self._taken.copy()}
+        return {"action": self._agents.action.copy()}
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
-        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:  # noqa: ARG001
-            start_as_bv(
-                begin, end, chosen, self.seeds, self.tests, self.run.setting, self.worlds, s, self.observation,
-                self.allowed,
-            )  # fmt: skip
+        self._agents.chosen[:] = chosen
+
+        def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
+            start_as_bv(begin, end, self._setting, self._agents, s)
 
         self._share(work)
         if (self.tests[chosen] < 0).any():
@@ -250,14 +244,11 @@ class BvBatch(Batch):
             )
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
-        self._taken[:] = actions
+        self._agents.chosen[:] = chosen
+        self._agents.action[:] = actions
 
-        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:
-            step_as_bv(
-                begin, end, chosen, self.seeds, self.tests, self._taken, self.run.setting, self._pays, self.worlds,
-                pairs, s, self._recording, self._histories[k], self.observation, self.allowed, self.outcome,
-                self.reward,
-            )  # fmt: skip
+        def work(begin: int, end: int, s: Scratch, k: int) -> None:
+            step_as_bv(begin, end, self._setting, self._pays, self._agents, self._histories[k], s, self._keep)
 
         self._share(work)
 
@@ -274,12 +265,12 @@ class AvBatch(Batch):
     """
 
     def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool) -> None:
-        super().__init__(run, n, threads, cores)
+        self._agents = allocate_av_agents(n, run.slots)
+        super().__init__(run, n, threads, cores, self._agents)
+        self._setting = run.setting.with_drivers(av=OUTSIDE)
         self._box = box
-        self.observation = np.zeros((n, VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32)
-        self._seconds = allocate_av_seconds(n, self._pairs[0])
-        self._found = [np.zeros(VIEW_ROWS - 1, dtype=np.int64) for _ in self._parts]
-        self._metres = np.zeros(n)
+        self.observation = self._agents.seen
+        self.reward = np.zeros(n)
 
     @property
     def truncated(self) -> NDArray[np.bool_]:
@@ -292,14 +283,13 @@ class AvBatch(Batch):
 
     def acted(self) -> dict[str, NDArray[Any]]:
         """Metres driven in this step."""
-        return {"metres": self._metres.copy()}
+        return {"metres": self._agents.metres.copy()}
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
-        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:  # noqa: ARG001
-            start_as_av(
-                begin, end, chosen, self.seeds, self.tests, self.run.setting, self.worlds, self._seconds,
-                self._found[k], self.observation,
-            )  # fmt: skip
+        self._agents.chosen[:] = chosen
+
+        def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
+            start_as_av(begin, end, self._setting, self._agents, s)
 
         self._share(work)
 
@@ -313,11 +303,12 @@ class AvBatch(Batch):
         self._note_ends(chosen)
 
     def _drive(self, command: NDArray[np.float64], order: NDArray[np.int64], chosen: NDArray[np.bool_]) -> None:
-        def work(begin: int, end: int, pairs: Pairs, s: ChoiceScratch, k: int) -> None:
-            drive_on_as_av(
-                begin, end, chosen, self.seeds, self.tests, command, order, self.run.setting, self.worlds,
-                self._seconds, pairs, s, self._recording, self._found[k], self.observation, self.outcome, self._metres,
-            )  # fmt: skip
+        self._agents.chosen[:] = chosen
+        self._agents.command[:] = command
+        self._agents.order[:] = order
+
+        def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
+            drive_on_as_av(begin, end, self._setting, self._agents, s, self._keep)
 
         self._share(work)
-        self.reward[:] = self._metres / self.run.setting.road.test_length - (self.outcome == AV_CRASH)
+        self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == AV_CRASH)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.geometry import lane_centre
-from cornerforge.sim.world import CONTROLLED, N_VEHICLES, RoadNumbers, World
+from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = ["top_view"]
 
@@ -28,7 +28,7 @@ def top_view(worlds: World, b: int, road: RoadNumbers) -> NDArray[np.uint8]:
     windscreen. Its size depends on the number and width of lanes only.
     """
     v = worlds.vehicles[b]
-    info = worlds.info[b]
+    state = worlds.state[b, 0]
     first = float(v["x"][0]) - _BEHIND
     top = road.n_lanes * road.lane_width + _VERGE
     width = round((_BEHIND + _AHEAD) * _PIXELS_PER_M)
@@ -43,9 +43,9 @@ def top_view(worlds: World, b: int, road: RoadNumbers) -> NDArray[np.uint8]:
         edge = lane_centre(lane, road.lane_width) - 0.5 * road.lane_width
         inside = np.ones_like(dashed) if lane in (0, road.n_lanes) else dashed
         image[np.ix_(np.abs(y - edge) < _LINE, inside)] = _PAINT
-    for i in range(int(info[N_VEHICLES]) - 1, -1, -1):
+    for i in range(int(state["n_vehicles"]) - 1, -1, -1):
         if v["present"][i] and -_BEHIND - road.length < v["x"][i] - v["x"][0] < _AHEAD + road.length:
-            colour = _AV if i == 0 else _CONTROLLED if i == info[CONTROLLED] else _OTHER
+            colour = _AV if i == 0 else _CONTROLLED if i == state["controlled"] else _OTHER
             _draw_box(image, x, y, v[i], road, colour)
     return image
 

@@ -17,22 +17,13 @@ from cornerforge.errors import AvFaultError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
 from cornerforge.foreign.session import AvSession, Steps, context_of
 from cornerforge.sim import lockstep
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions
-from cornerforge.sim.runner import allocate_outcomes
-from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_recording
-from cornerforge.sim.world import (
-    AV_CRASH,
-    AV_FAULT,
-    FRAME,
-    N_BV_CRASHES,
-    N_DECISIONS,
-    OUTCOME,
-    SLOT_A,
-    SLOT_B,
-    World,
-)
+from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, write_outcome
+from cornerforge.sim.runner import census_of
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.statistics import Census, Counts, allocate_counts
+from cornerforge.sim.step import SUBSTEPS
+from cornerforge.sim.world import AV_CRASH, AV_FAULT, IDLE, world_of
 from cornerforge.types import Odd
 
 __all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "seeds_of"]
@@ -157,8 +148,9 @@ class ForeignAv:
         """Load the compiled kernels, or compile them, so that timings do not count it."""
         batch = lockstep.allocate_batch(1, slots)
         lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
-        lockstep.see(batch, setting.road)
-        Steps(setting, slots, 0, batch, 1).act(np.zeros((1, 2)))
+        steps = Steps(setting, slots, batch)
+        steps.see()
+        steps.act(np.zeros((1, 2)))
 
     def close(self) -> None:
         """End its processes; they end with this object or the program anyway."""
@@ -190,14 +182,14 @@ class ForeignAv:
         Raises:
             AvFaultError: It spoils too many.
         """
-        census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
-        out, total = allocate_outcomes(count), allocate_counts(slots)
+        census = census_of(counting)
+        out, total = allocate_outcomes(count), allocate_counts()
         groups = [list(range(first, first + count))] if count else []
         with self._session() as session:
             while groups:
                 group = groups.pop()
                 is_fresh = session.is_fresh
-                counts = allocate_counts(slots)
+                counts = allocate_counts()
                 try:
                     self._drive(session, setting, slots, seed, group, first, census, out, counts)
                 except _SpoiledError as spoiled:
@@ -254,30 +246,31 @@ class ForeignAv:
             _SpoiledError: Not all of them could be.
         """
         batch = session.batch(slots)
-        size = batch.test.size
-        scratch = allocate_choice_scratch(setting.policy)
-        recording, decisions = allocate_recording(0, slots), allocate_decisions(0, slots)
+        size = batch.views.shape[0]
+        scratch = allocate_scratch(slots, setting.who.policy)
+        keep = keep_nothing(slots, counts=counts, census=census)
         done = np.zeros(size, dtype=np.int64)
         tests = np.array(group, dtype=np.int64)
+        driven = batch.worlds.state["test"][:, 0]  # a view
         log = np.zeros((size, _most_answers(setting), 2)) if self._keeps_scripts else None
         answered = np.zeros(size, dtype=np.int64)
         begun = 0
         finished: set[int] = set()
         while True:
-            fresh = np.flatnonzero(batch.test == lockstep.IDLE)[: tests.size - begun]
+            fresh = lockstep.idle(batch)[: tests.size - begun]
             if fresh.size:
                 lockstep.begin(seed, fresh, tests[begun : begun + fresh.size], setting, batch)
                 answered[fresh] = 0
                 begun += fresh.size
-            driving = np.flatnonzero(batch.test != lockstep.IDLE)
+            driving = lockstep.running(batch)
             if driving.size == 0:
                 return
-            lockstep.see(batch, setting.road)
+            lockstep.see(batch, setting, scratch)
             try:
-                answers = session.process().act(batch.views, fresh, seeds_of(seed, batch.test[fresh]))
+                answers = session.process().act(batch.views, fresh, seeds_of(seed, driven[fresh]))
             except AvFailureError as failure:
                 session.renew()
-                suspects = sorted(int(test) for test in batch.test[driving])
+                suspects = sorted(int(test) for test in driven[driving])
                 again = () if census.on else finished
                 left = [test for test in group if test not in again and test not in suspects]
                 raise _SpoiledError(failure.what, str(failure), suspects, left, certain=False) from failure
@@ -291,13 +284,11 @@ class ForeignAv:
             if log is not None:
                 log[driving, answered[driving]] = answers[driving]
                 answered[driving] += 1
-            running = batch.test.copy()
-            n = lockstep.act(seed, answers, False, setting, batch, scratch, recording, decisions, counts, census, done)
-            for b in done[:n]:
-                test = int(running[b])
+            for b in done[: lockstep.act(answers, False, setting, batch, scratch, keep, done)]:
+                test, world = int(driven[b]), world_of(batch.worlds, int(b))
                 finished.add(test)
-                _write_outcome(out, test - first, batch.worlds, int(b), setting)
-                if log is not None and batch.worlds.info[b, OUTCOME] == AV_CRASH:
+                write_outcome(world, out, test - first, setting.road)
+                if log is not None and world.state["outcome"][0] == AV_CRASH:
                     self._keep_script(seed, test, log[b, : answered[b]].copy())
 
     def _set_aside(
@@ -310,7 +301,7 @@ class ForeignAv:
             _SpoiledError: It does.
         """
         message = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
-        spoiled = sorted(int(test) for test in batch.test[bad])
+        spoiled = sorted(int(test) for test in batch.worlds.state["test"][bad, 0])
         if census.on:
             left = [test for test in group if test not in spoiled]
             raise _SpoiledError("answer", message, spoiled, left, certain=True)
@@ -318,7 +309,7 @@ class ForeignAv:
             _clear(out, test - first)
             self._note(seed, Fault(test, "answer", message))
             finished.add(test)
-        batch.test[bad] = lockstep.IDLE
+        batch.worlds.state["outcome"][bad] = IDLE
 
     # --- scripts: what the AV answered in one test ---
 
@@ -344,11 +335,11 @@ class ForeignAv:
         with self._session() as session:
             batch = session.batch(slots)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
-            steps = Steps(setting, slots, seed, batch, batch.test.size)
+            steps = Steps(setting, slots, batch)
             fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
             answers = []
-            while batch.test[0] != lockstep.IDLE:
-                lockstep.see(batch, setting.road)
+            while lockstep.running(batch).size:
+                steps.see()
                 try:
                     given = session.process().act(batch.views, fresh, seeds)
                 except AvFailureError as failure:
@@ -384,16 +375,6 @@ def _usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def _most_answers(setting: Setting) -> int:
     return int(setting.road.max_decisions) * -(-SUBSTEPS // int(setting.road.av_substeps))
-
-
-def _write_outcome(out: Outcomes, k: int, worlds: World, b: int, setting: Setting) -> None:
-    info = worlds.info[b]
-    out.code[k] = info[OUTCOME]
-    out.frame[k] = info[FRAME]
-    out.slot_a[k], out.slot_b[k] = info[SLOT_A], info[SLOT_B]
-    out.bv_crashes[k] = info[N_BV_CRASHES]
-    out.decisions[k] = info[N_DECISIONS]
-    out.distance[k] = worlds.vehicles["x"][b, 0] - setting.road.av_start
 
 
 def _clear(out: Outcomes, k: int) -> None:

@@ -10,12 +10,11 @@ from cornerforge.foreign.session import Steps
 from cornerforge.sim import lockstep
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.world import N_DECISIONS, World
+from cornerforge.sim.world import World
 
 if TYPE_CHECKING:
     from cornerforge.foreign.driver import ForeignAv
-    from cornerforge.sim.drive import Setting
-    from cornerforge.sim.reach import Pairs
+    from cornerforge.sim.setting import Setting
     from cornerforge.types import Odd
 
 __all__ = ["ForeignRecorder", "ScriptedSeconds"]
@@ -36,14 +35,19 @@ class ForeignRecorder(Recorder):
         self._av = av
         av.keep_scripts()
 
-    def _drive(self, world: World, seed: int, test: int) -> None:
-        slots = world.vehicles.size
-        script = self._av.script(self._setting, slots, seed, test)
-        batch = lockstep.allocate_batch(1, slots)._replace(worlds=self._worlds)
+    def _drive(self, seed: int, test: int) -> None:
+        slots = self._world.vehicles.size
+        batch = batch_of(self._world)
         lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), self._setting, batch)
-        steps = Steps(self._setting, slots, seed, batch, 1, self._recording, self._decisions)
-        for answer in script:
+        steps = Steps(self._setting, slots, batch, self._keep)
+        for answer in self._av.script(self._setting, slots, seed, test):
             steps.act(answer[None])
+
+
+def batch_of(world: World) -> lockstep.Batch:
+    """A batch of this one world."""
+    slots = world.vehicles.size
+    return lockstep.allocate_batch(1, slots)._replace(worlds=World._make(array[None] for array in world))
 
 
 class ScriptedSeconds:
@@ -57,15 +61,12 @@ class ScriptedSeconds:
     def __init__(self, av: ForeignAv, slots: int) -> None:
         self._av, self._slots = av, slots
 
-    def __call__(self, world: World, seed: int, test: int, setting: Setting, _pairs: Pairs) -> None:
+    def __call__(self, world: World, setting: Setting) -> None:
         """Advance a running world by one decision of the BVs."""
-        script = self._av.script(setting, self._slots, seed, test)
+        state = world.state[0]
+        script = self._av.script(setting, self._slots, int(state["seed"]), int(state["test"]))
         per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
-        worlds = World(
-            world.vehicles[None], world.order[None], world.current[None], world.info[None], world.words[None]
-        )
-        batch = lockstep.allocate_batch(1, self._slots)._replace(worlds=worlds, test=np.array([test], dtype=np.int64))
-        steps = Steps(setting, self._slots, seed, batch, 1)
-        begin = int(world.info[N_DECISIONS]) * per_second
+        steps = Steps(setting, self._slots, batch_of(world))
+        begin = int(state["decisions"]) * per_second
         for answer in script[begin : begin + per_second]:
             steps.act(answer[None])

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from cornerforge.foreign.interface import AvContext
 from cornerforge.foreign.process import AvProcess
 from cornerforge.sim import lockstep
-from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.av_view import AV_VIEW_VERSION
-from cornerforge.sim.drive import Decisions, Setting, allocate_decisions
-from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import allocate_recording
+from cornerforge.sim.keep import Keep, keep_nothing
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.world import IDLE
 from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["AvSession", "Steps", "context_of"]
@@ -72,26 +72,23 @@ class AvSession:
         """Idle worlds."""
         if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
             self._batch = lockstep.allocate_batch(self._context.batch, slots)
-        self._batch.test[:] = lockstep.IDLE
+        self._batch.worlds.state["outcome"] = IDLE
         return self._batch
 
 
 class Steps:
-    """One test in world 0 of a batch, answer by answer."""
+    """One test in world 0 of a batch, answer by answer; what is kept goes into `keep`."""
 
-    def __init__(
-        self, setting: Setting, slots: int, seed: int, batch: lockstep.Batch, size: int,
-        recording: NDArray[np.void] | None = None, decisions: Decisions | None = None,
-    ) -> None:  # fmt: skip
-        self._seed, self._setting, self._batch = seed, setting, batch
-        self._scratch = allocate_choice_scratch(setting.policy)
-        self._recording = allocate_recording(0, slots) if recording is None else recording
-        self._decisions = allocate_decisions(0, slots) if decisions is None else decisions
-        self._counts, self._done = allocate_counts(slots), np.zeros(size, dtype=np.int64)
+    def __init__(self, setting: Setting, slots: int, batch: lockstep.Batch, keep: Keep | None = None) -> None:
+        self._setting, self._batch = setting, batch
+        self._scratch = allocate_scratch(slots, setting.who.policy)
+        self._keep = keep_nothing(slots) if keep is None else keep
+        self._done = np.zeros(batch.views.shape[0], dtype=np.int64)
+
+    def see(self) -> None:
+        """Write what the AV sees into the batch's views."""
+        lockstep.see(self._batch, self._setting, self._scratch)
 
     def act(self, answers: NDArray[np.float64]) -> None:
         """Go on to the AV's next decision."""
-        lockstep.act(
-            self._seed, answers, False, self._setting, self._batch, self._scratch, self._recording, self._decisions,
-            self._counts, NOBODY, self._done,
-        )  # fmt: skip
+        lockstep.act(answers, False, self._setting, self._batch, self._scratch, self._keep, self._done)

@@ -12,15 +12,12 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cornerforge.library.schema import CASES, HISTORY_SHAPE, TRACKS, arrow_schema
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions
 from cornerforge.sim.harvest import CASES as N_CASES
-from cornerforge.sim.harvest import EXACT, FILLED, MARKS, Harvest, allocate_harvest, harvest_range
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.runner import allocate_outcomes
-from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_recording
-from cornerforge.sim.world import allocate_worlds
+from cornerforge.sim.harvest import EXACT, FILLED, MARKS, Buffers, Harvest, allocate_harvest, harvest_range
+from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, keep_whole_test
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.world import allocate_worlds, world_of
 
 __all__ = ["ADVERSARY_COLUMNS", "POLICY_COLUMNS", "Harvested", "Harvester"]
 
@@ -76,14 +73,13 @@ class Harvester:
     def __init__(self, setting: Setting, slots: int, policies: Sequence[str] = ()) -> None:
         self._setting = setting
         self._policies = np.array(policies, dtype=object)
-        decisions = setting.road.max_decisions
-        self._scratch = (allocate_worlds(1, slots), allocate_pairs(slots), allocate_choice_scratch(setting.policy))
-        self._recording = allocate_recording(SUBSTEPS * decisions + 1, slots)
-        self._decisions = allocate_decisions(decisions, slots)
-        self._no_recording = allocate_recording(0, slots)
-        self._no_decisions = allocate_decisions(0, slots)
-        self._counts = allocate_counts()
-        self._harvest = allocate_harvest(_ROOM, slots, decisions)
+        self._buffers = Buffers(
+            world_of(allocate_worlds(1, slots)),
+            allocate_scratch(slots, setting.who.policy),
+            keep_whole_test(setting, slots),
+            keep_nothing(slots),
+        )
+        self._harvest = allocate_harvest(_ROOM, slots, setting.road.max_decisions)
         self.extra = extra_columns(with_policy=bool(policies))
 
     def harvest(self, seed: int, first: int, count: int) -> Harvested:
@@ -95,10 +91,7 @@ class Harvester:
         while done < count:
             rest = Outcomes._make(column[done:] for column in out)
             h.filled[: len(FILLED) - 2] = 0
-            done += harvest_range(
-                seed, first + done, count - done, self._setting, *self._scratch, self._recording, self._decisions,
-                self._no_recording, self._no_decisions, self._counts, NOBODY, rest, h,
-            )  # fmt: skip
+            done += harvest_range(seed, first + done, self._setting, self._buffers, rest, h)
             if h.filled[N_CASES]:
                 tables.append(self._tables(seed))
         cases = [arrow_schema(CASES, self.extra).empty_table(), *(pair[0] for pair in tables)]

@@ -29,6 +29,7 @@ from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.recorder import Recorder, scenario_digest
 from cornerforge.sim.runner import crashed_tests
+from cornerforge.sim.setting import NOBODY
 from cornerforge.sim.world import AV_FAULT
 
 __all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
@@ -106,7 +107,7 @@ class _Harvest:
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Ranges of tests with their cases. Results do not depend on the number of threads or the ranges' size."""
         # Of an adversary most tests are cases, and cases fill memory; natural crashes are rare.
-        chunk = _CHUNK_NATURAL if self._run.setting.adversary == 0 else _CHUNK
+        chunk = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
         starts = iter(range(first, first + tests, chunk))
         pending: deque[Future[Harvested]] = deque()
         try:

@@ -20,13 +20,10 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
 from cornerforge.rates import binomial_interval
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import allocate_decisions, drive_range
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.runner import allocate_outcomes
-from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import allocate_worlds
+from cornerforge.sim.drive import drive_range
+from cornerforge.sim.keep import allocate_decisions, allocate_outcomes, keep_nothing
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.world import allocate_worlds, world_of
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]
 
@@ -161,16 +158,13 @@ def _likelihood(run: Experiment, tests: int, seed: int, threads: int, progress: 
 def _natural(run: Experiment, seed: int) -> dict[str, float]:
     """The same of natural drivers: the BV nearest to the AV in each second, over whole tests."""
     setting, slots = run.setting, run.slots
-    most = setting.road.max_decisions
-    decisions = allocate_decisions(most, slots)
+    world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
+    decisions = allocate_decisions(setting.road.max_decisions, slots)
+    keep = keep_nothing(slots)._replace(decisions=decisions)
     out, count = allocate_outcomes(1), 0
     log_prob = shortfall = 0.0
     for test in range(EVALUATION_TESTS, EVALUATION_TESTS + _NATURAL_TESTS):
-        drive_range(
-            seed, test, 1, setting, allocate_worlds(1, slots), allocate_pairs(slots),
-            allocate_choice_scratch(setting.policy), allocate_recording(0, slots), decisions, allocate_counts(),
-            NOBODY, out,
-        )  # fmt: skip
+        drive_range(seed, test, setting, world, scratch, keep, out)
         n = int(out.decisions[0])
         count += n
         log_prob += float(decisions.log_prob[:n].sum())

@@ -21,12 +21,20 @@ from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.output import config_hash
-from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST, cast_of
-from cornerforge.sim.decide import IDM_BVS
-from cornerforge.sim.drive import Setting
 from cornerforge.sim.observe import budget_units
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import DriveChunk, default_threads, drive_chunk, warm_up
+from cornerforge.sim.setting import (
+    ADVERSARIES,
+    BUILT_IN,
+    IDM_BVS,
+    NATURALISTIC,
+    NO_CAST,
+    OUTSIDE,
+    Controllers,
+    Setting,
+    cast_of,
+)
 from cornerforge.sim.world import n_slots, numbers_of_av, road_numbers
 from cornerforge.types import Odd, odd_named
 
@@ -276,15 +284,18 @@ def experiment(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
         tables=tables_of(ndd),
-        bv_model=IDM_BVS if driver == "idm" else 0,
-        adversary=0 if driver in ("nde", "idm") else ADVERSARIES[driver],
-        bounded=int(bounded),
-        policy=max(numbers, key=lambda p: p.width) if numbers else NO_POLICY,
-        budget=budget_units(budget),
-        temperature=temperature,
-        cast=NO_CAST
-        if len(policies) < 2
-        else cast_of(numbers, [p.bounded for p in policies], [budget_units(p.budget) for p in policies]),
+        who=Controllers(
+            av=OUTSIDE if is_foreign(av) else BUILT_IN,
+            critical=ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
+            others=IDM_BVS if driver == "idm" else NATURALISTIC,
+            bounded=int(bounded),
+            policy=max(numbers, key=lambda p: p.width) if numbers else NO_POLICY,
+            budget=budget_units(budget),
+            temperature=temperature,
+            cast=NO_CAST
+            if len(policies) < 2
+            else cast_of(numbers, [p.bounded for p in policies], [budget_units(p.budget) for p in policies]),
+        ),
     )
     spoken = "greedy" if temperature == 0.0 else f"softmax:{temperature:g}"
     foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None

@@ -19,10 +19,10 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary
 from cornerforge.rates import binomial_interval
-from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
+from cornerforge.sim.setting import ADVERSARIES, NO_CAST
 
 if TYPE_CHECKING:
     from cornerforge.adversary.train import CurvePoint, TrainResult
@@ -176,9 +176,9 @@ def measure_baselines(
     rates = []
     for name in ("nobody", *BASELINES):
         for bounded in (False,) if name == "nobody" else (False, True):
-            budget = run.setting.budget if bounded else 0
-            setting = run.setting._replace(
-                adversary=ADVERSARIES[name], bounded=int(bounded), budget=budget, temperature=0.0, cast=NO_CAST
+            budget = run.setting.who.budget if bounded else 0
+            setting = run.setting.with_drivers(
+                critical=ADVERSARIES[name], bounded=int(bounded), budget=budget, temperature=0.0, cast=NO_CAST
             )
             plain = replace(run, setting=setting, bv=name, bounded=bounded, policies=(), acting="greedy")
             rate = evaluate(plain, tests=tests, seed=seed, delay_s=delay_s, threads=threads, progress=progress)

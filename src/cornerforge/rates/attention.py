@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.sim.adversaries import allocate_choice_scratch
+from cornerforge.sim.advance import advance
 from cornerforge.sim.decide import action_probabilities
-from cornerforge.sim.drive import Setting, world_row
-from cornerforge.sim.reach import Pairs, allocate_pairs
-from cornerforge.sim.step import allocate_recording, step_world
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import NATURALISTIC, NOBODY, Setting
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import CONTROLLED, N_DECISIONS, N_VEHICLES, OUTCOME, RUNNING, World, allocate_worlds
+from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_of
 from cornerforge.types import ACTION_RIGHT
 
 __all__ = ["LOOK_BACK_S", "RARE_ACTION", "ActionChances", "Oversight", "action_chances", "oversight"]
@@ -59,8 +59,8 @@ class Oversight:
     overlooked: bool
 
 
-StepSecond = Callable[[World, int, int, Setting, Pairs], None]
-"""Advances a running world by one decision: (world, seed, test, setting, pairs)."""
+StepSecond = Callable[[World, Setting], None]
+"""Advances a running world by one decision: (world, setting)."""
 
 
 def action_chances(
@@ -74,40 +74,37 @@ def action_chances(
         setting, slots: The run, without an adversary, and its vehicle slots per world.
         seed, test: The test.
         slot: A BV, at least 1.
-        step: Who steps, when the AV decides outside the kernels; None for `step_world`.
+        step: Who steps, when the AV decides outside the kernels; None for `sim.advance`.
 
     Raises:
         InputError: The run has an adversary, BVs that follow the IDM, or there is no such BV.
     """
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("test", test, low=0, high=2**62)
-    if setting.adversary or setting.bv_model:
+    if setting.who.critical != NOBODY or setting.who.others != NATURALISTIC:
         raise InputError("Chances of actions are those of natural traffic; this run has other drivers.")
-    world: World = world_row.py_func(allocate_worlds(1, slots), 0)  # type: ignore[attr-defined]
-    reset_world(world, seed, test, setting.road, setting.av, setting.tables.initial)
-    check_integer("slot", slot, low=1, high=int(world.info[N_VEHICLES]) - 1)
-    pairs, recording = allocate_pairs(slots), allocate_recording(0, slots)
-    p = allocate_choice_scratch(setting.policy).p
+    world = world_of(allocate_worlds(1, slots))
+    reset_world(world, seed, test, setting)
+    check_integer("slot", slot, low=1, high=int(world.state["n_vehicles"][0]) - 1)
+    scratch, keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)
+    p = scratch.choice.p
     actions, rows = [], []
-    for _ in range(setting.road.max_decisions):
-        if world.info[OUTCOME] != RUNNING:
+    for second in range(setting.road.max_decisions):
+        if world.state["outcome"][0] != RUNNING:
             break
-        world.info[CONTROLLED] = -1
         present = bool(world.vehicles["present"][slot])
         chances = np.full((2, p.size), np.nan)
         for row, overlook in enumerate((0.0, setting.tables.overlook) if present else ()):
             action_probabilities(world, slot, overlook, setting.road, setting.tables, p)
             chances[row] = p
         if step is not None:
-            step(world, seed, test, setting, pairs)
+            step(world, setting)
         else:
-            step_world(
-                world, seed, test, setting.bv_model, -1, setting.road, setting.av, setting.tables, pairs, recording
-            )
+            advance(world, setting, scratch, keep, second + 1)
         action = int(world.vehicles["action"][slot]) if present else -1
         actions.append(action)
         rows.append(chances[:, action])
-    taken = np.array(rows, dtype=np.float64).reshape(int(world.info[N_DECISIONS]), 2)
+    taken = np.array(rows, dtype=np.float64).reshape(int(world.state["decisions"][0]), 2)
     return ActionChances(np.array(actions, dtype=np.int8), taken[:, 0], taken[:, 1])
 
 

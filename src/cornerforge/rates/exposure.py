@@ -13,8 +13,8 @@ import numpy as np
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.sim.drive import Setting
 from cornerforge.sim.runner import DriveChunk, drive_chunk, simulate_chunks
+from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import BV_TRAVEL_MM
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 
@@ -65,7 +65,7 @@ def bv_travel(
         InputError: A number is out of range.
     """
     check_integer("tests", tests, low=1)
-    if setting.adversary:
+    if setting.who.critical:
         raise InputError("The distance of BVs is asked for natural traffic; this run has an adversary.")
     millimetres, driven, counted = [], 0.0, 0
     for _, outcomes, counts in simulate_chunks(

@@ -3,66 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge._philox import PURPOSE_ACT, PURPOSE_CAST, PURPOSE_EXPLORE, block, uniform
-from cornerforge.drivers.policy import PolicyNumbers, best_action, q_values
-from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.world import N_DECISIONS
+from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
+from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.sim.setting import LANE_CHANGER, POLICY, UNIFORM
+from cornerforge.sim.world import moment_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
+    from cornerforge.drivers.policy import PolicyNumbers
+    from cornerforge.sim.scratch import ChoiceScratch
     from cornerforge.sim.world import World
 
-__all__ = [
-    "ADVERSARIES",
-    "NO_CAST",
-    "Cast",
-    "ChoiceScratch",
-    "allocate_choice_scratch",
-    "cast_index",
-    "cast_member",
-    "cast_of",
-    "choose_action",
-    "sample_action",
-]
-
-NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE = range(5)
-ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
-"""nobody: natural driving. policy: a Q-network. uniform: any allowed action. lane-changer: changes lanes two
-times in three. swerve: draws level with the AV in the next lane, then changes into it."""
-
-
-class ChoiceScratch(NamedTuple):
-    """Scratch for one choice at a time; `p` and `attentive` are for probabilities of actions."""
-
-    observation: NDArray[np.float32]
-    allowed: NDArray[np.bool_]
-    p: NDArray[np.float64]
-    attentive: NDArray[np.float64]
-    q: NDArray[np.float32]
-    layers: NDArray[np.float32]
-    found: NDArray[np.int64]
-
-
-def allocate_choice_scratch(policy: PolicyNumbers) -> ChoiceScratch:
-    """Scratch that fits a policy."""
-    widest = max(policy.width, policy.n_inputs, 33)
-    return ChoiceScratch(
-        np.zeros(N_OBSERVATION, dtype=np.float32),
-        np.zeros(33, dtype=np.bool_),
-        np.zeros(33),
-        np.zeros(33),
-        np.zeros(33, dtype=np.float32),
-        np.zeros((4, widest), dtype=np.float32),
-        np.zeros(4, dtype=np.int64),
-    )
+__all__ = ["choose_action", "sample_action"]
 
 
 @kernel
@@ -113,9 +71,7 @@ def _swerve(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
 
 
 @kernel
-def choose_action(
-    w: World, bv: int, kind: int, epsilon: float, seed: int, test: int, policy: PolicyNumbers, s: ChoiceScratch
-) -> int:
+def choose_action(w: World, bv: int, kind: int, epsilon: float, policy: PolicyNumbers, s: ChoiceScratch) -> int:
     """The controlled BV's action, one of those marked in `s.allowed`; `s.observation` must be filled for the policy.
 
     Args:
@@ -123,12 +79,11 @@ def choose_action(
         bv: Slot of the controlled BV.
         kind: One of ADVERSARIES' values but 0.
         epsilon: Chance of a uniformly drawn allowed action instead.
-        seed, test: Name the random numbers.
         policy: The network, used by kind 1 only.
         s: Scratch.
     """
-    info = w.info
-    words = block(seed, test, info[N_DECISIONS], bv, PURPOSE_EXPLORE)
+    state = w.state[0]
+    words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_EXPLORE)
     draw = uniform(words[1])
     if kind == UNIFORM or (epsilon > 0.0 and uniform(words[0]) < epsilon):
         return _pick_allowed(s.allowed, 0, 33, draw)
@@ -147,22 +102,20 @@ def choose_action(
 
 
 @kernel
-def sample_action(
-    w: World, bv: int, temperature: float, seed: int, test: int, policy: PolicyNumbers, s: ChoiceScratch
-) -> tuple[int, float]:
+def sample_action(w: World, bv: int, temperature: float, policy: PolicyNumbers, s: ChoiceScratch) -> tuple[int, float]:
     """A policy's action, one of those marked in `s.allowed`; at temperature 0 the best, else drawn by exp(Q / T).
 
     Args:
         w: The world.
         bv: Slot of the controlled BV.
         temperature: In units of Q (chance of a crash), 0 or more.
-        seed, test: Name the random numbers.
         policy: The network.
         s: Scratch; `s.observation` and `s.allowed` must be filled. Its `q` is overwritten.
 
     Returns:
         The action, and the natural log of its probability under the policy (0 for the best).
     """
+    state = w.state[0]
     q_values(policy, s.observation, s.layers, s.q)
     best = best_action(s.q, s.allowed)
     if temperature <= 0.0:
@@ -172,7 +125,7 @@ def sample_action(
     for a in range(33):
         if s.allowed[a]:
             total += math.exp((s.q[a] - most) / temperature)
-    draw = total * uniform(block(seed, test, w.info[N_DECISIONS], bv, PURPOSE_ACT)[0])
+    draw = total * uniform(block(state.seed, state.test, moment_of(w), bv, PURPOSE_ACT)[0])
     chosen = best
     for a in range(33):
         if s.allowed[a]:
@@ -183,52 +136,3 @@ def sample_action(
                 if draw < 0.0:
                     break
     return chosen, (s.q[chosen] - most) / temperature - math.log(total)
-
-
-class Cast(NamedTuple):
-    """Policies of a mixture, each test driven by one of them.
-
-    Attributes:
-        weights: Those of all networks, one after the other, float32.
-        members: One row per policy, int64 (K, 7): where its weights begin and end, n_inputs, n_shared, n_stream, width,
-            and its mask: 0 unbounded, else its budget as in `observe.budget_units` plus 1. K = 0: no mixture.
-    """
-
-    weights: NDArray[np.float32]
-    members: NDArray[np.int64]
-
-
-_MEMBER_FIELDS = 7
-NO_CAST = Cast(np.zeros(1, dtype=np.float32), np.zeros((0, _MEMBER_FIELDS), dtype=np.int64))
-
-
-def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets: Sequence[int]) -> Cast:
-    """Put policies together to a mixture.
-
-    Args:
-        policies: At least one.
-        bounded: Whose mask is the NDD-bounded one.
-        budgets: Each one's budget in units (`observe.budget_units`); 0: no limit.
-    """
-    members = np.zeros((len(policies), _MEMBER_FIELDS), dtype=np.int64)
-    begin = 0
-    for row, policy, is_bounded, budget in zip(members, policies, bounded, budgets, strict=True):
-        row[:2] = begin, begin + policy.weights.size
-        row[2:6] = policy[1:]
-        row[6] = budget + 1 if is_bounded else 0
-        begin += policy.weights.size
-    return Cast(np.concatenate([policy.weights for policy in policies]), members)
-
-
-@kernel
-def cast_index(seed: int, test: int, n: int) -> int:
-    """Which of n policies drives a test: each is as likely, whatever the others do; 0 for a single one."""
-    draw = uniform(block(seed, test, 0, 0, PURPOSE_CAST)[0])
-    return min(n - 1, math.floor(draw * n))
-
-
-@kernel
-def cast_member(cast: Cast, index: int) -> PolicyNumbers:
-    """The network of one policy of a mixture, as views."""
-    row = cast.members[index]
-    return PolicyNumbers(cast.weights[row[0] : row[1]], row[2], row[3], row[4], row[5])

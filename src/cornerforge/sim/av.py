@@ -11,7 +11,6 @@ from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
 from cornerforge.geometry import lane_of
 from cornerforge.sim.neighbours import neighbours_in_lane
-from cornerforge.sim.world import N_CURRENT
 
 if TYPE_CHECKING:
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
@@ -69,12 +68,12 @@ def side_gain(w: World, lane: int, acceleration_now: float, needed: float, road:
 def must_give_way(w: World, road: RoadNumbers) -> bool:
     """Does another vehicle enter the AV's target lane from the far side while the AV's centre is in its old lane?"""
     v = w.vehicles
-    info = w.info
+    state = w.state[0]
     target = v[0].target_lane
     old = lane_of(v[0].y, road.lane_width)
     if old == target:
         return False
-    for k in range(info[N_CURRENT]):
+    for k in range(state.n_current):
         j = w.current[k]
         if j > 0 and v[j].target_lane == target:
             other = lane_of(v[j].y, road.lane_width)

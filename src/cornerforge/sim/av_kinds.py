@@ -5,7 +5,7 @@ What each does and why is in docs/adr/0009-built-in-avs.md.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,21 +16,17 @@ from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
 from cornerforge.geometry import lane_of
 from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
-from cornerforge.sim.av_features import N_AV_FEATURES, av_actions_allowed, av_features, av_order
-from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
+from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
+from cornerforge.sim.av_view import view_of_av
 from cornerforge.sim.neighbours import neighbours_in_lane
-from cornerforge.sim.world import N_CURRENT
 from cornerforge.types import ACCELERATIONS
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from cornerforge.sim.scratch import AvScratch
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
 
 __all__ = [
-    "LEARNED_WIDTH",
-    "AvScratch",
-    "allocate_av_scratch",
+    "DECIDES_EVERY",
     "built_in_av_decides",
     "drives_by_idm",
     "sees_everybody",
@@ -38,8 +34,6 @@ __all__ = [
 
 BESIDE = 2.0
 """A vehicle is beside the AV when their boxes overlap lengthwise, or would if one were this much longer [m]."""
-LEARNED_WIDTH = 128
-"""No layer of a learned AV's network is wider."""
 DECIDES_EVERY = 5
 """Substeps (0.1 s) between two decisions of the learned AV."""
 _PLAIN, _WATCHFUL, _CAUTIOUS, _LEARNED = (
@@ -50,29 +44,6 @@ _PLAIN, _WATCHFUL, _CAUTIOUS, _LEARNED = (
 )
 _ACCELERATIONS = ACCELERATIONS
 _SIDES = (1, -1)
-
-
-class AvScratch(NamedTuple):
-    """Scratch of a learned AV, for one decision at a time."""
-
-    found: NDArray[np.int64]
-    seen: NDArray[np.float32]
-    features: NDArray[np.float32]
-    allowed: NDArray[np.bool_]
-    layers: NDArray[np.float32]
-    q: NDArray[np.float32]
-
-
-def allocate_av_scratch() -> AvScratch:
-    """Scratch for any built-in AV."""
-    return AvScratch(
-        np.zeros(VIEW_ROWS - 1, dtype=np.int64),
-        np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
-        np.zeros(N_AV_FEATURES, dtype=np.float32),
-        np.zeros(33, dtype=np.bool_),
-        np.zeros((4, LEARNED_WIDTH), dtype=np.float32),
-        np.zeros(33, dtype=np.float32),
-    )
 
 
 @inlined_kernel
@@ -149,7 +120,7 @@ def _comes_in_beside(w: World, road: RoadNumbers) -> int:
     lane = v[0].target_lane
     found = -1
     nearest = road.length + BESIDE
-    for k in range(w.info[N_CURRENT]):
+    for k in range(w.state[0].n_current):
         j = w.current[k]
         if j > 0 and v[j].target_lane == lane and lane_of(v[j].y, road.lane_width) != lane:
             distance = abs(v[j].x - v[0].x)

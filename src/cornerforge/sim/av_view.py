@@ -25,7 +25,6 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.sim.neighbours import SIGHT
-from cornerforge.sim.world import N_VEHICLES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -45,7 +44,7 @@ def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
     """Slots of the vehicles nearest to the AV along the road, nearest first, into `found`; returns their number."""
     v = w.vehicles
     count = 0
-    for j in range(1, w.info[N_VEHICLES]):
+    for j in range(1, w.state[0].n_vehicles):
         distance = abs(v[j].x - v[0].x)
         if v[j].present == 0 or distance >= SIGHT:
             continue

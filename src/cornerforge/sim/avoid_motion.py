@@ -14,7 +14,7 @@ from cornerforge.geometry import lane_centre
 from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.braking import lateral_plan
 from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import VEHICLE, World
+from cornerforge.sim.world import World, allocate_worlds, world_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -31,8 +31,7 @@ _SAME_M = 1e-3
 
 def allocate_rows(rows: int) -> World:
     """Vehicles without a world around them, (rows,), as the simulator's kernels of motion take them."""
-    nothing = np.zeros(1, dtype=np.int64)
-    return World(np.zeros(rows, dtype=VEHICLE), nothing, nothing, nothing, np.zeros((4, 0), dtype=np.uint64))
+    return world_of(allocate_worlds(1, rows))
 
 
 @kernel

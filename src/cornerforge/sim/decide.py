@@ -25,19 +25,20 @@ from cornerforge.drivers.naturalistic import (
 from cornerforge.geometry import lane_of
 from cornerforge.sim.av import lead_acceleration
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.sim.world import AHEAD, CONTROLLED, N_DECISIONS, N_VEHICLES
+from cornerforge.sim.setting import IDM_BVS
+from cornerforge.sim.world import NO_VEHICLE, moment_of
 
 if TYPE_CHECKING:
     from numpy import uint64
     from numpy.typing import NDArray
 
     from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.sim.scratch import Scratch
+    from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
 
-__all__ = ["IDM_BVS", "action_probabilities", "decide_bvs"]
+__all__ = ["action_probabilities", "decide_bvs"]
 
-IDM_BVS = 1
-"""Value of `bv_model` for BVs that follow the IDM without lane changes; 0 is the naturalistic model."""
 _WORD_BITS = 32
 _WORD_MASK = 0xFFFFFFFF
 
@@ -77,13 +78,13 @@ def _worst_follow(
     """
     v = w.vehicles
     order = w.order
-    info = w.info
+    state = w.state[0]
     i = order[rank]
     wanted = v[i].lanes
     action = -1
     nearest_gap = np.inf
     nearest_rate = 0.0
-    for other in range(rank + 1, info[N_VEHICLES]):
+    for other in range(rank + 1, state.n_vehicles):
         j = order[other]
         dx = v[j].x - v[i].x
         if dx >= SIGHT:
@@ -158,19 +159,18 @@ def _return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables:
 
 
 @inlined_kernel
-def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTables) -> int:
+def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTables, s: Scratch) -> int:
     """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE), which may be put off.
 
-    info[AHEAD + lane] names the next vehicle ahead of it in each lane. Of the slot's random words the first decides
+    `s.front` names the next vehicle ahead of it in each lane. Of the slot's random words the first decides
     about lanes, the second and fourth about the acceleration, the third about giving way.
     """
     v = w.vehicles
     order = w.order
-    info = w.info
-    words = w.words
+    words = s.words
     i = order[rank]
     if v[i].lanes == 1 << v[i].target_lane:
-        lead = info[AHEAD + v[i].target_lane]
+        lead = s.front[v[i].target_lane]
         action, gap, rate = _follow(w, i, lead, road, tables, words[1, i], uniform(words[3, i]))
     else:
         action, gap, rate = _worst_follow(w, rank, road, tables, words[1, i], uniform(words[3, i]))
@@ -322,23 +322,24 @@ def _starts_into(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
 
 
 @kernel
-def _gives_way(w: World, i: int, target: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> bool:
+def _gives_way(w: World, i: int, target: int, av_lane: int, setting: Setting, s: Scratch) -> bool:
     """Must slot i, about to change to `target`, wait for one ahead that starts into it at the same moment?
 
     It waits unless it accepts the gap to that one as to a lead in the target lane, from whichever side it comes. An
     inattentive driver (`overlook_conflict`) does not wait.
     """
     v = w.vehicles
-    info = w.info
+    state = w.state[0]
+    road, tables = setting.road, setting.tables
     chance = 1.0
-    for j in range(info[N_VEHICLES]):
+    for j in range(state.n_vehicles):
         dx = v[j].x - v[i].x
         if dx < 0.0 or dx >= SIGHT or j == i or (dx == 0.0 and j > i) or not _starts_into(v, j, target, av_lane):
             continue
         chance = min(chance, accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed))
     if chance >= 1.0:
         return False
-    waits: bool = uniform(w.words[2, i]) >= tables.overlook_conflict + (1.0 - tables.overlook_conflict) * chance
+    waits: bool = uniform(s.words[2, i]) >= tables.overlook_conflict + (1.0 - tables.overlook_conflict) * chance
     return waits
 
 
@@ -346,86 +347,76 @@ def _gives_way(w: World, i: int, target: int, av_lane: int, road: RoadNumbers, t
 def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvNumbers) -> None:
     """Every BV chooses the acceleration nearest to the IDM's; the controlled one takes `controlled_action`."""
     v = w.vehicles
-    controlled = w.info[CONTROLLED]
-    for rank in range(w.info[N_VEHICLES]):
+    controlled = w.state[0].controlled
+    for rank in range(w.state[0].n_vehicles):
         i = w.order[rank]
         if i > 0 and v[i].present:
             v[i].action = controlled_action if i == controlled else 2 + _idm_index(w, rank, road, av)
 
 
 @inlined_kernel
-def _all_naturalistic(
-    w: World, seed: int, test: int, controlled_action: int, road: RoadNumbers, tables: NddTables
-) -> int:
+def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scratch) -> int:
     """Every BV draws its action; the controlled one takes `controlled_action`. Returns how many begin a lane change.
 
     The walk goes from the front to the rear and keeps the last vehicle of each lane, so that a lead is found at once.
     Look-ups come last, all in one loop without branches: the processor then waits for the table once, not once a BV.
     """
     v = w.vehicles
-    info = w.info
-    controlled = info[CONTROLLED]
+    state = w.state[0]
+    road, tables = setting.road, setting.tables
+    controlled = state.controlled
     changes = 0
-    blocks(w.words, seed, test, info[N_DECISIONS], info[N_VEHICLES], PURPOSE_DECIDE)
+    blocks(s.words, state.seed, state.test, moment_of(w), state.n_vehicles, PURPOSE_DECIDE)
     for lane in range(road.n_lanes):
-        info[AHEAD + lane] = -1
-    for rank in range(info[N_VEHICLES] - 1, -1, -1):
+        s.front[lane] = NO_VEHICLE
+    for rank in range(state.n_vehicles - 1, -1, -1):
         i = w.order[rank]
         if v[i].present == 0:
             continue
         if i > 0:
-            action = controlled_action if i == controlled else _decide_naturalistic(w, rank, road, tables)
+            action = controlled_action if i == controlled else _decide_naturalistic(w, rank, road, tables, s)
             v[i].action = action
             if action < 2:
                 changes += 1
         for lane in range(road.n_lanes):
             if v[i].lanes & (1 << lane):
-                info[AHEAD + lane] = i
-    for i in range(1, w.info[N_VEHICLES]):
+                s.front[lane] = i
+    for i in range(1, state.n_vehicles):
         v[i].action = _drawn(tables, v[i].action)
     return changes
 
 
 @inlined_kernel
-def decide_bvs(
-    w: World,
-    seed: int,
-    test: int,
-    bv_model: int,
-    controlled_action: int,
-    av_lane: int,
-    road: RoadNumbers,
-    av: AvNumbers,
-    tables: NddTables,
-) -> None:
-    """Let all BVs choose, into their `action`. The controlled BV (info[CONTROLLED], if any) takes `controlled_action`.
+def decide_bvs(w: World, controlled_action: int, av_lane: int, setting: Setting, s: Scratch) -> None:
+    """Let all BVs choose, into their `action`. The controlled BV (if any) takes `controlled_action`.
 
-    `av_lane` is the target lane that the AV has just chosen: who starts into it at the same moment sees that.
+    `av_lane` is the target lane that the AV has just chosen: a BV that starts into it at the same moment sees that.
 
     One loop for each model: with the choice inside the loop the compiler makes both slower.
     """
     sort_by_x(w)
-    if bv_model == IDM_BVS:
-        _all_follow_idm(w, controlled_action, road, av)
+    if setting.who.others == IDM_BVS:
+        _all_follow_idm(w, controlled_action, setting.road, setting.av)
         return
-    changes = _all_naturalistic(w, seed, test, controlled_action, road, tables)
+    changes = _all_naturalistic(w, controlled_action, setting, s)
     if changes + (av_lane != w.vehicles[0].target_lane) > 1:
-        _resolve_conflicts(w, av_lane, road, tables)
+        _resolve_conflicts(w, av_lane, setting, s)
 
 
 @kernel
-def _resolve_conflicts(w: World, av_lane: int, road: RoadNumbers, tables: NddTables) -> None:
+def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> None:
     """Turn the lane change of every BV that gives way into the acceleration it drew, from the front to the rear."""
     v = w.vehicles
     order = w.order
-    info = w.info
-    for rank in range(info[N_VEHICLES] - 1, -1, -1):
+    state = w.state[0]
+    road, tables = setting.road, setting.tables
+    for rank in range(state.n_vehicles - 1, -1, -1):
         i = order[rank]
-        if i == 0 or v[i].present == 0 or i == info[CONTROLLED] or v[i].action < 0 or v[i].action > 1:
+        if i == 0 or v[i].present == 0 or i == state.controlled or v[i].action < 0 or v[i].action > 1:
             continue
         if v[i].duration > 0.0:  # it turns back, because others are in the way
             continue
         target = v[i].target_lane + 1 - 2 * v[i].action
-        if _gives_way(w, i, target, av_lane, road, tables):
-            action, _, _ = _worst_follow(w, rank, road, tables, w.words[1, i], uniform(w.words[3, i]))
+        if _gives_way(w, i, target, av_lane, setting, s):
+            action, _, _ = _worst_follow(w, rank, road, tables, s.words[1, i], uniform(s.words[3, i]))
             v[i].action = _drawn(tables, action)

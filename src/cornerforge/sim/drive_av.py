@@ -5,36 +5,48 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from cornerforge._jit import kernel
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
-from cornerforge.sim.adversaries import choose_action
+from cornerforge.sim.advance import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
 from cornerforge.sim.av_kinds import DECIDES_EVERY
 from cornerforge.sim.av_view import view_of_av
-from cornerforge.sim.drive import world_row
-from cornerforge.sim.neighbours import nearest_bv, neighbours_in_lane
-from cornerforge.sim.observe import allowed_actions
-from cornerforge.sim.step import SUBSTEPS, av_acts, begin_second, move_on
+from cornerforge.sim.neighbours import neighbours_in_lane
+from cornerforge.sim.setting import NOBODY, OUTSIDE, Controllers, Setting
+from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import AV_CRASH, CONTROLLED, N_DECISIONS, OUTCOME
+from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, world_row
 from cornerforge.types import ACCELERATIONS
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
-    from cornerforge.sim.adversaries import ChoiceScratch
-    from cornerforge.sim.drive import Setting
     from cornerforge.sim.drive_bv import Transitions
-    from cornerforge.sim.reach import Pairs
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.keep import Keep
+    from cornerforge.sim.scratch import AvScratch, Scratch
+    from cornerforge.sim.world import RoadNumbers
 
-__all__ = ["AV_DECISIONS", "AvReward", "collect_av", "start_av_worlds"]
+__all__ = [
+    "AV_DECISIONS",
+    "AV_FINISHED",
+    "HOSTILE",
+    "AvActors",
+    "AvReward",
+    "allocate_av_actors",
+    "collect_av",
+    "start_av_worlds",
+]
 
 AV_DECISIONS = SUBSTEPS // DECIDES_EVERY
 """Decisions of the learned AV in a second."""
+HOSTILE = np.dtype([("critical", "i8"), ("bounded", "i8")])
+"""One of the adversaries that take turns: code of ADVERSARIES, 0 nobody, and mask."""
+AV_FINISHED = np.dtype([("tests", "i8"), ("av_crashes", "i8"), ("natural_av_crashes", "i8")])
+"""Counts of `collect_av`: tests, AV crashes, and AV crashes in tests without an adversary."""
 _ACCELERATIONS = ACCELERATIONS
 
 
@@ -81,7 +93,7 @@ def _nearness(w: World, time_gap: float, road: RoadNumbers) -> float:
 @kernel
 def _reward(w: World, action: int, p: AvReward, road: RoadNumbers) -> float:
     """For the half second that ends now."""
-    if w.info[OUTCOME] == AV_CRASH:
+    if w.state[0].outcome == AV_CRASH:
         return -1.0
     v = w.vehicles
     paid: float = p.progress * (v[0].speed - 20.0) / 15.0 - p.acceleration * abs(v[0].acceleration) / 4.0
@@ -92,26 +104,62 @@ def _reward(w: World, action: int, p: AvReward, road: RoadNumbers) -> float:
     return paid
 
 
+class AvActors(NamedTuple):
+    """B worlds in which an AV learns to drive.
+
+    Attributes:
+        worlds: Their states; the numbers of their tests are in there.
+        hostile: Adversaries by turns, (M,) of HOSTILE: test t meets the one in row t mod M.
+        observation, allowed: The AV's features now, float32 (B, D), and mask, bool (B, 33).
+        finished: (1,) of AV_FINISHED.
+    """
+
+    worlds: World
+    hostile: NDArray[np.void]
+    observation: NDArray[np.float32]
+    allowed: NDArray[np.bool_]
+    finished: NDArray[np.void]
+
+
+def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void]) -> AvActors:
+    """So many idle worlds for features of `n_inputs` entries."""
+    return AvActors(
+        allocate_worlds(n_worlds, slots),
+        hostile,
+        np.zeros((n_worlds, n_inputs), dtype=np.float32),
+        np.zeros((n_worlds, 33), dtype=np.bool_),
+        np.zeros(1, dtype=AV_FINISHED),
+    )
+
+
 @kernel
 def _look(
-    w: World, setting: Setting, pairs: Pairs, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
+    w: World, setting: Setting, s: AvScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
 ) -> None:
     """Fill the AV's observation and mask."""
-    view_of_av(w, setting.road, pairs.av.found, pairs.av.seen)
-    av_features(pairs.av.seen, setting.road, observation)
+    view_of_av(w, setting.road, s.found, s.seen)
+    av_features(s.seen, setting.road, observation)
     av_actions_allowed(w, setting.road, allowed)
 
 
+@inlined_kernel
+def _setting_of_test(test: int, setting: Setting, hostile: NDArray[np.void]) -> Setting:
+    """The run of one test, with the adversary whose turn it is; the AV answers from outside the loop."""
+    row = hostile[test % hostile.size]
+    old = setting.who
+    who = Controllers(
+        OUTSIDE, row.critical, old.others, row.bounded, old.policy, 0, old.temperature, old.cast, old.script
+    )
+    return Setting(setting.road, setting.av, setting.tables, who)
+
+
 @kernel
-def start_av_worlds(
-    seed: int, tests: NDArray[np.int64], setting: Setting, worlds: World, pairs: Pairs,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Put world b at the start of test tests[b]."""
-    for b in range(tests.size):
-        w = world_row(worlds, b)
-        reset_world(w, seed, tests[b], setting.road, setting.av, setting.tables.initial)
-        _look(w, setting, pairs, observation[b], allowed[b])
+def start_av_worlds(seed: int, first: int, setting: Setting, s: Scratch, actors: AvActors) -> None:
+    """Put world b at the start of test first + b."""
+    for b in range(actors.allowed.shape[0]):
+        w = world_row(actors.worlds, b)
+        reset_world(w, seed, first + b, _setting_of_test(first + b, setting, actors.hostile))
+        _look(w, setting, s.av, actors.observation[b], actors.allowed[b])
 
 
 @kernel
@@ -128,14 +176,16 @@ def _as_idm_mobil(w: World, setting: Setting, allowed: NDArray[np.bool_]) -> int
 
 @kernel
 def _choose(
-    w: World, step: int, seed: int, test: int, epsilon: float, setting: Setting, pairs: Pairs,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_],
+    w: World, epsilon: float, setting: Setting, s: AvScratch, observation: NDArray[np.float32],
+    allowed: NDArray[np.bool_],
 ) -> int:  # fmt: skip
     """The AV's action: the best one, or with chance `epsilon` by turns that of IDM and MOBIL, and any.
 
     A drawn action that is not allowed becomes the next one that is.
     """
-    words = block(seed, test, step, 0, PURPOSE_EXPLORE)
+    state = w.state[0]
+    step = AV_DECISIONS * state.decisions if state.substep == 0 else AV_DECISIONS * (state.decisions - 1) + 1
+    words = block(state.seed, state.test, step, 0, PURPOSE_EXPLORE)
     if uniform(words[0]) < epsilon:
         if uniform(words[1]) < 0.5:
             return _as_idm_mobil(w, setting, allowed)
@@ -143,92 +193,63 @@ def _choose(
         while not allowed[action]:
             action += 1
         return action
-    q_values(setting.av.network, observation, pairs.av.layers, pairs.av.q)
-    best: int = best_action(pairs.av.q, allowed)
+    q_values(setting.av.network, observation, s.layers, s.q)
+    best: int = best_action(s.q, allowed)
     return best
 
 
 @kernel
-def _hostile_action(w: World, seed: int, test: int, kind: int, bounded: int, setting: Setting, s: ChoiceScratch) -> int:
-    """Name the controlled BV and choose its action; -1 for nobody."""
-    w.info[CONTROLLED] = -1
-    if kind == 0:
-        return -1
-    bv = nearest_bv(w)
-    if bv < 0:
-        return -1
-    w.info[CONTROLLED] = bv
-    allowed_actions(w, bv, bounded, setting.road, setting.tables, s.p, s.allowed)
-    action: int = choose_action(w, bv, kind, 0.0, seed, test, setting.policy, s)
-    return action
-
-
-@kernel
 def collect_av(
-    seed: int, tests: NDArray[np.int64], epsilon: float, setting: Setting, mix: NDArray[np.int64], reward: AvReward,
-    worlds: World, pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void],
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
+    n: int, epsilon: float, setting: Setting, reward: AvReward, actors: AvActors, s: Scratch, keep: Keep,
+    out: Transitions,
 ) -> int:  # fmt: skip
-    """One second of each world, in which the AV decides twice; fewer times where a test ends before.
+    """One second of each of the first n worlds, in which the AV decides twice; fewer times where a test ends before.
 
     Only a crash is an end: a test that is over goes on for the learner, though it is seen no more.
 
     Args:
-        seed: Names the random numbers, with `tests`.
-        tests: Each world's test, int64 (B,); a world that ends goes on with its test number plus B.
+        n: 0 (to compile) or the number of worlds; a world that ends goes on with its test number plus that.
         epsilon: Chance of exploring.
         setting: The run; `road.av_substeps` must be that of the learned AV, `av.network` is the one that acts.
-        mix: Adversaries by turns, int64 (M, 2): kind (`ADVERSARIES`, 0 nobody) and mask of test t in row t mod M.
         reward: Weights.
-        worlds, observation, allowed: State of B worlds and the AV's view of it.
-        pairs, s, recording: Scratch; `recording` of size 0.
+        actors: The worlds.
+        s: Scratch.
+        keep: Nothing is kept.
         out: Room for 2 B transitions.
-        finished: Counts tests, AV crashes, and AV crashes in tests without an adversary.
 
     Returns:
         Number of transitions written.
     """
     rows = 0
-    road = setting.road
-    for b in range(tests.size):
-        w = world_row(worlds, b)
-        kind = mix[tests[b] % mix.shape[0], 0]
-        hostile = _hostile_action(w, seed, tests[b], kind, mix[tests[b] % mix.shape[0], 1], setting, s)
-        first = AV_DECISIONS * w.info[N_DECISIONS]
-        n_pairs = 0
-        for part in range(AV_DECISIONS):
-            action = _choose(w, first + part, seed, tests[b], epsilon, setting, pairs, observation[b], allowed[b])
-            for k in range(observation.shape[1]):
-                out.observation[rows, k] = observation[b, k]
+    finished = actors.finished[0]
+    for b in range(n):
+        w = world_row(actors.worlds, b)
+        state = w.state[0]
+        observation, allowed = actors.observation[b], actors.allowed[b]
+        own = _setting_of_test(state.test, setting, actors.hostile)
+        for _ in range(AV_DECISIONS):
+            action = _choose(w, epsilon, setting, s.av, observation, allowed)
+            for k in range(observation.size):
+                out.observation[rows, k] = observation[k]
             command, lane = av_order(w, action, _ACCELERATIONS)
-            if part == 0:
-                n_pairs = begin_second(
-                    w, seed, tests[b], setting.bv_model, hostile, command, lane, True, road, setting.av,
-                    setting.tables, pairs,
-                )  # fmt: skip
-            else:
-                av_acts(w, command, lane, road)
-            ends = False
-            for k in range(DECIDES_EVERY):
-                if move_on(w, DECIDES_EVERY * part + k, pairs, n_pairs, road, recording):
-                    ends = True
-                    break
-            _look(w, setting, pairs, observation[b], allowed[b])
-            crashed = w.info[OUTCOME] == AV_CRASH
+            answer_as_av(w, command, lane)
+            over = advance(w, own, s, keep, NEVER) == OVER
+            _look(w, setting, s.av, observation, allowed)
+            crashed = state.outcome == AV_CRASH
             out.action[rows] = action
-            out.reward[rows] = _reward(w, action, reward, road)
+            out.reward[rows] = _reward(w, action, reward, setting.road)
             out.end[rows] = crashed
-            for k in range(observation.shape[1]):
-                out.next_observation[rows, k] = observation[b, k]
-            for a in range(33):
-                out.next_allowed[rows, a] = allowed[b, a]
+            for k in range(observation.size):
+                out.next_observation[rows, k] = observation[k]
+            for a in range(allowed.size):
+                out.next_allowed[rows, a] = allowed[a]
             rows += 1
-            if ends:
-                finished[0] += 1
-                finished[1] += crashed
-                finished[2] += crashed and kind == 0
-                tests[b] += tests.size
-                reset_world(w, seed, tests[b], road, setting.av, setting.tables.initial)
-                _look(w, setting, pairs, observation[b], allowed[b])
+            if over:
+                finished.tests += 1
+                finished.av_crashes += crashed
+                finished.natural_av_crashes += crashed and own.who.critical == NOBODY
+                test = state.test + actors.allowed.shape[0]
+                reset_world(w, state.seed, test, _setting_of_test(test, setting, actors.hostile))
+                _look(w, setting, s.av, observation, allowed)
                 break
     return rows

@@ -1,4 +1,8 @@
-"""One second of driving as a learning step of the adversary, compiled; what `drive_av.py` is for the AV."""
+"""One second of driving as a learning step of the adversary, compiled; what `drive_av.py` is for the AV.
+
+The adversary stands outside the loop: its BV is TOLD what to do (`setting.Controllers.critical`), by training, which
+chooses here, or by an environment's agent.
+"""
 
 from __future__ import annotations
 
@@ -8,42 +12,44 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_GUIDE, block, uniform
-from cornerforge.sim.adversaries import SWERVE, UNIFORM, ChoiceScratch, choose_action
-from cornerforge.sim.drive import put_at_start, world_row
-from cornerforge.sim.judge import forget_frames, judge_crash
+from cornerforge.sim.advance import BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
+from cornerforge.sim.adversaries import choose_action
+from cornerforge.sim.judge import judge_crash
+from cornerforge.sim.keep import Keep, keep_nothing
 from cornerforge.sim.neighbours import nearest_bv
-from cornerforge.sim.observe import allowed_actions, observe, spend_budget
-from cornerforge.sim.reach import Pairs
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
-from cornerforge.sim.step import SUBSTEPS, allocate_recording, step_world
+from cornerforge.sim.setting import SWERVE, UNIFORM
+from cornerforge.sim.step import SUBSTEPS, allocate_recording, forget_frames
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
-    CONTROLLED,
-    FRAME,
-    N_DECISIONS,
-    OUTCOME,
     RUNNING,
-    SLOT_B,
     World,
     allocate_worlds,
+    moment_of,
+    world_of,
+    world_row,
 )
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.drive import Setting
+    from cornerforge.drivers.policy import PolicyNumbers
     from cornerforge.sim.rewards import RewardNumbers
+    from cornerforge.sim.scratch import ChoiceScratch, Scratch
+    from cornerforge.sim.setting import Setting
 
 __all__ = [
-    "N_FINISHED",
+    "FINISHED",
+    "Actors",
+    "Exploring",
     "History",
     "Transitions",
+    "act_as_bv",
+    "allocate_actors",
     "allocate_history",
     "collect",
-    "look_as_bv",
-    "reward_of",
     "start_worlds",
 ]
 
@@ -60,63 +66,96 @@ class Transitions(NamedTuple):
 
 
 class History(NamedTuple):
-    """What B worlds did since their tests began, and room to drive one of them again.
+    """What B worlds were told since their tests began, and room to drive one of them again.
 
     Attributes:
-        bv, action: Controlled slot and its action at each decision, (B, decisions).
-        world: A batch of one.
-        recording: Room for one whole test.
+        action: Of the critical BV at each decision, (B, decisions).
+        world: One world.
+        keep: Room for one whole test's frames.
     """
 
-    bv: NDArray[np.int16]
     action: NDArray[np.int8]
     world: World
-    recording: NDArray[np.void]
+    keep: Keep
 
 
 def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
     """Room for the tests of so many worlds."""
     decisions = setting.road.max_decisions
     return History(
-        np.zeros((n_worlds, decisions), dtype=np.int16),
         np.zeros((n_worlds, decisions), dtype=np.int8),
-        allocate_worlds(1, slots),
-        allocate_recording(SUBSTEPS * decisions + 1, slots),
+        world_of(allocate_worlds(1, slots)),
+        keep_nothing(slots)._replace(recording=allocate_recording(SUBSTEPS * decisions + 1, slots)),
     )
 
 
-N_FINISHED = 4
-"""Counters of `collect`, of worlds that are not guided: tests, AV crashes, crashes of the controlled BV with another,
+FINISHED = np.dtype([("tests", "i8"), ("av_crashes", "i8"), ("bv_crashes", "i8"), ("paid", "i8")])
+"""Counts of `collect`, of worlds that are not guided: tests, AV crashes, crashes of the controlled BV with another,
 AV crashes that were paid."""
 
 
-@kernel
-def look_as_bv(
-    w: World, setting: Setting, s: ChoiceScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
-) -> bool:
-    """Name the controlled BV and fill its observation and mask; False when there is no BV."""
-    bv = nearest_bv(w)
-    w.info[CONTROLLED] = bv
-    if bv < 0:
-        return False
-    observe(w, bv, setting.road, s.found, observation)
-    allowed_actions(w, bv, setting.bounded, setting.road, setting.tables, s.p, allowed)
-    return True
+class Exploring(NamedTuple):
+    """How the worlds of a training choose.
+
+    Attributes:
+        kind: Code of ADVERSARIES that chooses where nothing is explored.
+        policy: Its network.
+        epsilon: Chance of any allowed action instead.
+        guided: In so many first worlds exploring is guided: mostly an action that helps to make a crash. They count
+            for nothing in `Actors.finished`.
+        guided_epsilon: There with at least this chance.
+    """
+
+    kind: int
+    policy: PolicyNumbers
+    epsilon: float
+    guided: int
+    guided_epsilon: float
+
+
+class Actors(NamedTuple):
+    """B worlds in which an adversary acts.
+
+    Attributes:
+        worlds: Their states; the numbers of their tests are in there.
+        history: What their BVs were told.
+        observation, allowed: The critical BV's view now, float32 (B, D), and mask, bool (B, 33).
+        finished: (1,) of FINISHED.
+    """
+
+    worlds: World
+    history: History
+    observation: NDArray[np.float32]
+    allowed: NDArray[np.bool_]
+    finished: NDArray[np.void]
+
+
+def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) -> Actors:
+    """So many idle worlds for observations of `n_inputs` entries."""
+    return Actors(
+        allocate_worlds(n_worlds, slots),
+        allocate_history(n_worlds, setting, slots),
+        np.zeros((n_worlds, n_inputs), dtype=np.float32),
+        np.zeros((n_worlds, 33), dtype=np.bool_),
+        np.zeros(1, dtype=FINISHED),
+    )
 
 
 @kernel
-def start_worlds(
-    seed: int, tests: NDArray[np.int64], setting: Setting, worlds: World, s: ChoiceScratch,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Put world b at the start of test tests[b] (the next of its series that has a BV)."""
-    n = tests.size
-    for b in range(n):
-        w = world_row(worlds, b)
-        put_at_start(w, seed, tests[b], setting.budget, setting)
-        while not look_as_bv(w, setting, s, observation[b], allowed[b]):
-            tests[b] += n
-            put_at_start(w, seed, tests[b], setting.budget, setting)
+def _start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, actors: Actors) -> None:
+    """Put world b at the start of a test, or of the next of its series that has a BV, and look."""
+    w = world_row(actors.worlds, b)
+    reset_world(w, seed, test, setting)
+    while look_as_bv(w, setting, s, actors.observation[b], actors.allowed[b]) < 0:
+        test += actors.allowed.shape[0]
+        reset_world(w, seed, test, setting)
+
+
+@kernel
+def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, actors: Actors) -> None:
+    """Put world b at the start of test first + b (or the next of its series that has a BV)."""
+    for b in range(actors.allowed.shape[0]):
+        _start_world(seed, first + b, b, setting, s, actors)
 
 
 @kernel
@@ -131,24 +170,19 @@ def _copy_view(
 
 
 @kernel
-def _drive_again(
-    history: History, b: int, w: World, seed: int, test: int, setting: Setting, pairs: Pairs
-) -> None:  # fmt: skip
+def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratch) -> None:
     """Drive the test that world `w` has just ended once more, with the same actions, and record it."""
-    again = world_row(history.world, 0)
-    forget_frames(history.recording, w.info[FRAME] + 1, again.vehicles.size)
-    reset_world(again, seed, test, setting.road, setting.av, setting.tables.initial)
-    for k in range(w.info[N_DECISIONS]):
-        again.info[CONTROLLED] = history.bv[b, k]
-        step_world(
-            again, seed, test, setting.bv_model, history.action[b, k], setting.road, setting.av, setting.tables, pairs,
-            history.recording,
-        )  # fmt: skip
+    again = history.world
+    recording = history.keep.recording
+    forget_frames(recording, w.state[0].frame + 1, again.vehicles.size)
+    reset_world(again, w.state[0].seed, w.state[0].test, setting)
+    while advance(again, setting, s, history.keep, NEVER) == BV_MUST_ANSWER:
+        answer_as_bv(again, history.action[b, again.state[0].decisions])
 
 
 @kernel
-def reward_of(
-    w: World, b: int, seed: int, test: int, setting: Setting, reward: RewardNumbers, history: History, pairs: Pairs
+def _reward_of(
+    w: World, b: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch
 ) -> float:  # fmt: skip
     """The reward of the decision that world b has just carried out.
 
@@ -158,24 +192,34 @@ def reward_of(
     Args:
         w: The world.
         b: Its row in `history`, which holds what was decided since its test began.
-        seed, test, setting: What it drives.
+        setting: What it drives.
         reward: What is paid for.
         history: Read; its world and recording are scratch.
-        pairs: Scratch.
+        s: Scratch.
     """
-    code = w.info[OUTCOME]
+    code = w.state[0].outcome
     if code != AV_CRASH:
         return -1.0 if code == BV_CRASH else 0.0
     strikes = False
     avoidable = False
     if reward.code == AVOIDABLE:
-        _drive_again(history, b, w, seed, test, setting, pairs)
-        strikes, avoidable = judge_crash(world_row(history.world, 0), history.recording, setting, reward.braking)
+        _drive_again(history, b, w, setting, s)
+        strikes, avoidable = judge_crash(history.world, history.keep.recording, setting, reward.braking)
     else:
-        a = w.vehicles[0]
-        o = w.vehicles[w.info[SLOT_B]]
-        strikes = av_strikes(a.x, a.y, a.speed, a.heading, o.x, o.y, o.speed, o.heading, setting.road)
+        strikes = av_strikes(w.vehicles[0], w.vehicles[w.state[0].slot_b], setting.road)
     return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0
+
+
+@kernel
+def act_as_bv(
+    w: World, b: int, action: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch, keep: Keep
+) -> float:
+    """One decision of world b, a row of `history`, in which the critical BV does `action`; returns the reward."""
+    history.action[b, w.state[0].decisions] = action
+    answer_as_bv(w, action)
+    advance(w, setting, s, keep, NEVER)
+    paid: float = _reward_of(w, b, setting, reward, history, s)
+    return paid
 
 
 @kernel
@@ -195,71 +239,74 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
 
 
 @kernel
-def _guided_action(w: World, epsilon: float, seed: int, test: int, setting: Setting, s: ChoiceScratch) -> int:
-    """The policy's action, but with chance epsilon one that helps to make a crash.
+def _guided_action(w: World, bv: int, exploring: Exploring, s: ChoiceScratch) -> int:
+    """The policy's action, but often (`guided_epsilon`) one that helps to make a crash.
 
     In three tests of five that is what `swerve` would do, in the others to ram the AV from behind; and one time in four
     any allowed action, for a bare rule always does the same.
     """
-    bv = w.info[CONTROLLED]
-    words = block(seed, test, w.info[N_DECISIONS], bv, PURPOSE_GUIDE)
-    if uniform(words[0]) >= epsilon:
-        return choose_action(w, bv, setting.adversary, 0.0, seed, test, setting.policy, s)
+    state = w.state[0]
+    words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_GUIDE)
+    if uniform(words[0]) >= max(exploring.epsilon, exploring.guided_epsilon):
+        return choose_action(w, bv, exploring.kind, 0.0, exploring.policy, s)
     if uniform(words[1]) < 0.25:
-        return choose_action(w, bv, UNIFORM, 0.0, seed, test, setting.policy, s)
-    if test % 5 < 2:
+        return choose_action(w, bv, UNIFORM, 0.0, exploring.policy, s)
+    if state.test % 5 < 2:
         action = _ram(w, bv, s.allowed)
         if action >= 0:
             return action
-    return choose_action(w, bv, SWERVE, 0.0, seed, test, setting.policy, s)
+    return choose_action(w, bv, SWERVE, 0.0, exploring.policy, s)
+
+
+@kernel
+def _choose(w: World, b: int, exploring: Exploring, s: ChoiceScratch) -> int:
+    """What the critical BV of world b does: by the policy, or by exploring."""
+    bv = nearest_bv(w)
+    if b < exploring.guided:
+        return _guided_action(w, bv, exploring, s)
+    action: int = choose_action(w, bv, exploring.kind, exploring.epsilon, exploring.policy, s)
+    return action
 
 
 @kernel
 def collect(
-    seed: int, begin: int, end: int, tests: NDArray[np.int64], epsilon: float, guided: int, guided_epsilon: float,
-    setting: Setting, reward: RewardNumbers,
-    worlds: World, pairs: Pairs, s: ChoiceScratch, recording: NDArray[np.void], history: History,
-    observation: NDArray[np.float32], allowed: NDArray[np.bool_], out: Transitions, finished: NDArray[np.int64],
+    n: int, exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch, keep: Keep,
+    out: Transitions,
 ) -> None:  # fmt: skip
-    """One decision of each world in [begin, end): choose, drive 1 s, store the transition, start the next test if due.
+    """One decision of each of the first n worlds: choose, drive 1 s, store the transition, start the next test if due.
 
-    `finished` holds N_FINISHED counts. `tests`, `observation` and `allowed` hold each world's test number and present
-    view, `history` what it did; a world that ends goes on with its test number plus the number of worlds.
+    A world that ends goes on with its test number plus the number of worlds.
 
-    Rewards: `reward_of`.
-
-    Exploring, with chance `epsilon`, takes any allowed action; in the first `guided` worlds, with chance
-    `guided_epsilon` or more, mostly one that helps to make a crash: those count for nothing in `finished`.
+    Args:
+        n: 0 (to compile) or the number of worlds.
+        exploring: How they choose.
+        setting: The run, whose critical BV is TOLD.
+        reward: What is paid for (`_reward_of`).
+        actors: The worlds.
+        s: Scratch.
+        keep: Nothing is kept.
+        out: Row b receives world b's transition.
     """
-    n = tests.size
-    for b in range(begin, end):
-        w = world_row(worlds, b)
-        _copy_view(observation[b], allowed[b], s.observation, s.allowed)
-        _copy_view(observation[b], allowed[b], out.observation[b], s.allowed)
-        if b < guided:
-            action = _guided_action(w, max(epsilon, guided_epsilon), seed, tests[b], setting, s)
-        else:
-            action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
-        spend_budget(w, w.info[CONTROLLED], action, setting.road, setting.tables, s.p)
-        history.bv[b, w.info[N_DECISIONS]] = w.info[CONTROLLED]
-        history.action[b, w.info[N_DECISIONS]] = action
-        step_world(
-            w, seed, tests[b], setting.bv_model, action, setting.road, setting.av, setting.tables, pairs, recording
-        )
+    worlds = actors.allowed.shape[0]
+    finished = actors.finished[0]
+    c = s.choice
+    for b in range(n):
+        w = world_row(actors.worlds, b)
+        observation, allowed = actors.observation[b], actors.allowed[b]
+        _copy_view(observation, allowed, c.observation, c.allowed)
+        _copy_view(observation, allowed, out.observation[b], c.allowed)
+        action = _choose(w, b, exploring, c)
+        paid = act_as_bv(w, b, action, setting, reward, actors.history, s, keep)
         out.action[b] = action
-        code = w.info[OUTCOME]
-        out.reward[b] = reward_of(w, b, seed, tests[b], setting, reward, history, pairs)
-        ended = code != RUNNING or not look_as_bv(w, setting, s, observation[b], allowed[b])
+        out.reward[b] = paid
+        code = w.state[0].outcome
+        ended = code != RUNNING or look_as_bv(w, setting, s, observation, allowed) < 0
         out.end[b] = ended
         if ended:
-            if b >= guided:
-                finished[0] += 1
-                finished[1] += code == AV_CRASH
-                finished[2] += code == BV_CRASH
-                finished[3] += code == AV_CRASH and out.reward[b] > 0.0
-            tests[b] += n
-            put_at_start(w, seed, tests[b], setting.budget, setting)
-            while not look_as_bv(w, setting, s, observation[b], allowed[b]):
-                tests[b] += n
-                put_at_start(w, seed, tests[b], setting.budget, setting)
-        _copy_view(observation[b], allowed[b], out.next_observation[b], out.next_allowed[b])
+            if b >= exploring.guided:
+                finished.tests += 1
+                finished.av_crashes += code == AV_CRASH
+                finished.bv_crashes += code == BV_CRASH
+                finished.paid += code == AV_CRASH and paid > 0.0
+            _start_world(w.state[0].seed, w.state[0].test + worlds, b, setting, s, actors)
+        _copy_view(observation, allowed, out.next_observation[b], out.next_allowed[b])

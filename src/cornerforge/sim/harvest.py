@@ -12,18 +12,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.adversaries import POLICY, cast_index
-from cornerforge.sim.drive import Decisions, Outcomes, Setting, drive_test, world_row
-from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.world import AV_CRASH, FRAME, N_BV_CRASHES, N_DECISIONS, N_VEHICLES, OUTCOME, SLOT_A, SLOT_B
+from cornerforge.sim.drive import drive_test
+from cornerforge.sim.keep import write_outcome
+from cornerforge.sim.setting import POLICY, cast_index
+from cornerforge.sim.step import SUBSTEPS, forget_frames
+from cornerforge.sim.world import AV_CRASH
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.adversaries import ChoiceScratch
-    from cornerforge.sim.reach import Pairs
-    from cornerforge.sim.statistics import Census, Counts
+    from cornerforge.sim.keep import Decisions, Keep, Outcomes
+    from cornerforge.sim.scratch import Scratch
+    from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
 __all__ = [
@@ -34,9 +35,11 @@ __all__ = [
     "MAX_LATERAL_ACCELERATION",
     "NEAR_M",
     "TOLERANCE",
+    "Buffers",
     "Harvest",
     "allocate_harvest",
     "harvest_range",
+    "keep_case",
 ]
 
 NEAR_M = 150.0
@@ -184,14 +187,6 @@ def _is_full(h: Harvest, frames: int, slots: int) -> bool:
 
 
 @kernel
-def _clear(recording: NDArray[np.void], frames: int, n: int) -> None:
-    """Take the mark of presence off the first frames, the only trace that the next recording would see."""
-    for t in range(frames):
-        for i in range(n):
-            recording[t, i].present = 0
-
-
-@kernel
 def _peaks(recording: NDArray[np.void], frame: int, i: int) -> tuple[float, float, float]:
     """Largest acceleration, braking and |lateral acceleration| of a vehicle up to a frame; NaN below 2 or 3 frames."""
     along = 0.0
@@ -244,8 +239,8 @@ def _min_ttc(recording: NDArray[np.void], frame: int, n: int, length: float, wid
 def _keep_labels(w: World, recording: NDArray[np.void], setting: Setting, h: Harvest) -> None:
     """What the contact looked like, and what AV and partner did to the physics."""
     road = setting.road
-    frame = w.info[FRAME]
-    partner = w.info[SLOT_B]
+    frame = w.state[0].frame
+    partner = w.state[0].slot_b
     row = h.rows[h.filled[CASES]]
     av = recording[frame, 0]
     bv = recording[frame, partner]
@@ -278,7 +273,7 @@ def _keep_labels(w: World, recording: NDArray[np.void], setting: Setting, h: Har
         or across > MAX_LATERAL_ACCELERATION + TOLERANCE
         or bv_across > MAX_LATERAL_ACCELERATION + TOLERANCE
     )
-    row.min_ttc_s = _min_ttc(recording, frame, w.info[N_VEHICLES], road.length, road.width)
+    row.min_ttc_s = _min_ttc(recording, frame, w.state[0].n_vehicles, road.length, road.width)
 
 
 @kernel
@@ -288,11 +283,11 @@ def _keep_history(w: World, recording: NDArray[np.void], h: Harvest) -> None:
     for k in range(_HISTORY):
         history[k] = math.nan
     for second in range(HISTORY_SECONDS):
-        frame = w.info[FRAME] - SUBSTEPS * second
+        frame = w.state[0].frame - SUBSTEPS * second
         if frame < 0:
             break
         for who in range(2):
-            cell = recording[frame, 0 if who == 0 else w.info[SLOT_B]]
+            cell = recording[frame, 0 if who == 0 else w.state[0].slot_b]
             place = (2 * second + who) * 4
             if cell.present:
                 history[place] = cell.x
@@ -306,15 +301,15 @@ def _find_near(
     w: World, recording: NDArray[np.void], decisions: Decisions, decided: int, near: NDArray[np.int64]
 ) -> int:
     """Mark whom to store, by their index among the stored, -1 for the others; returns their number."""
-    n = w.info[N_VEHICLES]
+    n = w.state[0].n_vehicles
     for i in range(n):
         near[i] = -1
     near[0] = _NEAR
-    near[w.info[SLOT_B]] = _NEAR
+    near[w.state[0].slot_b] = _NEAR
     for k in range(decided):
         if decisions.controlled[k] >= 0:
             near[decisions.controlled[k]] = _NEAR
-    for t in range(w.info[FRAME] + 1):
+    for t in range(w.state[0].frame + 1):
         for i in range(1, n):
             cell = recording[t, i]
             if near[i] < 0 and cell.present and abs(cell.x - recording[t, 0].x) <= NEAR_M:
@@ -333,7 +328,7 @@ def _keep_decisions(w: World, recording: NDArray[np.void], decisions: Decisions,
     filled = h.filled
     row = h.rows[filled[CASES]]
     near = h.near
-    for i in range(w.info[N_VEHICLES]):
+    for i in range(w.state[0].n_vehicles):
         if near[i] >= 0:
             h.slot[filled[SLOTS]] = i
             filled[SLOTS] += 1
@@ -370,10 +365,10 @@ def _keep_decisions(w: World, recording: NDArray[np.void], decisions: Decisions,
 def _keep_tracks(w: World, recording: NDArray[np.void], h: Harvest) -> None:
     """Series of the stored vehicles."""
     filled = h.filled
-    for i in range(w.info[N_VEHICLES]):
+    for i in range(w.state[0].n_vehicles):
         if h.near[i] < 0:
             continue
-        for t in range(w.info[FRAME] + 1):
+        for t in range(w.state[0].frame + 1):
             place = filled[NUMBERS] + t
             cell = recording[t, i]
             there = cell.present != 0
@@ -384,15 +379,15 @@ def _keep_tracks(w: World, recording: NDArray[np.void], h: Harvest) -> None:
             h.heading[place] = cell.heading if there else math.nan
             h.acceleration[place] = cell.acceleration if there else math.nan
             h.target_lane[place] = cell.target_lane if there else -1
-        filled[NUMBERS] += w.info[FRAME] + 1
+        filled[NUMBERS] += w.state[0].frame + 1
 
 
 @kernel
 def _keep_exact(w: World, recording: NDArray[np.void], decisions: Decisions, decided: int, h: Harvest) -> None:
     """All that `recorder.scenario_digest` covers, in its order."""
     filled = h.filled
-    n = w.info[N_VEHICLES]
-    frames = w.info[FRAME] + 1
+    n = w.state[0].n_vehicles
+    frames = w.state[0].frame + 1
     size = frames * n
     exact = filled[EXACT]
     marks = filled[MARKS]
@@ -422,18 +417,25 @@ def _keep_exact(w: World, recording: NDArray[np.void], decisions: Decisions, dec
 
 
 @kernel
-def _keep(
-    w: World, seed: int, test: int, setting: Setting, recording: NDArray[np.void], decisions: Decisions, h: Harvest
-) -> None:
-    """Store a recorded crash of the AV."""
+def keep_case(w: World, setting: Setting, keep: Keep, h: Harvest) -> None:
+    """Store the crash of the AV that a world has just ended in.
+
+    Args:
+        w: The world, after its test.
+        setting: The run.
+        keep: Frames and decisions of the whole test.
+        h: Where the case goes, behind those that are there.
+    """
+    state = w.state[0]
+    recording, decisions = keep.recording, keep.decisions
     row = h.rows[h.filled[CASES]]
-    decided = -(-w.info[FRAME] // SUBSTEPS)
-    row.test = test
-    row.n_vehicles = w.info[N_VEHICLES]
+    decided = -(-state.frame // SUBSTEPS)
+    row.test = state.test
+    row.n_vehicles = state.n_vehicles
     row.n_decisions = decided
-    row.n_frames = w.info[FRAME] + 1
-    n_policies = setting.cast.members.shape[0]
-    row.policy = cast_index(seed, test, n_policies) if n_policies > 0 else 0
+    row.n_frames = state.frame + 1
+    n_policies = setting.who.cast.members.size
+    row.policy = cast_index(state.seed, state.test, n_policies) if n_policies > 0 else 0
     row.n_kept = _find_near(w, recording, decisions, decided, h.near)
     _keep_labels(w, recording, setting, h)
     _keep_history(w, recording, h)
@@ -443,55 +445,48 @@ def _keep(
     h.filled[CASES] += 1
 
 
+class Buffers(NamedTuple):
+    """Where a harvest drives: a world, scratch, and what is kept of a test that is recorded, and of one that is not."""
+
+    world: World
+    scratch: Scratch
+    whole: Keep
+    nothing: Keep
+
+
 @kernel
-def harvest_range(
-    seed: int, first: int, count: int, setting: Setting, worlds: World, pairs: Pairs, s: ChoiceScratch,
-    recording: NDArray[np.void], decisions: Decisions, no_recording: NDArray[np.void], no_decisions: Decisions,
-    counts: Counts, census: Census, out: Outcomes, h: Harvest,
-) -> int:  # fmt: skip
-    """Drive tests first .. first + count - 1 and store every AV crash, until the tests or the room are at an end.
+def harvest_range(seed: int, first: int, setting: Setting, at: Buffers, out: Outcomes, h: Harvest) -> int:
+    """Drive tests first, first + 1, ... and store every AV crash, until `out` or the room is at an end.
 
     Where most tests crash they are recorded at once, else only crashes are driven again; what is stored is the same.
 
     Args:
-        seed, first, count: Which tests.
+        seed, first: Which tests.
         setting: The run.
-        worlds: Scratch, a batch of one world.
-        pairs, s: Scratch.
-        recording, decisions: Large enough for one test; the recording holds nobody.
-        no_recording, no_decisions: Of size 0.
-        counts, census: Scratch and "count nothing".
-        out: Outcomes, arrays of at least `count` entries.
+        at: Where they are driven; its recording holds nobody.
+        out: How each ended.
         h: Where the cases go, behind those that are there.
 
     Returns:
         Tests done.
     """
-    w = world_row(worlds, 0)
-    for k in range(count):
+    w, s, recording = at.world, at.scratch, at.whole.recording
+    for k in range(out.code.size):
         if _is_full(h, recording.shape[0], recording.shape[1]):
             return k
         test = first + k
         # A policy is taken for a good one until it is known better.
-        at_once = 2 * h.filled[CRASHED] > h.filled[DRIVEN] or (h.filled[DRIVEN] == 0 and setting.adversary == POLICY)
-        if at_once:
-            drive_test(w, seed, test, setting, pairs, s, recording, decisions, counts, census)
-        else:
-            drive_test(w, seed, test, setting, pairs, s, no_recording, no_decisions, counts, census)
-        out.code[k] = w.info[OUTCOME]
-        out.frame[k] = w.info[FRAME]
-        out.slot_a[k] = w.info[SLOT_A]
-        out.slot_b[k] = w.info[SLOT_B]
-        out.bv_crashes[k] = w.info[N_BV_CRASHES]
-        out.decisions[k] = w.info[N_DECISIONS]
-        out.distance[k] = w.vehicles[0].x - setting.road.av_start
+        knows_none = h.filled[DRIVEN] == 0 and setting.who.critical == POLICY
+        at_once = 2 * h.filled[CRASHED] > h.filled[DRIVEN] or knows_none
+        drive_test(w, seed, test, setting, s, at.whole if at_once else at.nothing)
+        write_outcome(w, out, k, setting.road)
         h.filled[DRIVEN] += 1
-        crashed = w.info[OUTCOME] == AV_CRASH
+        crashed = w.state[0].outcome == AV_CRASH
         if crashed:
             h.filled[CRASHED] += 1
             if not at_once:
-                drive_test(w, seed, test, setting, pairs, s, recording, decisions, counts, census)
-            _keep(w, seed, test, setting, recording, decisions, h)
+                drive_test(w, seed, test, setting, s, at.whole)
+            keep_case(w, setting, at.whole, h)
         if crashed or at_once:
-            _clear(recording, w.info[FRAME] + 1, w.info[N_VEHICLES])
-    return count
+            forget_frames(recording, w.state[0].frame + 1, w.state[0].n_vehicles)
+    return out.code.size

@@ -9,85 +9,67 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge._jit import kernel
-from cornerforge.sim.adversaries import ChoiceScratch, allocate_choice_scratch
 from cornerforge.sim.braking import Braking, is_avoidable
-from cornerforge.sim.drive import Decisions, Setting, allocate_decisions, drive_test, world_row
-from cornerforge.sim.reach import Pairs, allocate_pairs
+from cornerforge.sim.drive import drive_test
+from cornerforge.sim.keep import Keep, keep_whole_test
 from cornerforge.sim.rewards import av_strikes
-from cornerforge.sim.statistics import NOBODY, Census, Counts, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_recording
-from cornerforge.sim.world import AV_CRASH, FRAME, N_VEHICLES, OUTCOME, SLOT_B, World, allocate_worlds
+from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.step import forget_frames
+from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, world_of
 
-__all__ = ["forget_frames", "judge_crash", "judge_crashes", "judge_range"]
+__all__ = ["judge_crash", "judge_crashes"]
 
 _CHUNK = 256
 
 
 @kernel
-def forget_frames(recording: NDArray[np.void], frames: int, slots: int) -> None:
-    """Nobody is there in the first frames of a recording."""
-    for f in range(min(frames, recording.shape[0])):
-        for i in range(slots):
-            recording[f, i].present = 0
-
-
-@kernel
 def judge_crash(w: World, recording: NDArray[np.void], setting: Setting, braking: Braking) -> tuple[bool, bool]:
     """Did the AV strike, and could it have avoided the crash by braking? Of a recorded test that ended in its crash."""
-    last = w.info[FRAME]
-    partner = w.info[SLOT_B]
-    a = w.vehicles[0]
-    b = w.vehicles[partner]
-    strikes = av_strikes(a.x, a.y, a.speed, a.heading, b.x, b.y, b.speed, b.heading, setting.road)
-    return strikes, is_avoidable(recording, w.info[N_VEHICLES], last, partner, setting.road, braking)
+    state = w.state[0]
+    partner = state.slot_b
+    strikes = av_strikes(w.vehicles[0], w.vehicles[partner], setting.road)
+    return strikes, is_avoidable(recording, state.n_vehicles, state.frame, partner, setting.road, braking)
 
 
 @kernel
-def judge_range(
-    seed: int, tests: NDArray[np.int64], setting: Setting, braking: Braking, worlds: World, pairs: Pairs,
-    s: ChoiceScratch, recording: NDArray[np.void], decisions: Decisions, counts: Counts, census: Census,
-    strikes: NDArray[np.bool_], avoidable: NDArray[np.bool_],
+def _judge_range(
+    seed: int, tests: NDArray[np.int64], setting: Setting, braking: Braking, w: World, s: Scratch, keep: Keep,
+    judged: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """Drive tests again that ended in a crash of the AV, and say of each whether the AV struck, and could have braked.
 
     Args:
         seed, tests, setting: Which tests, (n,); a test that ends otherwise gets False twice.
         braking: How the AV would have braked.
-        worlds, pairs, s: Scratch, a batch of one world.
-        recording: Room for one whole test, nobody there; left so.
-        decisions, counts, census: Of size 0, scratch, and nobody.
-        strikes, avoidable: The answers, (n,).
+        w, s: A world and scratch to drive in.
+        keep: Room for one whole test, nobody there; left so.
+        judged: The answers, (n, 2).
     """
-    w = world_row(worlds, 0)
     for k in range(tests.size):
-        drive_test(w, seed, tests[k], setting, pairs, s, recording, decisions, counts, census)
-        strikes[k] = False
-        avoidable[k] = False
-        if w.info[OUTCOME] == AV_CRASH:
-            strikes[k], avoidable[k] = judge_crash(w, recording, setting, braking)
-        forget_frames(recording, w.info[FRAME] + 1, recording.shape[1])
+        drive_test(w, seed, tests[k], setting, s, keep)
+        judged[k, 0] = False
+        judged[k, 1] = False
+        if w.state[0].outcome == AV_CRASH:
+            judged[k, 0], judged[k, 1] = judge_crash(w, keep.recording, setting, braking)
+        forget_frames(keep.recording, w.state[0].frame + 1, keep.recording.shape[1])
 
 
 def _judge_chunk(
     setting: Setting, slots: int, seed: int, tests: NDArray[np.int64], braking: Braking
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    strikes, avoidable = np.zeros(tests.size, dtype=np.bool_), np.zeros(tests.size, dtype=np.bool_)
-    judge_range(
+) -> NDArray[np.bool_]:
+    judged = np.zeros((tests.size, 2), dtype=np.bool_)
+    _judge_range(
         seed,
         tests,
         setting,
         braking,
-        allocate_worlds(1, slots),
-        allocate_pairs(slots),
-        allocate_choice_scratch(setting.policy),
-        allocate_recording(SUBSTEPS * setting.road.max_decisions + 1, slots),
-        allocate_decisions(0, slots),
-        allocate_counts(slots),
-        NOBODY,
-        strikes,
-        avoidable,
+        world_of(allocate_worlds(1, slots)),
+        allocate_scratch(slots, setting.who.policy),
+        keep_whole_test(setting, slots),
+        judged,
     )
-    return strikes, avoidable
+    return judged
 
 
 def judge_crashes(
@@ -115,4 +97,5 @@ def judge_crashes(
     chunks = [numbers[k : k + _CHUNK] for k in range(0, numbers.size, _CHUNK)] or [numbers]
     with ThreadPoolExecutor(threads) as pool:
         parts = list(pool.map(lambda chunk: _judge_chunk(setting, slots, seed, chunk, braking), chunks))
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    judged = np.concatenate(parts)
+    return judged[:, 0], judged[:, 1]

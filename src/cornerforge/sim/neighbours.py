@@ -8,7 +8,7 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_of
-from cornerforge.sim.world import AV_LEADS, AV_REARS, N_SEEN, N_VEHICLES, UNKNOWN
+from cornerforge.sim.world import NO_VEHICLE, UNKNOWN
 
 if TYPE_CHECKING:
     from cornerforge.sim.world import World
@@ -23,12 +23,12 @@ SIGHT = 200.0
 def _known_neighbours(w: World, lane: int) -> tuple[int, int]:
     """The AV's lead and rear in a lane, where `step` noted who alone they can be; -1 for none within sight."""
     v = w.vehicles
-    lead = w.info[AV_LEADS + lane]
-    rear = w.info[AV_REARS + lane]
+    lead = w.av_lead[lane]
+    rear = w.av_rear[lane]
     if lead >= 0 and v[lead].x - v[0].x >= SIGHT:
-        lead = -1
+        lead = NO_VEHICLE
     if rear >= 0 and v[0].x - v[rear].x >= SIGHT:
-        rear = -1
+        rear = NO_VEHICLE
     return lead, rear
 
 
@@ -39,16 +39,16 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
     Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x
     are ordered by slot.
     """
-    if i == 0 and w.info[AV_LEADS + lane] != UNKNOWN:
+    if i == 0 and w.av_lead[lane] != UNKNOWN:
         return _known_neighbours(w, lane)
     v = w.vehicles
-    info = w.info
-    lead = -1
-    rear = -1
+    state = w.state[0]
+    lead = NO_VEHICLE
+    rear = NO_VEHICLE
     bit = 1 << lane
     best_lead = SIGHT
     best_rear = SIGHT
-    for k in range(info[N_SEEN]):
+    for k in range(state.n_seen):
         j = w.current[k]
         if j == i:
             continue
@@ -74,10 +74,10 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
 def nearest_bv(w: World) -> int:
     """Slot of the BV whose centre is nearest to the AV's; -1 when there is none (paper: the critical BV)."""
     v = w.vehicles
-    info = w.info
-    best = -1
+    state = w.state[0]
+    best = NO_VEHICLE
     best_squared = np.inf
-    for j in range(1, info[N_VEHICLES]):
+    for j in range(1, state.n_vehicles):
         if v[j].present:
             dx = v[j].x - v[0].x
             dy = v[j].y - v[0].y
@@ -93,8 +93,8 @@ def sort_by_x(w: World) -> None:
     """Insertion sort of `order`; ties by slot. Traffic is nearly sorted, so this costs about one pass."""
     v = w.vehicles
     order = w.order
-    info = w.info
-    for rank in range(1, info[N_VEHICLES]):
+    state = w.state[0]
+    for rank in range(1, state.n_vehicles):
         i = order[rank]
         x = v[i].x
         place = rank

@@ -10,7 +10,6 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_centre
 from cornerforge.sim.decide import action_probabilities
-from cornerforge.sim.world import BUDGET_LEFT, N_VEHICLES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,9 +49,9 @@ def _clip(value: float, limit: float) -> float:
 def _nearest_others(w: World, bv: int, found: NDArray[np.int64]) -> int:
     """Slots of the vehicles nearest to `bv`, but not the AV, nearest first, into `found`; returns their number."""
     v = w.vehicles
-    info = w.info
+    state = w.state[0]
     count = 0
-    for j in range(1, info[N_VEHICLES]):
+    for j in range(1, state.n_vehicles):
         if j == bv or v[j].present == 0:
             continue
         distance = abs(v[j].x - v[bv].x) + abs(v[j].y - v[bv].y)
@@ -112,7 +111,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[17] = 1.0 if abs(dx) < road.length else 0.0
     out[18] = 1.0 if v[bv].duration > 0.0 else 0.0
     out[19] = 1.0 if v[0].duration > 0.0 else 0.0
-    left = w.info[BUDGET_LEFT]
+    left = w.state[0].budget_left
     out[20] = min(1.0, (left - 1) / (_NATS_SHOWN * UNITS_PER_NAT)) if left > 0 else 1.0
     for k in range(_nearest_others(w, bv, found)):
         j = found[k]
@@ -138,7 +137,7 @@ def allowed_actions(
 
     Unbounded: all but lane changes that leave the road or repeat the running one. Bounded (paper, equation 12):
     besides, only actions of positive probability for an attentive naturalistic driver; overlooking a neighbour does
-    not count as possible. With a budget (info[BUDGET_LEFT] > 0) besides only those whose surprise it can still pay for;
+    not count as possible. With a budget (state.budget_left > 0) besides only those whose surprise it can still pay for;
     the likeliest action costs nothing, so there always is one.
 
     Args:
@@ -165,7 +164,7 @@ def allowed_actions(
         action_probabilities(w, bv, 0.0, road, tables, p)
         for a in range(33):
             allowed[a] = allowed[a] and p[a] > 0.0
-        left = w.info[BUDGET_LEFT]
+        left = w.state[0].budget_left
         if left > 0:
             most = _largest(p)
             for a in range(33):
@@ -206,14 +205,14 @@ def spend_budget(w: World, bv: int, action: int, road: RoadNumbers, tables: NddT
         tables: The naturalistic model.
         p: Scratch, float64 (33,).
     """
-    info = w.info
-    if info[BUDGET_LEFT] > 1:  # 1: nothing is left, so the action is the likeliest
+    state = w.state[0]
+    if state.budget_left > 1:  # 1: nothing is left, so the action is the likeliest
         action_probabilities(w, bv, 0.0, road, tables, p)
-        info[BUDGET_LEFT] = max(1, info[BUDGET_LEFT] - surprise(p[action], _largest(p)))
+        state.budget_left = max(1, state.budget_left - surprise(p[action], _largest(p)))
 
 
 def budget_units(budget: float | None) -> int:
-    """A budget [nats] as info[BUDGET_LEFT] holds it at the start of a test; None: no limit.
+    """A budget [nats] as state.budget_left holds it at the start of a test; None: no limit.
 
     >>> budget_units(None), budget_units(0.0), budget_units(2.5)
     (0, 1, 2500001)

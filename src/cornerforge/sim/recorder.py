@@ -8,23 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Decisions, Setting, allocate_decisions, drive_test, world_row
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.statistics import NOBODY, allocate_counts
-from cornerforge.sim.step import SUBSTEPS, allocate_recording
-from cornerforge.sim.world import (
-    AV_CRASH,
-    BV_CRASH,
-    FRAME,
-    N_VEHICLES,
-    OUTCOME,
-    SLOT_A,
-    SLOT_B,
-    World,
-    allocate_worlds,
-    n_slots,
-)
+from cornerforge.sim.drive import drive_test
+from cornerforge.sim.keep import Keep, keep_whole_test
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.step import SUBSTEPS
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, World, allocate_worlds, n_slots, world_of
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
 __all__ = ["Recorder", "scenario_digest", "scenario_of"]
@@ -55,61 +44,43 @@ class Recorder:
         self._setting = setting
         self._odd = odd
         slots = n_slots(odd)
-        decisions = setting.road.max_decisions
-        self._worlds = allocate_worlds(1, slots)
-        self._pairs = allocate_pairs(slots)
-        self._scratch = allocate_choice_scratch(setting.policy)
-        self._recording = allocate_recording(SUBSTEPS * decisions + 1, slots)
-        self._decisions = allocate_decisions(decisions, slots)
-        self._counts = allocate_counts()
+        self._world = world_of(allocate_worlds(1, slots))
+        self._scratch = allocate_scratch(slots, setting.who.policy)
+        self._keep = keep_whole_test(setting, slots)
 
-    def _drive(self, world: World, seed: int, test: int) -> None:
-        """Drive the test in `world`, the one world of `_worlds`, into `_recording` and `_decisions`."""
-        drive_test(
-            world,
-            seed,
-            test,
-            self._setting,
-            self._pairs,
-            self._scratch,
-            self._recording,
-            self._decisions,
-            self._counts,
-            NOBODY,
-        )
+    def _drive(self, seed: int, test: int) -> None:
+        """Drive the test in `_world` and keep it in `_keep`."""
+        drive_test(self._world, seed, test, self._setting, self._scratch, self._keep)
 
     def record(self, seed: int, test: int) -> Scenario:
         """Drive one test and return it whole: all vehicles, every 0.1 s."""
         check_integer("seed", seed, low=0, high=2**63 - 1)
         check_integer("test", test, low=0, high=2**62)
-        self._recording["present"] = 0
-        world = world_row.py_func(self._worlds, 0)  # type: ignore[attr-defined]
-        self._drive(world, seed, test)
-        slots = np.arange(int(world.info[N_VEHICLES]), dtype=np.int16)
-        return scenario_of(world, self._recording, self._decisions, slots, self._odd, seed, test)
+        self._keep.recording["present"] = 0
+        self._drive(seed, test)
+        slots = np.arange(int(self._world.state["n_vehicles"][0]), dtype=np.int16)
+        return scenario_of(self._world, self._keep, slots, self._odd, seed, test)
 
 
-def scenario_of(
-    world: World, recording: NDArray[np.void], decisions: Decisions, slot: NDArray[np.int16], odd: Odd, seed: int,
-    test: int,
-) -> Scenario:  # fmt: skip
+def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, seed: int, test: int) -> Scenario:
     """What was recorded of one drive, copied.
 
     Args:
         world: After the drive.
-        recording, decisions: Of the drive.
+        keep: Frames and decisions of the drive.
         slot: Names of the world's vehicles, (N,).
         odd, seed, test: What the scenario says of itself.
     """
     n = slot.size
-    last = int(world.info[FRAME])
-    frames = recording[: last + 1, :n]
+    state, decisions = world.state[0], keep.decisions
+    last = int(state["frame"])
+    frames = keep.recording[: last + 1, :n]
     present = frames["present"].astype(np.bool_)
     columns = {name: np.where(present, frames[name], np.nan) for name in ("x", "y", "speed", "heading", "acceleration")}
     decided = -(-last // SUBSTEPS)
     crash = None
-    if int(world.info[OUTCOME]) in (AV_CRASH, BV_CRASH):
-        crash = Crash(round(last * FRAME_S, 1), int(slot[world.info[SLOT_A]]), int(slot[world.info[SLOT_B]]))
+    if int(state["outcome"]) in (AV_CRASH, BV_CRASH):
+        crash = Crash(round(last * FRAME_S, 1), int(slot[state["slot_a"]]), int(slot[state["slot_b"]]))
     there = present[: decided * SUBSTEPS : SUBSTEPS]
     return Scenario(
         seed=seed,

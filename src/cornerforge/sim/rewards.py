@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cornerforge._checks import check_number
 from cornerforge._jit import kernel
@@ -83,47 +83,56 @@ def reward_numbers(name: str, delay_s: float = 1.0, deceleration_mps2: float = 8
     return RewardNumbers(reward_named(name).code, Braking(float(delay), float(deceleration)))
 
 
+class _Axes(NamedTuple):
+    """Directions of the two boxes: cosine and sine of the AV's heading, then of the other's."""
+
+    ca: float
+    sa: float
+    cb: float
+    sb: float
+
+
 @kernel
 def _separation(
-    ax: float, ay: float, dx: float, dy: float, vx: float, vy: float, ca: float, sa: float, cb: float, sb: float,
-    road: RoadNumbers,
-) -> tuple[float, float]:  # fmt: skip
-    """How long ago the axis (ax, ay) closed [s], inf if it does not close, and how far the boxes overlap on it [m]."""
-    apart = dx * ax + dy * ay
+    axis: tuple[float, float], apart: tuple[float, float], speed: tuple[float, float], boxes: _Axes, road: RoadNumbers
+) -> tuple[float, float]:
+    """How long ago an axis closed [s], inf if it does not close, and how far the boxes overlap on it [m].
+
+    `apart` [m] and `speed` [m/s] are the other box's centre and velocity relative to the AV's.
+    """
+    ax, ay = axis
+    distance = apart[0] * ax + apart[1] * ay
+    ca, sa, cb, sb = boxes
     reach = 0.5 * road.length * (abs(ax * ca + ay * sa) + abs(ax * cb + ay * sb))
     reach += 0.5 * road.width * (abs(ay * ca - ax * sa) + abs(ay * cb - ax * sb))
-    overlap = reach - abs(apart)
-    speed = vx * ax + vy * ay
-    closing = abs(speed) if apart == 0.0 else -math.copysign(speed, speed * apart)
+    overlap = reach - abs(distance)
+    rate = speed[0] * ax + speed[1] * ay
+    closing = abs(rate) if distance == 0.0 else -math.copysign(rate, rate * distance)
     since = max(overlap, 0.0) / closing if closing > 1e-6 else math.inf
     return since, overlap
 
 
 @kernel
-def av_strikes(
-    x: float, y: float, speed: float, heading: float, bv_x: float, bv_y: float, bv_speed: float, bv_heading: float,
-    road: RoadNumbers,
-) -> bool:  # fmt: skip
+def av_strikes(av: Any, other: Any, road: RoadNumbers) -> bool:
     """Does the AV's front take part in the first contact? The geometry of `analysis.contact`, for one crash.
 
     Both boxes are moved back along their velocities to the moment at which they touched; the axis of separation that
     closed last is that of the contact.
 
     Args:
-        x, y, speed, heading: Of the AV in the first frame of overlap [m], [m], along the road [m/s], [rad].
-        bv_x, bv_y, bv_speed, bv_heading: Of the other vehicle.
+        av, other: Vehicles with x, y [m], speed along the road [m/s] and heading [rad] in the first frame of overlap.
         road: Constants.
     """
-    ca = math.cos(heading)
-    sa = math.sin(heading)
-    cb = math.cos(bv_heading)
-    sb = math.sin(bv_heading)
-    path_speed = speed / ca if ca > 0.5 else speed  # as in `analysis.contact`: the recorded speed is along the road
-    bv_path_speed = bv_speed / cb if cb > 0.5 else bv_speed
-    vx = bv_path_speed * cb - path_speed * ca
-    vy = bv_path_speed * sb - path_speed * sa
-    dx = bv_x - x
-    dy = bv_y - y
+    ca = math.cos(av.heading)
+    sa = math.sin(av.heading)
+    cb = math.cos(other.heading)
+    sb = math.sin(other.heading)
+    path_speed = av.speed / ca if ca > 0.5 else av.speed  # as in `analysis.contact`: the speed is along the road
+    other_path_speed = other.speed / cb if cb > 0.5 else other.speed
+    vx = other_path_speed * cb - path_speed * ca
+    vy = other_path_speed * sb - path_speed * sa
+    dx = other.x - av.x
+    dy = other.y - av.y
     best_since = math.inf
     best_overlap = math.inf
     facing = 0.0
@@ -136,7 +145,7 @@ def av_strikes(
             ax, ay = -sa, ca
         else:
             ax, ay = -sb, cb
-        since, overlap = _separation(ax, ay, dx, dy, vx, vy, ca, sa, cb, sb, road)
+        since, overlap = _separation((ax, ay), (dx, dy), (vx, vy), _Axes(ca, sa, cb, sb), road)
         if since < best_since or (best_since == math.inf and since == math.inf and overlap < best_overlap):
             best_since = since
             best_overlap = overlap

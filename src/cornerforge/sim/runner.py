@@ -12,18 +12,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cornerforge._checks import check_integer
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.drive import Outcomes, Setting, allocate_decisions, drive_range
-from cornerforge.sim.reach import allocate_pairs
-from cornerforge.sim.statistics import EVERYBODY, NOBODY, Census, Counts, allocate_counts
-from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds
+from cornerforge.sim.drive import drive_range
+from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.statistics import EVERYBODY, NOBODY_COUNTED, Census, Counts, allocate_counts
+from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds, world_of
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = [
     "DriveChunk",
     "Tally",
-    "allocate_outcomes",
+    "census_of",
     "crashed_tests",
     "default_threads",
     "drive_chunk",
@@ -97,42 +97,28 @@ def default_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def allocate_outcomes(n: int) -> Outcomes:
-    """Room for the outcomes of n tests."""
-    return Outcomes(
-        np.zeros(n, dtype=np.uint8),
-        np.zeros(n, dtype=np.int32),
-        np.zeros(n, dtype=np.int16),
-        np.zeros(n, dtype=np.int16),
-        np.zeros(n, dtype=np.int16),
-        np.zeros(n, dtype=np.int32),
-        np.zeros(n),
-    )
-
-
 def drive_chunk(
     setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | Census
 ) -> tuple[Outcomes, Counts]:
     """Drive `count` tests from `first` on; releases the GIL for all of it."""
-    census = counting if isinstance(counting, Census) else (EVERYBODY if counting else NOBODY)
-    out = allocate_outcomes(count)
-    counts = allocate_counts(slots)
-    no_decisions = allocate_decisions(0, slots)
+    out, counts = allocate_outcomes(count), allocate_counts()
     drive_range(
         seed,
         first,
-        count,
         setting,
-        allocate_worlds(1, slots),
-        allocate_pairs(slots),
-        allocate_choice_scratch(setting.policy),
-        allocate_recording(0, slots),
-        no_decisions,
-        counts,
-        census,
+        world_of(allocate_worlds(1, slots)),
+        allocate_scratch(slots, setting.who.policy),
+        keep_nothing(slots, counts=counts, census=census_of(counting)),
         out,
     )
     return out, counts
+
+
+def census_of(counting: bool | Census) -> Census:
+    """Whom to count: everybody, nobody, or whom a census says."""
+    if isinstance(counting, Census):
+        return counting
+    return EVERYBODY if counting else NOBODY_COUNTED
 
 
 def warm_up(setting: Setting, slots: int) -> None:

@@ -14,46 +14,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._checks import check_integer
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import kernel
 from cornerforge.errors import InputError
-from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.av_kinds import built_in_av_decides
-from cornerforge.sim.decide import action_probabilities
-from cornerforge.sim.drive import allocate_decisions, record_choice, world_row
-from cornerforge.sim.neighbours import nearest_bv, sort_by_x
-from cornerforge.sim.reach import allocate_pairs
+from cornerforge.sim.advance import MILESTONE, advance
+from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
 from cornerforge.sim.recorder import scenario_of
-from cornerforge.sim.step import SUBSTEPS, allocate_recording, av_acts, begin_to_act, move_on, record_frame
-from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import (
-    AV_CRASH,
-    CONTROLLED,
-    FRAME,
-    INFO_FIELDS,
-    N_BV_CRASHES,
-    N_DECISIONS,
-    N_VEHICLES,
-    OUTCOME,
-    RUNNING,
-    SLOT_B,
-    VEHICLE,
-    all_current,
-    allocate_worlds,
-    n_slots,
-)
-from cornerforge.types import ACCELERATIONS, N_ACTIONS, Odd, Scenario
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, SCRIPTED
+from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
+from cornerforge.sim.traffic import clear_world, reset_world
+from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current, allocate_worlds, n_slots, world_of
+from cornerforge.types import N_ACTIONS, Odd, Scenario
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.adversaries import ChoiceScratch
-    from cornerforge.sim.drive import Decisions, Setting
-    from cornerforge.sim.reach import Pairs
+    from cornerforge.sim.scratch import Scratch
+    from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
 __all__ = ["NATURAL", "START_FIELDS", "Ending", "Script", "ScriptDriver", "scripted_start"]
 
-NATURAL = -1
+NATURAL = NO_ACTION
 """Entry of a script: the likeliest action of the naturalistic model in the state at hand (the lowest index of several
 equally likely). Recordings have it where a vehicle is absent, and there it says nothing."""
 
@@ -63,8 +45,6 @@ START_FIELDS = (
 )  # fmt: skip
 """Fields of `world.VEHICLE` that make a start. The others follow: whoever starts is present, has decided nothing yet,
 and holds its acceleration from there on."""
-
-_ACCELERATIONS = ACCELERATIONS
 
 
 @dataclass(frozen=True)
@@ -133,108 +113,33 @@ def scripted_start(fields: NDArray[np.float64]) -> NDArray[np.void]:
     return start
 
 
-@inlined_kernel
+@kernel
 def _put(w: World, start: NDArray[np.void]) -> None:
     """Put a world at a start."""
-    for k in range(INFO_FIELDS):
-        w.info[k] = 0
+    clear_world(w, 0, 0, 0)
     for i in range(start.size):
         w.vehicles[i] = start[i]
         w.order[i] = i
-    w.info[N_VEHICLES] = start.size
-    w.info[CONTROLLED] = -1
+    w.state[0].n_vehicles = start.size
     all_current(w)
 
 
-@inlined_kernel
-def _likeliest(w: World, i: int, setting: Setting, p: NDArray[np.float64]) -> int:
-    """Index of the likeliest action of slot i; fills `p` with all probabilities."""
-    action_probabilities(w, i, setting.tables.overlook, setting.road, setting.tables, p)
-    best = 0
-    for a in range(1, N_ACTIONS):
-        if p[a] > p[best]:
-            best = a
-    return best
-
-
-@inlined_kernel
-def _bvs_decide(
-    w: World, step: int, script: NDArray[np.int8], setting: Setting, p: NDArray[np.float64],
-    chances: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """All BVs choose, into their `action`, by the script; at the same time, from the state before anybody acts."""
-    v = w.vehicles
-    recorded = step < chances.shape[0]
-    for i in range(1, w.info[N_VEHICLES]):
-        if v[i].present == 0:
-            continue
-        action: int = script[step, i]
-        if recorded or action < 0:
-            likeliest = _likeliest(w, i, setting, p)
-            if action < 0:
-                action = likeliest
-        if recorded:
-            for a in range(N_ACTIONS):
-                chances[step, i, a] = p[a]
-        v[i].action = action
-
-
-@inlined_kernel
-def _av_decides(
-    w: World, substep: int, av_is_natural: bool, setting: Setting, pairs: Pairs, p: NDArray[np.float64]
-) -> tuple[float, int]:
-    """What the AV does: acceleration [m/s2] and target lane. A natural one decides once a second and then goes on."""
-    v = w.vehicles
-    if not av_is_natural:
-        return built_in_av_decides(w, substep, setting.road, setting.av, pairs.av)
-    if substep > 0:
-        return v[0].acceleration, v[0].target_lane
-    action = _likeliest(w, 0, setting, p)
-    if action >= 2:
-        return _ACCELERATIONS[action - 2], v[0].target_lane
-    return 0.0, v[0].target_lane + 1 - 2 * action
-
-
 @kernel
-def _drive_script(
-    w: World, start: NDArray[np.void], script: NDArray[np.int8], av_is_natural: bool, setting: Setting, pairs: Pairs,
-    s: ChoiceScratch, recording: NDArray[np.void], decisions: Decisions, chances: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Drive from a start until the script or the test is at an end; the outcome is in `w.info`, RUNNING for the script.
+def _drive_script(w: World, start: NDArray[np.void], setting: Setting, s: Scratch, keep: Keep) -> None:
+    """Drive from a start until the script or the test is at an end; its outcome is RUNNING where the script ended.
 
     Args:
         w: The world, of at least as many slots as the start has vehicles.
-        start, script: See `Script`.
-        av_is_natural: The AV too takes the likeliest action, once a second.
-        setting: The run; who drives the BVs in it does not matter.
-        pairs, s: Scratch.
-        recording, decisions: Of size 0, or large enough.
-        chances: P(action) of each BV at each decision, float64 (K, N, 33), written; of size 0, or of K decisions.
+        start: See `Script`.
+        setting: The run; its drivers are those of the script.
+        s: Scratch.
+        keep: What is kept.
     """
-    road, tables = setting.road, setting.tables
     _put(w, start)
-    for step in range(script.shape[0]):
-        if w.info[OUTCOME] != RUNNING:
-            break
-        sort_by_x(w)
-        command, lane = _av_decides(w, 0, av_is_natural, setting, pairs, s.p)
-        _bvs_decide(w, step, script, setting, s.p, chances)
-        if step < decisions.controlled.size:
-            bv = nearest_bv(w)
-            if bv >= 0:
-                action_probabilities(w, bv, tables.overlook, road, tables, s.p)
-                action_probabilities(w, bv, 0.0, road, tables, s.attentive)
-            record_choice(w, step, bv, 0.0, s, decisions)
-        n_pairs = begin_to_act(w, command, lane, True, road, setting.av, pairs)
-        for substep in range(SUBSTEPS):
-            if substep > 0 and substep % road.av_substeps == 0:
-                command, lane = _av_decides(w, substep, av_is_natural, setting, pairs, s.p)
-                av_acts(w, command, lane, road)
-            if move_on(w, substep, pairs, n_pairs, road, recording):
-                break
-    if w.info[OUTCOME] == RUNNING:
-        w.info[FRAME] = SUBSTEPS * w.info[N_DECISIONS]
-        record_frame(w, w.info[FRAME], recording)
+    state = w.state[0]
+    if advance(w, setting, s, keep, setting.who.script.shape[0]) == MILESTONE:
+        state.frame = SUBSTEPS * state.decisions
+        record_frame(w, state.frame, keep.recording)
 
 
 class ScriptDriver:
@@ -249,13 +154,11 @@ class ScriptDriver:
         self._setting = setting
         self._odd = odd
         slots, most = n_slots(odd), setting.road.max_decisions
-        worlds = allocate_worlds(1, slots)
-        self._world: World = world_row.py_func(worlds, 0)  # type: ignore[attr-defined]
-        self._pairs = allocate_pairs(slots)
-        self._scratch = allocate_choice_scratch(setting.policy)
+        self._world: World = world_of(allocate_worlds(1, slots))
+        self._scratch = allocate_scratch(slots, setting.who.policy)
         self._recording = allocate_recording(SUBSTEPS * most + 1, slots)
         self._decisions = allocate_decisions(most, slots)
-        self._nothing = (allocate_recording(0, slots), allocate_decisions(0, slots), np.zeros((0, slots, N_ACTIONS)))
+        self._nothing = keep_nothing(slots)
         self.max_decisions = most
         """Of a script."""
         self.drives = 0
@@ -265,15 +168,16 @@ class ScriptDriver:
         check_integer("vehicles of a script", script.slot.size, low=1, high=self._world.order.size)
         check_integer("decisions of a script", len(script.action), low=1, high=self._setting.road.max_decisions)
 
-    def _drive(
-        self, script: Script, av_is_natural: bool, record: tuple[NDArray[np.void], Decisions, NDArray[np.float64]]
-    ) -> None:
+    def _drive(self, script: Script, av_is_natural: bool, keep: Keep) -> None:
         self._check(script)
         self.drives += 1
-        _drive_script(
-            self._world, script.start, np.ascontiguousarray(script.action), av_is_natural, self._setting, self._pairs,
-            self._scratch, *record,
-        )  # fmt: skip
+        drivers = self._setting.with_drivers(
+            av=LIKELIEST if av_is_natural else BUILT_IN,
+            critical=NOBODY,
+            others=SCRIPTED,
+            script=np.ascontiguousarray(script.action),
+        )
+        _drive_script(self._world, script.start, drivers, self._scratch, keep)
 
     def drive(self, script: Script, *, av_is_natural: bool = False) -> Ending:
         """Drive a script and say how it ended.
@@ -286,12 +190,12 @@ class ScriptDriver:
             InputError: The script has more vehicles or decisions than a test can have.
         """
         self._drive(script, av_is_natural, self._nothing)
-        info, v = self._world.info, self._world.vehicles
-        if info[OUTCOME] != AV_CRASH:
-            return Ending(None, -1, 0, int(info[N_BV_CRASHES]))
-        pair = v[[0, info[SLOT_B]]]
+        state = self._world.state[0]
+        if state["outcome"] != AV_CRASH:
+            return Ending(None, -1, 0, int(state["bv_crashes"]))
+        pair = self._world.vehicles[[0, state["slot_b"]]]
         pose = np.stack([pair[name] for name in ("x", "y", "speed", "heading")], axis=1)
-        return Ending(pose, int(script.slot[info[SLOT_B]]), int(info[FRAME]), int(info[N_BV_CRASHES]))
+        return Ending(pose, int(script.slot[state["slot_b"]]), int(state["frame"]), int(state["bv_crashes"]))
 
     def record(
         self, script: Script, *, seed: int, test: int, av_is_natural: bool = False
@@ -312,15 +216,15 @@ class ScriptDriver:
         """
         chances = np.full((len(script.action), script.slot.size, N_ACTIONS), np.nan)
         self._recording["present"] = 0
-        self._drive(script, av_is_natural, (self._recording, self._decisions, chances))
-        scenario = scenario_of(self._world, self._recording, self._decisions, script.slot, self._odd, seed, test)
+        keep = self._nothing._replace(recording=self._recording, decisions=self._decisions, chances=chances)
+        self._drive(script, av_is_natural, keep)
+        scenario = scenario_of(self._world, keep, script.slot, self._odd, seed, test)
         return scenario, chances
 
     def start_of_test(self, seed: int, test: int) -> NDArray[np.void]:
         """Everybody's state at the start of a test of a seed, (N,) of `world.VEHICLE`; nobody changes lanes there."""
-        setting = self._setting
-        reset_world(self._world, seed, test, setting.road, setting.av, setting.tables.initial)
-        return self._world.vehicles[: self._world.info[N_VEHICLES]].copy()
+        reset_world(self._world, seed, test, self._setting)
+        return self._world.vehicles[: self._world.state["n_vehicles"][0]].copy()
 
     def later(self, script: Script, decisions: int) -> Script | None:
         """The script that starts where this one is after some decisions, 0 or more; None where it is over by then.
@@ -332,7 +236,7 @@ class ScriptDriver:
             return script
         check_integer("decisions", decisions, low=0, high=len(script.action) - 1)
         self._drive(Script(script.slot, script.start, script.action[:decisions]), False, self._nothing)
-        if self._world.info[OUTCOME] != RUNNING:
+        if self._world.state["outcome"][0] != RUNNING:
             return None
         states = self._world.vehicles[: script.slot.size]
         there = states["present"] == 1

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from cornerforge._jit import kernel
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.sim.world import N_BV_CRASHES, N_VEHICLES
 from cornerforge.types import ACCELERATIONS
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ __all__ = [
     "EVERYBODY",
     "EXPOSURE",
     "JOINT",
-    "NOBODY",
+    "NOBODY_COUNTED",
     "TRAFFIC",
     "Census",
     "Counts",
@@ -112,10 +111,8 @@ class Census(NamedTuple):
     drift: float
 
 
-NOBODY = Census(False, 0, 0, 0.0, 0.0, 0.0)
+NOBODY_COUNTED = Census(False, 0, 0, 0.0, 0.0, 0.0)
 EVERYBODY = Census(True, 0, 2**31, -math.inf, math.inf, 0.0)
-
-_SEEN = np.dtype([("x", "f8"), ("speed", "f8"), ("lanes", "i8"), ("as_what", "i8")])
 
 
 class Counts(NamedTuple):
@@ -126,13 +123,11 @@ class Counts(NamedTuple):
         joint: (8, 41, 240), rows in the order of JOINT, by speed in classes of 1 m/s.
         totals: BV states, following states, lane changes begun, BV travel [mm], AV decisions, BVs that crashed into
             each other; then states with TTC below each limit.
-        seen: Scratch, one entry per slot: the states at the last decision time.
     """
 
     histograms: NDArray[np.int64]
     joint: NDArray[np.int64]
     totals: NDArray[np.int64]
-    seen: NDArray[np.void]
 
     def add(self, other: Counts) -> None:
         """Add the counts of `other` to these."""
@@ -144,13 +139,12 @@ class Counts(NamedTuple):
 BV_STATES, FOLLOWING_STATES, LANE_CHANGES, BV_TRAVEL_MM, AV_STATES, CRASHED_BVS, TTC_BELOW = range(7)
 
 
-def allocate_counts(slots: int = 0) -> Counts:
-    """Zero counts; worlds of `slots` slots can be counted into them (0: only sums of others)."""
+def allocate_counts() -> Counts:
+    """Zero counts."""
     return Counts(
         np.zeros((_FIRST_JOINT, _N_BINS), dtype=np.int64),
         np.zeros((len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS), dtype=np.int64),
         np.zeros(TTC_BELOW + len(TTC_LIMITS), dtype=np.int64),
-        np.zeros(slots, dtype=_SEEN),
     )
 
 
@@ -196,7 +190,7 @@ def _nearest_lead(w: World, rank: int) -> int:
     """Slot of the nearest vehicle ahead in any lane that the one at a rank of `order` occupies; -1 for none."""
     v = w.vehicles
     i = w.order[rank]
-    for other in range(rank + 1, w.info[N_VEHICLES]):
+    for other in range(rank + 1, w.state[0].n_vehicles):
         j = w.order[other]
         if v[j].x - v[i].x >= SIGHT:
             return -1
@@ -233,14 +227,14 @@ def count_states(w: World, time: int, road: RoadNumbers, counts: Counts, census:
         The sum of their speeds, which is their travel in the coming second [m] to first order.
     """
     v = w.vehicles
-    info = w.info
+    state = w.state[0]
     low = census.low + census.drift * time
     high = census.high + census.drift * time
     travel = 0.0
     sort_by_x(w)  # as the BVs' decisions will do: a second sorting changes nothing
-    for rank in range(info[N_VEHICLES]):
+    for rank in range(state.n_vehicles):
         i = w.order[rank]
-        seen = counts.seen[i]
+        seen = w.seen[i]
         seen.x = v[i].x
         seen.speed = v[i].speed
         seen.lanes = v[i].lanes if v[i].present else 0
@@ -259,13 +253,13 @@ def count_states(w: World, time: int, road: RoadNumbers, counts: Counts, census:
 
 
 @kernel
-def _count_accepted(n: int, i: int, target: int, road: RoadNumbers, counts: Counts) -> None:
+def _count_accepted(w: World, i: int, target: int, road: RoadNumbers, counts: Counts) -> None:
     """Count the gaps ahead and behind in lane `target` that slot i had when it began to change there."""
-    seen = counts.seen
+    seen = w.seen
     bit = 1 << target
     lead_gap = math.inf
     rear_gap = math.inf
-    for j in range(n):
+    for j in range(w.state[0].n_vehicles):
         if j == i or seen[j].lanes & bit == 0:
             continue
         dx = seen[j].x - seen[i].x
@@ -278,17 +272,17 @@ def _count_accepted(n: int, i: int, target: int, road: RoadNumbers, counts: Coun
 
 
 @kernel
-def count_choices(w: World, crashes_before: int, road: RoadNumbers, counts: Counts) -> None:
+def count_choices(w: World, road: RoadNumbers, counts: Counts) -> None:
     """Count what the BVs that `count_states` counted chose then, and which of them crashed in the second since.
 
-    A lane change holds the speed: it counts as acceleration 0. `crashes_before`: info[N_BV_CRASHES] before the second;
+    A lane change holds the speed: it counts as acceleration 0. `crashes_before`: state.bv_crashes before the second;
     a vehicle that vanishes in another way than by a crash is not taken for crashed, unless in the same second.
     """
     v = w.vehicles
-    n = w.info[N_VEHICLES]
-    has_crash = w.info[N_BV_CRASHES] > crashes_before
+    n = w.state[0].n_vehicles
+    has_crash = w.state[0].bv_crashes > w.state[0].bv_crashes_before
     for i in range(1, n):
-        if counts.seen[i].as_what == _NOT_COUNTED:
+        if w.seen[i].as_what == _NOT_COUNTED:
             continue
         if has_crash and v[i].present == 0:
             counts.totals[CRASHED_BVS] += 1
@@ -297,11 +291,11 @@ def count_choices(w: World, crashes_before: int, road: RoadNumbers, counts: Coun
             acceleration = _ACCELERATIONS[v[i].action - 2]
         else:
             counts.totals[LANE_CHANGES] += 1
-            if counts.seen[i].lanes & (1 << v[i].target_lane) == 0:
-                _count_accepted(n, i, v[i].target_lane, road, counts)
+            if w.seen[i].lanes & (1 << v[i].target_lane) == 0:
+                _count_accepted(w, i, v[i].target_lane, road, counts)
         _count(counts, 4, acceleration)
-        row = FOLLOWING_ACCELERATION if counts.seen[i].as_what == _FOLLOWING else FREE_ACCELERATION
-        _count_joint(counts, row, counts.seen[i].speed, acceleration)
+        row = FOLLOWING_ACCELERATION if w.seen[i].as_what == _FOLLOWING else FREE_ACCELERATION
+        _count_joint(counts, row, w.seen[i].speed, acceleration)
 
 
 @kernel

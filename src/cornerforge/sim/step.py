@@ -1,4 +1,4 @@
-"""One decision of a world: everybody decides, then 1 s of motion in 0.1 s substeps with collision checks."""
+"""Motion and contacts: what happens within a second once everybody has begun to act; `advance.py` calls it."""
 
 from __future__ import annotations
 
@@ -10,25 +10,15 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
-from cornerforge.sim.av_kinds import built_in_av_decides, drives_by_idm, sees_everybody
-from cornerforge.sim.decide import decide_bvs
+from cornerforge.sim.av_kinds import drives_by_idm, sees_everybody
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
     COMPLETED,
-    CONTROLLED,
-    FRAME,
-    N_BV_CRASHES,
-    N_CURRENT,
-    N_DECISIONS,
-    N_SEEN,
-    N_VEHICLES,
-    OUTCOME,
     RUNNING,
-    SLOT_A,
-    SLOT_B,
     TIME_UP,
+    all_current,
     forget_av_neighbours,
     list_all,
     path_of,
@@ -38,20 +28,21 @@ from cornerforge.types import ACCELERATIONS, FRAME_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.drivers.naturalistic import NddTables
-    from cornerforge.sim.reach import Pairs
-    from cornerforge.sim.world import AvNumbers, RoadNumbers, World
+    from cornerforge.sim.scratch import Scratch
+    from cornerforge.sim.setting import Setting
+    from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = [
     "FRAME_FIELDS",
+    "SUBSTEPS",
     "allocate_recording",
     "av_acts",
-    "begin_second",
     "begin_to_act",
+    "bring_up_to_date",
+    "forget_frames",
     "move_on",
     "move_vehicle",
     "record_frame",
-    "step_world",
 ]
 
 SUBSTEPS = 10
@@ -134,46 +125,46 @@ def _drop_absent(w: World) -> None:
     """Take vehicles that are no longer there off the list of current ones."""
     kept = 0
     seen = 0
-    for k in range(w.info[N_CURRENT]):
+    for k in range(w.state[0].n_current):
         if w.vehicles[w.current[k]].present:
             w.current[kept] = w.current[k]
             kept += 1
-            if k < w.info[N_SEEN]:
+            if k < w.state[0].n_seen:
                 seen = kept
-    w.info[N_CURRENT] = kept
-    w.info[N_SEEN] = seen
+    w.state[0].n_current = kept
+    w.state[0].n_seen = seen
     forget_av_neighbours(w)
 
 
 @inlined_kernel
-def _check_contacts(w: World, pairs: Pairs, n_pairs: int, frame: int, road: RoadNumbers) -> bool:
+def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
     """Look for contacts at this frame; returns True when one ends the test.
 
     A crash of the AV goes before all others, then one of the controlled BV. Only if neither happens are BVs that crash
     into each other counted and removed, so that the last frame of a crash still shows everybody.
     """
-    info = w.info
-    for k in range(n_pairs):
-        a = pairs.a[k]
-        b = pairs.b[k]
+    state = w.state[0]
+    for k in range(state.n_pairs):
+        a = w.pair_a[k]
+        b = w.pair_b[k]
         is_av = a == 0
-        if not is_av and (info[OUTCOME] != RUNNING or (info[CONTROLLED] != a and info[CONTROLLED] != b)):
+        if not is_av and (state.outcome != RUNNING or (state.controlled != a and state.controlled != b)):
             continue
-        if info[OUTCOME] != AV_CRASH and _touch(w, a, b, road):
-            info[OUTCOME] = AV_CRASH if is_av else BV_CRASH
-            info[SLOT_A] = a
-            info[SLOT_B] = b
-            info[FRAME] = frame
-    if info[OUTCOME] != RUNNING:
-        if info[OUTCOME] == BV_CRASH:
-            info[N_BV_CRASHES] += 1
+        if state.outcome != AV_CRASH and _touch(w, a, b, road):
+            state.outcome = AV_CRASH if is_av else BV_CRASH
+            state.slot_a = a
+            state.slot_b = b
+            state.frame = frame
+    if state.outcome != RUNNING:
+        if state.outcome == BV_CRASH:
+            state.bv_crashes += 1
         return True
     removed = False
-    for k in range(n_pairs):
-        a = pairs.a[k]
-        b = pairs.b[k]
+    for k in range(state.n_pairs):
+        a = w.pair_a[k]
+        b = w.pair_b[k]
         if a > 0 and _touch(w, a, b, road):
-            info[N_BV_CRASHES] += 1
+            state.bv_crashes += 1
             w.vehicles[a].present = 0
             w.vehicles[b].present = 0
             removed = True
@@ -188,7 +179,7 @@ def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
     if frame >= recording.shape[0]:
         return
     v = w.vehicles
-    for i in range(w.info[N_VEHICLES]):
+    for i in range(w.state[0].n_vehicles):
         if v[i].present:
             cell = recording[frame, i]
             cell.x = v[i].x
@@ -220,20 +211,20 @@ def _move(w: World, substep: int, road: RoadNumbers) -> None:
         list_all(w)
     move_vehicle(v, 0, (substep % road.av_substeps + 1) * _DT, road)
     held = (substep + 1) * _DT
-    for k in range(1, w.info[N_CURRENT]):
+    for k in range(1, w.state[0].n_current):
         move_vehicle(v, w.current[k], held, road)
 
 
 @inlined_kernel
-def begin_to_act(
-    w: World, command: float, lane: int, everybody: bool, road: RoadNumbers, av: AvNumbers, pairs: Pairs
-) -> int:
+def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: Setting, s: Scratch) -> None:
     """Everybody begins to act: BVs by their `action`, the AV with `command` [m/s2] and target `lane`.
 
-    `w.order` is sorted. Returns, and `everybody`: as for `begin_second`.
+    `w.order` is sorted. `everybody`: somebody outside the kernels looks at the vehicles within the second, so all are
+    kept current.
     """
     v = w.vehicles
-    for i in range(1, w.info[N_VEHICLES]):
+    road, av = setting.road, setting.av
+    for i in range(1, w.state[0].n_vehicles):
         if v[i].present:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
@@ -241,45 +232,28 @@ def begin_to_act(
     bound_by_idm = drives_by_idm(av) and not everybody
     braking = av.idm.max_braking if bound_by_idm else _HARDEST_BRAKING
     acceleration = av.idm.max_acceleration if bound_by_idm else _STRONGEST_ACCELERATION
-    bound_motion(w, braking, acceleration, pairs)
-    n_pairs = find_pairs(w, road, pairs)
-    choose_current(w, pairs, n_pairs, everybody, road)
-    w.info[N_DECISIONS] += 1
-    return n_pairs
+    bound_motion(w, braking, acceleration, s)
+    find_pairs(w, road, s)
+    choose_current(w, s, everybody, road)
+    w.state[0].decisions += 1
 
 
 @inlined_kernel
-def begin_second(
-    w: World, seed: int, test: int, bv_model: int, controlled_action: int, command: float, lane: int, everybody: bool,
-    road: RoadNumbers, av: AvNumbers, tables: NddTables, pairs: Pairs,
-) -> int:  # fmt: skip
-    """All BVs decide, everybody begins to act, the AV with `command` [m/s2] and target `lane`.
-
-    `everybody`: somebody outside the kernels looks at the vehicles within the second, so all are kept current.
-
-    Returns:
-        Number of pairs that can touch within the second, for `move_on`.
-    """
-    decide_bvs(w, seed, test, bv_model, controlled_action, lane, road, av, tables)
-    return begin_to_act(w, command, lane, everybody, road, av, pairs)
-
-
-@inlined_kernel
-def move_on(w: World, substep: int, pairs: Pairs, n_pairs: int, road: RoadNumbers, recording: NDArray[np.void]) -> bool:
+def move_on(w: World, substep: int, road: RoadNumbers, recording: NDArray[np.void]) -> bool:
     """Move to the end of a substep (0..9) of the second begun, look for contacts; True when the test ends with it."""
-    info = w.info
-    first_frame = SUBSTEPS * (info[N_DECISIONS] - 1)
+    state = w.state[0]
+    first_frame = SUBSTEPS * (state.decisions - 1)
     frame = first_frame + substep + 1
     record_frame(w, frame - 1, recording)
     _move(w, substep, road)
-    ends = _check_contacts(w, pairs, n_pairs, frame, road)
+    ends = _check_contacts(w, frame, road)
     if not ends and w.vehicles[0].x >= road.av_start + road.test_length:
-        info[OUTCOME] = COMPLETED
-        info[FRAME] = frame
+        state.outcome = COMPLETED
+        state.frame = frame
         ends = True
-    if not ends and substep == SUBSTEPS - 1 and info[N_DECISIONS] >= road.max_decisions:
-        info[OUTCOME] = TIME_UP
-        info[FRAME] = frame
+    if not ends and substep == SUBSTEPS - 1 and state.decisions >= road.max_decisions:
+        state.outcome = TIME_UP
+        state.frame = frame
         ends = True
     if ends:
         record_frame(w, frame, recording)
@@ -287,21 +261,27 @@ def move_on(w: World, substep: int, pairs: Pairs, n_pairs: int, road: RoadNumber
 
 
 @kernel
-def step_world(
-    w: World, seed: int, test: int, bv_model: int, controlled_action: int, road: RoadNumbers, av: AvNumbers,
-    tables: NddTables, pairs: Pairs, recording: NDArray[np.void],
-) -> None:  # fmt: skip
-    """Advance a running world by one decision (1 s, or less when the test ends); results are in `w.info`.
+def bring_up_to_date(w: World, road: RoadNumbers) -> None:
+    """Bring every vehicle to the moment at which the test ended.
 
-    Before the call info[CONTROLLED] names the BV that takes `controlled_action`, -1 for none. After a test that ends
-    within the second only vehicles near the AV or in contact stand where they are then, unless it is recorded.
+    `move_on` leaves vehicles that nobody can touch or see at their position from the start of the second.
     """
-    command, lane = built_in_av_decides(w, 0, road, av, pairs.av)
-    recorded = recording.shape[0] > SUBSTEPS * w.info[N_DECISIONS]
-    n_pairs = begin_second(w, seed, test, bv_model, controlled_action, command, lane, recorded, road, av, tables, pairs)
-    for substep in range(SUBSTEPS):
-        if substep > 0 and substep % road.av_substeps == 0:
-            command, lane = built_in_av_decides(w, substep, road, av, pairs.av)
-            av_acts(w, command, lane, road)
-        if move_on(w, substep, pairs, n_pairs, road, recording):
-            return
+    state = w.state[0]
+    substeps = state.frame - SUBSTEPS * (state.decisions - 1)
+    for j in range(1, state.n_vehicles):
+        if w.vehicles[j].present == 0:
+            continue
+        is_current = False
+        for k in range(state.n_current):
+            is_current = is_current or w.current[k] == j
+        if not is_current:
+            move_vehicle(w.vehicles, j, substeps * _DT, road)
+    all_current(w)
+
+
+@kernel
+def forget_frames(recording: NDArray[np.void], frames: int, slots: int) -> None:
+    """Nobody is there in the first frames of a recording: presence is the only trace that the next one would see."""
+    for f in range(min(frames, recording.shape[0])):
+        for i in range(slots):
+            recording[f, i].present = 0

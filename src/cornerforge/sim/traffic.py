@@ -1,73 +1,83 @@
-"""Traffic at the start of a test, drawn from the naturalistic model's initial state (DESIGN section 4)."""
+"""Traffic at the start of a test, drawn from the naturalistic model's initial state (`ndd.model.InitialState`)."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_INITIAL, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
 from cornerforge.geometry import lane_centre
-from cornerforge.sim.world import CONTROLLED, INFO_FIELDS, N_VEHICLES, all_current
+from cornerforge.sim.setting import critical_of
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, all_current
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from numpy import uint64
 
-    from cornerforge.sim.world import AvNumbers, RoadNumbers, World
+    from cornerforge.drivers.naturalistic import InitialNumbers
+    from cornerforge.sim.setting import Setting
+    from cornerforge.sim.world import RoadNumbers, World
 
-__all__ = ["reset_world"]
+__all__ = ["clear_world", "reset_world"]
 
 _MAX_TRIES = 200
+"""So many refused draws of a neighbour, and there is none within the free gap."""
+
+
+@inlined_kernel
+def _next_words(w: World) -> tuple[uint64, uint64, uint64, uint64]:
+    """The next four random words of the initial traffic."""
+    state = w.state[0]
+    draw = state.draw
+    state.draw += 1
+    return block(state.seed, state.test, draw, 0, PURPOSE_INITIAL)
 
 
 @kernel
-def _draw_speed(seed: int, test: int, initial: NDArray[np.float64], draw: int) -> tuple[float, int]:
-    """A speed of the truncated normal [m/s], and the number of the next unused draw."""
+def _draw_speed(w: World, initial: InitialNumbers) -> float:
+    """A speed of the truncated normal [m/s]."""
     while True:
-        words = block(seed, test, draw, 0, PURPOSE_INITIAL)
-        draw += 1
-        speed = initial[0] + initial[1] * normal_pair(words[0], words[1])[0]
-        if initial[2] <= speed <= initial[3]:
-            return speed, draw
+        words = _next_words(w)
+        speed = initial.speed_mean + initial.speed_sd * normal_pair(words[0], words[1])[0]
+        if initial.speed_low <= speed <= initial.speed_high:
+            return speed
 
 
-@kernel
-def _draw_neighbour(
-    seed: int, test: int, initial: NDArray[np.float64], draw: int, speed: float, ahead: bool
-) -> tuple[float, float, int]:
-    """Gap [m] and speed [m/s] of the next vehicle ahead of (or behind) one that drives at `speed`, and the next draw.
+@inlined_kernel
+def _draw_neighbour(w: World, speed: float, ahead: bool, initial: InitialNumbers) -> tuple[float, float]:
+    """Gap [m] and speed [m/s] of the next vehicle ahead of (or behind) one that drives at `speed`.
 
     The chain of speeds is reversible, so that the same law serves both directions.
     """
-    gap = initial[11]
-    other = speed
     for _ in range(_MAX_TRIES):
-        words = block(seed, test, draw, 0, PURPOSE_INITIAL)
-        draw += 1
+        words = _next_words(w)
         z_gap, z_speed = normal_pair(words[0], words[1])
-        follows = uniform(words[2]) < initial[4]
-        time_gap = initial[5] * math.exp(initial[6] * z_gap)
-        gap = speed * time_gap if follows else initial[10] + (initial[11] - initial[10]) * uniform(words[3])
-        scale = initial[7] * math.exp(initial[8] * math.log(gap / 20.0))
+        follows = uniform(words[2]) < initial.follow_share
+        time_gap = initial.time_gap_median * math.exp(initial.time_gap_sigma * z_gap)
+        free_gap = initial.free_gap_low + (initial.free_gap_high - initial.free_gap_low) * uniform(words[3])
+        gap = speed * time_gap if follows else free_gap
+        scale = initial.rr_scale * math.exp(initial.rr_exponent * math.log(gap / 20.0))
         other = (
-            initial[0]
-            + (1.0 - scale * scale / (2.0 * initial[1] * initial[1])) * (speed - initial[0])
+            initial.speed_mean
+            + (1.0 - scale * scale / (2.0 * initial.speed_sd * initial.speed_sd)) * (speed - initial.speed_mean)
             + scale * z_speed
         )
         if follows and not ahead:
             gap = other * time_gap
         closing = speed - other if ahead else other - speed
-        legal = initial[2] <= other <= initial[3] and gap >= 1.0 and (not follows or gap <= initial[10])
-        if legal and gap >= initial[9] * closing:
-            return gap, other, draw
-    return initial[11], speed, draw
+        is_near = not follows or gap <= initial.free_gap_low
+        legal = initial.speed_low <= other <= initial.speed_high and gap >= 1.0 and is_near
+        if legal and gap >= initial.min_ttc * closing:
+            return gap, other
+    return initial.free_gap_high, speed
 
 
-@kernel
-def _place(w: World, slot: int, x: float, lane: int, speed: float, road: RoadNumbers) -> None:
+@inlined_kernel
+def _place(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> None:
+    """Put one more vehicle on the road."""
     v = w.vehicles
+    slot = w.state[0].n_vehicles
     speed = min(speed, road.max_speed)
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
@@ -82,68 +92,90 @@ def _place(w: World, slot: int, x: float, lane: int, speed: float, road: RoadNum
     v[slot].target_lane = lane
     v[slot].lanes = 1 << lane
     v[slot].present = 1
-    v[slot].action = -1
+    v[slot].action = NO_ACTION
+    w.state[0].n_vehicles = slot + 1
 
 
 @kernel
-def _fill_ahead(
-    w: World, n: int, draw: int, x: float, speed: float, lane: int, first_gap: float, seed: int, test: int,
-    road: RoadNumbers, initial: NDArray[np.float64],
-) -> tuple[int, int]:  # fmt: skip
-    """Chain vehicles ahead of (x, speed) up to the end of the traffic; the first at no less than `first_gap`."""
-    v = w.vehicles
+def _fill_ahead(w: World, x: float, speed: float, lane: int, road: RoadNumbers, initial: InitialNumbers) -> None:
+    """Chain vehicles ahead of (x, speed) up to the end of the traffic."""
     while True:
-        gap, speed, draw = _draw_neighbour(seed, test, initial, draw, speed, True)
-        x += road.length + max(gap, first_gap)
-        first_gap = 0.0
-        if x > road.traffic_length or n >= v.size:
-            return n, draw
-        _place(w, n, x, lane, speed, road)
-        n += 1
+        gap, speed = _draw_neighbour(w, speed, True, initial)
+        x += road.length + gap
+        if x > road.traffic_length or w.state[0].n_vehicles >= w.vehicles.size:
+            return
+        _place(w, x, lane, speed, road)
 
 
 @kernel
-def reset_world(w: World, seed: int, test: int, road: RoadNumbers, av: AvNumbers, initial: NDArray[np.float64]) -> None:
+def _fill_behind(w: World, x: float, speed: float, lane: int, road: RoadNumbers, initial: InitialNumbers) -> None:
+    """Chain vehicles behind (x, speed) back to the begin of the traffic."""
+    while True:
+        gap, speed = _draw_neighbour(w, speed, False, initial)
+        x -= road.length + gap
+        if x < 0.0 or w.state[0].n_vehicles >= w.vehicles.size:
+            return
+        _place(w, x, lane, speed, road)
+
+
+@kernel
+def clear_world(w: World, seed: int, test: int, branch: int) -> None:
+    """An empty road at the start of a test, without a likelihood budget."""
+    state = w.state[0]
+    state.seed = seed
+    state.test = test
+    state.branch = branch
+    state.draw = 0
+    state.n_vehicles = 0
+    state.decisions = 0
+    state.substep = 0
+    state.controlled = NO_VEHICLE
+    state.outcome = RUNNING
+    state.frame = 0
+    state.slot_a = 0
+    state.slot_b = 0
+    state.bv_crashes = 0
+    state.bv_crashes_before = 0
+    state.budget_left = 0
+    state.n_current = 0
+    state.n_seen = 0
+    state.n_pairs = 0
+    state.av_has_answered = 0
+    state.av_lane = 0
+    state.bv_has_answered = 0
+    state.bv_action = NO_ACTION
+    state.av_command = 0.0
+    state.travel = 0.0
+    for i in range(w.vehicles.size):
+        w.vehicles[i].present = 0
+
+
+@kernel
+def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     """Put test `test` of `seed` at its start: the AV in slot 0 at `av_start`, then its lane, then the others.
 
-    The AV's lead stands no nearer than the AV's own desired gap: starting closer makes crashes of its own.
+    The AV's lead stands no nearer than the AV's own desired gap: starting closer makes crashes of its own. The world
+    has the likelihood budget of the adversary that drives this test.
     """
-    v = w.vehicles
-    order = w.order
-    info = w.info
-    for i in range(INFO_FIELDS):
-        info[i] = 0
-    for i in range(v.size):
-        v[i].present = 0
-    words = block(seed, test, 0, 0, PURPOSE_INITIAL)
-    av_lane = min(road.n_lanes - 1, math.floor(uniform(words[0]) * road.n_lanes))
-    speed, draw = _draw_speed(seed, test, initial, 1)
-    speed = min(speed, road.max_speed)
-    _place(w, 0, road.av_start, av_lane, speed, road)
+    road, initial = setting.road, setting.tables.initial
+    clear_world(w, seed, test, 0)
+    state = w.state[0]
+    state.budget_left = critical_of(seed, test, setting.who)[2]
+    av_lane = min(road.n_lanes - 1, math.floor(uniform(_next_words(w)[0]) * road.n_lanes))
+    speed = min(_draw_speed(w, initial), road.max_speed)
+    _place(w, road.av_start, av_lane, speed, road)
 
     # The lead's speed decides the AV's desired gap, so the first link of the AV's chain is drawn here.
-    gap, lead_speed, draw = _draw_neighbour(seed, test, initial, draw, speed, True)
-    x = road.av_start + road.length + max(gap, desired_gap(speed, lead_speed - speed, av.idm))
-    n = 1
+    gap, lead_speed = _draw_neighbour(w, speed, True, initial)
+    x = road.av_start + road.length + max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
     if x <= road.traffic_length:
-        _place(w, n, x, av_lane, lead_speed, road)
-        n, draw = _fill_ahead(w, n + 1, draw, x, lead_speed, av_lane, 0.0, seed, test, road, initial)
-    x = road.av_start
-    while True:
-        gap, speed, draw = _draw_neighbour(seed, test, initial, draw, speed, False)
-        x -= road.length + gap
-        if x < 0.0 or n >= v.size:
-            break
-        _place(w, n, x, av_lane, speed, road)
-        n += 1
+        _place(w, x, av_lane, lead_speed, road)
+        _fill_ahead(w, x, lead_speed, av_lane, road, initial)
+    _fill_behind(w, road.av_start, speed, av_lane, road, initial)
     for lane in range(road.n_lanes):
         if lane != av_lane:
-            words = block(seed, test, draw, 0, PURPOSE_INITIAL)
-            speed, draw = _draw_speed(seed, test, initial, draw + 1)
-            x = -initial[10] * uniform(words[0])
-            n, draw = _fill_ahead(w, n, draw, x, speed, lane, 0.0, seed, test, road, initial)
-    info[N_VEHICLES] = n
-    info[CONTROLLED] = -1
-    for i in range(n):
-        order[i] = i
+            start = uniform(_next_words(w)[0])
+            _fill_ahead(w, -initial.free_gap_low * start, _draw_speed(w, initial), lane, road, initial)
+    for i in range(state.n_vehicles):
+        w.order[i] = i
     all_current(w)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import astuple
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._jit import inlined_kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.avs import AV_KINDS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
@@ -18,20 +18,25 @@ from cornerforge.geometry import Path
 from cornerforge.types import MAX_LANES, Odd
 
 __all__ = [
-    "INFO_FIELDS",
+    "SEEN",
+    "STATE",
     "VEHICLE",
     "AvNumbers",
     "RoadNumbers",
     "World",
     "all_current",
     "allocate_worlds",
+    "arrays_of",
     "av_numbers",
     "forget_av_neighbours",
     "list_all",
+    "moment_of",
     "n_slots",
     "numbers_of_av",
     "path_of",
     "road_numbers",
+    "world_of",
+    "world_row",
 ]
 
 
@@ -70,44 +75,95 @@ of the lanes occupied (`geometry.lane_bits`); present: 1 or 0; action: last deci
 """
 
 
-class World(NamedTuple):
-    """State of one world; with a leading axis `B` it is a batch of worlds.
-
-    Attributes:
-        vehicles: (N,) of VEHICLE; slot 0 is the AV.
-        order: Slots by rising x, int64 (N,), the first info[N_VEHICLES] entries.
-        current: Slots whose state is that of this moment, int64 (N,), the first info[N_CURRENT] entries: at decision
-            times all that are present, within a second only those that somebody may touch or look at. The AV is the
-            first; the first info[N_SEEN] are whom somebody may look at; both parts rise.
-        info: int64 (INFO_FIELDS,): see the index constants below.
-        words: Scratch: the random words with which each slot decides (`_philox.blocks`), uint64 (4, N).
-    """
-
-    vehicles: NDArray[np.void]
-    order: NDArray[np.int64]
-    current: NDArray[np.int64]
-    info: NDArray[np.int64]
-    words: NDArray[np.uint64]
-
-
-N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN = range(10)
-BUDGET_LEFT = 10
-"""What is left of the adversary's likelihood budget, in millionths of a nat, plus 1; 0: no limit."""
-AV_LEADS = 11
-"""info[AV_LEADS + lane]: the one vehicle that can be the AV's nearest ahead in a lane until the end of the second, -1
-for none, or UNKNOWN: then look at all."""
-AV_REARS = AV_LEADS + MAX_LANES
-"""info[AV_REARS + lane]: the same behind, where info[AV_LEADS + lane] is not UNKNOWN."""
-AHEAD = AV_REARS + MAX_LANES
-"""info[AHEAD + lane]: scratch, the rearmost vehicle so far of a walk from the front to the rear."""
-INFO_FIELDS = AHEAD + MAX_LANES
-UNKNOWN = -2
-
 RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
 removed."""
 AV_FAULT = 5
 """Outcome code of a test that an AV from outside spoiled (it raised, hung, or gave no usable answer): it is no test."""
+IDLE = -1
+"""Outcome code of a world that drives no test."""
+NO_VEHICLE = -1
+"""Slot number where there is none."""
+NO_ACTION = -1
+"""Action index of a vehicle that has decided nothing, and of the AV."""
+UNKNOWN = -2
+"""Entry of `World.av_lead` where nobody alone is known to be the AV's lead."""
+MAX_BRANCH = 2**16 - 1
+
+STATE = np.dtype(
+    [
+        ("seed", "i8"),
+        ("test", "i8"),
+        ("branch", "i8"),
+        ("draw", "i8"),
+        ("n_vehicles", "i8"),
+        ("decisions", "i8"),
+        ("substep", "i8"),
+        ("controlled", "i8"),
+        ("outcome", "i8"),
+        ("frame", "i8"),
+        ("slot_a", "i8"),
+        ("slot_b", "i8"),
+        ("bv_crashes", "i8"),
+        ("bv_crashes_before", "i8"),
+        ("budget_left", "i8"),
+        ("n_current", "i8"),
+        ("n_seen", "i8"),
+        ("n_pairs", "i8"),
+        ("av_has_answered", "i8"),
+        ("av_lane", "i8"),
+        ("bv_has_answered", "i8"),
+        ("bv_action", "i8"),
+        ("av_command", "f8"),
+        ("travel", "f8"),
+    ]
+)
+"""What a world knows besides its vehicles.
+
+seed, test: name of the test; branch: number of the future that the random words belong to (0: the test's own);
+draw: next unused draw of the initial traffic; n_vehicles: slots in use; decisions: seconds begun; substep: tenths of
+the running second that are over, 0 between seconds; controlled: slot of the BV that an adversary controls in this
+second, NO_VEHICLE for none; outcome, frame, slot_a, slot_b: how the test ended, in which frame, between whom;
+bv_crashes: crashes between BVs so far, bv_crashes_before: when the second began; budget_left: what is left of the
+adversary's likelihood budget, in millionths of a nat, plus 1 (0: no limit); n_current, n_seen, n_pairs: how much of
+`current` and of the pairs is in use; av_has_answered, av_command [m/s2], av_lane (target lane): the answer of an AV
+outside; bv_has_answered, bv_action: that of whoever controls a BV from outside; travel: metres that the counted BVs
+drove.
+"""
+
+
+class World(NamedTuple):
+    """All that the future of one world depends on; with a leading axis `B` it is a batch of worlds.
+
+    Attributes:
+        vehicles: (N,) of VEHICLE; slot 0 is the AV.
+        state: (1,) of STATE.
+        order: Slots by rising x, int64 (N,), the first `state.n_vehicles` entries.
+        current: Slots whose state is that of this moment, int64 (N,), the first `state.n_current` entries: at decision
+            times all that are present, within a second only those that somebody may touch or look at. The AV is the
+            first; the first `state.n_seen` are whom somebody may look at; both parts rise.
+        pair_a, pair_b: Slots of the pairs that can touch within the running second, int64 (8 N,), the first
+            `state.n_pairs` entries; a < b.
+        av_lead, av_rear: For each lane the one vehicle that can be the AV's nearest ahead or behind until the end of
+            the second, int64 (MAX_LANES,), NO_VEHICLE for none; where `av_lead` is UNKNOWN all must be looked at.
+        seen: What is counted of each BV within the running second, (N,) of SEEN.
+    """
+
+    vehicles: NDArray[np.void]
+    state: NDArray[np.void]
+    order: NDArray[np.int64]
+    current: NDArray[np.int64]
+    pair_a: NDArray[np.int64]
+    pair_b: NDArray[np.int64]
+    av_lead: NDArray[np.int64]
+    av_rear: NDArray[np.int64]
+    seen: NDArray[np.void]
+
+
+SEEN = np.dtype([("x", "f8"), ("speed", "f8"), ("lanes", "i8"), ("as_what", "i8")])
+"""A BV at the last decision time, for `statistics.count_choices`: position [m], speed [m/s], its lanes as a bit mask,
+and whether it is counted as following, as free, or not at all."""
+_PAIRS_PER_SLOT = 8
 
 
 class RoadNumbers(NamedTuple):
@@ -190,33 +246,78 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """Zeroed state for a batch: arrays of shape (n_worlds, slots), (n_worlds, INFO_FIELDS) and (n_worlds, 4, slots)."""
-    return World(
-        np.zeros((n_worlds, slots), dtype=VEHICLE),
-        np.zeros((n_worlds, slots), dtype=np.int64),
-        np.zeros((n_worlds, slots), dtype=np.int64),
-        np.zeros((n_worlds, INFO_FIELDS), dtype=np.int64),
-        np.zeros((n_worlds, 4, slots), dtype=np.uint64),
+    """A batch of idle worlds of so many vehicle slots, arrays with a leading axis of `n_worlds`."""
+    worlds = World(
+        vehicles=np.zeros((n_worlds, slots), dtype=VEHICLE),
+        state=np.zeros((n_worlds, 1), dtype=STATE),
+        order=np.zeros((n_worlds, slots), dtype=np.int64),
+        current=np.zeros((n_worlds, slots), dtype=np.int64),
+        pair_a=np.zeros((n_worlds, _PAIRS_PER_SLOT * slots), dtype=np.int64),
+        pair_b=np.zeros((n_worlds, _PAIRS_PER_SLOT * slots), dtype=np.int64),
+        av_lead=np.zeros((n_worlds, MAX_LANES), dtype=np.int64),
+        av_rear=np.zeros((n_worlds, MAX_LANES), dtype=np.int64),
+        seen=np.zeros((n_worlds, slots), dtype=SEEN),
     )
+    worlds.state["outcome"] = IDLE
+    return worlds
+
+
+@kernel
+def world_row(worlds: World, b: int) -> World:
+    """World b of a batch, as views."""
+    return World(
+        worlds.vehicles[b],
+        worlds.state[b],
+        worlds.order[b],
+        worlds.current[b],
+        worlds.pair_a[b],
+        worlds.pair_b[b],
+        worlds.av_lead[b],
+        worlds.av_rear[b],
+        worlds.seen[b],
+    )
+
+
+def world_of(worlds: World, b: int = 0) -> World:
+    """`world_row` for Python: world b of a batch, as views."""
+    return World._make(array[b] for array in worlds)
+
+
+def arrays_of(worlds: World) -> dict[str, NDArray[Any]]:
+    """Everything that a world or a batch is, by name: views of plain numbers, records as bytes."""
+    return {
+        name: array.view(np.uint8) if array.dtype.names else array
+        for name, array in zip(World._fields, worlds, strict=True)
+    }
+
+
+@inlined_kernel
+def moment_of(w: World) -> int:
+    """The step by which random numbers of the coming decision are named: its number, and the world's branch."""
+    state = w.state[0]
+    moment: int = state.decisions | (state.branch << 16)
+    return moment
 
 
 @inlined_kernel
 def forget_av_neighbours(w: World) -> None:
     """Note that nothing is known about who is the AV's nearest in any lane."""
-    for place in range(AV_LEADS, AV_REARS + MAX_LANES):
-        w.info[place] = UNKNOWN
+    for lane in range(w.av_lead.size):
+        w.av_lead[lane] = UNKNOWN
+        w.av_rear[lane] = UNKNOWN
 
 
 @inlined_kernel
 def list_all(w: World) -> None:
     """Note that the state of every vehicle is that of this moment; what is known of the AV's neighbours stays."""
+    state = w.state[0]
     found = 0
-    for i in range(w.info[N_VEHICLES]):
+    for i in range(state.n_vehicles):
         if w.vehicles[i].present:
             w.current[found] = i
             found += 1
-    w.info[N_CURRENT] = found
-    w.info[N_SEEN] = found
+    state.n_current = found
+    state.n_seen = found
 
 
 @inlined_kernel

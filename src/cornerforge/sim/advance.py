@@ -1,0 +1,294 @@
+"""The one loop: `advance` moves a world on; everything that drives is a thin caller of it.
+
+A second begins with the AV's decision, then the critical BV's, then the others'; ten substeps of motion follow, at some
+of which the AV decides again. Whoever stands outside the kernels is waited for: `advance` returns and says who must
+answer, `answer_as_av` or `answer_as_bv` takes the answer, and the next `advance` goes on from there. All that the rest
+of the test depends on is in the world, so a world may be left, copied or stored wherever `advance` returns.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.sim.adversaries import choose_action, sample_action
+from cornerforge.sim.av_kinds import built_in_av_decides
+from cornerforge.sim.decide import action_probabilities, decide_bvs
+from cornerforge.sim.keep import record_choice
+from cornerforge.sim.neighbours import nearest_bv, sort_by_x
+from cornerforge.sim.observe import allowed_actions, observe, spend_budget
+from cornerforge.sim.setting import LIKELIEST, NOBODY, OUTSIDE, POLICY, SCRIPTED, TOLD, critical_of
+from cornerforge.sim.statistics import BV_TRAVEL_MM, count_av, count_choices, count_states
+from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
+from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
+from cornerforge.types import ACCELERATIONS, N_ACTIONS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.keep import Keep
+    from cornerforge.sim.scratch import Scratch
+    from cornerforge.sim.setting import Setting
+    from cornerforge.sim.world import World
+
+__all__ = [
+    "AV_MUST_ANSWER",
+    "BV_MUST_ANSWER",
+    "MILESTONE",
+    "NEVER",
+    "OVER",
+    "advance",
+    "answer_as_av",
+    "answer_as_bv",
+    "look_as_bv",
+]
+
+OVER, AV_MUST_ANSWER, BV_MUST_ANSWER, MILESTONE = range(4)
+"""Why `advance` returned. OVER: the test is over, `state.outcome` says how. AV_MUST_ANSWER, BV_MUST_ANSWER: it waits
+for an answer from outside. MILESTONE: the seconds that were asked for have passed."""
+NEVER = 2**62
+"""As `until` of `advance`: no milestone."""
+_NOBODY_MUST = -1
+_ACCELERATIONS = ACCELERATIONS
+
+
+@inlined_kernel
+def answer_as_av(w: World, command: float, lane: int) -> None:
+    """Answer for an AV outside: the acceleration that it holds from now on [m/s2], and its target lane."""
+    state = w.state[0]
+    state.av_has_answered = 1
+    state.av_command = command
+    state.av_lane = lane
+
+
+@inlined_kernel
+def answer_as_bv(w: World, action: int) -> None:
+    """Answer for the critical BV, TOLD from outside: an allowed action, or NO_ACTION to let it drive naturally."""
+    state = w.state[0]
+    state.bv_has_answered = 1
+    state.bv_action = action
+
+
+@inlined_kernel
+def _likeliest(w: World, i: int, setting: Setting, p: NDArray[np.float64]) -> int:
+    """Index of the likeliest action of slot i, the lowest of several; fills `p` with all probabilities."""
+    action_probabilities(w, i, setting.tables.overlook, setting.road, setting.tables, p)
+    best = 0
+    for a in range(1, N_ACTIONS):
+        if p[a] > p[best]:
+            best = a
+    return best
+
+
+@kernel
+def _follow_script(w: World, setting: Setting, s: Scratch, chances: NDArray[np.float64]) -> None:
+    """All BVs choose, into their `action`, by the script; at the same time, from the state before anybody acts."""
+    v = w.vehicles
+    step = w.state[0].decisions
+    p = s.choice.p
+    recorded = step < chances.shape[0]
+    for i in range(1, w.state[0].n_vehicles):
+        if v[i].present == 0:
+            continue
+        action: int = setting.who.script[step, i]
+        if recorded or action == NO_ACTION:
+            likeliest = _likeliest(w, i, setting, p)
+            if action == NO_ACTION:
+                action = likeliest
+        if recorded:
+            for a in range(N_ACTIONS):
+                chances[step, i, a] = p[a]
+        v[i].action = action
+
+
+@kernel
+def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
+    """An AV that takes the likeliest action of the naturalistic model once a second, and goes on in between."""
+    v = w.vehicles
+    if substep > 0:
+        return v[0].acceleration, v[0].target_lane
+    action = _likeliest(w, 0, setting, s.choice.p)
+    if action >= 2:
+        return _ACCELERATIONS[action - 2], v[0].target_lane
+    return 0.0, v[0].target_lane + 1 - 2 * action
+
+
+@inlined_kernel
+def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
+    """What the AV does from now on: acceleration [m/s2] and target lane."""
+    state = w.state[0]
+    if setting.who.av == OUTSIDE:
+        state.av_has_answered = 0
+        return state.av_command, state.av_lane
+    if setting.who.av == LIKELIEST:
+        return _drives_as_natural(w, substep, setting, s)
+    return built_in_av_decides(w, substep, setting.road, setting.av, s.av)
+
+
+@kernel
+def look_as_bv(
+    w: World, setting: Setting, s: Scratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
+) -> int:
+    """Name the critical BV as the controlled one and fill its observation and action mask.
+
+    Returns:
+        Its slot, NO_VEHICLE when there is none.
+    """
+    state = w.state[0]
+    bv = nearest_bv(w)
+    state.controlled = bv
+    if bv >= 0:
+        bounded = critical_of(state.seed, state.test, setting.who)[1]
+        observe(w, bv, setting.road, s.choice.found, observation)
+        allowed_actions(w, bv, bounded, setting.road, setting.tables, s.choice.p, allowed)
+    return bv
+
+
+@kernel
+def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[int, float]:
+    """The adversary of this run chooses for the critical BV, and pays for it.
+
+    Returns:
+        The action, NO_ACTION where it lets the BV drive naturally; the natural log of the action's probability under
+        the policy, 0 without one.
+    """
+    state = w.state[0]
+    who, c = setting.who, s.choice
+    log_prob_policy = 0.0
+    if who.critical == TOLD:
+        action = state.bv_action
+        if action == NO_ACTION:
+            return action, 0.0
+    else:
+        policy, bounded, _ = critical_of(state.seed, state.test, who)
+        allowed_actions(w, bv, bounded, setting.road, setting.tables, c.p, c.allowed)
+        if who.critical == POLICY:
+            observe(w, bv, setting.road, c.found, c.observation)
+            action, log_prob_policy = sample_action(w, bv, who.temperature, policy, c)
+        else:
+            action = choose_action(w, bv, who.critical, 0.0, policy, c)
+    state.controlled = bv
+    spend_budget(w, bv, action, setting.road, setting.tables, c.p)
+    return action, log_prob_policy
+
+
+@kernel
+def _critical_bv_acts(w: World, recorded: bool, setting: Setting, s: Scratch) -> tuple[int, int, float]:
+    """Find the critical BV and let the adversary, if there is one, choose what it does.
+
+    `recorded` fills `p` and `attentive` of the scratch for `record_choice`: the tables must see the state before
+    anybody moves, and a natural driver's action is known only after it.
+
+    Returns:
+        Slot of the critical BV, NO_VEHICLE for none; its action, NO_ACTION where it drives naturally; the natural log
+        of the action's probability under the policy.
+    """
+    bv = nearest_bv(w)
+    action = NO_ACTION
+    log_prob_policy = 0.0
+    if bv < 0:
+        return bv, action, log_prob_policy
+    if setting.who.critical != NOBODY:
+        action, log_prob_policy = _adversary_acts(w, bv, setting, s)
+    if recorded:
+        action_probabilities(w, bv, setting.tables.overlook, setting.road, setting.tables, s.choice.p)
+        action_probabilities(w, bv, 0.0, setting.road, setting.tables, s.choice.attentive)
+    return bv, action, log_prob_policy
+
+
+@inlined_kernel
+def _is_counted(step: int, keep: Keep) -> bool:
+    """Does the second `step` go into the counts?"""
+    return keep.census.on and keep.census.first <= step < keep.census.until
+
+
+@inlined_kernel
+def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scratch, keep: Keep) -> None:
+    """The BVs decide, everybody begins to act, the AV with `command` [m/s2] and target `lane`."""
+    state = w.state[0]
+    who = setting.who
+    step = state.decisions
+    recorded = step < keep.decisions.controlled.size
+    bv = NO_VEHICLE
+    action = NO_ACTION
+    log_prob_policy = 0.0
+    state.controlled = NO_VEHICLE
+    if who.critical != NOBODY or recorded:
+        bv, action, log_prob_policy = _critical_bv_acts(w, recorded, setting, s)
+    state.bv_has_answered = 0
+    if _is_counted(step, keep):
+        count_av(w, setting.road, keep.counts)
+        state.travel += count_states(w, step, setting.road, keep.counts, keep.census)
+    state.bv_crashes_before = state.bv_crashes
+    if who.others == SCRIPTED:
+        sort_by_x(w)
+        _follow_script(w, setting, s, keep.chances)
+    else:
+        decide_bvs(w, action, lane, setting, s)
+    if recorded:
+        record_choice(w, bv, log_prob_policy, s.choice, keep.decisions)
+    is_looked_at = keep.recording.shape[0] > SUBSTEPS * step or who.av == OUTSIDE or who.others == SCRIPTED
+    begin_to_act(w, command, lane, is_looked_at, setting, s)
+
+
+@inlined_kernel
+def _count_second(w: World, setting: Setting, keep: Keep) -> None:
+    """Count what the BVs chose in the second that is over."""
+    if _is_counted(w.state[0].decisions - 1, keep):
+        count_choices(w, setting.road, keep.counts)
+
+
+@inlined_kernel
+def _who_must_answer(w: World, substep: int, setting: Setting) -> int:
+    """AV_MUST_ANSWER or BV_MUST_ANSWER where one of them stands outside and has not answered yet."""
+    state = w.state[0]
+    if setting.who.av == OUTSIDE and state.av_has_answered == 0:
+        return AV_MUST_ANSWER
+    if substep == 0 and setting.who.critical == TOLD and state.bv_has_answered == 0:
+        return BV_MUST_ANSWER
+    return _NOBODY_MUST
+
+
+@kernel
+def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> int:
+    """Move a world on until its test is over, somebody outside must answer, or `until` seconds of it have passed.
+
+    After a test that ends within a second only vehicles near the AV or in contact stand where they are then, unless
+    all were looked at (`step.bring_up_to_date` moves the others).
+
+    Args:
+        w: The world, put at the start of a test (`traffic.reset_world`) or left by an earlier call.
+        setting: The run.
+        s: Scratch.
+        keep: What is kept.
+        until: Seconds since the start of the test; NEVER for no milestone.
+
+    Returns:
+        OVER, AV_MUST_ANSWER, BV_MUST_ANSWER or MILESTONE.
+    """
+    state = w.state[0]
+    if state.outcome != RUNNING:
+        return OVER
+    road = setting.road
+    while True:
+        if state.substep == 0 and state.decisions >= until:
+            return MILESTONE
+        for substep in range(state.substep, SUBSTEPS):
+            if substep % road.av_substeps == 0:
+                must = _who_must_answer(w, substep, setting)
+                if must != _NOBODY_MUST:
+                    state.substep = substep
+                    return must
+                command, lane = _av_decides(w, substep, setting, s)
+                if substep == 0:
+                    _begin_second(w, command, lane, setting, s, keep)
+                else:
+                    av_acts(w, command, lane, road)
+            if move_on(w, substep, road, keep.recording):
+                _count_second(w, setting, keep)
+                if keep.census.on:
+                    keep.counts.totals[BV_TRAVEL_MM] += int(state.travel * 1000.0)
+                return OVER
+        state.substep = 0
+        _count_second(w, setting, keep)

@@ -1,0 +1,163 @@
+"""What is kept of a drive: its outcome, frames, decisions, counts. Nothing of it changes what happens."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.sim.statistics import NOBODY_COUNTED, Census, Counts, allocate_counts
+from cornerforge.sim.step import SUBSTEPS, allocate_recording
+from cornerforge.types import N_ACTIONS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.sim.scratch import ChoiceScratch
+    from cornerforge.sim.setting import Setting
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = [
+    "Decisions",
+    "Keep",
+    "Outcomes",
+    "allocate_decisions",
+    "allocate_outcomes",
+    "keep_nothing",
+    "keep_whole_test",
+    "record_choice",
+    "write_outcome",
+]
+
+
+class Outcomes(NamedTuple):
+    """One entry per test: outcome code, crash or end frame, slots in contact, BV-BV crashes, decisions, metres."""
+
+    code: NDArray[np.uint8]
+    frame: NDArray[np.int32]
+    slot_a: NDArray[np.int16]
+    slot_b: NDArray[np.int16]
+    bv_crashes: NDArray[np.int16]
+    decisions: NDArray[np.int32]
+    distance: NDArray[np.float64]
+
+
+class Decisions(NamedTuple):
+    """Record of the decisions of one test.
+
+    Attributes:
+        action: Of every vehicle, (K, N).
+        controlled: Slot of the critical BV, (K,); -1 for none.
+        log_prob: Natural log of the probability of its action under the NDE, (K,); 0 for none.
+        shortfall: By how much the log-probability of its action for an attentive driver falls short of the likeliest
+            action's, (K,), at least 0, +inf where it is impossible; 0 for none.
+        log_prob_policy: Natural log of the probability of its action under the policy, (K,); 0 without one.
+    """
+
+    action: NDArray[np.int8]
+    controlled: NDArray[np.int16]
+    log_prob: NDArray[np.float64]
+    shortfall: NDArray[np.float64]
+    log_prob_policy: NDArray[np.float64]
+
+
+class Keep(NamedTuple):
+    """Where a drive is kept; arrays of size 0 keep nothing.
+
+    Attributes:
+        recording: Frames, (T, N) of `step.FRAME_FIELDS`, nobody there.
+        decisions: Of the first K seconds.
+        chances: P(action) of each BV at each decision of a scripted drive, float64 (K, N, 33).
+        counts: Histograms to add to.
+        census: What goes into them.
+    """
+
+    recording: NDArray[np.void]
+    decisions: Decisions
+    chances: NDArray[np.float64]
+    counts: Counts
+    census: Census
+
+
+def allocate_outcomes(n: int) -> Outcomes:
+    """Room for the outcomes of n tests."""
+    return Outcomes(
+        np.zeros(n, dtype=np.uint8),
+        np.zeros(n, dtype=np.int32),
+        np.zeros(n, dtype=np.int16),
+        np.zeros(n, dtype=np.int16),
+        np.zeros(n, dtype=np.int16),
+        np.zeros(n, dtype=np.int32),
+        np.zeros(n),
+    )
+
+
+def allocate_decisions(n: int, slots: int) -> Decisions:
+    """Room for n decisions; 0 records nothing."""
+    return Decisions(
+        np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int16), np.zeros(n), np.zeros(n), np.zeros(n)
+    )
+
+
+def keep_nothing(slots: int, *, counts: Counts | None = None, census: Census = NOBODY_COUNTED) -> Keep:
+    """Keep neither frames nor decisions; count what a census says, if one is given."""
+    return Keep(
+        allocate_recording(0, slots),
+        allocate_decisions(0, slots),
+        np.zeros((0, slots, N_ACTIONS)),
+        allocate_counts() if counts is None else counts,
+        census,
+    )
+
+
+def keep_whole_test(setting: Setting, slots: int) -> Keep:
+    """Room for every frame and decision of the longest test."""
+    longest = setting.road.max_decisions
+    return keep_nothing(slots)._replace(
+        recording=allocate_recording(SUBSTEPS * longest + 1, slots), decisions=allocate_decisions(longest, slots)
+    )
+
+
+@inlined_kernel
+def write_outcome(w: World, out: Outcomes, k: int, road: RoadNumbers) -> None:
+    """Write how a world's test ended as entry k."""
+    state = w.state[0]
+    out.code[k] = state.outcome
+    out.frame[k] = state.frame
+    out.slot_a[k] = state.slot_a
+    out.slot_b[k] = state.slot_b
+    out.bv_crashes[k] = state.bv_crashes
+    out.decisions[k] = state.decisions
+    out.distance[k] = w.vehicles[0].x - road.av_start
+
+
+@kernel
+def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, decisions: Decisions) -> None:
+    """Note everybody's action in the second that begins, and how likely the critical BV's was.
+
+    Args:
+        w: The world; everybody has decided, nobody has begun to act.
+        bv: Slot of the critical BV, -1 for none.
+        log_prob_policy: Natural log of the probability of its action under the policy.
+        s: `p` and `attentive` hold the probabilities of its actions.
+        decisions: Where it goes.
+    """
+    step = w.state[0].decisions
+    decisions.controlled[step] = bv
+    decisions.log_prob[step] = 0.0
+    decisions.shortfall[step] = 0.0
+    decisions.log_prob_policy[step] = log_prob_policy
+    for i in range(w.state[0].n_vehicles):
+        decisions.action[step, i] = w.vehicles[i].action
+    if bv < 0:
+        return
+    action = w.vehicles[bv].action
+    p = s.p[action]
+    decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
+    most = 0.0
+    for a in range(N_ACTIONS):
+        most = max(most, s.attentive[a])
+    p = s.attentive[action]
+    decisions.shortfall[step] = math.log(most) - math.log(p) if p > 0.0 else math.inf

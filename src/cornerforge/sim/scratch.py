@@ -1,0 +1,99 @@
+"""Scratch of the kernels, allocated in one place: nothing in it outlives the call that fills it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.drivers.policy import PolicyNumbers
+from cornerforge.sim.av_features import N_AV_FEATURES
+from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
+from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.types import MAX_LANES, N_ACTIONS
+
+__all__ = ["LEARNED_WIDTH", "AvScratch", "ChoiceScratch", "Scratch", "allocate_scratch"]
+
+LEARNED_WIDTH = 128
+"""No layer of a learned AV's network is wider."""
+_N_NEAREST = 4
+_LAYER_ROWS = 4
+
+
+class AvScratch(NamedTuple):
+    """For one decision of an AV: who it sees, its view and features, and a learned one's mask, layers and Q."""
+
+    found: NDArray[np.int64]
+    seen: NDArray[np.float32]
+    features: NDArray[np.float32]
+    allowed: NDArray[np.bool_]
+    layers: NDArray[np.float32]
+    q: NDArray[np.float32]
+
+
+class ChoiceScratch(NamedTuple):
+    """For one choice of an adversary; `p` and `attentive` are for probabilities of actions."""
+
+    observation: NDArray[np.float32]
+    allowed: NDArray[np.bool_]
+    p: NDArray[np.float64]
+    attentive: NDArray[np.float64]
+    q: NDArray[np.float32]
+    layers: NDArray[np.float32]
+    found: NDArray[np.int64]
+
+
+class Scratch(NamedTuple):
+    """Scratch for one world at a time.
+
+    Attributes:
+        words: The random words with which each slot decides (`_philox.blocks`), uint64 (4, N).
+        front: The rearmost vehicle so far of a walk from the front to the rear, by lane, (MAX_LANES,).
+        least, most: How far a slot drives within the second at least and at most, (N,) [m].
+        is_watched: Marks of `reach.choose_current`, (N,).
+        ahead, behind: How far off the AV's nearest vehicle of each lane is at most, (MAX_LANES,) [m].
+        av: For the AV.
+        choice: For the adversary.
+    """
+
+    words: NDArray[np.uint64]
+    front: NDArray[np.int64]
+    least: NDArray[np.float64]
+    most: NDArray[np.float64]
+    is_watched: NDArray[np.int64]
+    ahead: NDArray[np.float64]
+    behind: NDArray[np.float64]
+    av: AvScratch
+    choice: ChoiceScratch
+
+
+def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
+    """Scratch for worlds of so many slots, and for a policy (`drivers.policy.NO_POLICY` where none drives)."""
+    widest = max(policy.width, policy.n_inputs, N_ACTIONS)
+    return Scratch(
+        words=np.zeros((4, slots), dtype=np.uint64),
+        front=np.zeros(MAX_LANES, dtype=np.int64),
+        least=np.zeros(slots),
+        most=np.zeros(slots),
+        is_watched=np.zeros(slots, dtype=np.int64),
+        ahead=np.zeros(MAX_LANES),
+        behind=np.zeros(MAX_LANES),
+        av=AvScratch(
+            found=np.zeros(VIEW_ROWS - 1, dtype=np.int64),
+            seen=np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
+            features=np.zeros(N_AV_FEATURES, dtype=np.float32),
+            allowed=np.zeros(N_ACTIONS, dtype=np.bool_),
+            layers=np.zeros((_LAYER_ROWS, LEARNED_WIDTH), dtype=np.float32),
+            q=np.zeros(N_ACTIONS, dtype=np.float32),
+        ),
+        choice=ChoiceScratch(
+            observation=np.zeros(N_OBSERVATION, dtype=np.float32),
+            allowed=np.zeros(N_ACTIONS, dtype=np.bool_),
+            p=np.zeros(N_ACTIONS),
+            attentive=np.zeros(N_ACTIONS),
+            q=np.zeros(N_ACTIONS, dtype=np.float32),
+            layers=np.zeros((_LAYER_ROWS, widest), dtype=np.float32),
+            found=np.zeros(_N_NEAREST, dtype=np.int64),
+        ),
+    )

@@ -1,0 +1,156 @@
+"""All that is constant in a run, as kernels take it: the road, the AV, the naturalistic model, and who drives whom."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._philox import PURPOSE_CAST, block, uniform
+from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
+
+if TYPE_CHECKING:
+    from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.sim.world import AvNumbers, RoadNumbers
+
+__all__ = [
+    "ADVERSARIES",
+    "BUILT_IN",
+    "IDM_BVS",
+    "LIKELIEST",
+    "NATURALISTIC",
+    "NO_CAST",
+    "NO_SCRIPT",
+    "OUTSIDE",
+    "SCRIPTED",
+    "Cast",
+    "Controllers",
+    "Setting",
+    "cast_index",
+    "cast_of",
+    "critical_of",
+]
+
+BUILT_IN, OUTSIDE, LIKELIEST = range(3)
+"""Who drives the AV: its own law, somebody outside the kernels, or the naturalistic model, by its likeliest action."""
+NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
+ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
+"""Who drives the BV nearest to the AV. nobody: it drives naturally. policy: a Q-network. uniform: any allowed action.
+lane-changer: changes lanes two times in three. swerve: draws level with the AV in the next lane, then changes into it.
+Besides these there is TOLD: somebody outside the kernels."""
+NATURALISTIC, IDM_BVS, SCRIPTED = range(3)
+"""Who drives the other BVs: the naturalistic model, the IDM without lane changes, or a script for every BV."""
+
+MEMBER = np.dtype(
+    [
+        ("begin", "i8"),
+        ("end", "i8"),
+        ("n_inputs", "i8"),
+        ("n_shared", "i8"),
+        ("n_stream", "i8"),
+        ("width", "i8"),
+        ("bounded", "i8"),
+        ("budget", "i8"),
+    ]
+)
+"""A policy of a mixture: where its weights begin and end, its network's shape, its mask and its likelihood budget
+(`observe.budget_units`)."""
+
+
+class Cast(NamedTuple):
+    """Policies of a mixture, each test driven by one of them.
+
+    Attributes:
+        weights: Those of all networks, one after the other, float32.
+        members: One row per policy, (K,) of MEMBER. K = 0: no mixture.
+    """
+
+    weights: NDArray[np.float32]
+    members: NDArray[np.void]
+
+
+NO_CAST = Cast(np.zeros(1, dtype=np.float32), np.zeros(0, dtype=MEMBER))
+NO_SCRIPT = np.zeros((0, 0), dtype=np.int8)
+
+
+class Controllers(NamedTuple):
+    """Who drives the AV, the critical BV (the one nearest to the AV) and the other BVs.
+
+    Attributes:
+        av: BUILT_IN, OUTSIDE or LIKELIEST.
+        critical: Code of ADVERSARIES, or TOLD.
+        others: NATURALISTIC, IDM_BVS or SCRIPTED.
+        bounded: 1 for the NDD-bounded mask.
+        policy: The adversary's network; of a mixture, the widest, for the size of scratch.
+        budget: Likelihood budget of a test (`observe.budget_units`); 0 no limit. Needs `bounded`.
+        temperature: At which a policy draws its actions; 0 for the best.
+        cast: The mixture of policies, each with its own mask and budget; empty for none.
+        script: Action of each vehicle at each decision, int8 (K, N), for SCRIPTED; the test is cut off after K.
+    """
+
+    av: int = BUILT_IN
+    critical: int = NOBODY
+    others: int = NATURALISTIC
+    bounded: int = 0
+    policy: PolicyNumbers = NO_POLICY
+    budget: int = 0
+    temperature: float = 0.0
+    cast: Cast = NO_CAST
+    script: NDArray[np.int8] = NO_SCRIPT
+
+
+class Setting(NamedTuple):
+    """All that is constant in a run.
+
+    Attributes:
+        road, av, tables: The world.
+        who: Its drivers.
+    """
+
+    road: RoadNumbers
+    av: AvNumbers
+    tables: NddTables
+    who: Controllers
+
+    def with_drivers(self, **changed: object) -> Setting:
+        """The same run with other drivers, by the names of `Controllers`; for Python, not for kernels."""
+        return self._replace(who=self.who._replace(**changed))  # type: ignore[arg-type]
+
+
+def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets: Sequence[int]) -> Cast:
+    """Put policies together to a mixture.
+
+    Args:
+        policies: At least one.
+        bounded: Whose mask is the NDD-bounded one.
+        budgets: Each one's budget in units (`observe.budget_units`); 0: no limit.
+    """
+    members = np.zeros(len(policies), dtype=MEMBER)
+    begin = 0
+    for k, (policy, is_bounded, budget) in enumerate(zip(policies, bounded, budgets, strict=True)):
+        end = begin + policy.weights.size
+        members[k] = (begin, end, *policy[1:], is_bounded, budget if is_bounded else 0)
+        begin = end
+    return Cast(np.concatenate([policy.weights for policy in policies]), members)
+
+
+@kernel
+def cast_index(seed: int, test: int, n: int) -> int:
+    """Which of n policies drives a test: each is as likely, whatever the others do; 0 for a single one."""
+    draw = uniform(block(seed, test, 0, 0, PURPOSE_CAST)[0])
+    return min(n - 1, math.floor(draw * n))
+
+
+@inlined_kernel
+def critical_of(seed: int, test: int, who: Controllers) -> tuple[PolicyNumbers, int, int]:
+    """The network, the mask and the budget of the adversary of one test."""
+    members = who.cast.members
+    if members.size == 0:
+        return who.policy, who.bounded, who.budget
+    row = members[cast_index(seed, test, members.size)]
+    weights = who.cast.weights[row.begin : row.end]
+    return PolicyNumbers(weights, row.n_inputs, row.n_shared, row.n_stream, row.width), row.bounded, row.budget
