@@ -8,7 +8,7 @@ from hand_built import setting_of
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.adversaries import allocate_choice_scratch
-from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.chances import action_probabilities
 from cornerforge.sim.drive import Setting, world_row
 from cornerforge.sim.drive_bv import N_FINISHED, History, collect, start_worlds
 from cornerforge.sim.observe import UNITS_PER_NAT, budget_units
@@ -50,7 +50,10 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
         costs = np.zeros((WORLDS, 33))
         for b in range(WORLDS):
             world = world_row.py_func(worlds, b)  # type: ignore[attr-defined]
-            action_probabilities(world, world.info[CONTROLLED], 0.0, setting.road, setting.tables, p)
+            action_probabilities(
+                world, world.info[CONTROLLED], True, world.vehicles["target_lane"][0], setting.road, setting.tables,
+                scratch.starters, p,
+            )  # fmt: skip
             with np.errstate(divide="ignore"):
                 costs[b] = np.log(p.max()) - np.log(p)
             left = (before[b] - 1) / UNITS_PER_NAT

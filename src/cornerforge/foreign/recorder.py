@@ -8,11 +8,14 @@ import numpy as np
 
 from cornerforge.foreign.session import Steps
 from cornerforge.sim import lockstep
+from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import N_DECISIONS, World
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from cornerforge.foreign.driver import ForeignAv
     from cornerforge.sim.drive import Setting
     from cornerforge.sim.reach import Pairs
@@ -57,15 +60,23 @@ class ScriptedSeconds:
     def __init__(self, av: ForeignAv, slots: int) -> None:
         self._av, self._slots = av, slots
 
-    def __call__(self, world: World, seed: int, test: int, setting: Setting, _pairs: Pairs) -> None:
-        """Advance a running world by one decision of the BVs."""
-        script = self._av.script(setting, self._slots, seed, test)
+    def _answers(self, world: World, seed: int, test: int, setting: Setting) -> NDArray[np.float64]:
+        """What the AV answered within the second that begins."""
         per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
+        begin = int(world.info[N_DECISIONS]) * per_second
+        return self._av.script(setting, self._slots, seed, test)[begin : begin + per_second]
+
+    def av_lane(self, world: World, seed: int, test: int, setting: Setting) -> int:
+        """The target lane that the AV chooses at this moment, when the BVs decide."""
+        order = self._answers(world, seed, test, setting)[0, 1]
+        return int(ordered_lane(world, 0, int(np.sign(order)), setting.road))
+
+    def __call__(self, world: World, seed: int, test: int, setting: Setting, pairs: Pairs) -> None:  # noqa: ARG002
+        """Advance a running world by one decision of the BVs."""
         worlds = World(
             world.vehicles[None], world.order[None], world.current[None], world.info[None], world.words[None]
         )
         batch = lockstep.allocate_batch(1, self._slots)._replace(worlds=worlds, test=np.array([test], dtype=np.int64))
         steps = Steps(setting, self._slots, seed, batch, 1)
-        begin = int(world.info[N_DECISIONS]) * per_second
-        for answer in script[begin : begin + per_second]:
+        for answer in self._answers(world, seed, test, setting):
             steps.act(answer[None])

@@ -10,6 +10,7 @@ import numpy as np
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_CAST, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import PolicyNumbers, best_action, q_values
+from cornerforge.sim.chances import StarterScratch, allocate_starter_scratch
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.world import N_DECISIONS
 
@@ -49,6 +50,7 @@ class ChoiceScratch(NamedTuple):
     q: NDArray[np.float32]
     layers: NDArray[np.float32]
     found: NDArray[np.int64]
+    starters: StarterScratch
 
 
 def allocate_choice_scratch(policy: PolicyNumbers) -> ChoiceScratch:
@@ -62,6 +64,7 @@ def allocate_choice_scratch(policy: PolicyNumbers) -> ChoiceScratch:
         np.zeros(33, dtype=np.float32),
         np.zeros((4, widest), dtype=np.float32),
         np.zeros(4, dtype=np.int64),
+        allocate_starter_scratch(),
     )
 
 

@@ -18,7 +18,8 @@ from cornerforge.sim.adversaries import (
     choose_action,
     sample_action,
 )
-from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.av_kinds import built_in_av_decides
+from cornerforge.sim.chances import action_probabilities
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
 from cornerforge.sim.reach import Pairs
@@ -106,9 +107,11 @@ class Decisions(NamedTuple):
     Attributes:
         action: Of every vehicle, (K, N).
         controlled: Slot of the critical BV, (K,); -1 for none.
-        log_prob: Natural log of the probability of its action under the NDE, (K,); 0 for none.
+        log_prob: Natural log of the probability of its action under the NDE, given what the AV chose at that moment,
+            (K,); 0 for none.
         shortfall: By how much the log-probability of its action for an attentive driver falls short of the likeliest
-            action's, (K,), at least 0, +inf where it is impossible; 0 for none.
+            action's, (K,), at least 0, +inf where it is impossible; 0 for none. It is the price that a likelihood
+            budget pays, which does not know what the AV chose at that moment.
         log_prob_policy: Natural log of the probability of its action under the policy, (K,); 0 without one.
     """
 
@@ -145,7 +148,7 @@ def start_test(w: World, seed: int, test: int, setting: Setting) -> None:
 
 @kernel
 def choose_hostile(
-    w: World, seed: int, test: int, setting: Setting, recorded: bool, s: ChoiceScratch
+    w: World, seed: int, test: int, setting: Setting, av_lane: int, recorded: bool, s: ChoiceScratch
 ) -> tuple[int, int, float]:
     """Find the critical BV and, where the setting has an adversary, choose what it does.
 
@@ -153,6 +156,8 @@ def choose_hostile(
         w: The world, whose info[CONTROLLED] is set.
         seed, test: Name the random numbers.
         setting: The run.
+        av_lane: The target lane that the AV has just chosen. Looked at only for the record: the adversary does not see
+            it.
         recorded: Fill `s.p` and `s.attentive` for `record_choice`: the tables must see the state before anybody moves,
             and a natural driver's action is known only after it.
         s: Scratch.
@@ -174,16 +179,16 @@ def choose_hostile(
             policy = cast_member(setting.cast, index)
             bounded = min(1, members[index, 6])
         w.info[CONTROLLED] = bv
-        allowed_actions(w, bv, bounded, road, tables, s.p, s.allowed)
+        allowed_actions(w, bv, bounded, road, tables, s.starters, s.p, s.allowed)
         if setting.adversary == POLICY:
             observe(w, bv, road, s.found, s.observation)
             action, log_prob_policy = sample_action(w, bv, setting.temperature, seed, test, policy, s)
         else:
             action = choose_action(w, bv, setting.adversary, 0.0, seed, test, policy, s)
-        spend_budget(w, bv, action, road, tables, s.p)
+        spend_budget(w, bv, action, road, tables, s.starters, s.p)
     if recorded and bv >= 0:
-        action_probabilities(w, bv, tables.overlook, road, tables, s.p)
-        action_probabilities(w, bv, 0.0, road, tables, s.attentive)
+        action_probabilities(w, bv, False, av_lane, road, tables, s.starters, s.p)
+        action_probabilities(w, bv, True, w.vehicles[0].target_lane, road, tables, s.starters, s.attentive)
     return bv, action, log_prob_policy
 
 
@@ -230,7 +235,10 @@ def drive_test(
         log_prob_policy = 0.0
         w.info[CONTROLLED] = -1
         if setting.adversary > 0 or recorded:
-            bv, action, log_prob_policy = choose_hostile(w, seed, test, setting, recorded, s)
+            av_lane = w.vehicles[0].target_lane
+            if recorded:
+                _, av_lane = built_in_av_decides(w, 0, road, av, pairs.av)
+            bv, action, log_prob_policy = choose_hostile(w, seed, test, setting, av_lane, recorded, s)
         counting = census.on and census.first <= step < census.until
         crashes = w.info[N_BV_CRASHES]
         if counting:

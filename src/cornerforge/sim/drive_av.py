@@ -158,7 +158,7 @@ def _hostile_action(w: World, seed: int, test: int, kind: int, bounded: int, set
     if bv < 0:
         return -1
     w.info[CONTROLLED] = bv
-    allowed_actions(w, bv, bounded, setting.road, setting.tables, s.p, s.allowed)
+    allowed_actions(w, bv, bounded, setting.road, setting.tables, s.starters, s.p, s.allowed)
     action: int = choose_action(w, bv, kind, 0.0, seed, test, setting.policy, s)
     return action
 

@@ -100,7 +100,7 @@ def look_as_bv(
     if bv < 0:
         return False
     observe(w, bv, setting.road, s.found, observation)
-    allowed_actions(w, bv, setting.bounded, setting.road, setting.tables, s.p, allowed)
+    allowed_actions(w, bv, setting.bounded, setting.road, setting.tables, s.starters, s.p, allowed)
     return True
 
 
@@ -240,7 +240,7 @@ def collect(
             action = _guided_action(w, max(epsilon, guided_epsilon), seed, tests[b], setting, s)
         else:
             action = choose_action(w, w.info[CONTROLLED], setting.adversary, epsilon, seed, tests[b], setting.policy, s)
-        spend_budget(w, w.info[CONTROLLED], action, setting.road, setting.tables, s.p)
+        spend_budget(w, w.info[CONTROLLED], action, setting.road, setting.tables, s.starters, s.p)
         history.bv[b, w.info[N_DECISIONS]] = w.info[CONTROLLED]
         history.action[b, w.info[N_DECISIONS]] = action
         step_world(

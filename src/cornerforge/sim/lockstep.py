@@ -145,7 +145,7 @@ def _begin_second(
     log_prob_policy = 0.0
     w.info[CONTROLLED] = -1
     if setting.adversary > 0 or recorded:
-        bv, action, log_prob_policy = choose_hostile(w, seed, test, setting, recorded, s)
+        bv, action, log_prob_policy = choose_hostile(w, seed, test, setting, lane, recorded, s)
     n_pairs = begin_second(
         w, seed, test, setting.bv_model, action, command, lane, True, setting.road, setting.av, setting.tables, pairs
     )

@@ -18,7 +18,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.errors import InputError
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.av_kinds import built_in_av_decides
-from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.chances import action_probabilities
 from cornerforge.sim.drive import allocate_decisions, record_choice, world_row
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.reach import allocate_pairs
@@ -147,22 +147,25 @@ def _put(w: World, start: NDArray[np.void]) -> None:
 
 
 @inlined_kernel
-def _likeliest(w: World, i: int, setting: Setting, p: NDArray[np.float64]) -> int:
-    """Index of the likeliest action of slot i; fills `p` with all probabilities."""
-    action_probabilities(w, i, setting.tables.overlook, setting.road, setting.tables, p)
+def _likeliest(w: World, i: int, av_lane: int, setting: Setting, s: ChoiceScratch) -> int:
+    """Index of the likeliest action of slot i; fills `s.p` with all probabilities."""
+    action_probabilities(w, i, False, av_lane, setting.road, setting.tables, s.starters, s.p)
     best = 0
     for a in range(1, N_ACTIONS):
-        if p[a] > p[best]:
+        if s.p[a] > s.p[best]:
             best = a
     return best
 
 
 @inlined_kernel
 def _bvs_decide(
-    w: World, step: int, script: NDArray[np.int8], setting: Setting, p: NDArray[np.float64],
+    w: World, step: int, script: NDArray[np.int8], av_lane: int, setting: Setting, s: ChoiceScratch,
     chances: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """All BVs choose, into their `action`, by the script; at the same time, from the state before anybody acts."""
+    """All BVs choose, into their `action`, by the script; at the same time, from the state before anybody acts.
+
+    `av_lane` is the target lane that the AV has just chosen.
+    """
     v = w.vehicles
     recorded = step < chances.shape[0]
     for i in range(1, w.info[N_VEHICLES]):
@@ -170,18 +173,18 @@ def _bvs_decide(
             continue
         action: int = script[step, i]
         if recorded or action < 0:
-            likeliest = _likeliest(w, i, setting, p)
+            likeliest = _likeliest(w, i, av_lane, setting, s)
             if action < 0:
                 action = likeliest
         if recorded:
             for a in range(N_ACTIONS):
-                chances[step, i, a] = p[a]
+                chances[step, i, a] = s.p[a]
         v[i].action = action
 
 
 @inlined_kernel
 def _av_decides(
-    w: World, substep: int, av_is_natural: bool, setting: Setting, pairs: Pairs, p: NDArray[np.float64]
+    w: World, substep: int, av_is_natural: bool, setting: Setting, pairs: Pairs, s: ChoiceScratch
 ) -> tuple[float, int]:
     """What the AV does: acceleration [m/s2] and target lane. A natural one decides once a second and then goes on."""
     v = w.vehicles
@@ -189,7 +192,7 @@ def _av_decides(
         return built_in_av_decides(w, substep, setting.road, setting.av, pairs.av)
     if substep > 0:
         return v[0].acceleration, v[0].target_lane
-    action = _likeliest(w, 0, setting, p)
+    action = _likeliest(w, 0, v[0].target_lane, setting, s)
     if action >= 2:
         return _ACCELERATIONS[action - 2], v[0].target_lane
     return 0.0, v[0].target_lane + 1 - 2 * action
@@ -217,18 +220,18 @@ def _drive_script(
         if w.info[OUTCOME] != RUNNING:
             break
         sort_by_x(w)
-        command, lane = _av_decides(w, 0, av_is_natural, setting, pairs, s.p)
-        _bvs_decide(w, step, script, setting, s.p, chances)
+        command, lane = _av_decides(w, 0, av_is_natural, setting, pairs, s)
+        _bvs_decide(w, step, script, lane, setting, s, chances)
         if step < decisions.controlled.size:
             bv = nearest_bv(w)
             if bv >= 0:
-                action_probabilities(w, bv, tables.overlook, road, tables, s.p)
-                action_probabilities(w, bv, 0.0, road, tables, s.attentive)
+                action_probabilities(w, bv, False, lane, road, tables, s.starters, s.p)
+                action_probabilities(w, bv, True, w.vehicles[0].target_lane, road, tables, s.starters, s.attentive)
             record_choice(w, step, bv, 0.0, s, decisions)
         n_pairs = begin_to_act(w, command, lane, True, road, setting.av, pairs)
         for substep in range(SUBSTEPS):
             if substep > 0 and substep % road.av_substeps == 0:
-                command, lane = _av_decides(w, substep, av_is_natural, setting, pairs, s.p)
+                command, lane = _av_decides(w, substep, av_is_natural, setting, pairs, s)
                 av_acts(w, command, lane, road)
             if move_on(w, substep, pairs, n_pairs, road, recording):
                 break
