@@ -158,7 +158,7 @@ def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, road: R
     return row
 
 
-@kernel
+@inlined_kernel
 def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
     """Leads of slot i in the lanes it occupies (three at most: two under its body, and its target), -1 for none."""
     v = w.vehicles
@@ -175,7 +175,7 @@ def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
     return first, second, third
 
 
-@kernel
+@inlined_kernel
 def _wishes(
     w: World, i: int, leads: tuple[int, int, int], overlook: float, road: RoadNumbers, tables: NddTables
 ) -> tuple[float, float]:
@@ -220,7 +220,7 @@ def _go_chance(least: float, overlook_conflict: float) -> float:
 # Giving way: who may start into the same lane at the same moment
 
 
-@kernel
+@inlined_kernel
 def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> float:
     """P(vehicle j starts into `lane` at this moment), if it waits for nobody.
 
@@ -235,7 +235,29 @@ def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, 
     return left if lane > v[j].target_lane else right
 
 
-@kernel
+@inlined_kernel
+def _may_start(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
+    """Can vehicle j start into `lane` at this moment, as far as its own lane tells?"""
+    if v[j].present == 0 or v[j].target_lane == lane:
+        return False
+    may: bool = av_lane == lane if j == 0 else abs(v[j].target_lane - lane) == 1
+    return may
+
+
+@inlined_kernel
+def _somebody_may_start(w: World, i: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> bool:
+    """Can anything start into `lane` that slot i does not accept for sure? Mostly not, and the rest is spared."""
+    v = w.vehicles
+    for j in range(w.info[N_VEHICLES]):
+        dx = v[j].x - v[i].x
+        if dx < 0.0 or dx >= SIGHT or (dx == 0.0 and j <= i) or not _may_start(v, j, lane, av_lane):
+            continue
+        if accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed) < 1.0:
+            return True
+    return False
+
+
+@inlined_kernel
 def _find_starters(
     w: World, i: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables, c: StarterScratch
 ) -> int:
@@ -258,7 +280,7 @@ def _find_starters(
             continue
         if v[j].x - v[c.slot[n - 1]].x >= SIGHT:
             break
-        if v[j].target_lane == lane or (av_lane != lane if j == 0 else abs(v[j].target_lane - lane) != 1):
+        if not _may_start(v, j, lane, av_lane):
             continue
         if n == MAX_STARTERS:
             c.left_out[0] += 1
@@ -398,9 +420,11 @@ def action_probabilities(
     if v[i].duration == 0.0:
         lane = v[i].target_lane
         left, right = _wishes(w, i, leads, overlook, road, tables)
-        if left > 0.0:
+        p[0] = left
+        p[1] = right
+        if left > 0.0 and _somebody_may_start(w, i, lane + 1, av_lane, road, tables):
             p[0] = left * _goes_chance(w, i, lane + 1, overlook_conflict, av_lane, road, tables, c)
-        if right > 0.0:
+        if right > 0.0 and _somebody_may_start(w, i, lane - 1, av_lane, road, tables):
             p[1] = right * _goes_chance(w, i, lane - 1, overlook_conflict, av_lane, road, tables, c)
     else:
         back = 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
