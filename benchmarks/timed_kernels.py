@@ -191,9 +191,9 @@ def _timed_choice(
         return 0
     observe(w, bv, setting.road, s.found, s.observation)
     since = _lap(extras, OBSERVE, since, clock)
-    allowed_actions(w, bv, 1, setting.road, setting.tables, s.p, s.allowed)
+    allowed_actions(w, bv, 1, setting.road, setting.tables, s.starters, s.p, s.allowed)
     since = _lap(extras, BOUNDED, since, clock)
-    allowed_actions(w, bv, 0, setting.road, setting.tables, s.p, s.allowed)
+    allowed_actions(w, bv, 0, setting.road, setting.tables, s.starters, s.p, s.allowed)
     since = _lap(extras, ALLOWED, since, clock)
     q_values(setting.who.policy, s.observation, s.layers, s.q)
     action = best_action(s.q, s.allowed)

@@ -273,7 +273,7 @@ static bool gives_way(
     double chance = 1.0;
     for (int64_t j = 0; j < w->info[N_VEHICLES]; j++) {
         double dx = v[j].x - v[i].x;
-        if (dx < 0.0 || dx >= SIGHT || j == i || (dx == 0.0 && j > i) || !starts_into(v, j, target, av_lane)) continue;
+        if (dx < 0.0 || dx >= SIGHT || j == i || (dx == 0.0 && j < i) || !starts_into(v, j, target, av_lane)) continue;
         double accept = accept_chance(tables, 0, dx - road->length, v[j].speed - v[i].speed);
         chance = MIN(chance, accept);
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.runner import simulate
+from cornerforge.sim.setting import OUTSIDE
 from cornerforge.sim.world import AV_CRASH, AV_FAULT
 from cornerforge.types import Odd
 
@@ -23,7 +25,8 @@ TESTS = 200
 
 
 def hostile(**changes: Any) -> Experiment:
-    return experiment(**({"bv": "swerve"} | changes))
+    run = experiment(**({"bv": "swerve"} | changes))
+    return replace(run, setting=run.setting.with_drivers(av=OUTSIDE))
 
 
 def outcomes(name: str, tests: int = TESTS, *, counting: bool = False, **arguments: Any) -> tuple[Outcomes, ForeignAv]:

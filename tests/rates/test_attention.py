@@ -41,7 +41,7 @@ def test_chances_are_those_that_the_recorder_wrote_down(model: NddModel) -> None
 
 
 def test_without_overlooking_both_chances_are_one(model: NddModel) -> None:
-    setting = setting_of(replace(model, overlook=0.0), ODD)
+    setting = setting_of(replace(model, overlook=0.0, overlook_conflict=0.0), ODD)
     chances = action_chances(setting, SLOTS, seed=1, test=3, slot=4)
     np.testing.assert_array_equal(chances.attentive, chances.actual)
     assert (chances.actual > 0.0).all()
@@ -96,5 +96,5 @@ KEEP, LEFT = 22, 0
 def test_oversights_by_hand(
     chances: ActionChances, crash_time: float, rarest: float | None, rare: bool, overlooked: bool
 ) -> None:
-    found = oversight(chances, crash_time, overlook=0.1)
+    found = oversight(chances, crash_time, overlook=0.1, overlook_conflict=0.0)
     assert (found.rarest_chance, found.rare_action, found.overlooked) == (rarest, rare, overlooked)

@@ -203,11 +203,58 @@ class Simulator:
         for side, lane in enumerate((bv.target_lane + 1, bv.target_lane - 1)):
             if 0 <= lane < self.odd.n_lanes:
                 chances[side] = base * self.acceptance(world, bv, lane, overlook)
-        return chances[0], chances[1]
+        return chances[0], min(chances[1], 1.0 - chances[0])  # one number decides, the left first
 
-    def probabilities(self, world: World, bv: Vehicle, overlook: float) -> list[float]:
-        """P(action) of a BV that nobody makes give way."""
+    def chance_to_go_too(self, world: World, bv: Vehicle, other: Vehicle) -> float:
+        """Chance that an attentive driver starts into a lane at the moment when one ahead starts into it."""
+        if other.x - bv.x >= SIGHT:
+            return 1.0
+        gap, rate = world.gap(other, bv), other.speed - bv.speed
+        return self.tables.accepts(gap, rate, rear=False, overlook=0.0)
+
+    def start_chance(self, world: World, vehicle: Vehicle, lane: int, av_lane: int) -> float:
+        """P(a vehicle starts into a lane), if it waits for nobody."""
+        if vehicle is world.av:
+            return float(av_lane == lane != vehicle.target_lane)
+        left, right = self.side_chances(world, vehicle, self.model.overlook)
+        return {vehicle.target_lane + 1: left, vehicle.target_lane - 1: right}.get(lane, 0.0)
+
+    def chance_not_to_wait(self, world: World, bv: Vehicle, lane: int, conflict: float, av_lane: int) -> float:
+        """P(a BV that wants into a lane goes): it may wait for those ahead that start into it at the same moment.
+
+        From the front to the rear, with the probability of every set of starters; forgotten are those whom nobody
+        further behind waits for.
+        """
+        ahead = [v for v in world.from_rear_to_front() if (v.x, v.slot) > (bv.x, bv.slot)]
+        sets: dict[frozenset[Vehicle], float] = {frozenset(): 1.0}
+        for place in range(len(ahead) - 1, -1, -1):
+            vehicle, behind = ahead[place], [bv, *ahead[:place]]
+            wants = self.start_chance(world, vehicle, lane, av_lane)
+            if wants == 0.0:
+                continue
+            minds = vehicle is not world.av and vehicle.path is None
+            after: dict[frozenset[Vehicle], float] = {}
+            for starters, chance in sets.items():
+                least = min((self.chance_to_go_too(world, vehicle, other) for other in starters), default=1.0)
+                goes = wants * (1.0 - (1.0 - self.model.overlook_conflict) * (1.0 - least) if minds else 1.0)
+                for now, share in ((starters, 1.0 - goes), (starters | {vehicle}, goes)):
+                    kept = frozenset(m for m in now if any(self.chance_to_go_too(world, k, m) < 1.0 for k in behind))
+                    if share > 0.0:
+                        after[kept] = after.get(kept, 0.0) + chance * share
+            sets = after
+        leasts = (
+            (chance, min((self.chance_to_go_too(world, bv, other) for other in starters), default=1.0))
+            for starters, chance in sets.items()
+        )
+        return sum(chance * (1.0 - (1.0 - conflict) * (1.0 - least)) for chance, least in leasts)
+
+    def probabilities(self, world: World, bv: Vehicle, av_lane: int, *, attentive: bool) -> list[float]:
+        """P(action) of a BV among others that drive naturally and an AV that has chosen its target lane."""
+        overlook, conflict = (0.0, 0.0) if attentive else (self.model.overlook, self.model.overlook_conflict)
         left, right = self.side_chances(world, bv, overlook)
+        if bv.path is None:
+            left *= self.chance_not_to_wait(world, bv, bv.target_lane + 1, conflict, av_lane) if left else 1.0
+            right *= self.chance_not_to_wait(world, bv, bv.target_lane - 1, conflict, av_lane) if right else 1.0
         # Range rates are rounded up from some rounding on; between these limits the rows stay the same.
         limits = {1.0 - (rate - math.floor(rate)) for _, rate in self.states(world, bv)} | {0.0, 1.0}
         cumulative = [0.0] * 31
@@ -230,7 +277,7 @@ class Simulator:
         if lane > 0 and running != -1:
             allowed.add(1)
         if self.bounded:
-            possible = self.probabilities(world, bv, overlook=0.0)
+            possible = self.probabilities(world, bv, world.av.target_lane, attentive=True)
             allowed = {action for action in allowed if possible[action] > 0.0}
             if left is not None:
                 allowed = {action for action in allowed if self.price(possible, action) <= left}
@@ -280,8 +327,8 @@ class _Test:
         simulator, world, drive = self.simulator, self.world, self.drive
         critical = world.nearest_bv()
         self.controlled = critical if simulator.adversary else None
-        possible = None if critical is None else simulator.probabilities(world, critical, simulator.model.overlook)
         av_wish = simulator.av_wish(world)
+        possible = None if critical is None else simulator.probabilities(world, critical, av_wish[1], attentive=False)
         actions = {bv.slot: self.choose(bv) for bv in world.bvs()}
         if not simulator.idm_bvs:
             self.give_way(actions, av_wish[1])
@@ -305,7 +352,8 @@ class _Test:
             allowed = simulator.allowed(world, bv, self.budget_left)
             action = adversary(world, bv, allowed, draws(self.stream, self.step, bv.slot))
             if self.budget_left is not None:
-                self.budget_left -= simulator.price(simulator.probabilities(world, bv, overlook=0.0), action)
+                chances = simulator.probabilities(world, bv, world.av.target_lane, attentive=True)
+                self.budget_left -= simulator.price(chances, action)
             return action
         if simulator.idm_bvs:
             command = simulator.idm_behind_all(world, bv)
@@ -327,7 +375,7 @@ class _Test:
         """
         goals = {slot: {0: 1, 1: -1}.get(action, 0) for slot, action in actions.items()}
         goals[0] = av_lane - self.world.av.target_lane
-        # at the same x the smaller slot goes first
+        # at the same x the larger slot is ahead
         for bv in sorted(self.world.bvs(), key=lambda v: (-v.x, -v.slot)):
             if bv is self.controlled or not goals[bv.slot] or bv.path is not None:  # who turns back does not wait
                 continue
@@ -337,20 +385,15 @@ class _Test:
                 for other in [self.world.av, *self.world.bvs()]
                 if goals[other.slot]
                 and other.target_lane + goals[other.slot] == lane
-                and (other.x, -other.slot) > (bv.x, -bv.slot)
+                and (other.x, other.slot) > (bv.x, bv.slot)
                 and other.x - bv.x < SIGHT
             ]
-            chance = min((self._chance_to_go_too(bv, other) for other in rivals), default=1.0)
+            chance = min((self.simulator.chance_to_go_too(self.world, bv, other) for other in rivals), default=1.0)
             overlook = self.simulator.model.overlook_conflict
             draw = unit(self.stream.words(self.step, bv.slot, DECIDE)[2])
             if chance < 1.0 and draw >= overlook + (1.0 - overlook) * chance:
                 goals[bv.slot] = 0
                 actions[bv.slot] = self.drawn_acceleration(bv)
-
-    def _chance_to_go_too(self, bv: Vehicle, other: Vehicle) -> float:
-        """Chance that an attentive driver starts into a lane at the moment when one ahead starts into it."""
-        gap, rate = self.world.gap(other, bv), other.speed - bv.speed
-        return self.simulator.tables.accepts(gap, rate, rear=False, overlook=0.0)
 
     def move_for_a_second(self) -> None:
         odd, world = self.simulator.odd, self.world

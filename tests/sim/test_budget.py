@@ -8,7 +8,7 @@ from hand_built import setting_of
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.chances import action_probabilities
 from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION, UNITS_PER_NAT, budget_units
@@ -39,7 +39,9 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
         costs = np.zeros((WORLDS, 33))
         for b in range(WORLDS):
             world = world_of(actors.worlds, b)
-            action_probabilities(world, int(state["controlled"][b]), 0.0, setting.road, setting.tables, p)
+            lane = int(world.vehicles["target_lane"][0])
+            bv, starters = int(state["controlled"][b]), scratch.choice.starters
+            action_probabilities(world, bv, True, lane, setting.road, setting.tables, starters, p)
             with np.errstate(divide="ignore"):
                 costs[b] = np.log(p.max()) - np.log(p)
             left = (before[b] - 1) / UNITS_PER_NAT

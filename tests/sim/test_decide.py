@@ -18,7 +18,8 @@ from cornerforge.geometry import lane_centre
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.decide import action_probabilities, decide_bvs
+from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
+from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, sort_by_x
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
@@ -29,10 +30,13 @@ from cornerforge.types import ACCELERATIONS, Odd
 ROAD = Odd(n_lanes=4)
 
 
-def probabilities(world: World, slot: int, setting: Setting, overlook: float | None = None) -> np.ndarray:
-    p = np.full(33, np.nan)
-    chance = setting.tables.overlook if overlook is None else overlook
-    action_probabilities(world, slot, chance, setting.road, setting.tables, p)
+def probabilities(
+    world: World, slot: int, setting: Setting, *, attentive: bool = False, av_lane: int | None = None
+) -> np.ndarray:
+    p, scratch = np.full(33, np.nan), allocate_starter_scratch()
+    lane = int(world.vehicles["target_lane"][0]) if av_lane is None else av_lane
+    action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, scratch, p)
+    assert scratch.left_out[0] == 0
     return p
 
 
@@ -87,15 +91,17 @@ def test_translation_changes_nothing(model: NddModel, spots: Spots) -> None:
     assert nearest_bv(here) == nearest_bv(there)
 
 
-@given(SPOTS)
-def test_mirrored_drivers_take_the_other_side(model: NddModel, spots: Spots) -> None:
-    setting = setting_of(model, ROAD)
+@given(SPOTS, st.booleans(), st.integers(0, 3))
+def test_mirrored_drivers_take_the_other_side(
+    model: NddModel, reckless: NddModel, spots: Spots, often: bool, av_lane: int
+) -> None:
+    setting = setting_of(reckless if often else model, ROAD)
     here, there = build(spots, setting), build(spots, setting, mirror=True)
     np.testing.assert_allclose(there.vehicles["y"], 16.0 - here.vehicles["y"], atol=1e-9)
     for slot in range(1, len(spots)):
-        swapped = probabilities(there, slot, setting)
+        swapped = probabilities(there, slot, setting, av_lane=3 - av_lane)
         swapped[:2] = swapped[1::-1]
-        np.testing.assert_allclose(swapped, probabilities(here, slot, setting), atol=1e-12)
+        np.testing.assert_allclose(swapped, probabilities(here, slot, setting, av_lane=av_lane), atol=1e-12)
 
 
 @given(SPOTS, st.lists(st.integers(10, 60), min_size=4, max_size=4, unique=True))
@@ -143,12 +149,14 @@ def test_absent_is_as_far_away(model: NddModel, spots: Spots, slot: int) -> None
         assert nearest_bv(far) == nearest_bv(absent)
 
 
-@given(SPOTS, st.sampled_from([0.0, 0.3, None]))
-def test_probabilities_sum_to_one(model: NddModel, spots: Spots, overlook: float | None) -> None:
-    setting = setting_of(model, ROAD)
+@given(SPOTS, st.booleans(), st.booleans(), st.integers(0, 3))
+def test_probabilities_sum_to_one(
+    model: NddModel, reckless: NddModel, spots: Spots, often: bool, attentive: bool, av_lane: int
+) -> None:
+    setting = setting_of(reckless if often else model, ROAD)
     world = build(spots, setting)
     for slot in range(1, len(spots)):
-        p = probabilities(world, slot, setting, overlook)
+        p = probabilities(world, slot, setting, attentive=attentive, av_lane=av_lane)
         assert (p >= 0.0).all()
         assert p.sum() == pytest.approx(1.0, abs=1e-9)
         lane, changing = int(world.vehicles["target_lane"][slot]), world.vehicles["duration"][slot] > 0.0

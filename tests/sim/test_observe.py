@@ -6,7 +6,7 @@ from hand_built import Car, glide, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
-from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
 from cornerforge.sim.observe import (
     N_OBSERVATION,
     UNITS_PER_NAT,
@@ -30,7 +30,9 @@ def seen(model: NddModel, world: World, bv: int) -> np.ndarray:
 def mask(model: NddModel, world: World, bv: int, *, bounded: bool = False) -> np.ndarray:
     setting = setting_of(model, ROAD)
     allowed = np.zeros(33, dtype=np.bool_)
-    allowed_actions(world, bv, int(bounded), setting.road, setting.tables, np.zeros(33), allowed)
+    allowed_actions(
+        world, bv, int(bounded), setting.road, setting.tables, allocate_starter_scratch(), np.zeros(33), allowed
+    )
     return allowed
 
 
@@ -96,11 +98,11 @@ def test_bounded_mask_is_what_an_attentive_driver_may_do(model: NddModel, lead_g
     cars = [Car(0.0, 0, 30.0), Car(400.0, 1, 30.0), Car(405.0 + lead_gap, 1, 28.0), Car(401.0, 2, 30.0)]
     world = world_of(cars)
     p = np.zeros(33)
-    action_probabilities(world, 1, 0.0, setting.road, setting.tables, p)
+    action_probabilities(world, 1, True, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
     bounded = mask(model, world, 1, bounded=True)
     np.testing.assert_array_equal(bounded, p > 0.0)
     assert not bounded[0]  # slot 3 is alongside: only who overlooks it would change
-    action_probabilities(world, 1, setting.tables.overlook, setting.road, setting.tables, p)
+    action_probabilities(world, 1, False, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
     assert (p[0] > 0.0) == (lead_gap > 6.7)  # nearer, nobody begins a lane change behind a leader 2 m/s slower
     assert bounded.any()
 
@@ -112,7 +114,7 @@ def shortfalls(model: NddModel, world: World) -> np.ndarray:
     """ln P(likeliest) - ln P(action) of slot 1 for an attentive driver; inf where it is impossible."""
     setting = setting_of(model, ROAD)
     p = np.zeros(33)
-    action_probabilities(world, 1, 0.0, setting.road, setting.tables, p)
+    action_probabilities(world, 1, True, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
     with np.errstate(divide="ignore"):
         return np.log(p.max()) - np.log(p)
 
@@ -143,12 +145,13 @@ def test_an_action_costs_by_how_much_less_likely_it_is(model: NddModel, lead_gap
     for action in np.flatnonzero(np.isfinite(cost)):
         for budget in (5.0, 40.0):
             world.state["budget_left"] = budget_units(budget)
-            spend_budget(world, 1, int(action), setting.road, setting.tables, np.zeros(33))
+            spend_budget(world, 1, int(action), setting.road, setting.tables, allocate_starter_scratch(), np.zeros(33))
             left = (world.state["budget_left"][0] - 1) / UNITS_PER_NAT
             assert left == pytest.approx(max(0.0, budget - cost[action]), abs=1.1 / UNITS_PER_NAT)
     assert len(set(np.round(cost[np.isfinite(cost)], 3))) > 5
     world.state["budget_left"] = 0  # no limit stays no limit
-    spend_budget(world, 1, int(np.flatnonzero(np.isfinite(cost))[0]), setting.road, setting.tables, np.zeros(33))
+    first = int(np.flatnonzero(np.isfinite(cost))[0])
+    spend_budget(world, 1, first, setting.road, setting.tables, allocate_starter_scratch(), np.zeros(33))
     assert world.state["budget_left"][0] == 0
 
 

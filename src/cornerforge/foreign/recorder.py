@@ -8,11 +8,14 @@ import numpy as np
 
 from cornerforge.foreign.session import Steps
 from cornerforge.sim import lockstep
+from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import World
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from cornerforge.foreign.driver import ForeignAv
     from cornerforge.sim.setting import Setting
     from cornerforge.types import Odd
@@ -61,12 +64,21 @@ class ScriptedSeconds:
     def __init__(self, av: ForeignAv, slots: int) -> None:
         self._av, self._slots = av, slots
 
+    def _answers(self, world: World, setting: Setting) -> NDArray[np.float64]:
+        """What the AV answered within the second that begins."""
+        state = world.state[0]
+        per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
+        begin = int(state["decisions"]) * per_second
+        script = self._av.script(setting, self._slots, int(state["seed"]), int(state["test"]))
+        return script[begin : begin + per_second]
+
+    def av_lane(self, world: World, setting: Setting) -> int:
+        """The target lane that the AV chooses at this moment, when the BVs decide."""
+        order = self._answers(world, setting)[0, 1]
+        return int(ordered_lane(world, 0, int(np.sign(order)), setting.road))
+
     def __call__(self, world: World, setting: Setting) -> None:
         """Advance a running world by one decision of the BVs."""
-        state = world.state[0]
-        script = self._av.script(setting, self._slots, int(state["seed"]), int(state["test"]))
-        per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
         steps = Steps(setting, self._slots, batch_of(world))
-        begin = int(state["decisions"]) * per_second
-        for answer in script[begin : begin + per_second]:
+        for answer in self._answers(world, setting):
             steps.act(answer[None])

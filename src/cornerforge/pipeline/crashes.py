@@ -72,7 +72,7 @@ class NaturalCrashes:
         chances = action_chances(
             setting, self._run.slots, seed=self._seed, test=test, slot=scenario.crash.slot_b, step=step
         )
-        eyes = oversight(chances, scenario.crash.time, setting.tables.overlook)
+        eyes = oversight(chances, scenario.crash.time, setting.tables.overlook, setting.tables.overlook_conflict)
         return scenario, CrashStudy(
             crash_type=kind,
             mechanism=mechanism.name,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.sim.advance import advance
-from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.av_kinds import built_in_av_decides
+from cornerforge.sim.chances import action_probabilities
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import NATURALISTIC, NOBODY, Setting
@@ -34,7 +35,8 @@ class ActionChances:
 
     Attributes:
         action: Index of the action, shape (K,); -1 where the vehicle is absent.
-        attentive: Its chance under the attentive model (nothing is overlooked), shape (K,); NaN where absent.
+        attentive: Its chance under the attentive model (nobody is overlooked, neither a neighbour nor one that starts
+            into the same lane at the same moment), shape (K,); NaN where absent.
         actual: Its chance under the model as it is, shape (K,); NaN where absent.
     """
 
@@ -59,8 +61,14 @@ class Oversight:
     overlooked: bool
 
 
-StepSecond = Callable[[World, Setting], None]
-"""Advances a running world by one decision: (world, setting)."""
+class StepSecond(Protocol):
+    """Drives an AV that decides outside the kernels, second by second."""
+
+    def av_lane(self, world: World, setting: Setting) -> int:
+        """The target lane that the AV chooses at this moment, when the BVs decide."""
+
+    def __call__(self, world: World, setting: Setting) -> None:
+        """Advance a running world by one decision of the BVs."""
 
 
 def action_chances(
@@ -68,7 +76,8 @@ def action_chances(
 ) -> ActionChances:
     """Drive one natural test again and look up the chance of every action of the BV in `slot`.
 
-    A BV that wanted to change lanes but gave way to another one's simultaneous change shows the acceleration it took.
+    A BV that wanted to change lanes but gave way to another one's simultaneous change shows the acceleration it took;
+    the chances of both have that in them, given what the AV chose at that moment.
 
     Args:
         setting, slots: The run, without an adversary, and its vehicle slots per world.
@@ -87,15 +96,19 @@ def action_chances(
     reset_world(world, seed, test, setting)
     check_integer("slot", slot, low=1, high=int(world.state["n_vehicles"][0]) - 1)
     scratch, keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)
-    p = scratch.choice.p
+    p, starters = scratch.choice.p, scratch.choice.starters
     actions, rows = [], []
     for second in range(setting.road.max_decisions):
         if world.state["outcome"][0] != RUNNING:
             break
         present = bool(world.vehicles["present"][slot])
         chances = np.full((2, p.size), np.nan)
-        for row, overlook in enumerate((0.0, setting.tables.overlook) if present else ()):
-            action_probabilities(world, slot, overlook, setting.road, setting.tables, p)
+        if step is not None:
+            lane = step.av_lane(world, setting)
+        else:
+            _, lane = built_in_av_decides(world, 0, setting.road, setting.av, scratch.av)
+        for row, attentive in enumerate((True, False) if present else ()):
+            action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)
             chances[row] = p
         if step is not None:
             step(world, setting)
@@ -108,17 +121,18 @@ def action_chances(
     return ActionChances(np.array(actions, dtype=np.int8), taken[:, 0], taken[:, 1])
 
 
-def oversight(chances: ActionChances, crash_time: float, overlook: float) -> Oversight:
+def oversight(chances: ActionChances, crash_time: float, overlook: float, overlook_conflict: float) -> Oversight:
     """Judge the decisions of the last 5 s before a crash.
 
     A lane change of attentive chance a and actual chance b > 0 was made with open eyes with probability
-    (1 - overlook)^2 a / b or more (exactly that with two neighbours in the target lane): below one half it counts as
-    overlooked.
+    (1 - overlook)^2 (1 - overlook_conflict) a / b or more (exactly that with two neighbours in the target lane, and
+    where somebody starts into it at the same moment): below one half it counts as overlooked.
 
     Args:
         chances: Of the crash partner.
         crash_time: Of the contact [s], above 0; decisions are 1 s apart, the first at 0.
-        overlook: The model's chance to overlook a neighbour.
+        overlook, overlook_conflict: The model's chances to overlook a neighbour, and one that starts into the same lane
+            at the same moment.
     """
     first = max(0, math.ceil(crash_time - LOOK_BACK_S))
     last = min(math.ceil(crash_time), chances.action.size)
@@ -128,6 +142,6 @@ def oversight(chances: ActionChances, crash_time: float, overlook: float) -> Ove
         return Oversight(None, rare_action=False, overlooked=False)
     rarest = float(chances.attentive[seen].min())
     changed = seen[chances.action[seen] <= ACTION_RIGHT]
-    open_eyes = (1.0 - overlook) ** 2 * chances.attentive[changed]
+    open_eyes = (1.0 - overlook) ** 2 * (1.0 - overlook_conflict) * chances.attentive[changed]
     overlooked = bool((open_eyes < 0.5 * chances.actual[changed]).any())
     return Oversight(rarest, rarest < RARE_ACTION, overlooked)

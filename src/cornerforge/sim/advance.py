@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.adversaries import choose_action, sample_action
 from cornerforge.sim.av_kinds import built_in_av_decides
-from cornerforge.sim.decide import action_probabilities, decide_bvs
+from cornerforge.sim.chances import action_probabilities
+from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.sim.keep import Keep
-    from cornerforge.sim.scratch import Scratch
+    from cornerforge.sim.scratch import ChoiceScratch, Scratch
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
@@ -71,9 +72,10 @@ def answer_as_bv(w: World, action: int) -> None:
 
 
 @inlined_kernel
-def _likeliest(w: World, i: int, setting: Setting, p: NDArray[np.float64]) -> int:
-    """Index of the likeliest action of slot i, the lowest of several; fills `p` with all probabilities."""
-    action_probabilities(w, i, setting.tables.overlook, setting.road, setting.tables, p)
+def _likeliest(w: World, i: int, av_lane: int, setting: Setting, s: ChoiceScratch) -> int:
+    """Index of the likeliest action of slot i, the lowest of several; fills `s.p` with all probabilities."""
+    p = s.p
+    action_probabilities(w, i, False, av_lane, setting.road, setting.tables, s.starters, p)
     best = 0
     for a in range(1, N_ACTIONS):
         if p[a] > p[best]:
@@ -82,23 +84,25 @@ def _likeliest(w: World, i: int, setting: Setting, p: NDArray[np.float64]) -> in
 
 
 @kernel
-def _follow_script(w: World, setting: Setting, s: Scratch, chances: NDArray[np.float64]) -> None:
-    """All BVs choose, into their `action`, by the script; at the same time, from the state before anybody acts."""
+def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, chances: NDArray[np.float64]) -> None:
+    """All BVs choose, into their `action`, by the script; at the same time, from the state before anybody acts.
+
+    `av_lane` is the target lane that the AV has just chosen.
+    """
     v = w.vehicles
     step = w.state[0].decisions
-    p = s.choice.p
     recorded = step < chances.shape[0]
     for i in range(1, w.state[0].n_vehicles):
         if v[i].present == 0:
             continue
         action: int = setting.who.script[step, i]
         if recorded or action == NO_ACTION:
-            likeliest = _likeliest(w, i, setting, p)
+            likeliest = _likeliest(w, i, av_lane, setting, s)
             if action == NO_ACTION:
                 action = likeliest
         if recorded:
             for a in range(N_ACTIONS):
-                chances[step, i, a] = p[a]
+                chances[step, i, a] = s.p[a]
         v[i].action = action
 
 
@@ -108,7 +112,7 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
     v = w.vehicles
     if substep > 0:
         return v[0].acceleration, v[0].target_lane
-    action = _likeliest(w, 0, setting, s.choice.p)
+    action = _likeliest(w, 0, v[0].target_lane, setting, s.choice)
     if action >= 2:
         return _ACCELERATIONS[action - 2], v[0].target_lane
     return 0.0, v[0].target_lane + 1 - 2 * action
@@ -141,7 +145,7 @@ def look_as_bv(
     if bv >= 0:
         bounded = critical_of(state.seed, state.test, setting.who)[1]
         observe(w, bv, setting.road, s.choice.found, observation)
-        allowed_actions(w, bv, bounded, setting.road, setting.tables, s.choice.p, allowed)
+        allowed_actions(w, bv, bounded, setting.road, setting.tables, s.choice.starters, s.choice.p, allowed)
     return bv
 
 
@@ -162,23 +166,24 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
             return action, 0.0
     else:
         policy, bounded, _ = critical_of(state.seed, state.test, who)
-        allowed_actions(w, bv, bounded, setting.road, setting.tables, c.p, c.allowed)
+        allowed_actions(w, bv, bounded, setting.road, setting.tables, c.starters, c.p, c.allowed)
         if who.critical == POLICY:
             observe(w, bv, setting.road, c.found, c.observation)
             action, log_prob_policy = sample_action(w, bv, who.temperature, policy, c)
         else:
             action = choose_action(w, bv, who.critical, 0.0, policy, c)
     state.controlled = bv
-    spend_budget(w, bv, action, setting.road, setting.tables, c.p)
+    spend_budget(w, bv, action, setting.road, setting.tables, c.starters, c.p)
     return action, log_prob_policy
 
 
 @kernel
-def _critical_bv_acts(w: World, recorded: bool, setting: Setting, s: Scratch) -> tuple[int, int, float]:
+def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, s: Scratch) -> tuple[int, int, float]:
     """Find the critical BV and let the adversary, if there is one, choose what it does.
 
     `recorded` fills `p` and `attentive` of the scratch for `record_choice`: the tables must see the state before
-    anybody moves, and a natural driver's action is known only after it.
+    anybody moves, and a natural driver's action is known only after it. `av_lane`, the target lane that the AV has just
+    chosen, is looked at only for that: the adversary does not see it.
 
     Returns:
         Slot of the critical BV, NO_VEHICLE for none; its action, NO_ACTION where it drives naturally; the natural log
@@ -192,8 +197,9 @@ def _critical_bv_acts(w: World, recorded: bool, setting: Setting, s: Scratch) ->
     if setting.who.critical != NOBODY:
         action, log_prob_policy = _adversary_acts(w, bv, setting, s)
     if recorded:
-        action_probabilities(w, bv, setting.tables.overlook, setting.road, setting.tables, s.choice.p)
-        action_probabilities(w, bv, 0.0, setting.road, setting.tables, s.choice.attentive)
+        road, tables, c = setting.road, setting.tables, s.choice
+        action_probabilities(w, bv, False, av_lane, road, tables, c.starters, c.p)
+        action_probabilities(w, bv, True, w.vehicles[0].target_lane, road, tables, c.starters, c.attentive)
     return bv, action, log_prob_policy
 
 
@@ -215,7 +221,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     log_prob_policy = 0.0
     state.controlled = NO_VEHICLE
     if who.critical != NOBODY or recorded:
-        bv, action, log_prob_policy = _critical_bv_acts(w, recorded, setting, s)
+        bv, action, log_prob_policy = _critical_bv_acts(w, lane, recorded, setting, s)
     state.bv_has_answered = 0
     if _is_counted(step, keep):
         count_av(w, setting.road, keep.counts)
@@ -223,7 +229,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     state.bv_crashes_before = state.bv_crashes
     if who.others == SCRIPTED:
         sort_by_x(w)
-        _follow_script(w, setting, s, keep.chances)
+        _follow_script(w, lane, setting, s.choice, keep.chances)
     else:
         decide_bvs(w, action, lane, setting, s)
     if recorded:

@@ -24,7 +24,8 @@ from cornerforge.drivers.naturalistic import (
 )
 from cornerforge.geometry import lane_of
 from cornerforge.sim.av import lead_acceleration
-from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.chances import return_chance, side_chance
+from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
 from cornerforge.sim.world import NO_VEHICLE, moment_of
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import AvNumbers, RoadNumbers, World
 
-__all__ = ["action_probabilities", "decide_bvs"]
+__all__ = ["decide_bvs"]
 
 _WORD_BITS = 32
 _WORD_MASK = 0xFFFFFFFF
@@ -124,41 +125,6 @@ def _follow(
 
 
 @inlined_kernel
-def _side_chance(
-    w: World, i: int, lane: int, base: float, overlook: float, road: RoadNumbers, tables: NddTables
-) -> float:
-    """P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
-    v = w.vehicles
-    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
-    chance = base
-    if lead >= 0:
-        gap = v[lead].x - v[i].x - road.length
-        accept = accept_chance(tables.lc_accept, 0, gap, v[lead].speed - v[i].speed)
-        chance *= overlook + (1.0 - overlook) * accept
-    if rear >= 0:
-        gap = v[i].x - v[rear].x - road.length
-        accept = accept_chance(tables.lc_accept, 1, gap, v[i].speed - v[rear].speed)
-        chance *= overlook + (1.0 - overlook) * accept
-    return chance
-
-
-@inlined_kernel
-def _return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables) -> float:
-    """P(slot i turns back in its running lane change).
-
-    An attentive driver whose centre is still in its old lane turns back when it would refuse the gaps in the target
-    lane outright, and would not refuse those in the old one.
-    """
-    v = w.vehicles
-    old = lane_of(v[i].y, road.lane_width)
-    if old == v[i].target_lane or _side_chance(w, i, v[i].target_lane, 1.0, 0.0, road, tables) > 0.0:
-        return 0.0
-    if _side_chance(w, i, old, 1.0, 0.0, road, tables) == 0.0:
-        return 0.0
-    return 1.0 - overlook
-
-
-@inlined_kernel
 def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTables, s: Scratch) -> int:
     """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE), which may be put off.
 
@@ -183,12 +149,12 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
             lane = v[i].target_lane
             left = 0.0
             if lane + 1 < road.n_lanes:
-                left = _side_chance(w, i, lane + 1, base, tables.overlook, road, tables)
+                left = side_chance(w, i, lane + 1, base, tables.overlook, road, tables)
                 if draw < left:
                     return 0
-            if lane > 0 and draw < left + _side_chance(w, i, lane - 1, base, tables.overlook, road, tables):
+            if lane > 0 and draw < left + side_chance(w, i, lane - 1, base, tables.overlook, road, tables):
                 return 1
-    elif uniform(words[0, i]) < _return_chance(w, i, tables.overlook, road, tables):
+    elif uniform(words[0, i]) < return_chance(w, i, tables.overlook, road, tables):
         return 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
     return action
 
@@ -201,113 +167,6 @@ def _idm_index(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
     i = order[rank]
     command = lead_acceleration(w, i, v[i].lanes, road, av)
     return max(0, min(30, math.floor((command + 4.0) * 5.0 + 0.5)))
-
-
-@kernel
-def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> float:
-    """From which rounding on the range rate to a lead is rounded up, if that lies above `above`; else 1."""
-    if lead < 0:
-        return 1.0
-    rate = v[lead].speed - v[i].speed
-    limit: float = 1.0 - (rate - math.floor(rate))
-    return limit if limit > above else 1.0
-
-
-@kernel
-def _add_cumulative(
-    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
-    road: RoadNumbers, tables: NddTables, p: NDArray[np.float64],
-) -> None:  # fmt: skip
-    """Add to p[2:] `weight` times the distribution function of slot i's acceleration for a given rounding.
-
-    The smallest of several look-ups by one word has the largest of their distribution functions.
-    """
-    rows = (-1, -1, -1)
-    if leads[0] < 0:
-        row = free_row(v[i].speed)
-        rows = (row, row, row)
-    else:
-        first = _row_behind(v, i, leads[0], rounding, road)
-        second = _row_behind(v, i, leads[1], rounding, road) if leads[1] >= 0 else first
-        third = _row_behind(v, i, leads[2], rounding, road) if leads[2] >= 0 else first
-        rows = (first, second, third)
-    a_total = 0.0
-    b_total = 0.0
-    c_total = 0.0
-    for a in range(31):
-        a_total += tables.p[rows[0], a]
-        b_total += tables.p[rows[1], a]
-        c_total += tables.p[rows[2], a]
-        p[2 + a] += weight * max(a_total, max(b_total, c_total))
-
-
-@kernel
-def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, road: RoadNumbers) -> int:
-    """Row of the tables for slot i behind a lead."""
-    gap = v[lead].x - v[i].x - road.length
-    row: int = following_row(v[i].speed, gap, v[lead].speed - v[i].speed, rounding)
-    return row
-
-
-@kernel
-def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
-    """Leads of slot i in the lanes it occupies (three at most: two under its body, and its target), -1 for none."""
-    v = w.vehicles
-    first = -1
-    second = -1
-    third = -1
-    for lane in range(road.n_lanes):
-        if v[i].lanes & (1 << lane):
-            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, 1)
-            if j >= 0:
-                third = second
-                second = first
-                first = j
-    return first, second, third
-
-
-@kernel
-def action_probabilities(
-    w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables, p: NDArray[np.float64]
-) -> None:
-    """P(action | state) of BV i under the naturalistic model, into `p`, shape (33,); sums to 1.
-
-    With `overlook` = 0 it is the attentive driver, whose zeros are what "impossible" means for the NDD-bounded
-    adversary (paper, equation 12). The giving way to simultaneous lane changes, which needs the others' draws, is left
-    out.
-    """
-    v = w.vehicles
-    leads = _leads(w, i, road)
-    for a in range(33):
-        p[a] = 0.0
-    low = 0.0
-    while low < 1.0:  # the rounding of range rates is uniform in (0, 1); between two limits the rows stay the same
-        high = min(
-            _rounding_limit(v, i, leads[0], low),
-            min(_rounding_limit(v, i, leads[1], low), _rounding_limit(v, i, leads[2], low)),
-        )
-        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, road, tables, p)
-        low = high
-    nearest_gap = np.inf
-    nearest_rate = 0.0
-    for j in leads:
-        if j >= 0 and v[j].x - v[i].x - road.length < nearest_gap:
-            nearest_gap = v[j].x - v[i].x - road.length
-            nearest_rate = v[j].speed - v[i].speed
-    if v[i].duration == 0.0:
-        base = lane_change_base(tables, v[i].speed, nearest_gap, nearest_rate)
-        lane = v[i].target_lane
-        if lane + 1 < road.n_lanes:
-            p[0] = _side_chance(w, i, lane + 1, base, overlook, road, tables)
-        if lane > 0:
-            p[1] = _side_chance(w, i, lane - 1, base, overlook, road, tables)
-    else:
-        back = 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
-        p[back] = _return_chance(w, i, overlook, road, tables)
-    keep = (1.0 - p[0] - p[1]) / p[32]
-    for a in range(32, 2, -1):
-        p[a] = keep * (p[a] - p[a - 1])
-    p[2] = keep * p[2]
 
 
 @kernel
@@ -334,7 +193,7 @@ def _gives_way(w: World, i: int, target: int, av_lane: int, setting: Setting, s:
     chance = 1.0
     for j in range(state.n_vehicles):
         dx = v[j].x - v[i].x
-        if dx < 0.0 or dx >= SIGHT or j == i or (dx == 0.0 and j > i) or not _starts_into(v, j, target, av_lane):
+        if dx < 0.0 or dx >= SIGHT or j == i or (dx == 0.0 and j < i) or not _starts_into(v, j, target, av_lane):
             continue
         chance = min(chance, accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed))
     if chance >= 1.0:

@@ -50,9 +50,11 @@ class Decisions(NamedTuple):
     Attributes:
         action: Of every vehicle, (K, N).
         controlled: Slot of the critical BV, (K,); -1 for none.
-        log_prob: Natural log of the probability of its action under the NDE, (K,); 0 for none.
+        log_prob: Natural log of the probability of its action under the NDE, given what the AV chose at that moment,
+            (K,); 0 for none.
         shortfall: By how much the log-probability of its action for an attentive driver falls short of the likeliest
-            action's, (K,), at least 0, +inf where it is impossible; 0 for none.
+            action's, (K,), at least 0, +inf where it is impossible; 0 for none. It is the price that a likelihood
+            budget pays, which does not know what the AV chose at that moment.
         log_prob_policy: Natural log of the probability of its action under the policy, (K,); 0 without one.
     """
 

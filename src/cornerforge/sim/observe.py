@@ -9,12 +9,13 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_centre
-from cornerforge.sim.decide import action_probabilities
+from cornerforge.sim.chances import action_probabilities
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.sim.chances import StarterScratch
     from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = [
@@ -130,6 +131,7 @@ def allowed_actions(
     bounded: int,
     road: RoadNumbers,
     tables: NddTables,
+    c: StarterScratch,
     p: NDArray[np.float64],
     allowed: NDArray[np.bool_],
 ) -> None:
@@ -140,13 +142,16 @@ def allowed_actions(
     not count as possible. With a budget (state.budget_left > 0) besides only those whose surprise it can still pay for;
     the likeliest action costs nothing, so there always is one.
 
+    What others do at this very moment cannot be known. The other BVs may start into the same lane, with their
+    probabilities; of the AV it is taken that it begins no lane change (docs/adr/0019-giving-way.md).
+
     Args:
         w: The world.
         bv: Slot of the controlled BV.
         bounded: 1 for the NDD-bounded mask.
         road: Constants.
         tables: The naturalistic model.
-        p: Scratch, float64 (33,).
+        c, p: Scratch; p of shape (33,).
         allowed: Where the mask goes.
     """
     v = w.vehicles
@@ -161,7 +166,7 @@ def allowed_actions(
         else:
             allowed[1] = False
     if bounded:
-        action_probabilities(w, bv, 0.0, road, tables, p)
+        action_probabilities(w, bv, True, v[0].target_lane, road, tables, c, p)
         for a in range(33):
             allowed[a] = allowed[a] and p[a] > 0.0
         left = w.state[0].budget_left
@@ -194,8 +199,12 @@ def surprise(p: float, most: float) -> int:
 
 
 @kernel
-def spend_budget(w: World, bv: int, action: int, road: RoadNumbers, tables: NddTables, p: NDArray[np.float64]) -> None:
+def spend_budget(
+    w: World, bv: int, action: int, road: RoadNumbers, tables: NddTables, c: StarterScratch, p: NDArray[np.float64]
+) -> None:
     """Take what an allowed action costs from the world's likelihood budget, if it has one; call it before the step.
+
+    It costs by how much it is less likely than the likeliest, by the probabilities of `allowed_actions`.
 
     Args:
         w: The world at the moment of the decision.
@@ -203,11 +212,11 @@ def spend_budget(w: World, bv: int, action: int, road: RoadNumbers, tables: NddT
         action: Its choice, one that `allowed_actions` allows.
         road: Constants.
         tables: The naturalistic model.
-        p: Scratch, float64 (33,).
+        c, p: Scratch; p of shape (33,).
     """
     state = w.state[0]
     if state.budget_left > 1:  # 1: nothing is left, so the action is the likeliest
-        action_probabilities(w, bv, 0.0, road, tables, p)
+        action_probabilities(w, bv, True, w.vehicles[0].target_lane, road, tables, c, p)
         state.budget_left = max(1, state.budget_left - surprise(p[action], _largest(p)))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.sim.av_features import N_AV_FEATURES
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
+from cornerforge.sim.chances import StarterScratch, allocate_starter_scratch
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.types import MAX_LANES, N_ACTIONS
 
@@ -33,7 +34,7 @@ class AvScratch(NamedTuple):
 
 
 class ChoiceScratch(NamedTuple):
-    """For one choice of an adversary; `p` and `attentive` are for probabilities of actions."""
+    """For one choice of an adversary; `p`, `attentive` and `starters` are for probabilities of actions."""
 
     observation: NDArray[np.float32]
     allowed: NDArray[np.bool_]
@@ -42,6 +43,7 @@ class ChoiceScratch(NamedTuple):
     q: NDArray[np.float32]
     layers: NDArray[np.float32]
     found: NDArray[np.int64]
+    starters: StarterScratch
 
 
 class Scratch(NamedTuple):
@@ -95,5 +97,6 @@ def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
             q=np.zeros(N_ACTIONS, dtype=np.float32),
             layers=np.zeros((_LAYER_ROWS, widest), dtype=np.float32),
             found=np.zeros(_N_NEAREST, dtype=np.int64),
+            starters=allocate_starter_scratch(),
         ),
     )

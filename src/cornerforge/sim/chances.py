@@ -1,0 +1,434 @@
+"""With what probability a BV does each of the 33 things, given the state: what `decide.py` draws, as numbers.
+
+Drivers decide independently, with one exception: one that is about to start into a lane minds the vehicles ahead of it
+that start into the same lane at the same moment. So the probability of a lane change depends on what others draw. Only
+few of them matter, and how likely they start is summed up exactly (`_goes_chance`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.naturalistic import accept_chance, following_row, free_row, lane_change_base
+from cornerforge.geometry import lane_of
+from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.sim.world import RoadNumbers, World
+
+__all__ = [
+    "MAX_SETS",
+    "MAX_STARTERS",
+    "StarterScratch",
+    "action_probabilities",
+    "allocate_starter_scratch",
+    "return_chance",
+    "side_chance",
+]
+
+MAX_STARTERS = 32
+"""A driver and those that may make it wait, at most; see `StarterScratch.left_out`."""
+MAX_SETS = 256
+"""Sets of starters that are told apart, at most; see `StarterScratch.left_out`."""
+
+
+class StarterScratch(NamedTuple):
+    """Scratch: the vehicles that may start into one lane ahead of a driver, numbered from the rear; it is number 0.
+
+    Attributes:
+        slot: Which vehicle that is, int64 (MAX_STARTERS,).
+        wants: Chance that it starts if nothing ahead of it does, float64 (MAX_STARTERS,).
+        accepts: accepts[k, m], k < m: chance that k, if attentive, starts though m starts, float64 (MAX_STARTERS,
+            MAX_STARTERS).
+        sets: Sets of starters, as bit masks; two lists, one made from the other by turns, int64 (2, MAX_SETS).
+        chances: The probability of each, float64 (2, MAX_SETS).
+        left_out: How often there were more than MAX_STARTERS or MAX_SETS, int64 (1,). Then those furthest ahead count
+            as if they started nothing, or the rarest set as another.
+    """
+
+    slot: NDArray[np.int64]
+    wants: NDArray[np.float64]
+    accepts: NDArray[np.float64]
+    sets: NDArray[np.int64]
+    chances: NDArray[np.float64]
+    left_out: NDArray[np.int64]
+
+
+def allocate_starter_scratch() -> StarterScratch:
+    """Scratch for one driver at a time."""
+    return StarterScratch(
+        np.zeros(MAX_STARTERS, dtype=np.int64),
+        np.zeros(MAX_STARTERS),
+        np.zeros((MAX_STARTERS, MAX_STARTERS)),
+        np.zeros((2, MAX_SETS), dtype=np.int64),
+        np.zeros((2, MAX_SETS)),
+        np.zeros(1, dtype=np.int64),
+    )
+
+
+# What one driver wants, and what it does where it minds nobody
+
+
+@inlined_kernel
+def side_chance(
+    w: World, i: int, lane: int, base: float, overlook: float, road: RoadNumbers, tables: NddTables
+) -> float:
+    """P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
+    v = w.vehicles
+    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+    chance = base
+    if lead >= 0:
+        gap = v[lead].x - v[i].x - road.length
+        accept = accept_chance(tables.lc_accept, 0, gap, v[lead].speed - v[i].speed)
+        chance *= overlook + (1.0 - overlook) * accept
+    if rear >= 0:
+        gap = v[i].x - v[rear].x - road.length
+        accept = accept_chance(tables.lc_accept, 1, gap, v[i].speed - v[rear].speed)
+        chance *= overlook + (1.0 - overlook) * accept
+    return chance
+
+
+@inlined_kernel
+def return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables) -> float:
+    """P(slot i turns back in its running lane change).
+
+    An attentive driver whose centre is still in its old lane turns back when it would refuse the gaps in the target
+    lane outright, and would not refuse those in the old one.
+    """
+    v = w.vehicles
+    old = lane_of(v[i].y, road.lane_width)
+    if old == v[i].target_lane or side_chance(w, i, v[i].target_lane, 1.0, 0.0, road, tables) > 0.0:
+        return 0.0
+    if side_chance(w, i, old, 1.0, 0.0, road, tables) == 0.0:
+        return 0.0
+    return 1.0 - overlook
+
+
+@kernel
+def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> float:
+    """From which rounding on the range rate to a lead is rounded up, if that lies above `above`; else 1."""
+    if lead < 0:
+        return 1.0
+    rate = v[lead].speed - v[i].speed
+    limit: float = 1.0 - (rate - math.floor(rate))
+    return limit if limit > above else 1.0
+
+
+@kernel
+def _add_cumulative(
+    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
+    road: RoadNumbers, tables: NddTables, p: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Add to p[2:] `weight` times the distribution function of slot i's acceleration for a given rounding.
+
+    The smallest of several look-ups by one word has the largest of their distribution functions.
+    """
+    rows = (-1, -1, -1)
+    if leads[0] < 0:
+        row = free_row(v[i].speed)
+        rows = (row, row, row)
+    else:
+        first = _row_behind(v, i, leads[0], rounding, road)
+        second = _row_behind(v, i, leads[1], rounding, road) if leads[1] >= 0 else first
+        third = _row_behind(v, i, leads[2], rounding, road) if leads[2] >= 0 else first
+        rows = (first, second, third)
+    a_total = 0.0
+    b_total = 0.0
+    c_total = 0.0
+    for a in range(31):
+        a_total += tables.p[rows[0], a]
+        b_total += tables.p[rows[1], a]
+        c_total += tables.p[rows[2], a]
+        p[2 + a] += weight * max(a_total, max(b_total, c_total))
+
+
+@kernel
+def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, road: RoadNumbers) -> int:
+    """Row of the tables for slot i behind a lead."""
+    gap = v[lead].x - v[i].x - road.length
+    row: int = following_row(v[i].speed, gap, v[lead].speed - v[i].speed, rounding)
+    return row
+
+
+@inlined_kernel
+def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
+    """Leads of slot i in the lanes it occupies (three at most: two under its body, and its target), -1 for none."""
+    v = w.vehicles
+    first = -1
+    second = -1
+    third = -1
+    for lane in range(road.n_lanes):
+        if v[i].lanes & (1 << lane):
+            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+            if j >= 0:
+                third = second
+                second = first
+                first = j
+    return first, second, third
+
+
+@inlined_kernel
+def _wishes(
+    w: World, i: int, leads: tuple[int, int, int], overlook: float, road: RoadNumbers, tables: NddTables
+) -> tuple[float, float]:
+    """P(slot i, which keeps its lane, wants to change left), the same right, before it gives way to anybody.
+
+    Args:
+        w: The world.
+        i: Slot.
+        leads: `_leads` of it.
+        overlook: Its chance to overlook a neighbour.
+        road, tables: Constants.
+    """
+    v = w.vehicles
+    gap = np.inf
+    rate = 0.0
+    for j in leads:
+        if j >= 0 and v[j].x - v[i].x - road.length < gap:
+            gap = v[j].x - v[i].x - road.length
+            rate = v[j].speed - v[i].speed
+    base = lane_change_base(tables, v[i].speed, gap, rate)
+    left = 0.0
+    right = 0.0
+    if base > 0.0:
+        lane = v[i].target_lane
+        if lane + 1 < road.n_lanes:
+            left = side_chance(w, i, lane + 1, base, overlook, road, tables)
+        if lane > 0:  # one random number decides on both sides, the left first
+            right = min(side_chance(w, i, lane - 1, base, overlook, road, tables), 1.0 - left)
+    return left, right
+
+
+@inlined_kernel
+def _go_chance(least: float, overlook_conflict: float) -> float:
+    """P(a driver that wants to change does not wait), where it accepts the worst of those that start with `least`.
+
+    1 for `least` = 1, and for `overlook_conflict` = 0 it is 0 where `least` is, exactly: zeros are what "impossible"
+    means.
+    """
+    return 1.0 - (1.0 - overlook_conflict) * (1.0 - least)
+
+
+# Giving way: who may start into the same lane at the same moment
+
+
+@inlined_kernel
+def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> float:
+    """P(vehicle j starts into `lane` at this moment), if it waits for nobody.
+
+    The AV has chosen (`av_lane`). A BV wants to change there, or turns back there from a running change.
+    """
+    v = w.vehicles
+    if j == 0:
+        return 1.0 if av_lane == lane else 0.0
+    if v[j].duration > 0.0:
+        return return_chance(w, j, tables.overlook, road, tables) if lane_of(v[j].y, road.lane_width) == lane else 0.0
+    left, right = _wishes(w, j, _leads(w, j, road), tables.overlook, road, tables)
+    return left if lane > v[j].target_lane else right
+
+
+@inlined_kernel
+def _may_start(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
+    """Can vehicle j start into `lane` at this moment, as far as its own lane tells?"""
+    if v[j].present == 0 or v[j].target_lane == lane:
+        return False
+    may: bool = av_lane == lane if j == 0 else abs(v[j].target_lane - lane) == 1
+    return may
+
+
+@inlined_kernel
+def _somebody_may_start(w: World, i: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> bool:
+    """Can anything start into `lane` that slot i does not accept for sure? Mostly not, and the rest is spared."""
+    v = w.vehicles
+    for j in range(w.state[0].n_vehicles):
+        dx = v[j].x - v[i].x
+        if dx < 0.0 or dx >= SIGHT or (dx == 0.0 and j <= i) or not _may_start(v, j, lane, av_lane):
+            continue
+        if accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed) < 1.0:
+            return True
+    return False
+
+
+@inlined_kernel
+def _find_starters(
+    w: World, i: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables, c: StarterScratch
+) -> int:
+    """Number those that can keep slot i from starting into `lane`, directly or through others; returns how many.
+
+    Slot i is number 0 and counts. The walk goes from it to the front. A vehicle matters if it may start into `lane`,
+    and if slot i, or one found before it that gives way itself, does not accept it for sure.
+    """
+    v = w.vehicles
+    order = w.order
+    sort_by_x(w)
+    rank = 0
+    while order[rank] != i:
+        rank += 1
+    c.slot[0] = i
+    n = 1
+    for ahead in range(rank + 1, w.state[0].n_vehicles):
+        j = order[ahead]
+        if v[j].present == 0:
+            continue
+        if v[j].x - v[c.slot[n - 1]].x >= SIGHT:
+            break
+        if not _may_start(v, j, lane, av_lane):
+            continue
+        if n == MAX_STARTERS:
+            c.left_out[0] += 1
+            break
+        matters = False
+        for k in range(n):
+            m = c.slot[k]
+            dx = v[j].x - v[m].x
+            accepts = 1.0
+            if dx < SIGHT and (k == 0 or (m > 0 and v[m].duration == 0.0)):
+                accepts = accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[m].speed)
+            c.accepts[k, n] = accepts
+            matters = matters or accepts < 1.0
+        if matters:
+            wants = _start_chance(w, j, lane, av_lane, road, tables)
+            if wants > 0.0:
+                c.slot[n] = j
+                c.wants[n] = wants
+                n += 1
+    return n
+
+
+@inlined_kernel
+def _least_accepted(c: StarterScratch, k: int, starters: int, n: int) -> float:
+    """Chance that driver number k, if attentive, accepts the worst of a set of starters ahead of it; 1 for none."""
+    least = 1.0
+    for m in range(k + 1, n):
+        if starters & (1 << m):
+            least = min(least, c.accepts[k, m])
+    return least
+
+
+@inlined_kernel
+def _that_matter(c: StarterScratch, starters: int, undecided: int, n: int) -> int:
+    """The members of a set of starters that matter to drivers 0 .. undecided - 1.
+
+    One is dropped where each of these accepts another member no more easily: what they do stays the same, and sets
+    become equal and can be counted as one.
+    """
+    kept = 0
+    for m in range(undecided, n):
+        if starters & (1 << m):
+            for k in range(undecided):
+                if c.accepts[k, m] < _least_accepted(c, k, kept, n):
+                    kept |= 1 << m
+                    break
+    return kept
+
+
+@inlined_kernel
+def _add_set(c: StarterScratch, row: int, count: int, starters: int, chance: float) -> int:
+    """Add the probability of a set to list `row` of so many; returns how many there are then."""
+    for s in range(count):
+        if c.sets[row, s] == starters:
+            c.chances[row, s] += chance
+            return count
+    if count == MAX_SETS:
+        c.left_out[0] += 1
+        c.chances[row, count - 1] += chance
+        return count
+    c.sets[row, count] = starters
+    c.chances[row, count] = chance
+    return count + 1
+
+
+@kernel
+def _goes_chance(
+    w: World, i: int, lane: int, overlook_conflict: float, av_lane: int, road: RoadNumbers, tables: NddTables,
+    c: StarterScratch,
+) -> float:  # fmt: skip
+    """P(slot i, which wants to change to `lane`, gives way to nobody); `overlook_conflict` is its own.
+
+    From the front to the rear each of those that matter starts or does not, given which of those ahead of it start; the
+    probabilities of all sets of starters are carried along. Sets that make no difference to those further behind are
+    one set, so their number stays near that of the vehicles: platoons of 20 are summed up, not 2^20 cases.
+    """
+    n = _find_starters(w, i, lane, av_lane, road, tables, c)
+    row = 0
+    c.sets[0, 0] = 0
+    c.chances[0, 0] = 1.0
+    n_sets = 1
+    for m in range(n - 1, 0, -1):
+        count = 0
+        for s in range(n_sets):
+            starters = c.sets[row, s]
+            starts = c.wants[m] * _go_chance(_least_accepted(c, m, starters, n), tables.overlook_conflict)
+            if starts < 1.0:
+                stays = _that_matter(c, starters, m, n)
+                count = _add_set(c, 1 - row, count, stays, c.chances[row, s] * (1.0 - starts))
+            if starts > 0.0:
+                more = _that_matter(c, starters | (1 << m), m, n)
+                count = _add_set(c, 1 - row, count, more, c.chances[row, s] * starts)
+        n_sets = count
+        row = 1 - row
+    chance = 0.0
+    for s in range(n_sets):
+        chance += c.chances[row, s] * _go_chance(_least_accepted(c, 0, c.sets[row, s], n), overlook_conflict)
+    return min(chance, 1.0)
+
+
+@kernel
+def action_probabilities(
+    w: World, i: int, attentive: bool, av_lane: int, road: RoadNumbers, tables: NddTables, c: StarterScratch,
+    p: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """P(action | state) of BV i under the naturalistic model, if all other BVs drive naturally; it sums to 1.
+
+    It is the probability with which `decide_bvs` draws the action, giving way to simultaneous lane changes included: a
+    driver that gives way takes the acceleration that it would have taken without the wish to change.
+
+    Args:
+        w: The world at the moment of the decision; its `order` is sorted.
+        i: Slot of the BV.
+        attentive: It overlooks nobody, neither a neighbour nor one that starts at the same moment. The zeros of an
+            attentive driver are what "impossible" means for the NDD-bounded adversary (paper, equation 12). The others
+            are as the model has them.
+        av_lane: The target lane that the AV has chosen at this moment; its present one where the AV begins no change,
+            or where its choice cannot be known.
+        road, tables: Constants.
+        c: Scratch.
+        p: Where the probabilities go, float64 (33,).
+    """
+    v = w.vehicles
+    overlook = 0.0 if attentive else tables.overlook
+    overlook_conflict = 0.0 if attentive else tables.overlook_conflict
+    leads = _leads(w, i, road)
+    for a in range(33):
+        p[a] = 0.0
+    low = 0.0
+    while low < 1.0:  # the rounding of range rates is uniform in (0, 1); between two limits the rows stay the same
+        high = min(
+            _rounding_limit(v, i, leads[0], low),
+            min(_rounding_limit(v, i, leads[1], low), _rounding_limit(v, i, leads[2], low)),
+        )
+        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, road, tables, p)
+        low = high
+    if v[i].duration == 0.0:
+        lane = v[i].target_lane
+        left, right = _wishes(w, i, leads, overlook, road, tables)
+        p[0] = left
+        p[1] = right
+        if left > 0.0 and _somebody_may_start(w, i, lane + 1, av_lane, road, tables):
+            p[0] = left * _goes_chance(w, i, lane + 1, overlook_conflict, av_lane, road, tables, c)
+        if right > 0.0 and _somebody_may_start(w, i, lane - 1, av_lane, road, tables):
+            p[1] = right * _goes_chance(w, i, lane - 1, overlook_conflict, av_lane, road, tables, c)
+    else:
+        back = 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
+        p[back] = return_chance(w, i, overlook, road, tables)
+    keep = (1.0 - p[0] - p[1]) / p[32]
+    for a in range(32, 2, -1):
+        p[a] = keep * (p[a] - p[a - 1])
+    p[2] = keep * p[2]

@@ -1,0 +1,298 @@
+"""The probability stated for an action is that with which it is drawn, giving way to simultaneous changes included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hand_built import Car, setting_of, world_of
+from numpy.typing import NDArray
+from reference import giving_way
+from reference import world as slow
+from reference.drivers import AvDriver
+from reference.simulator import Simulator
+from statistical_bounds import l1_bound, l1_distance
+
+from cornerforge._jit import kernel
+from cornerforge.drivers.avs import av_named
+from cornerforge.drivers.policy import NO_POLICY
+from cornerforge.ndd.model import NddModel
+from cornerforge.sim import chances
+from cornerforge.sim.actions import hold, start_lane_change
+from cornerforge.sim.advance import advance
+from cornerforge.sim.chances import MAX_SETS, MAX_STARTERS, action_probabilities, allocate_starter_scratch
+from cornerforge.sim.decide import decide_bvs
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.neighbours import sort_by_x
+from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.step import move_vehicle
+from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.world import RUNNING, World, allocate_worlds, n_slots
+from cornerforge.sim.world import world_of as world_of_batch
+from cornerforge.types import ODDS, Odd
+
+LANES = Odd(n_lanes=3)
+N = 100_000
+SEED = 21
+
+
+def stated(
+    world: World, slot: int, setting: Setting, av_lane: int, *, attentive: bool = False, alone: bool = False
+) -> np.ndarray:
+    """P(action); `alone`: as it was stated before giving way was counted, as if nothing else could start."""
+    p, scratch = np.full(33, np.nan), allocate_starter_scratch()
+    lane = int(world.vehicles["target_lane"][0]) if alone else av_lane
+    tables = setting.tables
+    if alone:  # a driver that overlooks whatever starts ahead of it goes as if it were alone
+        tables = tables._replace(overlook_conflict=1.0, overlook=0.0 if attentive else tables.overlook)
+        attentive = False
+    action_probabilities(world, slot, attentive, lane, setting.road, tables, scratch, p)
+    assert scratch.left_out[0] == 0
+    return p
+
+
+def eager(model: NddModel, *, wish: float, conflict: float = 0.0, overlook: float = 0.0) -> NddModel:
+    """Drivers that want to either side with a chance of `wish`, however they drive."""
+    return replace(
+        model,
+        lc_base=np.full(21, wish, dtype=np.float32),
+        lc_desire=np.ones_like(model.lc_desire),
+        lc_desire_free=1.0,
+        overlook=overlook,
+        overlook_conflict=conflict,
+    )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A state with simultaneous lane changes, the first car is the AV.
+
+    Attributes:
+        cars: Everybody.
+        conflict: Chance to overlook one that starts at the same moment.
+        av_lane: The AV's new target lane; None where it begins no change.
+        changing: Slots within a lane change and their target lanes, begun 1 s ago.
+        minds: Slots whose probabilities depend on what others do at the same moment.
+    """
+
+    cars: list[Car]
+    minds: set[int]
+    conflict: float = 0.0
+    av_lane: int | None = None
+    changing: dict[int, int] | None = None
+
+    def world(self, setting: Setting) -> World:
+        world = world_of(self.cars)
+        for slot, lane in (self.changing or {}).items():
+            hold(world.vehicles, slot, 0.0)
+            start_lane_change(world, slot, lane, setting.road)
+            for _ in range(10):
+                move_vehicle(world.vehicles, slot, 0.0, setting.road)
+        sort_by_x(world)
+        return world
+
+    @property
+    def lane(self) -> int:
+        return self.cars[0].lane if self.av_lane is None else self.av_lane
+
+
+FAR = Car(900.0, 0, 30.0)
+SCENES = {
+    "two from both sides": Scene([FAR, Car(300.0, 0, 30.0), Car(318.0, 2, 30.0)], {1}),
+    "two from both sides, sometimes overlooked": Scene([FAR, Car(300.0, 0, 30.0), Car(308.0, 2, 30.0)], {1}, 0.3),
+    "two behind each other": Scene([FAR, Car(300.0, 0, 32.0), Car(330.0, 0, 30.0)], {1}),
+    # 3 waits for nobody, 2 for 3, 1 for 2: if 3 starts, 1 has the way free more often
+    "a chain of three": Scene([FAR, Car(300.0, 0, 30.0), Car(316.0, 2, 30.0), Car(330.0, 0, 30.0)], {1, 2}),
+    "a chain of four, fast ones behind": Scene(
+        [FAR, Car(300.0, 0, 36.0), Car(318.0, 2, 33.0), Car(335.0, 0, 31.0), Car(352.0, 2, 30.0)], {1, 2, 3}, 0.1
+    ),
+    "the AV starts too": Scene([Car(322.0, 2, 30.0), Car(300.0, 0, 30.0), Car(316.0, 2, 28.0)], {1, 2}, 0.1, av_lane=1),
+    # 2 changes from lane 1 to 2, where 3 has come beside it: it turns back into lane 1
+    "one turns back": Scene([FAR, Car(300.0, 0, 30.0), Car(318.0, 1, 30.0), Car(319.0, 2, 30.0)], {1}, changing={2: 2}),
+    "side by side": Scene([FAR, Car(300.0, 0, 30.0), Car(300.0, 2, 30.0)], {1}),
+}
+
+
+@kernel
+def draw(w: World, av_lane: int, setting: Setting, s: Scratch, drawn: NDArray[np.int64]) -> None:
+    """Let everybody decide in test k of the seed, for each row k of `drawn`."""
+    state = w.state[0]
+    state.seed = SEED
+    for test in range(drawn.shape[0]):
+        state.test = test
+        decide_bvs(w, -1, av_lane, setting, s)
+        for i in range(drawn.shape[1]):
+            drawn[test, i] = w.vehicles[i].action
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_what_is_stated_is_what_is_drawn(model: NddModel, name: str) -> None:
+    # H0: a BV's action is an independent draw of its stated probabilities; unit: a test; n = 100,000 sees an L1
+    # distance of 0.027; over all scenes and BVs.
+    scene = SCENES[name]
+    setting = setting_of(eager(model, wish=0.4, conflict=scene.conflict, overlook=0.2), LANES)
+    world = scene.world(setting)
+    bvs = range(1, len(scene.cars))
+    now = [stated(world, slot, setting, scene.lane) for slot in bvs]
+    before = [stated(world, slot, setting, scene.lane, alone=True) for slot in bvs]
+    drawn = np.empty((N, len(scene.cars)), dtype=np.int64)
+    draw(world, scene.lane, setting, allocate_scratch(len(scene.cars), NO_POLICY), drawn)
+    bound = l1_bound(33, N, comparisons=sum(len(each.cars) - 1 for each in SCENES.values()))
+    for slot in bvs:
+        counts = np.bincount(drawn[:, slot], minlength=33)
+        p = now[slot - 1]
+        assert l1_distance(counts, p) <= bound, slot
+        assert counts[p == 0.0].sum() == 0
+        # negative control: the statement that leaves giving way out is refuted wherever it matters
+        if slot in scene.minds:
+            assert l1_distance(counts, before[slot - 1]) > bound, slot
+            assert p[:2].sum() < before[slot - 1][:2].sum()
+        else:
+            np.testing.assert_allclose(p, before[slot - 1], atol=1e-12)
+
+
+def test_refused_changes_become_the_acceleration_that_was_drawn(model: NddModel) -> None:
+    # H0: given that slot 1 gives way, its acceleration has the law of one that wants no change; n > 20,000 sees 0.06.
+    setting = setting_of(eager(model, wish=1.0, conflict=0.5), LANES)
+    world = world_of([FAR, Car(300.0, 0, 31.0), Car(314.0, 0, 29.0)])
+    p = stated(world, 1, setting, 0)
+    quiet = stated(world, 1, setting_of(eager(model, wish=0.0), LANES), 0)
+    assert 0.1 < p[0] < 0.9
+    drawn = np.empty((60_000, 3), dtype=np.int64)
+    draw(world, 0, setting, allocate_scratch(3, NO_POLICY), drawn)
+    counts = np.bincount(drawn[:, 1], minlength=33)
+    counts[:2] = 0
+    bound = l1_bound(33, int(counts.sum()))
+    assert counts.sum() > 20_000
+    assert l1_distance(counts, quiet) <= bound
+    assert l1_distance(counts, np.roll(quiet, 1)) > bound  # negative control: one bin off
+    np.testing.assert_allclose(p[2:] / p[2:].sum(), quiet[2:], atol=1e-12)
+
+
+def test_what_an_attentive_driver_never_does_is_exactly_impossible(model: NddModel) -> None:
+    setting = setting_of(eager(model, wish=0.3, conflict=0.2, overlook=0.1), LANES)
+    world = world_of([Car(308.0, 2, 30.0), Car(300.0, 0, 30.0)])
+    assert stated(world, 1, setting, 2)[0] == stated(world, 1, setting, 2, attentive=True)[0] > 0.0
+    assert stated(world, 1, setting, 1, attentive=True)[0] == 0.0  # the AV starts into lane 1, 3 m ahead of it
+    assert stated(world, 1, setting, 1)[0] == pytest.approx(0.2 * 0.3)
+
+
+# Against a sum over everything that everybody may do
+
+
+def random_cars(rng: np.random.Generator) -> tuple[list[Car], dict[int, tuple[int, int]]]:
+    """Two to seven cars within 150 m, the first the AV, and who changes lanes: target and substeps so far."""
+    n = int(rng.integers(2, 8))
+    cars = [Car(float(rng.uniform(0, 150)), int(rng.integers(3)), float(rng.uniform(24, 38))) for _ in range(n)]
+    changing = {}
+    for slot in range(n):
+        target = cars[slot].lane + int(rng.choice([-1, 1]))
+        if rng.random() < 0.25 and 0 <= target < 3:
+            changing[slot] = target, int(rng.integers(1, 35))
+    return cars, changing
+
+
+def both_worlds(
+    cars: list[Car], changing: dict[int, tuple[int, int]], setting: Setting, odd: Odd
+) -> tuple[World, slow.World]:
+    """The same state for the kernels and for the plain-Python simulator."""
+    fast, plain = world_of(cars), slow.World(odd)
+    for car in cars:
+        plain.place(car.x, car.lane, car.speed)
+    for slot, (target, substeps) in changing.items():
+        hold(fast.vehicles, slot, 0.0)
+        start_lane_change(fast, slot, target, setting.road)
+        other = plain.vehicles[slot]
+        other.hold(0.0)
+        other.change_lane(target, odd)
+        for _ in range(substeps):
+            move_vehicle(fast.vehicles, slot, 0.0, setting.road)
+            other.move(odd)
+        other.x = cars[slot].x
+        fast.vehicles["x"][slot] = cars[slot].x
+    sort_by_x(fast)
+    return fast, plain
+
+
+@pytest.mark.parametrize("wish", [0.05, 0.3, 0.5])
+def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) -> None:
+    rng = np.random.default_rng([seed, round(100 * wish)])
+    av = av_named("idm-mobil")
+    compared = mattered = attentive_zeros = 0
+    for _ in range(150):
+        cars, changing = random_cars(rng)
+        conflict, overlook = float(rng.choice([0.0, 0.1, 0.6])), float(rng.choice([0.0, 0.2]))
+        drivers = eager(model, wish=wish, conflict=conflict, overlook=overlook)
+        setting = setting_of(drivers, LANES)
+        fast, plain = both_worlds(cars, changing, setting, LANES)
+        simulator = Simulator(LANES, drivers, AvDriver(av.idm, av.mobil, True))
+        av_lane = min(2, max(0, cars[0].lane + int(rng.choice([-1, 0, 1]))))
+        for slot in range(1, len(cars)):
+            attentive = bool(rng.random() < 0.3)
+            p = stated(fast, slot, setting, av_lane, attentive=attentive)
+            bv = plain.vehicles[slot]
+            expected = giving_way.change_chances(simulator, plain, bv, attentive=attentive, av_lane=av_lane)
+            np.testing.assert_allclose(p[:2], expected, rtol=0.0, atol=1e-12)
+            quick = simulator.probabilities(plain, bv, av_lane, attentive=attentive)
+            np.testing.assert_allclose(p, quick, rtol=0.0, atol=1e-12)
+            compared += 1
+            alone = stated(fast, slot, setting, av_lane, attentive=attentive, alone=True)
+            mattered += int(np.abs(p - alone).max() > 1e-9)
+            attentive_zeros += int(attentive and (p[:2] == 0.0).any())
+    assert compared > 300
+    assert mattered > 50
+    assert attentive_zeros > 10
+
+
+# The scratch is large enough
+
+
+@pytest.mark.parametrize("odd", sorted(ODDS))
+@pytest.mark.parametrize("often", [False, True])
+def test_nobody_is_left_out_in_traffic(model: NddModel, reckless: NddModel, odd: str, often: bool) -> None:
+    setting = setting_of(reckless if often else model, ODDS[odd])
+    slots = n_slots(ODDS[odd])
+    world, working, nothing = (
+        world_of_batch(allocate_worlds(1, slots)),
+        allocate_scratch(slots, NO_POLICY),
+        keep_nothing(slots),
+    )
+    scratch, p = working.choice.starters, np.zeros(33)
+    looked = 0
+    for test in range(12):
+        reset_world(world, 3, test, setting)
+        while world.state["outcome"][0] == RUNNING:
+            lane = int(world.vehicles["target_lane"][0])
+            for slot in range(1, int(world.state["n_vehicles"][0])):
+                if world.vehicles["present"][slot]:
+                    action_probabilities(world, slot, False, lane, setting.road, setting.tables, scratch, p)
+                    looked += 1
+            advance(world, setting, working, nothing, int(world.state["decisions"][0]) + 1)
+    assert looked > 1000
+    assert scratch.left_out[0] == 0
+
+
+def test_a_long_platoon_is_summed_up(model: NddModel) -> None:
+    setting = setting_of(eager(model, wish=0.3, conflict=0.05), LANES)
+    cars = [FAR._replace(x=5000.0)]
+    cars += [Car(20.0 * k, 2 * (k % 2), 30.0) for k in range(MAX_STARTERS)]
+    p = [stated(world_of(cars), slot, setting, 0) for slot in range(1, len(cars))]
+    assert all(row.sum() == pytest.approx(1.0) for row in p)
+    # one more is one too many: it is counted, and what is stated of the rearmost moves by nothing that matters
+    longer = world_of([*cars, Car(20.0 * MAX_STARTERS, 0, 30.0)])
+    scratch, last = allocate_starter_scratch(), np.zeros(33)
+    action_probabilities(longer, 1, False, 0, setting.road, setting.tables, scratch, last)
+    assert scratch.left_out[0] == 1
+    np.testing.assert_allclose(last, p[0], atol=1e-9)
+
+
+def test_more_sets_than_there_is_room_for_are_counted() -> None:
+    scratch = allocate_starter_scratch()
+    count = 0
+    for k in range(MAX_SETS + 3):
+        count = chances._add_set(scratch, 0, count, k, 0.5)
+    assert count == MAX_SETS
+    assert scratch.left_out[0] == 3
+    assert scratch.chances[0, -1] == 0.5 + 3 * 0.5  # nothing is lost
