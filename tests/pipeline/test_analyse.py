@@ -13,7 +13,7 @@ import pytest
 
 from cornerforge import cli, pipeline
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, LABELS
-from cornerforge.analysis.case_table import VALUE_COLUMNS, natural_log_likelihood
+from cornerforge.analysis.case_table import VALUE_COLUMNS
 from cornerforge.analysis.fault import FAULT_COLUMNS
 from cornerforge.analysis.measures import MEASURES
 from cornerforge.analysis.value import PARTS
@@ -85,6 +85,7 @@ def test_the_top_is_the_top_and_says_why(analysed: tuple[dict[str, Any], Path]) 
         moments = [cases[f"latest_{kind}_s"][row] for kind in kinds.get(label, ["any"])]
         assert f"avoidable {'by' if label != 'by both' else 'by braking or steering'}" in one["text"]
         assert f"until {min(moments):.1f} s before impact" in one["text"]
+        assert "miles" not in one["text"]
 
 
 def test_the_same_for_any_threads_and_another_draw_for_another_seed(
@@ -147,17 +148,6 @@ def test_the_command_line_tells_it(swerve_library: Path, capsys: pytest.CaptureF
     text = capsys.readouterr().out
     for words in ("At fault (RSS): ", "Avoidable: ", "95 % interval", "Kinds: ", "Worth a look first"):
         assert words in text
-
-
-def test_natural_likelihood_by_hand() -> None:
-    cases = pa.table(
-        {
-            "log_prob_nde": [-16.0, -30.0, None], "n_impossible": [0, 0, 1],
-            "shortfall_nats": [2.5, 0.0, 0.0], "n_implausible": [0, 1, 2],
-        }
-    )  # fmt: skip
-    assert natural_log_likelihood(cases).tolist() == [-2.5, -30.0, -np.inf]
-    assert natural_log_likelihood(cases.drop(["shortfall_nats"])).tolist() == [-16.0, -30.0, -np.inf]
 
 
 def test_the_columns_are_documented(golden) -> None:

@@ -259,6 +259,7 @@ def test_an_analysis_by_an_earlier_version_is_named_with_its_command(run_folder:
         ("fault", "none", 500, r'"fault" holds \d+ cases, fault_rules 60'),
         ("avoidability", "not_judged", 7, r'"avoidability\.labels" and not_judged sum to 67, cases = 60'),
         ("avoidability", "interval95", [0.0, 1.5], r'"avoidability\.interval95" = .* leaves \[0, 1\]'),
+        ("value", "weights", {"likelihood": 1.0}, r'"value\.weights" are of likelihood, here: avoidability'),
         ("value", "top", [{"case_id": "0:1", "value": 1.2}], r'"value\.top\[0\]\.value" = 1\.2 is outside'),
         ("coverage", "cells", {"sideswipe": 60}, r"\"coverage\.cells\" holds 'sideswipe', which is no combination"),
         ("coverage", "cases", 61, r'"coverage\.cells" sum to 60, cases = 61'),

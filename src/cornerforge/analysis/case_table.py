@@ -20,28 +20,21 @@ from cornerforge.analysis.value import (
     PARTS,
     Value,
     avoidability_part,
-    likelihood_part,
     novelty_part,
     severity_part,
     value_of,
 )
 from cornerforge.types import Odd
 
-__all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "natural_log_likelihood", "read_shards", "values_of"]
+__all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_of"]
 
 _WITNESS = [name for name in AVOIDABILITY_SCHEMA.names if name.startswith("witness_")]
 
 VALUE_COLUMNS: tuple[CaseColumn, ...] = (
-    CaseColumn(
-        "natural_log_likelihood", "float", "",
-        "ln of the likelihood of the critical BV's actions relative to the likeliest ones, drivers attentive; where "
-        "only an oversight explains them, ln of their probability with oversights; -inf: never.",
-    ),
     CaseColumn("value_avoidability", "float", "", "Time to react over 2 s, 0 to 1; null: not looked at."),
     CaseColumn("value_severity", "float", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1."),
-    CaseColumn("value_likelihood", "float", "", "1 + log10 of the natural likelihood / 9, 0 to 1."),
     CaseColumn("value_novelty", "float", "", "Share of the other cases that lie in denser company, 0 to 1."),
-    CaseColumn("value", "float", "", "Weighted mean of the four, 0 to 1; null: one of them is not known."),
+    CaseColumn("value", "float", "", "Mean of the three, 0 to 1; null: one of them is not known."),
 )  # fmt: skip
 """What `values_of` adds."""
 
@@ -51,8 +44,8 @@ class CaseTable:
     """One row a case.
 
     Attributes:
-        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where nobody looked) and
-            `natural_log_likelihood`, after `case_id`.
+        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where nobody looked), after
+            `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
     """
 
@@ -75,24 +68,6 @@ class ShardReading:
     look_at: frozenset[str]
     params: AvoidParams
     threads: int
-
-
-def natural_log_likelihood(cases: pa.Table) -> NDArray[np.float64]:
-    """How likely what the critical BV did is for natural drivers; the first column of `VALUE_COLUMNS`.
-
-    A library that knows no shortfalls (crashes of natural traffic) gives the probability with oversights.
-
-    Args:
-        cases: Rows of `library.schema.CASES` with the caller's own columns.
-
-    Returns:
-        Shape (S,), at most 0; -inf where an action was impossible.
-    """
-    exact = np.nan_to_num(_numbers(cases, "log_prob_nde"), nan=-np.inf)
-    exact[_numbers(cases, "n_impossible") > 0] = -np.inf
-    if "shortfall_nats" not in cases.column_names:
-        return exact
-    return np.where(_numbers(cases, "n_implausible") == 0, -_numbers(cases, "shortfall_nats"), exact)
 
 
 def _numbers(table: pa.Table, name: str) -> NDArray[np.float64]:
@@ -129,9 +104,6 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
             if name not in _WITNESS:
                 fields.append(AVOIDABILITY_SCHEMA.field(name))
                 arrays.append(witnesses.column(name).combine_chunks().take(place.combine_chunks()))
-        natural = pa.array(natural_log_likelihood(cases))
-        fields.append(_field(VALUE_COLUMNS[0], natural.type))
-        arrays.append(natural)
         yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses)
 
 
@@ -166,12 +138,11 @@ def values_of(
         {
             "avoidability": avoidability_part(time_to_react),
             "severity": severity_part(_numbers(table, "av_injury_probability")),
-            "likelihood": likelihood_part(_numbers(table, "natural_log_likelihood")),
             "novelty": novelty_part(points),
         },
         weights,
     )
-    for column, values in zip(VALUE_COLUMNS[1:], [*(value.parts[name] for name in PARTS), value.score], strict=True):
+    for column, values in zip(VALUE_COLUMNS, [*(value.parts[name] for name in PARTS), value.score], strict=True):
         array = pa.array(values, from_pandas=True)
         table = table.append_column(_field(column, array.type), array)
     return table, value

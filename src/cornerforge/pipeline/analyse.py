@@ -243,13 +243,12 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> 
 
     from cornerforge.analysis.in_words import case_in_words
 
-    natural = _column(table, "natural_log_likelihood")
     rows = [int(row) for row in value.best(_TOP)]
     avoidance = table.take(pa.array(rows, pa.int64())).to_pylist()
     top = []
     for row, known in zip(rows, avoidance, strict=True):
         case_id = found.case_ids[row]
-        words = case_in_words(cases.scenario(case_id).scenario, _avoidance_in_words(known), float(natural[row]))
+        words = case_in_words(cases.scenario(case_id).scenario, _avoidance_in_words(known))
         top.append(
             {
                 "case_id": case_id,
