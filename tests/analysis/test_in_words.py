@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from driven_by_hand import Driver, mirrored, scenario_of
 
-from cornerforge.analysis.in_words import case_in_words, what_happened
+from cornerforge.analysis.in_words import avoidance_in_words, case_in_words, what_happened
 
 CUT_IN = [Driver(0, 1, 35), Driver(46, 0, 25, ((1, 1),))]
 
@@ -39,7 +39,10 @@ def test_what_happened(drivers: list[Driver], text: str) -> None:
 def test_the_whole_sentence() -> None:
     """No rate: how likely a sequence of actions is does not tell how often its kind of crash happens."""
     scenario = scenario_of(CUT_IN)
-    assert case_in_words(scenario, "avoidable by braking until 1.2 s before impact") == (
-        "BV cuts in from the right at 31 m; avoidable by braking until 1.2 s before impact"
+    assert case_in_words(scenario, avoidance_in_words("by braking", 1.2)) == (
+        "BV cuts in from the right at 31 m; avoidable by braking; last way out 1.2 s before contact"
     )
+    assert avoidance_in_words("unavoidable", 1.2) == "unavoidable"
+    assert case_in_words(scenario, avoidance_in_words("undecided", None)).endswith("; no way out found, not all tried")
+    assert avoidance_in_words(None, None) == ""
     assert case_in_words(scenario, "") == "BV cuts in from the right at 31 m"

@@ -134,7 +134,7 @@ class Avoidability:
         manoeuvre_s: Begin of the manoeuvre that led to the crash (`sim.braking.manoeuvre_begin`).
         braking_s: Latest moment from which accelerations alone help, not before the manoeuvre's begin.
         steering_s: The same of lane changes alone.
-        latest_s: Latest moment from which anything helps; it may lie before the manoeuvre's begin.
+        latest_s: The last way out: latest moment from which anything helps; it may lie before the manoeuvre's begin.
         time_to_react_s: From the manoeuvre's begin to `latest_s`; negative when the AV would have had to foresee it.
         exhaustive: False if some search ran out of room, so that a later moment, or another kind, may exist.
         witness: A way out from `latest_s` on, None if there is none.
@@ -164,7 +164,8 @@ AVOIDABILITY_SCHEMA: pa.Schema = pa.schema(
         _field("latest_braking_s", pa.float64(), "s", "Latest moment, before the contact, from which accelerations "
                "alone help; null: none since the manoeuvre began."),
         _field("latest_steering_s", pa.float64(), "s", "The same of lane changes at constant speed alone."),
-        _field("latest_any_s", pa.float64(), "s", "The same of anything, before the manoeuvre began too; null: none."),
+        _field("latest_any_s", pa.float64(), "s", "The last way out: the same of anything, before "
+               "the manoeuvre began too; null: none."),
         _field("time_to_react_s", pa.float64(), "s", "From the manoeuvre's begin to latest_any_s; negative: the AV "
                "would have had to foresee it; null: no way out."),
         _field("avoidability_exhaustive", pa.bool_(), "", "False: a search ran out of room, more ways may exist."),

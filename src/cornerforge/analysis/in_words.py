@@ -7,7 +7,7 @@ import numpy as np
 from cornerforge.analysis.mechanism import MECHANISMS, crash_frame, lane_changes_before, mechanism_of
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["case_in_words", "what_happened"]
+__all__ = ["avoidance_in_words", "case_in_words", "what_happened"]
 
 
 def what_happened(scenario: Scenario) -> str:
@@ -57,12 +57,34 @@ def _hardest(scenario: Scenario, frame: int, column: int, start: int) -> float:
     return min(0.0, float(np.nanmin(held, initial=0.0)))
 
 
+def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
+    """Such as "avoidable by braking; last way out 1.2 s before contact"; "" where nobody looked.
+
+    The last way out is the latest of any kind, everywhere: for "by braking" it may begin with a lane change.
+
+    Args:
+        label: Of `avoidability.LABELS`; None where nobody looked.
+        latest_s: `avoidability.Avoidability.latest_s`, column `latest_any_s`.
+
+    >>> avoidance_in_words("by both", 0.8)
+    'avoidable by braking or steering; last way out 0.8 s before contact'
+    """
+    if label is None:
+        return ""
+    if label == "unavoidable":
+        return "unavoidable"
+    if label == "undecided":
+        return "no way out found, not all tried"
+    how = {"by both": "by braking or steering", "by combination": "by braking and steering together"}.get(label, label)
+    return f"avoidable {how}; last way out {latest_s:.1f} s before contact"
+
+
 def case_in_words(scenario: Scenario, avoidance: str) -> str:
     """The sentence: what happened, and whether it could be avoided.
 
     Args:
         scenario: Recording of the case.
-        avoidance: Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked.
+        avoidance: What `avoidance_in_words` says; "" where nobody looked.
 
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.

@@ -241,14 +241,15 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> 
     """The most valuable cases with a sentence each."""
     import pyarrow as pa
 
-    from cornerforge.analysis.in_words import case_in_words
+    from cornerforge.analysis.in_words import avoidance_in_words, case_in_words
 
     rows = [int(row) for row in value.best(_TOP)]
     avoidance = table.take(pa.array(rows, pa.int64())).to_pylist()
     top = []
     for row, known in zip(rows, avoidance, strict=True):
         case_id = found.case_ids[row]
-        words = case_in_words(cases.scenario(case_id).scenario, _avoidance_in_words(known))
+        avoided = avoidance_in_words(known["avoidability"], known["latest_any_s"])
+        words = case_in_words(cases.scenario(case_id).scenario, avoided)
         top.append(
             {
                 "case_id": case_id,
@@ -260,26 +261,6 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> 
             }
         )
     return top
-
-
-def _avoidance_in_words(known: dict[str, Any]) -> str:
-    """Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked.
-
-    The moment is the latest of the kind that is named; with both, the later of the two.
-    """
-    label = known["avoidability"]
-    if label is None:
-        return ""
-    if label == "unavoidable":
-        return "unavoidable"
-    if label == "undecided":
-        return "no way out found, not all tried"
-    how, kinds = {
-        "by both": ("by braking or steering", ("braking", "steering")),
-        "by combination": ("by braking and steering together", ("any",)),
-    }.get(label, (label, (label.removeprefix("by "),)))
-    until = min(known[f"latest_{kind}_s"] for kind in kinds)
-    return f"avoidable {how} until {until:.1f} s before impact"
 
 
 def _write(out: Path, summary: dict[str, Any], found: Analysis, table: pa.Table, witnesses: pa.Table) -> None:
