@@ -18,6 +18,7 @@ from cornerforge.analysis.fault import FAULT_COLUMNS
 from cornerforge.analysis.measures import MEASURES
 from cornerforge.analysis.value import PARTS
 from cornerforge.errors import InputError, OutputError
+from cornerforge.fields import SHORTFALL
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def test_every_case_has_its_row(analysed: tuple[dict[str, Any], Path]) -> None:
     cases, points = pq.read_table(out / "cases.parquet"), pq.read_table(out / "points.parquet")
     assert cases.column("case_id").to_pylist() == points.column("case_id").to_pylist()
     assert cases.num_rows == summary["cases"]
-    wanted = {column.name for column in (*MEASURES, *FAULT_COLUMNS, *VALUE_COLUMNS)}
+    wanted = {column.name for column in (*MEASURES, *FAULT_COLUMNS, *SHORTFALL, *VALUE_COLUMNS)}
     assert wanted <= set(cases.column_names)
     for name in wanted:
         assert (cases.schema.field(name).metadata or {}).get(b"meaning"), f"{name} says what it is"
@@ -159,7 +160,7 @@ def test_the_columns_are_documented(golden) -> None:
     ]  # fmt: skip
     lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*MEASURES, *FAULT_COLUMNS)]
     lines += [_row(AVOIDABILITY_SCHEMA.field(name)) for name in AVOIDABILITY_SCHEMA.names[1:] if "witness" not in name]
-    lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in VALUE_COLUMNS]
+    lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*SHORTFALL, *VALUE_COLUMNS)]
     lines += ["", "## witnesses.parquet", "", "| column | unit | meaning |", "| --- | --- | --- |"]
     lines += [_row(field) for field in AVOIDABILITY_SCHEMA]
     golden("../../docs/case-columns.md", "\n".join([*lines, ""]))

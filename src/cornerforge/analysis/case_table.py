@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from cornerforge._arrow import arrow_field, arrow_type
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table
-from cornerforge.analysis.columns import CaseColumn
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
 from cornerforge.analysis.recordings import recordings_of_tracks
@@ -24,17 +24,18 @@ from cornerforge.analysis.value import (
     severity_part,
     value_of,
 )
+from cornerforge.fields import SHORTFALL, Field
 from cornerforge.types import Odd
 
 __all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_of"]
 
 _WITNESS = [name for name in AVOIDABILITY_SCHEMA.names if name.startswith("witness_")]
 
-VALUE_COLUMNS: tuple[CaseColumn, ...] = (
-    CaseColumn("value_avoidability", "float", "", "Time to react over 2 s, 0 to 1; null: not looked at."),
-    CaseColumn("value_severity", "float", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1."),
-    CaseColumn("value_novelty", "float", "", "Share of the other cases that lie in denser company, 0 to 1."),
-    CaseColumn("value", "float", "", "Mean of the three, 0 to 1; null: one of them is not known."),
+VALUE_COLUMNS: tuple[Field, ...] = (
+    Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at."),
+    Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1."),
+    Field("value_novelty", "float64", "", "Share of the other cases that lie in denser company, 0 to 1."),
+    Field("value", "float64", "", "Mean of the three, 0 to 1; null: one of them is not known."),
 )  # fmt: skip
 """What `values_of` adds."""
 
@@ -44,8 +45,8 @@ class CaseTable:
     """One row a case.
 
     Attributes:
-        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where nobody looked), after
-            `case_id`.
+        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where nobody looked) and
+            `fields.SHORTFALL` (null where the library does not know), after `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
     """
 
@@ -97,22 +98,16 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         fields = [pa.field("case_id", pa.string())]
         arrays: list[Any] = [ids.combine_chunks()]
         for column in (*MEASURES, *FAULT_COLUMNS):
-            array = pa.array(columns[column.name], from_pandas=True)
-            fields.append(_field(column, array.type))
-            arrays.append(array)
+            fields.append(arrow_field(column))
+            arrays.append(pa.array(columns[column.name], arrow_type(column.type), from_pandas=True))
         for name in AVOIDABILITY_SCHEMA.names[1:]:
             if name not in _WITNESS:
                 fields.append(AVOIDABILITY_SCHEMA.field(name))
                 arrays.append(witnesses.column(name).combine_chunks().take(place.combine_chunks()))
+        for column in SHORTFALL:
+            fields.append(arrow_field(column))
+            arrays.append(cases.column(column.name).combine_chunks())
         yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses)
-
-
-def _field(column: CaseColumn, kind: pa.DataType) -> pa.Field:
-    return pa.field(
-        column.name,
-        kind,
-        metadata={"unit": column.unit, "meaning": column.meaning} if column.unit else {"meaning": column.meaning},
-    )
 
 
 def values_of(
@@ -143,6 +138,5 @@ def values_of(
         weights,
     )
     for column, values in zip(VALUE_COLUMNS, [*(value.parts[name] for name in PARTS), value.score], strict=True):
-        array = pa.array(values, from_pandas=True)
-        table = table.append_column(_field(column, array.type), array)
+        table = table.append_column(arrow_field(column), pa.array(values, arrow_type(column.type), from_pandas=True))
     return table, value

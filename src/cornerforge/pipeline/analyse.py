@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import InputError
+from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -158,6 +160,13 @@ def _judge(
         raise InputError(
             f"The trajectories of {rows.null_count} case(s) of {cases.path} are damaged; generate the library again: "
             "with the same command and seed its cases are the same."
+        )
+    missing = table.column(SHORTFALL[0].name).null_count
+    if missing:
+        warnings.warn(
+            f"{missing} of {table.num_rows} cases of {cases.path} do not say how natural their acts were, so "
+            f"{', '.join(field.name for field in SHORTFALL)} are null for them; generate the library again to have it.",
+            stacklevel=3,
         )
     table, value = values_of(table.take(rows), found.projection.points)
     seconds["judge"] = time.perf_counter() - begin

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge.errors import InputError
+from cornerforge.fields import FRAME_FIELDS, REALS, SERIES
 from cornerforge.sim.adversaries import allocate_choice_scratch
 from cornerforge.sim.drive import Decisions, Setting, allocate_decisions, drive_test, world_row
+from cornerforge.sim.harvest import Harvest, Recorded, keep_driven
 from cornerforge.sim.reach import allocate_pairs
 from cornerforge.sim.statistics import NOBODY, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_recording
@@ -27,17 +30,18 @@ from cornerforge.sim.world import (
 )
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
-__all__ = ["Recorder", "scenario_digest", "scenario_of"]
+__all__ = ["Recorder", "recording_of", "scenario_digest", "scenario_of"]
 
 
 def scenario_digest(scenario: Scenario) -> str:
     """SHA-256 (hex) over all recorded numbers at full precision: what "identical" means for a replay."""
     digest = hashlib.sha256()
     present = scenario.present
-    for name in ("x", "y", "speed", "heading", "acceleration"):
-        digest.update(np.where(present, getattr(scenario, name), 0.0).astype("<f8").tobytes())
-    digest.update(scenario.target_lane.astype("i1").tobytes())
-    digest.update(present.astype("i1").tobytes())
+    for series in SERIES:
+        values = getattr(scenario, series.name)
+        digest.update(
+            (np.where(present, values, 0.0) if series.name in REALS else values).astype(series.recorded).tobytes()
+        )
     digest.update(scenario.action.astype("i1").tobytes())
     digest.update(scenario.critical_bv.astype("<i2").tobytes())
     return digest.hexdigest()
@@ -78,15 +82,66 @@ class Recorder:
             NOBODY,
         )
 
-    def record(self, seed: int, test: int) -> Scenario:
-        """Drive one test and return it whole: all vehicles, every 0.1 s."""
+    def _driven(self, seed: int, test: int) -> World:
+        """The world at the end of a test, which is recorded now."""
         check_integer("seed", seed, low=0, high=2**63 - 1)
         check_integer("test", test, low=0, high=2**62)
         self._recording["present"] = 0
-        world = world_row.py_func(self._worlds, 0)  # type: ignore[attr-defined]
+        world: World = world_row.py_func(self._worlds, 0)  # type: ignore[attr-defined]
         self._drive(world, seed, test)
+        return world
+
+    def record(self, seed: int, test: int) -> Scenario:
+        """Drive one test and return it whole: all vehicles, every 0.1 s."""
+        world = self._driven(seed, test)
         slots = np.arange(int(world.info[N_VEHICLES]), dtype=np.int16)
         return scenario_of(world, self._recording, self._decisions, slots, self._odd, seed, test)
+
+    def keep(self, seed: int, test: int, harvest: Harvest) -> None:
+        """Drive one test that ends in a crash of the AV, and store it as a case; there must be room for one.
+
+        Raises:
+            InputError: It does not end so.
+        """
+        world = self._driven(seed, test)
+        if int(world.info[OUTCOME]) != AV_CRASH:
+            raise InputError(f"Test {seed}:{test} holds no crash of the AV; only AV crashes are cases.")
+        keep_driven(world, seed, test, self._setting, self._recording, self._decisions, harvest)
+
+
+def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisions]:
+    """The way back from `scenario_of`: how far the recording goes, and the two of it, for `harvest.keep_case`.
+
+    What the scenario does not know is NaN (shortfall) or 0 (probability under a policy).
+
+    Raises:
+        InputError: It holds no crash of the AV, not its contact, or decisions after its last frame.
+    """
+    name, crash = f"{scenario.seed}:{scenario.test}", scenario.crash
+    if crash is None or crash.slot_a != 0:
+        raise InputError(f"Test {name} holds no crash of the AV; only AV crashes are cases.")
+    shape = scenario.x.shape
+    contact = round(crash.time / FRAME_S)
+    found = np.flatnonzero(scenario.slot == crash.slot_b)
+    if not 0 <= contact < shape[0] or found.size != 1 or not scenario.present[contact, found[0]]:
+        raise InputError(
+            f"Test {name}: slot {crash.slot_b} is not in the recording of {shape[0]} frames at {crash.time} s."
+        )
+    decided = len(scenario.critical_bv)
+    if SUBSTEPS * (decided - 1) >= shape[0]:
+        raise InputError(f"Test {name} has {decided} decisions in {shape[0]} frames; there is one every {SUBSTEPS}.")
+    recording = np.zeros(shape, dtype=FRAME_FIELDS)
+    for series in SERIES:
+        recording[series.name] = np.where(scenario.present, getattr(scenario, series.name), 0)
+    unknown = np.full(decided, np.nan)
+    decisions = Decisions(
+        np.ascontiguousarray(scenario.action, dtype=np.int8),
+        np.ascontiguousarray(scenario.critical_bv, dtype=np.int16),
+        np.ascontiguousarray(scenario.log_prob_nde, dtype=np.float64),
+        unknown if scenario.shortfall is None else np.ascontiguousarray(scenario.shortfall, dtype=np.float64),
+        np.zeros(decided),
+    )
+    return Recorded(shape[0], decided, shape[1], contact, int(found[0])), recording, decisions
 
 
 def scenario_of(
@@ -105,7 +160,7 @@ def scenario_of(
     last = int(world.info[FRAME])
     frames = recording[: last + 1, :n]
     present = frames["present"].astype(np.bool_)
-    columns = {name: np.where(present, frames[name], np.nan) for name in ("x", "y", "speed", "heading", "acceleration")}
+    columns = {name: np.where(present, frames[name], np.nan) for name in REALS}
     decided = -(-last // SUBSTEPS)
     crash = None
     if int(world.info[OUTCOME]) in (AV_CRASH, BV_CRASH):
@@ -122,5 +177,6 @@ def scenario_of(
         critical_bv=decisions.controlled[:decided].copy(),
         log_prob_nde=decisions.log_prob[:decided].copy(),
         crash=crash,
+        shortfall=decisions.shortfall[:decided].copy(),
         **columns,
     )
