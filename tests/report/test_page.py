@@ -152,6 +152,8 @@ def test_the_top_is_a_table_that_plays(run_folder: Path) -> None:
     links = [a for tag, a in made.tags if tag == "a" and a.get("class") == "play mono"]
     assert [link["data-case"] for link in links] == [case["case_id"] for case in top]
     text = " ".join(made.text.split())
+    assert "the mean of three parts" in text
+    assert not re.search("once in|natural drivers do", text), "no rate of a kind is made of one sequence's likelihood"
     for case in top:
         parts = " ".join(f"{case[name]:.2f}" for name in ("value", *PARTS))
         assert f"{case['case_id']} {parts} {case['crash_type']}" in text
