@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 
 import pyarrow as pa
@@ -11,6 +12,7 @@ from cornerforge.fields import Field
 __all__ = ["arrow_field", "arrow_fields", "arrow_type"]
 
 
+@functools.cache
 def arrow_type(name: str) -> pa.DataType:
     """Arrow's type of the name of a type (`fields.Field`).
 
@@ -25,6 +27,7 @@ def arrow_type(name: str) -> pa.DataType:
     return pa.type_for_alias(name)
 
 
+@functools.cache
 def arrow_field(column: Field) -> pa.Field:
     """A column with unit and meaning as metadata."""
     about = {"unit": column.unit, "meaning": column.meaning} if column.unit else {"meaning": column.meaning}

@@ -102,6 +102,7 @@ class Harvester:
         self._recording = allocate_recording(SUBSTEPS * decisions + 1, slots)
         self._decisions = allocate_decisions(decisions, slots)
         self._nothing = (allocate_recording(0, slots), allocate_decisions(0, slots))
+        self._no_counts = allocate_counts()
         self._cases = CaseRoom(slots, decisions, policies)
         self.extra = extra_columns(with_policy=bool(policies))
 
@@ -112,8 +113,8 @@ class Harvester:
             seed, first, count: Which tests.
             counting: Fill the histograms too.
         """
-        out, counts = allocate_outcomes(count), allocate_counts(self._slots)
-        census = EVERYBODY if counting else NOBODY
+        out = allocate_outcomes(count)
+        counts, census = (allocate_counts(self._slots), EVERYBODY) if counting else (self._no_counts, NOBODY)
         done = 0
         while done < count:
             rest = Outcomes._make(column[done:] for column in out)

@@ -471,17 +471,22 @@ def harvest_range(
         Tests done.
     """
     w = world_row(worlds, 0)
-    silent = Census(False, census.first, census.until, census.low, census.high, census.drift)
     for k in range(count):
         if is_full(h, recording.shape[0], recording.shape[1]):
             return k
         test = first + k
         # A policy is taken for a good one until it is known better.
         at_once = 2 * h.filled[CRASHED] > h.filled[DRIVEN] or (h.filled[DRIVEN] == 0 and setting.adversary == POLICY)
-        if at_once:
-            drive_test(w, seed, test, setting, pairs, s, recording, decisions, counts, census)
-        else:
-            drive_test(w, seed, test, setting, pairs, s, no_recording, no_decisions, counts, census)
+        for drive in range(2):
+            recorded = at_once or drive == 1
+            tape, notes = (recording, decisions) if recorded else (no_recording, no_decisions)
+            # each test is counted once
+            counted = Census(
+                census.on and drive == 0, census.first, census.until, census.low, census.high, census.drift
+            )  # fmt: skip
+            drive_test(w, seed, test, setting, pairs, s, tape, notes, counts, counted)
+            if recorded or w.info[OUTCOME] != AV_CRASH:
+                break
         out.code[k] = w.info[OUTCOME]
         out.frame[k] = w.info[FRAME]
         out.slot_a[k] = w.info[SLOT_A]
@@ -493,8 +498,6 @@ def harvest_range(
         crashed = w.info[OUTCOME] == AV_CRASH
         if crashed:
             h.filled[CRASHED] += 1
-            if not at_once:
-                drive_test(w, seed, test, setting, pairs, s, recording, decisions, counts, silent)
             keep_driven(w, seed, test, setting, recording, decisions, h)
         if crashed or at_once:
             _clear(recording, w.info[FRAME] + 1, w.info[N_VEHICLES])
