@@ -153,6 +153,9 @@ class Scenario:
         log_prob_nde: Natural log of the naturalistic model's probability of the critical BV's action, shape (K,);
             -inf where the model calls it impossible, 0 where there is no critical BV.
         crash: First contact that ended the test, or None.
+        shortfall: By how much ln P of the critical BV's action, for an attentive driver, falls short of the likeliest
+            action's [nats], shape (K,), at least 0; +inf where it is impossible, 0 where there is no critical BV; None:
+            not recorded, as in what a library gives back.
     """
 
     seed: int
@@ -170,3 +173,4 @@ class Scenario:
     critical_bv: NDArray[np.int16]
     log_prob_nde: NDArray[np.float64]
     crash: Crash | None
+    shortfall: NDArray[np.float64] | None = field(default=None, metadata={"unit": "nats"})

@@ -453,8 +453,8 @@ def test_columns_are_documented_and_say_what_the_arrays_say() -> None:
     faults = assign_fault(recordings_of_scenarios(scenarios))
     columns = faults.columns()
     assert list(columns) == [column.name for column in FAULT_COLUMNS]
-    kinds = {"str": "U", "float": "f", "bool": "b"}
-    assert all(columns[column.name].dtype.kind == kinds[column.kind] for column in FAULT_COLUMNS)
+    kinds = {"string": "U", "float64": "f", "bool": "b"}
+    assert all(columns[column.name].dtype.kind == kinds[column.type] for column in FAULT_COLUMNS)
     assert columns["fault"].tolist() == [expected.fault for _, expected in CASES.values()]
     assert columns["fault_rule"].tolist() == [RULES[code] for code in faults.rule]
     row = list(CASES).index("BV tailgates from the start, AV brakes gently")

@@ -1,13 +1,11 @@
-"""Sentences on crashes driven by hand: who moved, from which side, how close, how hard; and how often."""
+"""Sentences on crashes driven by hand: who moved, from which side, how close, how hard."""
 
 from __future__ import annotations
-
-import math
 
 import pytest
 from driven_by_hand import Driver, mirrored, scenario_of
 
-from cornerforge.analysis.in_words import case_in_words, miles_between, what_happened
+from cornerforge.analysis.in_words import avoidance_in_words, case_in_words, what_happened
 
 CUT_IN = [Driver(0, 1, 35), Driver(46, 0, 25, ((1, 1),))]
 
@@ -39,18 +37,12 @@ def test_what_happened(drivers: list[Driver], text: str) -> None:
 
 
 def test_the_whole_sentence() -> None:
+    """No rate: how likely a sequence of actions is does not tell how often its kind of crash happens."""
     scenario = scenario_of(CUT_IN)
-    assert case_in_words(scenario, "avoidable by braking until 1.2 s before impact", -18.7) == (
-        "BV cuts in from the right at 31 m; avoidable by braking until 1.2 s before impact; about once in 3e7 miles"
+    assert case_in_words(scenario, avoidance_in_words("by braking", 1.2)) == (
+        "BV cuts in from the right at 31 m; avoidable by braking; last way out 1.2 s before contact"
     )
-    assert case_in_words(scenario, "", -27.0).endswith("about once in 1e11 miles")
-    assert case_in_words(scenario, "", -40.0).endswith("at 31 m; less than once in 1e12 miles")
-    assert case_in_words(scenario, "", -math.inf).endswith("at 31 m; natural drivers never do this")
-    assert case_in_words(scenario, "", math.nan) == "BV cuts in from the right at 31 m"
-
-
-def test_miles_between() -> None:
-    """A likelihood of 1 in every test of 400 m is once in a quarter of a mile."""
-    assert miles_between(0.0, 400.0) == pytest.approx(0.2485, abs=1e-4)
-    assert miles_between(math.log(1e-8), 400.0) == pytest.approx(0.2485e8, rel=1e-3)
-    assert math.isinf(miles_between(-math.inf, 400.0))
+    assert avoidance_in_words("unavoidable", 1.2) == "unavoidable"
+    assert case_in_words(scenario, avoidance_in_words("undecided", None)).endswith("; no way out found, not all tried")
+    assert avoidance_in_words(None, None) == ""
+    assert case_in_words(scenario, "") == "BV cuts in from the right at 31 m"

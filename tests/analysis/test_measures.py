@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +17,6 @@ from cornerforge.analysis.measures import MEASURES, Impact, measure_cases
 from cornerforge.analysis.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.errors import InputError
 from cornerforge.library.record import case_record
-from cornerforge.library.tables import tracks_table
 from cornerforge.metrics import injury_probability
 from cornerforge.types import ODDS, Crash, Scenario
 
@@ -206,7 +206,7 @@ def test_a_batch_is_its_cases_one_by_one_and_its_blocks(all_seeds: list[int]) ->
 def from_library(scenarios: list[Scenario]) -> Recordings:
     records = [case_record(scenario, trajectory_digest="0" * 64) for scenario in scenarios]
     slots = np.array([record.case["bv_slot"] for record in records])
-    return recordings_of_tracks(tracks_table(records), slots, scenarios[0].odd)
+    return recordings_of_tracks(pa.concat_tables([r.tracks for r in records]), slots, scenarios[0].odd)
 
 
 @given(st.lists(seeds, min_size=1, max_size=5, unique=True))
@@ -241,7 +241,7 @@ def test_columns_are_documented_and_end_in_their_unit() -> None:
     assert list(found) == [column.name for column in MEASURES]
     endings = {"m": "_m", "s": "_s", "m/s": "_mps", "m/s2": "_mps2", "rad": "_rad", "": "_probability"}
     assert all(column.name.endswith(endings[column.unit]) for column in MEASURES)
-    assert all(column.meaning.endswith(".") and column.kind == "float" for column in MEASURES)
+    assert all(column.meaning.endswith(".") and column.type == "float64" for column in MEASURES)
 
 
 def test_no_cases_no_values() -> None:
@@ -252,7 +252,7 @@ def test_no_cases_no_values() -> None:
 
 
 def test_tracks_without_the_partner_are_refused() -> None:
-    tracks = tracks_table([case_record(braking_lead(), trajectory_digest="0" * 64)])
+    tracks = case_record(braking_lead()).tracks
     with pytest.raises(InputError, match="Case 5:0: its crash partner, slot 9, is not among its vehicles"):
         recordings_of_tracks(tracks, np.array([9]), ODDS["default"])
     with pytest.raises(InputError, match="2 crash partners for 1 tracks"):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 from cornerforge.analysis.value import (
     PARTS,
     avoidability_part,
-    likelihood_part,
     novelty_part,
     severity_part,
     value_of,
@@ -25,21 +22,15 @@ real = st.floats(0.0, 1.0)
 def test_ends_of_the_scales() -> None:
     np.testing.assert_array_equal(avoidability_part([-np.inf, 0.0, 2.0, 9.0, np.nan]), [0.0, 0.0, 1.0, 1.0, np.nan])
     np.testing.assert_allclose(severity_part([0.0, 1e-4, 1e-3, 1e-2, 1.0]), [0.0, 0.0, 0.0, 1.0 / 3.0, 1.0], atol=1e-12)
-    ln10 = math.log(10.0)
-    np.testing.assert_allclose(
-        likelihood_part([-np.inf, -1000.0, -9 * ln10, -3 * ln10, 0.0]), [0.0, 0.0, 0.0, 2.0 / 3.0, 1.0], atol=1e-12
-    )
 
 
 @given(real, real)
 def test_more_is_more(low: float, high: float) -> None:
-    """More time, more risk and more likelihood never make a part smaller."""
+    """More time and more risk never make a part smaller."""
     low, high = sorted((low, high))
     for part, scale in ((avoidability_part, 3.0), (severity_part, 1.0)):
         first, second = part([scale * low, scale * high])
         assert 0.0 <= first <= second <= 1.0
-    first, second = likelihood_part([-30.0 * high, -30.0 * low])
-    assert 0.0 <= first <= second <= 1.0
 
 
 def test_novelty_is_the_share_of_cases_in_denser_company() -> None:
@@ -57,16 +48,24 @@ def test_novelty_is_the_share_of_cases_in_denser_company() -> None:
 def test_the_score_is_the_weighted_mean_and_hides_nothing() -> None:
     parts = {
         "avoidability": [1.0, 0.0, np.nan], "severity": [0.2, 0.8, 0.5],
-        "likelihood": [0.4, 0.0, 0.5], "novelty": [0.0, 1.0, 0.5],
+        "novelty": [0.0, 1.0, 0.5],
     }  # fmt: skip
-    found = value_of(parts, {"avoidability": 2.0, "severity": 1.0, "likelihood": 1.0, "novelty": 0.0})
-    np.testing.assert_allclose(found.score, [(2.0 + 0.2 + 0.4) / 4.0, 0.2, np.nan])
-    assert found.weights == {"avoidability": 0.5, "severity": 0.25, "likelihood": 0.25, "novelty": 0.0}
+    found = value_of(parts, {"avoidability": 3.0, "severity": 1.0, "novelty": 0.0})
+    np.testing.assert_allclose(found.score, [(3.0 + 0.2) / 4.0, 0.2, np.nan])
+    assert found.weights == {"avoidability": 0.75, "severity": 0.25, "novelty": 0.0}
     for name in PARTS:
         np.testing.assert_array_equal(found.parts[name], parts[name])
     assert found.best(5).tolist() == [0, 1], "a case that nobody looked at has no rank"
-    blind = value_of(parts, {"avoidability": 0.0, "severity": 1.0, "likelihood": 0.0, "novelty": 0.0})
+    blind = value_of(parts, {"avoidability": 0.0, "severity": 1.0, "novelty": 0.0})
     assert blind.best(2).tolist() == [1, 2], "a part without a weight need not be known"
+
+
+def test_nothing_of_a_likelihood_is_in_the_score() -> None:
+    """A sequence's likelihood is not the rate of its kind: once it gave 160 of 308 natural crashes no likelihood."""
+    assert PARTS == ("avoidability", "severity", "novelty")
+    with pytest.raises(InputError, match="needed: avoidability, severity, novelty"):
+        value_of({name: [0.5] for name in (*PARTS, "likelihood")})
+    assert value_of({name: [0.5] for name in PARTS}).weights == pytest.approx(dict.fromkeys(PARTS, 1.0 / 3.0))
 
 
 def test_equal_scores_keep_their_order() -> None:

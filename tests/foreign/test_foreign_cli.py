@@ -107,6 +107,7 @@ def test_spoiled_tests_do_not_count(avs: Path, capsys: Capture) -> None:  # noqa
         (["simulate", "--av", "gone.onnx"], "No AV file gone.onnx"),
         (["simulate", "--av", "avs:AlwaysRaises"], "spoiled 2"),
         (["simulate", "--av", "avs:AlwaysRaises", "--tests", "5"], "spoiled every one of 5 tests"),
+        (["simulate", "--av", "avs:AlwaysRaises", "--tests", "5", "--out", "lib"], "spoiled every one of 5 tests"),
         (["simulate", "--av", "avs:Good", "--av-timeout", "0"], "av_timeout = 0.0 s is out of range"),
         (["generate", "--av", "avs:AlwaysRaises", "--policy", "swerve", "--out", "lib"], "spoiled 2"),
         (["train", "--av", "avs:Good", "--out", "p.safetensors"], "this command takes built-in ones only"),

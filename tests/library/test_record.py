@@ -11,16 +11,15 @@ from hypothesis import strategies as st
 
 from cornerforge.errors import InputError
 from cornerforge.library import CaseRecord, case_record
-from cornerforge.library.record import NEAR_M
-from cornerforge.library.tables import cases_table, restore, tracks_table
+from cornerforge.library.tables import restore
+from cornerforge.sim.harvest import NEAR_M
 from cornerforge.types import Crash, Odd, Scenario
 
 Make = Callable[..., Scenario]
 
 
 def as_stored(record: CaseRecord) -> Scenario:
-    row = cases_table([record], {}).to_pylist()[0]
-    return restore(row, tracks_table([record]), 0, record.odd)
+    return restore(record.case, record.tracks, 0, record.odd)
 
 
 @given(seed=st.integers(0, 2**32), n_frames=st.integers(1, 45), n_vehicles=st.integers(2, 8))
@@ -37,10 +36,10 @@ def test_any_scenario_comes_back_as_float32_of_its_near_vehicles(seed: int, n_fr
         seed=seed, test=seed // 3, odd=Odd(), slot=slot,
         x=real[0], y=real[1] / 100.0, speed=real[2], heading=real[3], acceleration=real[4],
         target_lane=np.where(present, rng.integers(0, 3, shape), 77).astype(np.int8), present=present,
-        action=rng.integers(-1, 33, (decisions, n_vehicles)).astype(np.int8),
+        action=np.where(present[::10], rng.integers(-1, 33, (decisions, n_vehicles)), -1).astype(np.int8),
         critical_bv=np.where(rng.random(decisions) < 0.3, -1, rng.integers(1, n_vehicles, decisions)).astype(np.int16),
         log_prob_nde=np.where(rng.random(decisions) < 0.3, -np.inf, -rng.exponential(1.0, decisions)),
-        crash=Crash(0.1 * (n_frames - 1), 0, int(slot[partner])),
+        crash=Crash(round(0.1 * (n_frames - 1), 1), 0, int(slot[partner])),
     )  # fmt: skip
     back = as_stored(case_record(scenario, trajectory_digest="00"))
 

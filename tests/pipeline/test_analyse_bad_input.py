@@ -8,15 +8,23 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from cornerforge import cli
+from cornerforge._arrow import arrow_type
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.types import Scenario
 
 Capture = pytest.CaptureFixture[str]
 Change = Callable[[np.ndarray, int], np.ndarray]
+
+
+def record_of(scenario: Scenario, test: int) -> CaseRecord:
+    """A recorded crash as another test, whose acts were the likeliest."""
+    likeliest = np.zeros(len(scenario.critical_bv))
+    return case_record(replace(scenario, seed=0, test=test, shortfall=likeliest), trajectory_digest="0")
 
 
 def library_of(path: Path, stored: Sequence[Scenario], n: int, change: Change = lambda history, _: history) -> Path:
@@ -25,9 +33,11 @@ def library_of(path: Path, stored: Sequence[Scenario], n: int, change: Change = 
     library = CaseLibrary.create(path, {"seed": 0}, odd)
     records: list[CaseRecord] = []
     for test in range(n):
-        record = case_record(replace(stored[test % len(stored)], seed=0, test=test), trajectory_digest="0")
+        record = record_of(stored[test % len(stored)], test)
         history = np.asarray(record.case["history"], np.float64).reshape(16, 2, 4)
-        records.append(replace(record, case={**record.case, "history": change(history.copy(), test).ravel()}))
+        changed = pa.array([change(history.copy(), test).ravel()], arrow_type("float32[128]"))
+        place = record.cases.schema.get_field_index("history")
+        records.append(replace(record, cases=record.cases.set_column(place, record.cases.field(place), changed)))
     library.append(records, next_test=n, tests=n, crashes=n)
     return path
 
@@ -138,7 +148,7 @@ def test_a_shard_of_another_schema_is_named_and_not_mixed_in(
     """Cases with other columns in one of two shards: they are left out with a warning, never half read."""
     path = library_of(tmp_path / "l", crashes, 20)
     library = CaseLibrary.resume(path, {"seed": 0}, crashes[0].odd)
-    more = [case_record(replace(one, seed=0, test=20 + k), trajectory_digest="0") for k, one in enumerate(crashes)]
+    more = [record_of(one, 20 + k) for k, one in enumerate(crashes)]
     library.append(more, next_test=40, tests=40, crashes=40)
     other = library_of(tmp_path / "other", crashes, 3)
     first, second = sorted(path.glob("*cases*.parquet")), sorted(other.glob("*cases*.parquet"))

@@ -9,6 +9,7 @@ import pytest
 from cornerforge import pipeline
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.library import CaseLibrary
+from cornerforge.sim import runner
 
 QUANTILES = ["1", "5", "25", "50", "75", "95", "99"]
 
@@ -72,9 +73,23 @@ def test_other_numbers_of_lanes(lanes: int) -> None:
     assert r["digest"] != pipeline.simulate(tests=60)["digest"]
 
 
-def test_out_stores_the_crashes_that_are_counted(tmp_path: Path) -> None:
-    plain = pipeline.simulate(tests=600, bv="swerve", seed=2, stats=True)
-    stored = pipeline.simulate(tests=600, bv="swerve", seed=2, stats=True, out=tmp_path / "library")
+@pytest.mark.parametrize("bv", ["swerve", "uniform", "nde"])  # most, few and no tests crash
+def test_out_stores_the_crashes_that_are_counted(bv: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = pipeline.simulate(tests=600, bv=bv, seed=2, stats=True)
+    # each test is driven once: nothing may be driven for the counts alone
+    driven: list[int] = []
+    drive_range = runner.drive_range
+
+    def count(seed: int, first: int, tests: int, *rest: object) -> None:
+        driven.append(tests)
+        drive_range(seed, first, tests, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(runner, "drive_range", count)
+    told: set[str] = set()
+    stored = pipeline.simulate(
+        tests=600, bv=bv, seed=2, stats=True, out=tmp_path / "library", progress=lambda stage, *_: told.add(stage)
+    )
+    assert (told, sum(driven)) == ({"store"}, 0)
     assert stored.pop("cases") == plain["av_crashes"]
     assert stored.pop("library") == str(tmp_path / "library")
     assert without_times(stored) == without_times(plain)
@@ -85,9 +100,12 @@ def test_out_stores_the_crashes_that_are_counted(tmp_path: Path) -> None:
 
 def test_more_tests_go_on_in_the_same_library(tmp_path: Path) -> None:
     pipeline.simulate(tests=200, bv="swerve", out=tmp_path / "a")
-    pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
-    pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "b")
+    two = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
+    one = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "b")
     columns = ["case_id", "trajectory_digest"]
+    again = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
+    assert without_times(again) == without_times(one) | {"library": str(tmp_path / "a")}
+    assert without_times(two) == without_times(again)
     first, second = (CaseLibrary.open(tmp_path / name) for name in "ab")
     assert first.scalars(columns).equals(second.scalars(columns))
     assert (first.tests, first.crashes) == (second.tests, second.crashes)

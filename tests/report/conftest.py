@@ -114,6 +114,7 @@ def crash_scenario(test: int, kind: str) -> Scenario:
         critical_bv=np.ones(n_decisions, dtype=np.int16),
         log_prob_nde=np.where(np.arange(n_decisions) == int(begin), -math.inf, math.log(0.05)),
         crash=Crash(contact * FRAME_S, 0, 1),
+        shortfall=np.where(np.arange(n_decisions) == int(begin), math.inf, 0.5),
     )
 
 

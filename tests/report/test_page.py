@@ -6,6 +6,7 @@ import base64
 import hashlib
 import html
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -19,13 +20,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from cornerforge.analysis import fault, value
+from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import boxes_overlap
-from cornerforge.library import DamagedShardWarning
+from cornerforge.library import CaseLibrary, DamagedShardWarning
 from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
-from cornerforge.report.judged import FAULTS, PARTS, CaseJudgement
+from cornerforge.report.judged import FAULTS, PARTS, CaseJudgement, read_case_judgements
 from cornerforge.report.text import share
+from cornerforge.types import FRAME_S
 
 CHROMIUM = shutil.which("chromium")
 ALL = [
@@ -149,6 +152,8 @@ def test_the_top_is_a_table_that_plays(run_folder: Path) -> None:
     links = [a for tag, a in made.tags if tag == "a" and a.get("class") == "play mono"]
     assert [link["data-case"] for link in links] == [case["case_id"] for case in top]
     text = " ".join(made.text.split())
+    assert "the mean of three parts" in text
+    assert not re.search("once in|natural drivers do", text), "no rate of a kind is made of one sequence's likelihood"
     for case in top:
         parts = " ".join(f"{case[name]:.2f}" for name in ("value", *PARTS))
         assert f"{case['case_id']} {parts} {case['crash_type']}" in text
@@ -213,6 +218,43 @@ def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:
             assert f"{row['latest_any_s']:.1f} s before contact" in case["verdict"]
 
 
+def test_one_time_for_the_last_way_out(run_folder: Path) -> None:
+    """Column, sentence, verdict, picture and player, for every case: once nine of the top ten had two."""
+    rows = pq.read_table(run_folder / "analysis" / "cases.parquet").to_pylist()
+    judged = read_case_judgements(run_folder / "analysis", [row["case_id"] for row in rows], "cornerforge analyse")
+    library = CaseLibrary.open(run_folder / "library")
+    avoidable, by_a_later_kind = 0, 0
+    for row in rows:
+        known, latest = judged[row["case_id"]], row["latest_any_s"]
+        assert known.latest_s == latest
+        if latest is None:
+            assert known.way_out is None
+            continue
+        assert known.way_out is not None
+        scenario = library.scenario(row["case_id"]).scenario
+        assert scenario.crash is not None
+        # the player's outline of the AV leaves the recording at that moment
+        frame = round((scenario.crash.time - latest) / FRAME_S)
+        assert known.way_out.begin_s == latest
+        assert known.way_out.x[0] == pytest.approx(scenario.x[frame, 0], abs=1e-3)
+        assert row["time_to_react_s"] == pytest.approx(row["manoeuvre_begin_s"] - latest, abs=1e-9)
+        if row["avoidability"] in ("unavoidable", "undecided"):
+            continue
+        said = [avoidance_in_words(row["avoidability"], latest), page._way_in_words(known)]
+        assert [re.findall(r"last way out (?:began )?([0-9.]+) s before contact", one) for one in said] == 2 * [
+            [f"{latest:.1f}"]
+        ]
+        avoidable += 1
+        kinds = [row[f"latest_{kind}_s"] for kind in ("braking", "steering") if row[f"latest_{kind}_s"] is not None]
+        by_a_later_kind += latest < min(kinds, default=math.inf)
+    assert avoidable > 20
+    assert by_a_later_kind > 0, "no case tells the latest of all from the latest of one kind"
+    top = {one["case_id"]: one["text"] for one in analysis_of(run_folder)["value"]["top"]}
+    for row in rows:
+        if row["case_id"] in top and row["avoidability"] not in ("unavoidable", "undecided"):
+            assert top[row["case_id"]].endswith(f"last way out {row['latest_any_s']:.1f} s before contact")
+
+
 @pytest.mark.parametrize(
     ("label", "manoeuvre", "latest", "words"),
     [
@@ -259,6 +301,7 @@ def test_an_analysis_by_an_earlier_version_is_named_with_its_command(run_folder:
         ("fault", "none", 500, r'"fault" holds \d+ cases, fault_rules 60'),
         ("avoidability", "not_judged", 7, r'"avoidability\.labels" and not_judged sum to 67, cases = 60'),
         ("avoidability", "interval95", [0.0, 1.5], r'"avoidability\.interval95" = .* leaves \[0, 1\]'),
+        ("value", "weights", {"likelihood": 1.0}, r'"value\.weights" are of likelihood, here: avoidability'),
         ("value", "top", [{"case_id": "0:1", "value": 1.2}], r'"value\.top\[0\]\.value" = 1\.2 is outside'),
         ("coverage", "cells", {"sideswipe": 60}, r"\"coverage\.cells\" holds 'sideswipe', which is no combination"),
         ("coverage", "cases", 61, r'"coverage\.cells" sum to 60, cases = 61'),

@@ -1,7 +1,8 @@
-"""What the kernel puts into columns is what `case_record` makes of a recording, value by value."""
+"""What the kernel puts into columns is what the referee makes of a recording, value by value; whoever drove."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,23 +10,25 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from hand_built import setting_of
+from reference.case_record import case_columns
 
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import InputError
+from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary, case_record
-from cornerforge.library.harvester import Harvested, Harvester, extra_columns
+from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns
 from cornerforge.library.shards import encode_tables
-from cornerforge.library.tables import cases_table, tracks_table
+from cornerforge.library.tables import POLICY_COLUMNS
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.harvest import CRASHED, DRIVEN
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.recorder import Recorder, scenario_digest
+from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.world import n_slots
-from cornerforge.types import ODDS, Odd
+from cornerforge.types import ODDS, Odd, Scenario
 
-SUMS = {"log_prob_nde"}  # NumPy adds in another order
+SUMS = {"log_prob_nde", "shortfall_nats", "possible_shortfall_nats"}  # NumPy adds in another order
 
 
 def random_policy() -> PolicyNumbers:
@@ -39,14 +42,27 @@ def run_of(model: NddModel, kind: str, odd: Odd) -> Setting:
     return setting_of(model, odd, adversary=adversary, bounded=adversary != kind, policy=random_policy())
 
 
-def same(found: pa.Table, expected: pa.Table) -> None:
-    assert found.schema.equals(expected.schema)
-    for name in expected.column_names:
+def same(found: pa.Table, expected: Sequence[Mapping[str, object]]) -> None:
+    """Every column, but for those of policies; numbers are compared by their digits, NaN equals null."""
+    names = [name for name in found.column_names if name not in POLICY_COLUMNS]
+    assert len(expected) == found.num_rows > 0
+    assert set(names) == set(expected[0])
+    for name in names:
+        ours, theirs = found.column(name).to_pylist(), [row[name] for row in expected]
         if name in SUMS:
-            ours, theirs = (np.array(t.column(name).to_pylist(), dtype=float) for t in (found, expected))
-            np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+            np.testing.assert_allclose(np.array(ours, dtype=float), np.array(theirs, dtype=float), rtol=1e-12)
+        elif isinstance(ours[0], list):
+            for mine, its in zip(ours, theirs, strict=True):
+                np.testing.assert_array_equal(np.array(mine), np.asarray(its).astype(np.array(mine).dtype), name)
         else:
-            assert repr(found.column(name).to_pylist()) == repr(expected.column(name).to_pylist()), name
+            assert repr(ours) == repr(theirs), name
+
+
+def referee(scenarios: Sequence[Scenario], found: tuple[pa.Table, pa.Table]) -> None:
+    """Compare tables with what the referee makes of recordings."""
+    expected = [case_columns(scenario) for scenario in scenarios]
+    same(found[0], [case for case, _ in expected])
+    same(found[1], [tracks for _, tracks in expected])
 
 
 @pytest.mark.parametrize(
@@ -71,9 +87,17 @@ def test_columns_are_those_of_the_slow_way(kind: str, odd: str, reckless: NddMod
     assert harvested.tests.size >= 3
     recorder = Recorder(setting, road)
     scenarios = [recorder.record(3, test) for test in harvested.tests.tolist()]
-    records = [case_record(s, trajectory_digest=scenario_digest(s)) for s in scenarios]
-    same(harvested.cases.drop_columns(list(harvester.extra)), cases_table(records, {}))
-    same(harvested.tracks, tracks_table(records))
+    referee(scenarios, (harvested.cases, harvested.tracks))
+    # one by one, from the recorder's buffers and from its scenarios: the very same columns
+    room = CaseRoom(n_slots(road), setting.road.max_decisions)
+    for test in harvested.tests.tolist():
+        recorder.keep(3, test, room.room())
+    records = [case_record(scenario) for scenario in scenarios]
+    slowly = pa.concat_tables([r.cases for r in records]), pa.concat_tables([r.tracks for r in records])
+    for cases, tracks in (room.take(), slowly):
+        assert repr(cases.to_pylist()) == repr(harvested.cases.to_pylist())
+        assert repr(tracks.to_pylist()) == repr(harvested.tracks.to_pylist())
+        assert cases.schema.equals(harvested.cases.schema, check_metadata=True)
 
 
 def test_vehicles_that_go_are_absent_in_the_columns_too(reckless: NddModel) -> None:
@@ -83,7 +107,7 @@ def test_vehicles_that_go_are_absent_in_the_columns_too(reckless: NddModel) -> N
     assert any(not all(row) for row in harvested.tracks.column("present").to_pylist())
     recorder = Recorder(setting, road)
     scenarios = [recorder.record(1, test) for test in harvested.tests.tolist()]
-    same(harvested.tracks, tracks_table([case_record(s, trajectory_digest="") for s in scenarios]))
+    referee(scenarios, (harvested.cases, harvested.tracks))
 
 
 def test_recording_at_once_or_again_gives_the_same(reckless: NddModel) -> None:
@@ -92,8 +116,7 @@ def test_recording_at_once_or_again_gives_the_same(reckless: NddModel) -> None:
     found = []
     for crashed in (0, 10**9):  # as if no test, or every one, had crashed before
         harvester = Harvester(setting, n_slots(road))
-        harvester._harvest.filled[DRIVEN] = 10**9
-        harvester._harvest.filled[CRASHED] = crashed
+        harvester._cases.room().filled[[DRIVEN, CRASHED]] = 10**9, crashed
         found.append(harvester.harvest(3, 0, 150))
     assert_equal(*found)
 
@@ -128,8 +151,13 @@ def test_shortfalls_add_up(model: NddModel) -> None:
         assert set(cases.column("n_implausible").to_pylist()) == {0}
         assert shortfall.min() >= 0.0
         assert (shortfall.max() <= 12.0) == (budget > 0)
+        assert cases.column("possible_shortfall_nats").equals(cases.column("shortfall_nats"))
     free = Harvester(run_of(model, "swerve", road), n_slots(road)).harvest(3, 0, 100).cases
-    assert max(free.column("n_implausible").to_pylist()) > 0
+    whole, possible, n = (np.array(free.column(field.name).to_pylist()) for field in SHORTFALL)
+    assert n.max() > 0
+    np.testing.assert_array_equal(np.isposinf(whole), n > 0)  # impossible acts have no finite shortfall
+    np.testing.assert_array_equal(whole[n == 0], possible[n == 0])
+    assert np.isfinite(possible).all()
 
 
 def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: Path) -> None:
@@ -147,9 +175,8 @@ def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: P
     library.append_shard(whole, next_test=140, tests=140, crashes=50)
     with pytest.raises(InputError, match="do not continue"):
         library.append_shard(whole, next_test=150, tests=150, crashes=60)
-    other = encode_tables(
-        harvested.cases.drop_columns(["n_implausible"]), harvested.tracks, {"shortfall_nats": "float"}
-    )
+    marked = harvested.cases.append_column("mark", pa.array(np.zeros(len(harvested.cases))))
+    other = encode_tables(marked, harvested.tracks, {"mark": "float"})
     later = replace(other, first_test=140, last_test=145)
     with pytest.raises(InputError, match="extra columns"):
         library.append_shard(later, next_test=150, tests=150, crashes=60)

@@ -15,8 +15,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
+from cornerforge.fields import REALS, SERIES, Field
 from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres, stopping_frames
 from cornerforge.sim.avoid_cases import (
     CaseScratch,
@@ -30,6 +32,7 @@ from cornerforge.sim.world import RoadNumbers, road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
 
 __all__ = [
+    "AVOIDABILITY_COLUMNS",
     "AVOIDABILITY_SCHEMA",
     "LABELS",
     "OTHERS",
@@ -134,7 +137,7 @@ class Avoidability:
         manoeuvre_s: Begin of the manoeuvre that led to the crash (`sim.braking.manoeuvre_begin`).
         braking_s: Latest moment from which accelerations alone help, not before the manoeuvre's begin.
         steering_s: The same of lane changes alone.
-        latest_s: Latest moment from which anything helps; it may lie before the manoeuvre's begin.
+        latest_s: The last way out: latest moment from which anything helps; it may lie before the manoeuvre's begin.
         time_to_react_s: From the manoeuvre's begin to `latest_s`; negative when the AV would have had to foresee it.
         exhaustive: False if some search ran out of room, so that a later moment, or another kind, may exist.
         witness: A way out from `latest_s` on, None if there is none.
@@ -150,33 +153,31 @@ class Avoidability:
     witness: Witness | None
 
 
-def _field(name: str, kind: pa.DataType, unit: str, meaning: str) -> pa.Field:
-    return pa.field(name, kind, metadata={"unit": unit, "meaning": meaning} if unit else {"meaning": meaning})
-
-
-_REALS = pa.list_(pa.float32())
-AVOIDABILITY_SCHEMA: pa.Schema = pa.schema(
-    [
-        _field("case_id", pa.string(), "", "Name of the case, seed:test."),
-        _field("avoidability", pa.string(), "", f"{', '.join(LABELS)}; null: see avoidability_problem."),
-        _field("avoidability_problem", pa.string(), "", "Why the case cannot be judged; null: it was."),
-        _field("manoeuvre_begin_s", pa.float64(), "s", "Begin of the manoeuvre that led to it, before the contact."),
-        _field("latest_braking_s", pa.float64(), "s", "Latest moment, before the contact, from which accelerations "
-               "alone help; null: none since the manoeuvre began."),
-        _field("latest_steering_s", pa.float64(), "s", "The same of lane changes at constant speed alone."),
-        _field("latest_any_s", pa.float64(), "s", "The same of anything, before the manoeuvre began too; null: none."),
-        _field("time_to_react_s", pa.float64(), "s", "From the manoeuvre's begin to latest_any_s; negative: the AV "
-               "would have had to foresee it; null: no way out."),
-        _field("avoidability_exhaustive", pa.bool_(), "", "False: a search ran out of room, more ways may exist."),
-        _field("witness_x_m", _REALS, "m", "AV on the way out from latest_any_s on, every 0.1 s; null: no way out."),
-        _field("witness_y_m", _REALS, "m", "Likewise, to the left of the right road edge."),
-        _field("witness_speed_mps", _REALS, "m/s", "Likewise, along the road."),
-        _field("witness_heading_rad", _REALS, "rad", "Likewise, counter-clockwise from the road's direction."),
-        _field("witness_acceleration_mps2", _REALS, "m/s2", "Held from each of its decisions on."),
-        _field("witness_lane", pa.list_(pa.int8()), "", "Target lane from each of its decisions on."),
-    ]
+AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
+    Field("case_id", "string", "", "Name of the case, seed:test."),
+    Field("avoidability", "string", "", f"{', '.join(LABELS)}; null: see avoidability_problem."),
+    Field("avoidability_problem", "string", "", "Why the case cannot be judged; null: it was."),
+    Field("manoeuvre_begin_s", "float64", "s", "Begin of the manoeuvre that led to it, before the contact."),
+    Field("latest_braking_s", "float64", "s", "Latest moment, before the contact, from which accelerations "
+          "alone help; null: none since the manoeuvre began."),
+    Field("latest_steering_s", "float64", "s", "The same of lane changes at constant speed alone."),
+    Field("latest_any_s", "float64", "s", "The last way out: the same of anything, before "
+          "the manoeuvre began too; null: none."),
+    Field("time_to_react_s", "float64", "s", "From the manoeuvre's begin to latest_any_s; negative: the AV "
+          "would have had to foresee it; null: no way out."),
+    Field("avoidability_exhaustive", "bool", "", "False: a search ran out of room, more ways may exist."),
+    Field("witness_x_m", "list of float32", "m", "AV on the way out from latest_any_s on, every 0.1 s; null: no way "
+          "out."),
+    Field("witness_y_m", "list of float32", "m", "Likewise, to the left of the right road edge."),
+    Field("witness_speed_mps", "list of float32", "m/s", "Likewise, along the road."),
+    Field("witness_heading_rad", "list of float32", "rad", "Likewise, counter-clockwise from the road's direction."),
+    Field("witness_acceleration_mps2", "list of float32", "m/s2", "Held from each of its decisions on."),
+    Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on."),
 )  # fmt: skip
-"""Columns of `avoidability_table`, with unit and meaning as field metadata."""
+"""Columns of `avoidability_table`."""
+
+AVOIDABILITY_SCHEMA: pa.Schema = pa.schema(arrow_fields(AVOIDABILITY_COLUMNS))
+"""Their Arrow schema, with unit and meaning as field metadata."""
 
 
 def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoidability:
@@ -197,7 +198,7 @@ def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoid
     recordings, problems = _checked(
         np.array([scenario.x.shape[0]]), np.array([scenario.slot.size]), scenario.slot,
         np.array([scenario.crash.time]), np.array([scenario.crash.slot_b]),
-        [np.ascontiguousarray(getattr(scenario, each).T).ravel() for each in _VALUES],
+        [np.ascontiguousarray(getattr(scenario, each).T).ravel() for each in REALS],
         np.ascontiguousarray(scenario.target_lane.T).ravel(), np.ascontiguousarray(scenario.present.T).ravel(),
         scenario.odd,
     )  # fmt: skip
@@ -243,7 +244,7 @@ def avoidability_table(
         _flat(tracks, "slot"),
         cases.column("crash_time_s").to_numpy(),
         cases.column("bv_slot").to_numpy(),
-        [_flat(tracks, each) for each in ("x_m", "y_m", "speed_mps", "heading_rad", "acceleration_mps2")],
+        [_flat(tracks, series.column.name) for series in SERIES if series.name in REALS],
         _flat(tracks, "target_lane"),
         _flat(tracks, "present"),
         odd,
@@ -267,7 +268,6 @@ def avoidability_of_library(
 
 
 _SPEED_TOLERANCE = 1e-3
-_VALUES = ("x", "y", "speed", "heading", "acceleration")
 
 
 def _flat(tracks: pa.Table, name: str) -> NDArray[Any]:
@@ -285,7 +285,7 @@ def _checked(
     slot_at = np.cumsum(vehicles) - vehicles
     there = present.astype(np.bool_)
     finite = np.logical_and.reduce([np.isfinite(each) for each in values]) | ~there
-    speed = values[_VALUES.index("speed")]
+    speed = values[REALS.index("speed")]
     possible = ((speed >= -_SPEED_TOLERANCE) & (speed <= odd.max_speed + _SPEED_TOLERANCE)) | ~there
     last = np.full(frames.size, -1, dtype=np.int64)
     known = np.isfinite(crash_time)

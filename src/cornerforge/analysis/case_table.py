@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from cornerforge._arrow import arrow_field, arrow_type
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table
-from cornerforge.analysis.columns import CaseColumn
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
 from cornerforge.analysis.recordings import recordings_of_tracks
@@ -20,28 +20,22 @@ from cornerforge.analysis.value import (
     PARTS,
     Value,
     avoidability_part,
-    likelihood_part,
     novelty_part,
     severity_part,
     value_of,
 )
+from cornerforge.fields import SHORTFALL, Field
 from cornerforge.types import Odd
 
-__all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "natural_log_likelihood", "read_shards", "values_of"]
+__all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_of"]
 
 _WITNESS = [name for name in AVOIDABILITY_SCHEMA.names if name.startswith("witness_")]
 
-VALUE_COLUMNS: tuple[CaseColumn, ...] = (
-    CaseColumn(
-        "natural_log_likelihood", "float", "",
-        "ln of the likelihood of the critical BV's actions relative to the likeliest ones, drivers attentive; where "
-        "only an oversight explains them, ln of their probability with oversights; -inf: never.",
-    ),
-    CaseColumn("value_avoidability", "float", "", "Time to react over 2 s, 0 to 1; null: not looked at."),
-    CaseColumn("value_severity", "float", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1."),
-    CaseColumn("value_likelihood", "float", "", "1 + log10 of the natural likelihood / 9, 0 to 1."),
-    CaseColumn("value_novelty", "float", "", "Share of the other cases that lie in denser company, 0 to 1."),
-    CaseColumn("value", "float", "", "Weighted mean of the four, 0 to 1; null: one of them is not known."),
+VALUE_COLUMNS: tuple[Field, ...] = (
+    Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at."),
+    Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1."),
+    Field("value_novelty", "float64", "", "Share of the other cases that lie in denser company, 0 to 1."),
+    Field("value", "float64", "", "Mean of the three, 0 to 1; null: one of them is not known."),
 )  # fmt: skip
 """What `values_of` adds."""
 
@@ -52,7 +46,7 @@ class CaseTable:
 
     Attributes:
         table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where nobody looked) and
-            `natural_log_likelihood`, after `case_id`.
+            `fields.SHORTFALL` (null where the library does not know), after `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
     """
 
@@ -75,24 +69,6 @@ class ShardReading:
     look_at: frozenset[str]
     params: AvoidParams
     threads: int
-
-
-def natural_log_likelihood(cases: pa.Table) -> NDArray[np.float64]:
-    """How likely what the critical BV did is for natural drivers; the first column of `VALUE_COLUMNS`.
-
-    A library that knows no shortfalls (crashes of natural traffic) gives the probability with oversights.
-
-    Args:
-        cases: Rows of `library.schema.CASES` with the caller's own columns.
-
-    Returns:
-        Shape (S,), at most 0; -inf where an action was impossible.
-    """
-    exact = np.nan_to_num(_numbers(cases, "log_prob_nde"), nan=-np.inf)
-    exact[_numbers(cases, "n_impossible") > 0] = -np.inf
-    if "shortfall_nats" not in cases.column_names:
-        return exact
-    return np.where(_numbers(cases, "n_implausible") == 0, -_numbers(cases, "shortfall_nats"), exact)
 
 
 def _numbers(table: pa.Table, name: str) -> NDArray[np.float64]:
@@ -122,25 +98,16 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         fields = [pa.field("case_id", pa.string())]
         arrays: list[Any] = [ids.combine_chunks()]
         for column in (*MEASURES, *FAULT_COLUMNS):
-            array = pa.array(columns[column.name], from_pandas=True)
-            fields.append(_field(column, array.type))
-            arrays.append(array)
+            fields.append(arrow_field(column))
+            arrays.append(pa.array(columns[column.name], arrow_type(column.type), from_pandas=True))
         for name in AVOIDABILITY_SCHEMA.names[1:]:
             if name not in _WITNESS:
                 fields.append(AVOIDABILITY_SCHEMA.field(name))
                 arrays.append(witnesses.column(name).combine_chunks().take(place.combine_chunks()))
-        natural = pa.array(natural_log_likelihood(cases))
-        fields.append(_field(VALUE_COLUMNS[0], natural.type))
-        arrays.append(natural)
+        for column in SHORTFALL:
+            fields.append(arrow_field(column))
+            arrays.append(cases.column(column.name).combine_chunks())
         yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses)
-
-
-def _field(column: CaseColumn, kind: pa.DataType) -> pa.Field:
-    return pa.field(
-        column.name,
-        kind,
-        metadata={"unit": column.unit, "meaning": column.meaning} if column.unit else {"meaning": column.meaning},
-    )
 
 
 def values_of(
@@ -166,12 +133,10 @@ def values_of(
         {
             "avoidability": avoidability_part(time_to_react),
             "severity": severity_part(_numbers(table, "av_injury_probability")),
-            "likelihood": likelihood_part(_numbers(table, "natural_log_likelihood")),
             "novelty": novelty_part(points),
         },
         weights,
     )
-    for column, values in zip(VALUE_COLUMNS[1:], [*(value.parts[name] for name in PARTS), value.score], strict=True):
-        array = pa.array(values, from_pandas=True)
-        table = table.append_column(_field(column, array.type), array)
+    for column, values in zip(VALUE_COLUMNS, [*(value.parts[name] for name in PARTS), value.score], strict=True):
+        table = table.append_column(arrow_field(column), pa.array(values, arrow_type(column.type), from_pandas=True))
     return table, value

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
-from cornerforge.analysis.columns import CaseColumn
 from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
+from cornerforge.fields import Field
 from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
 from cornerforge.types import FRAME_S
 
@@ -43,17 +43,17 @@ RULES = (
 )
 """Rules by which a vehicle can be at fault; `Faults.rule` and its kin hold places in this tuple."""
 
-FAULT_COLUMNS: tuple[CaseColumn, ...] = (
-    CaseColumn("fault", "str", "", f"Who broke a rule of RSS: {', '.join(FAULTS)}."),
-    CaseColumn("fault_rule", "str", "", "The rule that was broken first; \"none\" where nobody broke one."),
-    CaseColumn("fault_s", "float", "s", "When it was first broken, before contact; null: nobody broke one."),
-    CaseColumn("av_rule", "str", "", "The rule that the AV broke first, or \"none\"."),
-    CaseColumn("av_fault_s", "float", "s", "When, before contact; null: none."),
-    CaseColumn("bv_rule", "str", "", "The rule that the crash partner broke first, or \"none\"."),
-    CaseColumn("bv_fault_s", "float", "s", "When, before contact; null: none."),
-    CaseColumn("blame_axis", "str", "", "Whose rules held: longitudinal, lateral, or both."),
-    CaseColumn("blame_s", "float", "s", "How long the danger lasted that ended in the crash."),
-    CaseColumn("blame_from_start", "bool", "", "The danger is older than the recording, so all this is less sure."),
+FAULT_COLUMNS: tuple[Field, ...] = (
+    Field("fault", "string", "", f"Who broke a rule of RSS: {', '.join(FAULTS)}."),
+    Field("fault_rule", "string", "", "The rule that was broken first; \"none\" where nobody broke one."),
+    Field("fault_s", "float64", "s", "When it was first broken, before contact; null: nobody broke one."),
+    Field("av_rule", "string", "", "The rule that the AV broke first, or \"none\"."),
+    Field("av_fault_s", "float64", "s", "When, before contact; null: none."),
+    Field("bv_rule", "string", "", "The rule that the crash partner broke first, or \"none\"."),
+    Field("bv_fault_s", "float64", "s", "When, before contact; null: none."),
+    Field("blame_axis", "string", "", "Whose rules held: longitudinal, lateral, or both."),
+    Field("blame_s", "float64", "s", "How long the danger lasted that ended in the crash."),
+    Field("blame_from_start", "bool", "", "The danger is older than the recording, so all this is less sure."),
 )  # fmt: skip
 """Columns that `Faults.columns` makes, in its order."""
 

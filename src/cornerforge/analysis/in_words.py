@@ -1,18 +1,13 @@
-"""One sentence on a case, for people: what happened, whether the AV could have avoided it, how often it happens."""
+"""One sentence on a case, for people: what happened, and whether the AV could have avoided it."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
 from cornerforge.analysis.mechanism import MECHANISMS, crash_frame, lane_changes_before, mechanism_of
-from cornerforge.types import FRAME_S, METRES_PER_MILE, Scenario
+from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["case_in_words", "miles_between", "what_happened"]
-
-_NOBODY_DRIVES = 1e12
-"""All vehicles of the US drive three times as far in a year [miles] (NHTSA 2023); rarer than this is all the same."""
+__all__ = ["avoidance_in_words", "case_in_words", "what_happened"]
 
 
 def what_happened(scenario: Scenario) -> str:
@@ -62,50 +57,37 @@ def _hardest(scenario: Scenario, frame: int, column: int, start: int) -> float:
     return min(0.0, float(np.nanmin(held, initial=0.0)))
 
 
-def miles_between(natural_log_likelihood: float, metres: float) -> float:
-    """How many miles lie between two tests in which drivers do as here, at a guess [miles]; inf if they never do.
+def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
+    """Such as "avoidable by braking; last way out 1.2 s before contact"; "" where nobody looked.
+
+    The last way out is the latest of any kind, everywhere: for "by braking" it may begin with a lane change.
 
     Args:
-        natural_log_likelihood: As for `value.likelihood_part`.
-        metres: That the AV drives in a test [m].
+        label: Of `avoidability.LABELS`; None where nobody looked.
+        latest_s: `avoidability.Avoidability.latest_s`, column `latest_any_s`.
+
+    >>> avoidance_in_words("by both", 0.8)
+    'avoidable by braking or steering; last way out 0.8 s before contact'
     """
-    if math.isinf(natural_log_likelihood):
-        return math.inf
-    return metres / METRES_PER_MILE * math.exp(min(-natural_log_likelihood, 700.0))
+    if label is None:
+        return ""
+    if label == "unavoidable":
+        return "unavoidable"
+    if label == "undecided":
+        return "no way out found, not all tried"
+    how = {"by both": "by braking or steering", "by combination": "by braking and steering together"}.get(label, label)
+    return f"avoidable {how}; last way out {latest_s:.1f} s before contact"
 
 
-def case_in_words(scenario: Scenario, avoidance: str, natural_log_likelihood: float) -> str:
-    """The sentence: what happened; could it be avoided; how often natural drivers do this.
+def case_in_words(scenario: Scenario, avoidance: str) -> str:
+    """The sentence: what happened, and whether it could be avoided.
 
     Args:
         scenario: Recording of the case.
-        avoidance: Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked.
-        natural_log_likelihood: As for `value.likelihood_part`; NaN where it is not known.
+        avoidance: What `avoidance_in_words` says; "" where nobody looked.
 
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.
     """
-    parts = [what_happened(scenario)]
-    if avoidance:
-        parts.append(avoidance)
-    if not math.isnan(natural_log_likelihood):
-        miles = miles_between(natural_log_likelihood, scenario.odd.test_length)
-        if math.isinf(miles):
-            parts.append("natural drivers never do this")
-        elif miles > _NOBODY_DRIVES:
-            parts.append(f"less than once in {_round(_NOBODY_DRIVES)} miles")
-        else:
-            parts.append(f"about once in {_round(miles)} miles")
-    return "; ".join(parts)
-
-
-def _round(miles: float) -> str:
-    """One digit: what is a guess shall not look like more.
-
-    >>> _round(31_000_000.0), _round(0.25)
-    ('3e7', '0.2')
-    """
-    if miles < 10_000.0:
-        return f"{float(f'{miles:.0e}'):g}"
-    mantissa, exponent = f"{miles:.0e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
+    happened = what_happened(scenario)
+    return f"{happened}; {avoidance}" if avoidance else happened

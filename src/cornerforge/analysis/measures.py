@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
-from cornerforge.analysis.columns import CaseColumn
 from cornerforge.analysis.contact import find_contact
 from cornerforge.analysis.fault import RssRules, pair_margins
 from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
+from cornerforge.fields import Field
 from cornerforge.metrics.delta_v import FRICTION, delta_v
 from cornerforge.metrics.drac import drac
 from cornerforge.metrics.injury import injury_probability
@@ -32,11 +32,11 @@ from cornerforge.types import FRAME_S
 __all__ = ["MEASURES", "Impact", "measure_cases"]
 
 
-def _column(name: str, unit: str, meaning: str) -> CaseColumn:
-    return CaseColumn(name, "float", unit, meaning)
+def _column(name: str, unit: str, meaning: str) -> Field:
+    return Field(name, "float64", unit, meaning)
 
 
-MEASURES: tuple[CaseColumn, ...] = (
+MEASURES: tuple[Field, ...] = (
     _column("min_bbd_front_m", "m", "Least bumper-to-bumper distance to who is ahead in the AV's path; null: nobody."),
     _column("min_bbd_rear_m", "m", "Least bumper-to-bumper distance to who is behind in the AV's path; null: nobody."),
     _column("min_ttc_front_s", "s", "Least TTC of the AV with who is ahead in its path; null: nobody, never closing."),

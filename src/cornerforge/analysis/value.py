@@ -1,4 +1,4 @@
-"""What a case is worth an engineer's time: four parts between 0 and 1, and their weighted mean (docs/adr/0017).
+"""What a case is worth an engineer's time: three parts between 0 and 1, and their weighted mean (docs/adr/0017).
 
 A part is a scale, not a rank, wherever a number means the same in every library; only novelty compares cases with each
 other. Nothing is hidden in the sum: the parts stand beside it, and 1 and 0 have a meaning of their own in each.
@@ -17,26 +17,22 @@ from cornerforge.analysis.dbscan import choose_min_samples, neighbour_distance
 from cornerforge.errors import InputError
 
 __all__ = [
-    "LIKELIHOOD_DECADES",
     "PARTS",
     "REACTION_S",
     "RISK_DECADES",
     "Value",
     "avoidability_part",
-    "likelihood_part",
     "novelty_part",
     "severity_part",
     "value_of",
 ]
 
-PARTS = ("avoidability", "severity", "likelihood", "novelty")
+PARTS = ("avoidability", "severity", "novelty")
 
 REACTION_S = 2.0
 """An AV that had so long to react [s] had all the time that it needs: part 1."""
 RISK_DECADES = 3.0
 """Severity is 1 at a certain injury and 0 at a chance of 10^-3 and less."""
-LIKELIHOOD_DECADES = 9.0
-"""Likelihood is 1 for what natural drivers do all the time and 0 for what is 10^-9 times as likely, and less."""
 
 
 def avoidability_part(time_to_react_s: ArrayLike) -> NDArray[np.float64]:
@@ -67,28 +63,8 @@ def severity_part(injury_probability: ArrayLike) -> NDArray[np.float64]:
     >>> severity_part([0.0, 0.001, 0.1, 1.0]).round(3).tolist()
     [0.0, 0.0, 0.667, 1.0]
     """
-    return _decades(np.asarray(injury_probability, np.float64), RISK_DECADES)
-
-
-def likelihood_part(natural_log_likelihood: ArrayLike) -> NDArray[np.float64]:
-    """How natural it is: a factor of 1,000 in the likelihood of what the BV did counts a third.
-
-    Args:
-        natural_log_likelihood: Natural log of the likelihood of the critical BV's actions relative to the likeliest
-            ones, shape (S,), at most 0; -inf for what natural drivers never do.
-
-    Returns:
-        Shape (S,), in [0, 1]: 1 + log10(L) / 9, 0 below L = 10^-9.
-
-    >>> likelihood_part([0.0, -6.907755, -np.inf]).round(3).tolist()
-    [1.0, 0.667, 0.0]
-    """
-    return _decades(np.exp(np.asarray(natural_log_likelihood, np.float64)), LIKELIHOOD_DECADES)
-
-
-def _decades(share: NDArray[np.float64], decades: float) -> NDArray[np.float64]:
     with np.errstate(divide="ignore"):
-        return np.clip(1.0 + np.log10(share) / decades, 0.0, 1.0)
+        return np.clip(1.0 + np.log10(np.asarray(injury_probability, np.float64)) / RISK_DECADES, 0.0, 1.0)
 
 
 def novelty_part(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -141,7 +117,7 @@ def value_of(parts: Mapping[str, ArrayLike], weights: Mapping[str, float] | None
     Raises:
         InputError: A part or a weight is missing, unknown or out of range, or the shapes differ.
 
-    >>> value_of({"avoidability": [1.0], "severity": [0.5], "likelihood": [0.5], "novelty": [0.0]}).score.tolist()
+    >>> value_of({"avoidability": [1.0], "severity": [0.5], "novelty": [0.0]}).score.tolist()
     [0.5]
     """
     given = dict.fromkeys(PARTS, 1.0) if weights is None else dict(weights)

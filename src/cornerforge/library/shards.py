@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,11 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from cornerforge._arrow import arrow_field
+from cornerforge.errors import InputError
+from cornerforge.fields import SHORTFALL
 from cornerforge.library.manifest import Shard, StoredFile, replace_file, shard_names
-from cornerforge.library.record import CaseRecord
-from cornerforge.library.tables import ROW_GROUP, cases_table, parquet_bytes, tracks_table
+from cornerforge.library.record import CaseRecord, extra_kinds
+from cornerforge.library.schema import EXTRA_TYPES
+from cornerforge.library.tables import ROW_GROUP, parquet_bytes
 
 __all__ = ["DamagedShardWarning", "EncodedShard", "ShardReader", "encode_shard", "encode_tables", "write_shard"]
 
@@ -73,7 +79,17 @@ def encode_shard(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> Encod
     Raises:
         InputError: A record's own columns are not those of `extra`.
     """
-    return encode_tables(cases_table(cases, extra), tracks_table(cases), extra)
+    for record in cases:
+        kinds = extra_kinds(record)
+        if kinds != dict(extra):
+            raise InputError(
+                f"Case {record.case_id} has the extra columns {kinds}, this library has {dict(extra)}; "
+                "all cases need the same columns of the same types."
+            )
+    rows = pa.concat_tables([record.cases for record in cases])
+    for name, kind in extra.items():
+        rows = rows.append_column(name, pa.array([record.extra[name] for record in cases], EXTRA_TYPES[kind]))
+    return encode_tables(rows, pa.concat_tables([record.tracks for record in cases]), extra)
 
 
 def write_shard(folder: Path, index: int, shard: EncodedShard) -> Shard:
@@ -136,7 +152,11 @@ class ShardReader:
         content = self.read(shard.cases_file)
         if content is None:
             return None
-        return pq.read_table(pa.BufferReader(content), columns=None if columns is None else list(columns))
+        there = pq.read_schema(pa.BufferReader(content)).names
+        wanted = None if columns is None else list(columns)
+        if all(field.name in there for field in SHORTFALL):
+            return pq.read_table(pa.BufferReader(content), columns=wanted)
+        return _with_shortfall(pq.read_table(pa.BufferReader(content)), wanted)
 
     def tracks(self, shard: Shard) -> pq.ParquetFile | None:
         """A shard's trajectories, or None if the file is damaged.
@@ -153,6 +173,23 @@ class ShardReader:
     def _note(self, name: str, fault: str) -> None:
         self.damaged[name] = fault
         warnings.warn(f"{self._folder / name} {fault}; what it holds is left out.", DamagedShardWarning, stacklevel=3)
+
+
+def _with_shortfall(table: pa.Table, columns: Sequence[str] | None) -> pa.Table:
+    """The cases of an early library with the columns `SHORTFALL`; null where it says nothing of them.
+
+    Its `shortfall_nats`, if any, is that of the possible actions, even where another was impossible.
+    """
+    whole, possible, count = SHORTFALL
+    unknown = pa.nulls(table.num_rows, pa.float64())
+    known = table.column(whole.name).combine_chunks() if whole.name in table.column_names else unknown
+    n = table.column(count.name) if count.name in table.column_names else pa.nulls(table.num_rows, pa.int64())
+    truth = pc.if_else(pc.greater(n, 0), pa.scalar(math.inf), known)
+    for field, values in ((whole, truth), (possible, known), (count, n)):
+        if field.name in table.column_names:
+            table = table.drop_columns([field.name])
+        table = table.append_column(arrow_field(field), values)
+    return table if columns is None else table.select(list(columns))
 
 
 def _arrow_bytes(path: Path) -> pa.Buffer:

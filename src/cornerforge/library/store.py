@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
+from cornerforge.fields import CASES, HISTORY_SHAPE
 from cornerforge.library.manifest import (
     MANIFEST,
     Identity,
@@ -26,10 +27,10 @@ from cornerforge.library.manifest import (
     write_manifest,
 )
 from cornerforge.library.query import run_sql
-from cornerforge.library.record import CaseRecord
-from cornerforge.library.schema import CASES, HISTORY_SHAPE, arrow_schema
+from cornerforge.library.record import CaseRecord, extra_kinds
+from cornerforge.library.schema import arrow_schema
 from cornerforge.library.shards import EncodedShard, ShardReader, encode_shard, write_shard
-from cornerforge.library.tables import ROW_GROUP, extra_kinds, restore, script_of
+from cornerforge.library.tables import ROW_GROUP, restore, script_of
 from cornerforge.sim.scripted import Script
 from cornerforge.types import Odd, Scenario
 

@@ -1,78 +1,120 @@
-"""Records to Arrow tables and Parquet bytes, and rows back to a `Scenario`."""
+"""Cases to Arrow tables and Parquet bytes, and rows back to a `Scenario`."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cornerforge.errors import InputError
-from cornerforge.library.record import CaseRecord
-from cornerforge.library.schema import CASES, EXTRA_TYPES, SCRIPTED_TRACKS, TRACKS, arrow_schema
+from cornerforge._arrow import arrow_type
+from cornerforge.fields import CASES, REALS, SERIES, TRACKS, Field
+from cornerforge.library.schema import SCRIPTED_TRACKS, arrow_schema
+from cornerforge.sim.harvest import CASES as N_CASES
+from cornerforge.sim.harvest import EXACT, MARKS
 from cornerforge.sim.scripted import START_FIELDS, Script, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
 
-__all__ = ["ROW_GROUP", "cases_table", "extra_kinds", "parquet_bytes", "restore", "script_of", "tracks_table"]
+if TYPE_CHECKING:
+    from cornerforge.sim.harvest import Harvest
 
+__all__ = ["POLICY_COLUMNS", "ROW_GROUP", "parquet_bytes", "restore", "script_of", "tables_of"]
+
+POLICY_COLUMNS = {"log_prob_policy": "float", "policy": "str"}
+"""Extra columns where policies drive: log-probability of the critical BV's actions under the policy (0 when it acts
+greedily), and the hash of the policy that drove the test."""
 ROW_GROUP = 100
 """Cases in a row group of a tracks file: what the reading of one case has to unpack."""
 
 
-def extra_kinds(record: CaseRecord) -> dict[str, str]:
-    """Types of a record's own columns: name to a key of `EXTRA_TYPES`.
+def tables_of(
+    h: Harvest,
+    *,
+    policies: Sequence[str] = (),
+    digests: Sequence[str] | None = None,
+    starts: Sequence[NDArray[np.void]] | None = None,
+) -> tuple[pa.Table, pa.Table]:
+    """Everything that a harvest holds, copied: rows of `fields.CASES` (with `POLICY_COLUMNS`), and of `fields.TRACKS`.
 
-    Raises:
-        InputError: A value is of no such type.
+    Args:
+        h: At least one case.
+        policies: Hashes of the policies that drove, in the order of the mixture; none: no columns of policies.
+        digests: To store instead of those of the recordings.
+        starts: Of scripted cases, each one's states at frame 0: the tracks are `SCRIPTED_TRACKS` then.
     """
-    kinds = {}
-    for name, value in record.extra.items():
-        kinds[name] = type(value).__name__
-        if kinds[name] not in EXTRA_TYPES:
-            raise InputError(
-                f"Extra column {name} of case {record.case_id} is {value!r}; allowed: {', '.join(EXTRA_TYPES)}."
-            )
-    return kinds
+    rows = h.rows[: h.filled[N_CASES]]
+    names = zip(rows["seed"].tolist(), rows["test"].tolist(), strict=True)
+    given: dict[str, pa.Array] = {
+        "case_id": pa.array([f"{seed}:{test}" for seed, test in names]),
+        "trajectory_digest": pa.array(_digests(h) if digests is None else digests),
+        "critical_bv_action": _lists(h.critical_bv_action, rows["n_decisions"]),
+        "history": pa.FixedSizeListArray.from_arrays(
+            pa.array(h.history[: rows.size].ravel().copy()), h.history.shape[1]
+        ),
+        "physically_plausible": pa.array(rows["physically_plausible"].astype(np.bool_)),
+        # what was not recorded cannot be counted
+        "n_implausible": pa.array(rows["n_implausible"].copy(), mask=np.isnan(rows["possible_shortfall_nats"])),
+    }
+    extra = POLICY_COLUMNS if policies else {}
+    if policies:
+        given["policy"] = pa.array(np.array(policies, dtype=object)[rows["policy"]], pa.string())
+        given["log_prob_policy"] = pa.array(rows["log_prob_policy"].copy())
+    columns = [given[c.name] if c.name in given else _numbers(rows[c.name], c) for c in CASES]
+    cases = pa.Table.from_arrays([*columns, *(given[name] for name in extra)], schema=arrow_schema(CASES, extra))
+    kept, decided = rows["n_kept"].astype(np.int64), rows["n_decisions"]
+    numbers = kept * rows["n_frames"]
+    stored = {**dict(zip(REALS, h.reals, strict=True)), "target_lane": h.target_lane, "present": h.present}
+    tracks = {
+        "case_id": given["case_id"],
+        "n_frames": pa.array(rows["n_frames"].copy()),
+        "slot": _lists(h.slot, kept),
+        **{series.column.name: _lists(stored[series.name], numbers) for series in SERIES},
+        "action": _lists(h.action, kept * decided),
+        "critical_bv": _lists(h.critical_bv, decided),
+        "decision_log_prob_nde": _lists(h.log_prob, decided),
+    }
+    named = TRACKS
+    if starts is not None:
+        named = SCRIPTED_TRACKS
+        states = [
+            np.stack([start[name].astype(np.float64) for name in START_FIELDS], axis=1).ravel() for start in starts
+        ]
+        tracks["start"] = _lists(np.concatenate(states), np.array([state.size for state in states]))
+    return cases, pa.Table.from_arrays([tracks[c.name] for c in named], schema=arrow_schema(named))
 
 
-def cases_table(records: Sequence[CaseRecord], extra: Mapping[str, str]) -> pa.Table:
-    """Rows of `schema.CASES` and the caller's own columns.
-
-    Raises:
-        InputError: A record's own columns are not those of `extra`.
-    """
-    for record in records:
-        kinds = extra_kinds(record)
-        if kinds != dict(extra):
-            raise InputError(
-                f"Case {record.case_id} has the extra columns {kinds}, this library has {dict(extra)}; "
-                "all cases need the same columns of the same types."
-            )
-    columns = [_column(column.type, [record.case[column.name] for record in records]) for column in CASES]
-    columns += [pa.array([r.extra[name] for r in records], type=EXTRA_TYPES[kind]) for name, kind in extra.items()]
-    return pa.Table.from_arrays(columns, schema=arrow_schema(CASES, extra))
+def _numbers(values: NDArray[Any], column: Field) -> pa.Array:
+    """A column of numbers; buffers are reused, so nothing may point into them."""
+    return pa.array(values.copy(), type=arrow_type(column.type), from_pandas=column.is_nullable)
 
 
-def tracks_table(records: Sequence[CaseRecord]) -> pa.Table:
-    """Rows of `schema.TRACKS`, or of `SCRIPTED_TRACKS` where all are scripted."""
-    named = SCRIPTED_TRACKS if records and all(record.scripted for record in records) else TRACKS
-    columns = [_column(column.type, [record.tracks[column.name] for record in records]) for column in named]
-    return pa.Table.from_arrays(columns, schema=arrow_schema(named))
+def _lists(flat: NDArray[Any], sizes: NDArray[Any]) -> pa.ListArray:
+    """Lists of these sizes, one after the other in `flat`."""
+    offsets = np.zeros(sizes.size + 1, dtype=np.int32)
+    np.cumsum(sizes, out=offsets[1:])
+    return pa.ListArray.from_arrays(pa.array(offsets), pa.array(flat[: offsets[-1]].copy()))
 
 
-def _column(kind: pa.DataType, values: Sequence[Any]) -> pa.Array:
-    """Lists are built from one flat buffer and offsets: an object per number would take a hundred times as long."""
-    if pa.types.is_fixed_size_list(kind):
-        return pa.FixedSizeListArray.from_arrays(pa.array(np.concatenate(values), type=kind.value_type), kind.list_size)
-    if pa.types.is_list(kind):
-        offsets = np.zeros(len(values) + 1, dtype=np.int32)
-        np.cumsum([len(value) for value in values], out=offsets[1:])
-        flat = pa.array(np.concatenate(values), type=kind.value_type)
-        return pa.ListArray.from_arrays(pa.array(offsets), flat)
-    return pa.array(values, type=kind)
+def _digests(h: Harvest) -> list[str]:
+    """`sim.recorder.scenario_digest` of each case."""
+    found = []
+    exact = marks = 0
+    for row in h.rows[: h.filled[N_CASES]]:
+        size = int(row["n_frames"]) * int(row["n_vehicles"])
+        reals = len(REALS) * size
+        rest = 2 * size + int(row["n_decisions"]) * (int(row["n_vehicles"]) + 2)
+        digest = hashlib.sha256(h.exact[exact : exact + reals].data)
+        digest.update(h.marks[marks : marks + rest].data)
+        found.append(digest.hexdigest())
+        exact += reals
+        marks += rest
+    if exact != h.filled[EXACT] or marks != h.filled[MARKS]:
+        raise AssertionError("the harvest's layout changed")
+    return found
 
 
 def parquet_bytes(table: pa.Table, row_group: int | None = None) -> memoryview:
@@ -114,21 +156,16 @@ def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Sc
     slot = values("slot")
     shape = (len(slot), -1)
 
-    def real(name: str) -> NDArray[np.float64]:
-        return np.ascontiguousarray(values(name).reshape(shape).T, dtype=np.float64)
+    def series(column: Field) -> NDArray[Any]:
+        flat = values(column.name).reshape(shape).T
+        return np.ascontiguousarray(flat, dtype=np.float64 if column.type == "float32" else None)
 
     return Scenario(
         seed=case["seed"],
         test=case["test"],
         odd=odd,
         slot=slot,
-        x=real("x_m"),
-        y=real("y_m"),
-        speed=real("speed_mps"),
-        heading=real("heading_rad"),
-        acceleration=real("acceleration_mps2"),
-        target_lane=np.ascontiguousarray(values("target_lane").reshape(shape).T),
-        present=np.ascontiguousarray(values("present").reshape(shape).T),
+        **{one.name: series(one.column) for one in SERIES},
         action=np.ascontiguousarray(values("action").reshape(shape).T),
         critical_bv=values("critical_bv"),
         log_prob_nde=values("decision_log_prob_nde"),

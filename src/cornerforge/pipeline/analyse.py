@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import InputError
+from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -159,6 +161,13 @@ def _judge(
             f"The trajectories of {rows.null_count} case(s) of {cases.path} are damaged; generate the library again: "
             "with the same command and seed its cases are the same."
         )
+    missing = table.column(SHORTFALL[0].name).null_count
+    if missing:
+        warnings.warn(
+            f"{missing} of {table.num_rows} cases of {cases.path} do not say how natural their acts were, so "
+            f"{', '.join(field.name for field in SHORTFALL)} are null for them; generate the library again to have it.",
+            stacklevel=3,
+        )
     table, value = values_of(table.take(rows), found.projection.points)
     seconds["judge"] = time.perf_counter() - begin
     seconds["total"] += seconds["judge"]
@@ -241,15 +250,15 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> 
     """The most valuable cases with a sentence each."""
     import pyarrow as pa
 
-    from cornerforge.analysis.in_words import case_in_words
+    from cornerforge.analysis.in_words import avoidance_in_words, case_in_words
 
-    natural = _column(table, "natural_log_likelihood")
     rows = [int(row) for row in value.best(_TOP)]
     avoidance = table.take(pa.array(rows, pa.int64())).to_pylist()
     top = []
     for row, known in zip(rows, avoidance, strict=True):
         case_id = found.case_ids[row]
-        words = case_in_words(cases.scenario(case_id).scenario, _avoidance_in_words(known), float(natural[row]))
+        avoided = avoidance_in_words(known["avoidability"], known["latest_any_s"])
+        words = case_in_words(cases.scenario(case_id).scenario, avoided)
         top.append(
             {
                 "case_id": case_id,
@@ -261,26 +270,6 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> 
             }
         )
     return top
-
-
-def _avoidance_in_words(known: dict[str, Any]) -> str:
-    """Such as "avoidable by braking until 1.2 s before impact"; "" where nobody looked.
-
-    The moment is the latest of the kind that is named; with both, the later of the two.
-    """
-    label = known["avoidability"]
-    if label is None:
-        return ""
-    if label == "unavoidable":
-        return "unavoidable"
-    if label == "undecided":
-        return "no way out found, not all tried"
-    how, kinds = {
-        "by both": ("by braking or steering", ("braking", "steering")),
-        "by combination": ("by braking and steering together", ("any",)),
-    }.get(label, (label, (label.removeprefix("by "),)))
-    until = min(known[f"latest_{kind}_s"] for kind in kinds)
-    return f"avoidable {how} until {until:.1f} s before impact"
 
 
 def _write(out: Path, summary: dict[str, Any], found: Analysis, table: pa.Table, witnesses: pa.Table) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.fields import REALS
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
@@ -26,7 +27,6 @@ from cornerforge.types import Scenario
 __all__ = ["driver_of_cases", "experiment_of", "is_same", "query", "replay"]
 
 _NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
-_TRACKS = ("x", "y", "speed", "heading", "acceleration")
 
 
 def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:
@@ -77,7 +77,7 @@ def is_same(driven: Scenario, stored: StoredCase) -> bool:
             getattr(stored.scenario, name).astype(np.float32),
             equal_nan=True,
         )
-        for name in _TRACKS
+        for name in REALS
     )
 
 

@@ -18,17 +18,17 @@ from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError, OutputError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
-from cornerforge.library import CaseLibrary, case_record
-from cornerforge.library.harvester import Harvested, Harvester, extra_columns
+from cornerforge.library import CaseLibrary
+from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
-from cornerforge.library.tables import cases_table, tracks_table
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.simulate import check_not_all_spoiled, tally_summary
 from cornerforge.rates import binomial_interval
-from cornerforge.sim.recorder import Recorder, scenario_digest
-from cornerforge.sim.runner import crashed_tests
+from cornerforge.sim.recorder import Recorder
+from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
 from cornerforge.sim.setting import NOBODY
 from cornerforge.sim.world import AV_FAULT
 
@@ -69,29 +69,32 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
 class _Harvest:
     """Drives tests in a thread pool and gives them in test order; the pool packs shards too."""
 
-    def __init__(self, run: Experiment, seed: int, threads: int) -> None:
+    def __init__(self, run: Experiment, seed: int, threads: int, *, counting: bool = False) -> None:
         self._run = run
+        self._counting = counting
         self._seed = seed
         self._threads = threads
         self._policies = [policy_hash(policy) for policy in run.policies]
         self._idle: SimpleQueue[Harvester] = SimpleQueue()
-        self._recorders: SimpleQueue[Recorder] = SimpleQueue()
+        self._recorders: SimpleQueue[tuple[Recorder, CaseRoom]] = SimpleQueue()
         self.pool = ThreadPoolExecutor(threads)
-        self.extra = extra_columns(with_policy=bool(self._policies)) if run.foreign is None else {}
+        self.extra = extra_columns(with_policy=bool(self._policies))
 
     def _foreign(self, first: int, count: int) -> Harvested:
-        """The same for a foreign AV: it drives every crashed test again, alone, and the recording becomes a case."""
+        """The same for a foreign AV: every crashed test is driven again, alone, with the answers that the AV gave."""
         try:
-            recorder = self._recorders.get_nowait()
+            recorder, cases = self._recorders.get_nowait()
         except Empty:
-            recorder = self._run.recorder()  # before the tests: it has the AV's answers kept, for AVs that draw lots
-        outcomes, _ = self._run.drive(self._run.setting, self._run.slots, self._seed, first, count, False)
-        crashed = crashed_tests(first, outcomes)
-        scenarios = [recorder.record(self._seed, test) for test in crashed]
-        self._recorders.put(recorder)
-        records = [case_record(scenario, trajectory_digest=scenario_digest(scenario)) for scenario in scenarios]
-        tests = np.array(crashed, dtype=np.int64)
-        return Harvested(first, outcomes, tests, cases_table(records, {}), tracks_table(records))
+            # before the tests: the recorder has the AV's answers kept, for AVs that draw lots
+            recorder = self._run.recorder()
+            cases = CaseRoom(self._run.slots, int(self._run.setting.road.max_decisions), self._policies)
+        run = self._run
+        outcomes, counts = run.drive(run.setting, run.slots, self._seed, first, count, self._counting)
+        for test in crashed_tests(first, outcomes):
+            recorder.keep(self._seed, test, cases.room())
+        harvested = harvested_of(first, outcomes, counts, cases)
+        self._recorders.put((recorder, cases))
+        return harvested
 
     def _one(self, first: int, count: int) -> Harvested:
         if self._run.foreign is not None:
@@ -100,7 +103,7 @@ class _Harvest:
             harvester = self._idle.get_nowait()
         except Empty:
             harvester = Harvester(self._run.setting, self._run.slots, self._policies)
-        harvested = harvester.harvest(self._seed, first, count)
+        harvested = harvester.harvest(self._seed, first, count, counting=self._counting)
         self._idle.put(harvester)
         return harvested
 
@@ -141,10 +144,16 @@ def harvest_tests(
 
 
 class _Filler:
-    """Cuts cases into shards, has them packed in the pool, and commits them one after the other."""
+    """Cuts cases into shards, has them packed in the pool, and commits them one after the other.
 
-    def __init__(self, library: CaseLibrary, harvest: _Harvest) -> None:
+    Args:
+        library, harvest: Where cases go, and where they come from.
+        tally: What is taken is added to it.
+    """
+
+    def __init__(self, library: CaseLibrary, harvest: _Harvest, tally: Tally | None = None) -> None:
         self._library = library
+        self._tally = tally
         self._harvest = harvest
         self._cases: list[pa.Table] = []
         self._tracks: list[pa.Table] = []
@@ -162,6 +171,8 @@ class _Filler:
 
     def take(self, harvested: Harvested, most: int | None) -> int:
         """Take the cases of a range of tests, `most` at most; returns the first test that is not done."""
+        if self._tally is not None:
+            self._tally.add(harvested.outcomes, harvested.counts)
         self._faults += [harvested.first + int(k) for k in np.flatnonzero(harvested.outcomes.code == AV_FAULT)]
         tests = harvested.tests if most is None else harvested.tests[:most]
         done = 0
@@ -232,6 +243,8 @@ def fill_library(
     resume: bool = False,
     progress: Progress = NO_PROGRESS,
     stage: str = "generate",
+    counting: bool = False,
+    tally: Tally | None = None,
 ) -> dict[str, Any]:
     """Drive tests 0, 1, 2, ... of a seed and store every AV crash, until there are enough cases or tests.
 
@@ -243,6 +256,8 @@ def fill_library(
         tests: Stop after this many tests.
         threads, progress, stage: As for `simulate`.
         resume: Go on where an earlier call, or its kill, stopped.
+        counting: Fill the histograms of `tally` too.
+        tally: Sums of all tests 0 .. `tests` - 1 are added to it.
 
     Raises:
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
@@ -251,13 +266,23 @@ def fill_library(
     run.warm_up()
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
-    with _Harvest(run, seed, n_threads) as harvest:
-        filler = _Filler(library, harvest)
+    if tally is not None:
+        # of the tests that the library has done already it keeps the crashes only
+        earlier = min(library.next_test, tests or 0)
+        for first, outcomes, counts in simulate_chunks(
+            run.setting, run.slots, seed=seed, first=0, tests=earlier, threads=n_threads, counting=counting,
+            drive=run.drive,
+        ):  # fmt: skip
+            tally.add(outcomes, counts)
+            progress("count again", first + outcomes.code.size, earlier)
+    with _Harvest(run, seed, n_threads, counting=counting) as harvest:
+        filler = _Filler(library, harvest, tally)
         try:
             _fill(harvest, filler, library.next_test, cases, tests, progress, stage)
         except (KeyboardInterrupt, AvFaultError):
             filler.rescue()
             raise
+    check_not_all_spoiled(run, library.tests, library.next_test)
     library.finish()
     seconds = time.perf_counter() - start
     write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))
@@ -309,16 +334,13 @@ def store_tests(
     run: Experiment, out: Path, *, tests: int, seed: int, threads: int | None, counting: bool, resume: bool,
     progress: Progress,
 ) -> dict[str, Any]:  # fmt: skip
-    """`simulate --out`: store the crashes, then count as `simulate` does."""
-    from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
-
+    """`simulate --out`: drive each test once, count it and store its crash."""
+    tally = Tally()
     filled = fill_library(
-        run, out, seed=seed, tests=tests, threads=threads, resume=resume, progress=progress, stage="store"
-    )
-    tally, seconds = simulate_experiment(
-        run, tests=tests, seed=seed, threads=threads, counting=counting, progress=progress
-    )
-    summary = tally_summary(tally, seconds, with_distributions=counting)
+        run, out, seed=seed, tests=tests, threads=threads, resume=resume, progress=progress, stage="store",
+        counting=counting, tally=tally,
+    )  # fmt: skip
+    summary = tally_summary(tally, filled["seconds"], with_distributions=counting)
     return {**summary, "cases": filled["cases"], "library": str(out)}
 
 

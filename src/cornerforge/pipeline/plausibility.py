@@ -65,8 +65,9 @@ def plausibility(
         The object that `cornerforge plausibility --json` prints. `rows`: one per budget, from the tightest to no budget
         (None, `bounded` true) and no mask (None, false), each with `runs` (one per training seed: `crashes_per_test`,
         `interval95`, where they are counted `avoidable_per_test`, and, over the test's controlled decisions of all
-        crashes, `log_prob_per_decision` (None where an action was impossible), `shortfall_per_test` and
-        `implausible_per_test`). `natural`: log-probability per decision and shortfall per test of natural drivers.
+        crashes, `log_prob_per_decision` (None where an action was impossible), `implausible_per_test`, and
+        `shortfall_per_test` of the other decisions). `natural`: log-probability per decision and shortfall per test of
+        natural drivers, likewise.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
@@ -139,7 +140,7 @@ def _one(
 
 def _likelihood(run: Experiment, tests: int, seed: int, threads: int, progress: Progress) -> dict[str, Any]:
     """How plausible the adversary's part is in the crashes of the evaluation tests."""
-    names = ("log_prob_nde", "n_decisions", "shortfall_nats", "n_implausible")
+    names = ("log_prob_nde", "n_decisions", "possible_shortfall_nats", "n_implausible")
     parts: list[np.ndarray[Any, Any]] = []
     for done, harvested in harvest_tests(run, seed, EVALUATION_TESTS, tests, threads):
         columns = [harvested.cases.column(name).to_numpy().astype(np.float64) for name in names]

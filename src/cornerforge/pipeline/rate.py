@@ -26,7 +26,6 @@ from cornerforge.pipeline.simulate import rate_summary
 from cornerforge.rates import poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block
-from cornerforge.sim.recorder import scenario_digest
 
 __all__ = ["rate"]
 
@@ -66,8 +65,7 @@ class _Keeper:
             if self._library is None:
                 self._studies.append({"test": test, **study.columns()})
             else:
-                digest = scenario_digest(scenario)
-                pending.append(case_record(scenario, trajectory_digest=digest, extra=study.columns()))
+                pending.append(case_record(scenario, extra=study.columns()))
             if len(pending) >= _SHARD_CASES:
                 crashes = len(counts.crashed) - len(missing) + done
                 self._commit(pending, test + 1, crashes, min(test + 1, counts.valid_tests))

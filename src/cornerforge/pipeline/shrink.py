@@ -22,7 +22,6 @@ from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, config_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import Script, ScriptDriver
 from cornerforge.types import Scenario
 
@@ -220,7 +219,6 @@ def _record(small: Shrunk) -> CaseRecord:
     before, after = small.before, small.after
     return case_record(
         small.scenario,
-        trajectory_digest=scenario_digest(small.scenario),
         start=small.script.start,
         extra={
             "crash_type": small.crash_type,

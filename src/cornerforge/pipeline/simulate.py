@@ -18,7 +18,14 @@ from cornerforge.sim.runner import Tally
 from cornerforge.sim.runner import simulate as drive
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["distributions_of", "rate_summary", "simulate", "simulate_experiment", "tally_summary"]
+__all__ = [
+    "check_not_all_spoiled",
+    "distributions_of",
+    "rate_summary",
+    "simulate",
+    "simulate_experiment",
+    "tally_summary",
+]
 
 
 def rate_summary(crashes: int, tests: int, miles: float) -> dict[str, Any]:
@@ -74,6 +81,20 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
     return summary
 
 
+def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
+    """Without a valid test there is nothing to tell.
+
+    Raises:
+        AvFaultError: The foreign AV spoiled all.
+    """
+    if valid == 0 and tests > 0 and run.foreign is not None and run.foreign.faults:
+        fault = next(iter(run.foreign.faults.values()))
+        raise AvFaultError(
+            f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
+            f"Mend it; to look closer: cornerforge check-av {run.av.name}"
+        )
+
+
 def simulate_experiment(
     run: Experiment,
     *,
@@ -99,12 +120,7 @@ def simulate_experiment(
         progress=lambda done: progress(stage, done, tests),
         drive=run.drive,
     )
-    if tally.tests == 0 and run.foreign is not None:
-        fault = next(iter(run.foreign.faults.values()))
-        raise AvFaultError(
-            f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
-            f"Mend it; to look closer: cornerforge check-av {run.av.name}"
-        )
+    check_not_all_spoiled(run, tally.tests, tests)
     return tally, time.perf_counter() - start
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
+from cornerforge.fields import HISTORY_SHAPE
 from cornerforge.library import CaseLibrary
-from cornerforge.library.schema import HISTORY_SHAPE
 from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment

@@ -26,7 +26,7 @@ __all__ = [
     "read_table",
 ]
 
-PARTS = ("avoidability", "severity", "likelihood", "novelty")
+PARTS = ("avoidability", "severity", "novelty")
 FAULTS = ("av", "bv", "both", "none")
 
 
@@ -160,12 +160,15 @@ def read_judged(reader: Reader) -> Judged:
     if not sum(fault.values()) or sum(fault.values()) != sum(rules.values()):
         raise reader.fault("fault", f"holds {sum(fault.values())} cases, fault_rules {sum(rules.values())}")
     value, severity = reader.child("value"), reader.child("severity")
+    weights = value.child("weights")
+    if set(weights.values) != set(PARTS):
+        raise value.fault("weights", f"are of {', '.join(weights.values)}, here: {', '.join(PARTS)}")
     return Judged(
         fault={who: fault.get(who, 0) for who in FAULTS},
         rules=rules,
         severity={name: _numbers(severity.child(name)) for name in severity.values},
         avoided=_avoided(reader),
-        weights={part: value.child("weights").number(part) for part in PARTS},
+        weights={part: weights.number(part) for part in PARTS},
         top=[_top(case) for case in value.children("top")],
         coverage=_coverage(reader.child("coverage")),
     )

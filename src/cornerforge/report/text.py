@@ -57,12 +57,11 @@ def share(value: float) -> str:
 
 
 def sentence(text: str) -> str:
-    """A sentence of the analysis with units, signs and powers of ten as in print.
+    """A sentence of the analysis with units and signs as in print.
 
-    >>> sentence("brakes with -4.0 m/s2 at 3 m; once in 3e7 miles").replace(chr(0xA0), "_")
-    'brakes with −4.0_m/s² at 3 m; once in 3_×_10⁷ miles'
+    >>> sentence("brakes with -4.0 m/s2 at 3 m").replace(chr(0xA0), "_")
+    'brakes with −4.0_m/s² at 3 m'
     """
-    text = re.sub(r"(?<=\d)e\+?(-?\d+)", lambda power: "\u00a0×\u00a010" + power[1].translate(_SUPERSCRIPTS), text)
     return re.sub(r"(?<= )-(?=\d)", "−", text).replace(" m/s2", "\u00a0m/s²")
 
 

@@ -1,17 +1,17 @@
-"""Crashes as columns: drive a range of tests and put every AV crash into flat arrays, with no Python object per case.
+"""Crashes as columns: `keep_case` makes a case of a recording, whoever drove; `harvest_range` drives and keeps in bulk.
 
-What a case's numbers mean stands in `library/schema.py`; `library/record.py` makes the same from one `Scenario`,
-slowly, and is the referee of the tests.
+Flat arrays, no Python object per case. What a case's numbers mean stands in `fields.py`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, REALS
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import write_outcome
 from cornerforge.sim.setting import POLICY, cast_index
@@ -25,27 +25,27 @@ if TYPE_CHECKING:
     from cornerforge.sim.keep import Decisions, Keep, Outcomes
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import World
+    from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = [
-    "CASE_ROW",
-    "HISTORY_SECONDS",
     "MAX_ACCELERATION",
     "MAX_BRAKING",
     "MAX_LATERAL_ACCELERATION",
     "NEAR_M",
     "TOLERANCE",
     "Buffers",
+    "CaseName",
     "Harvest",
+    "Recorded",
     "allocate_harvest",
     "harvest_range",
+    "is_full",
     "keep_case",
+    "keep_driven",
 ]
 
 NEAR_M = 150.0
 """Vehicles that come this near to the AV along the road [m] are stored."""
-HISTORY_SECONDS = 16
-"""Seconds 0..15 before the contact are kept as a case's history."""
 # Limits of a passenger car on a dry road: about 0.87 g braking, and the ODD's default bound across the road.
 MAX_BRAKING = 8.5
 MAX_ACCELERATION = 4.0
@@ -53,47 +53,29 @@ MAX_LATERAL_ACCELERATION = 4.0
 # Differences of recorded frames are averages, so they exceed a bound only by rounding.
 TOLERANCE = 1e-3
 
-_HISTORY = HISTORY_SECONDS * 2 * 4
+_HISTORY_SECONDS, _PAIR, _HISTORY_VALUES = HISTORY_SHAPE
+_HISTORY = _HISTORY_SECONDS * _PAIR * _HISTORY_VALUES
 _FRAME_S2 = FRAME_S**2
-_SERIES = 5
+_REALS = len(REALS)
 _NEAR = 1
 
-CASE_ROW = np.dtype(
-    [
-        ("test", "i8"),
-        ("crash_time_s", "f8"),
-        ("duration_s", "f8"),
-        ("bv_slot", "i2"),
-        ("av_speed_mps", "f8"),
-        ("bv_speed_mps", "f8"),
-        ("impact_speed_difference_mps", "f8"),
-        ("relative_heading_rad", "f8"),
-        ("relative_lon_m", "f8"),
-        ("relative_lat_m", "f8"),
-        ("av_lane", "i1"),
-        ("relative_lane", "i1"),
-        ("av_max_acceleration_mps2", "f8"),
-        ("av_max_braking_mps2", "f8"),
-        ("av_max_lateral_acceleration_mps2", "f8"),
-        ("bv_max_acceleration_mps2", "f8"),
-        ("bv_max_braking_mps2", "f8"),
-        ("bv_max_lateral_acceleration_mps2", "f8"),
-        ("physically_plausible", "u1"),
-        ("min_ttc_s", "f8"),
-        ("n_vehicles", "i2"),
-        ("n_decisions", "i2"),
-        ("log_prob_nde", "f8"),
-        ("n_impossible", "i2"),
-        ("shortfall_nats", "f8"),
-        ("n_implausible", "i8"),
-        ("log_prob_policy", "f8"),
-        ("policy", "i8"),
-        ("n_frames", "i4"),
-        ("n_kept", "i4"),
-    ],
-    align=True,
-)
-"""One case, by the names of `library.schema`; NaN stands for null. policy: index in the mixture; n_kept: vehicles."""
+
+class CaseName(NamedTuple):
+    """What a case is called: seed and number of its test; policy: which one of the mixture drove it, 0 for the only."""
+
+    seed: int
+    test: int
+    policy: int
+
+
+class Recorded(NamedTuple):
+    """How far a recording goes: frames, decisions, vehicles; frame of the contact, and column of the partner."""
+
+    frames: int
+    decisions: int
+    vehicles: int
+    contact: int
+    partner: int
 
 
 class Harvest(NamedTuple):
@@ -103,12 +85,12 @@ class Harvest(NamedTuple):
         filled: int64 (9,): how much of the other arrays is used, see `FILLED`.
         rows: CASE_ROW (C,).
         history: float32 (C, 128).
-        x, y, speed, heading, acceleration: float32, stored vehicle by vehicle, NaN where absent.
+        reals: float32 (5, .), `fields.REALS`, stored vehicle by vehicle, NaN where absent.
         target_lane: int8, -1 where absent; present: bool; likewise.
         slot: int16, slots of the stored vehicles.
         action: int8, decisions of the stored vehicles, vehicle by vehicle.
         critical_bv, critical_bv_action, log_prob: per decision: index into the case's slots, action, ln P.
-        exact: float64, five series of all vehicles, frame by frame, 0 where absent: what a digest covers.
+        exact: float64, the real series of all vehicles, frame by frame, 0 where absent: what a digest covers.
         marks: uint8, what else it covers: target lanes, presence, actions, critical BVs (two bytes each, low first).
         near: Scratch, int64 (slots,).
     """
@@ -116,11 +98,7 @@ class Harvest(NamedTuple):
     filled: NDArray[np.int64]
     rows: NDArray[np.void]
     history: NDArray[np.float32]
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
-    speed: NDArray[np.float32]
-    heading: NDArray[np.float32]
-    acceleration: NDArray[np.float32]
+    reals: NDArray[np.float32]
     target_lane: NDArray[np.int8]
     present: NDArray[np.bool_]
     slot: NDArray[np.int16]
@@ -149,16 +127,11 @@ def allocate_harvest(cases: int, slots: int, max_decisions: int) -> Harvest:
     usual = frames * slots // 4  # about 40 % of the time limit with about half of the slots
     numbers = cases * usual + frames * slots
     decided = max_decisions * slots
-    x, y, speed, heading, acceleration = (np.empty(numbers, dtype=np.float32) for _ in range(_SERIES))
     return Harvest(
         np.zeros(len(FILLED), dtype=np.int64),
         np.zeros(cases, dtype=CASE_ROW),
         np.zeros((cases, _HISTORY), dtype=np.float32),
-        x,
-        y,
-        speed,
-        heading,
-        acceleration,
+        np.empty((_REALS, numbers), dtype=np.float32),
         target_lane=np.empty(numbers, dtype=np.int8),
         present=np.empty(numbers, dtype=np.bool_),
         slot=np.empty(cases * slots, dtype=np.int16),
@@ -166,24 +139,30 @@ def allocate_harvest(cases: int, slots: int, max_decisions: int) -> Harvest:
         critical_bv=np.empty(cases * max_decisions, dtype=np.int16),
         critical_bv_action=np.empty(cases * max_decisions, dtype=np.int8),
         log_prob=np.empty(cases * max_decisions, dtype=np.float64),
-        exact=np.empty(_SERIES * numbers, dtype=np.float64),
+        exact=np.empty(_REALS * numbers, dtype=np.float64),
         marks=np.empty(3 * numbers, dtype=np.uint8),
         near=np.zeros(slots, dtype=np.int64),
     )
 
 
 @kernel
-def _is_full(h: Harvest, frames: int, slots: int) -> bool:
-    """May the longest case not fit any more?"""
+def is_full(h: Harvest, frames: int, slots: int) -> bool:
+    """May a case of so many frames and vehicles not fit any more?"""
     most = frames * slots
     filled = h.filled
     full: bool = (
         filled[CASES] >= h.rows.size
-        or filled[NUMBERS] + most > h.x.size
-        or filled[EXACT] + _SERIES * most > h.exact.size
+        or filled[NUMBERS] + most > h.present.size
+        or filled[EXACT] + _REALS * most > h.exact.size
         or filled[MARKS] + 3 * most > h.marks.size
     )
     return full
+
+
+@inlined_kernel
+def _reals(cell: Any) -> tuple[float, float, float, float, float]:
+    """The real-valued series of a vehicle in a frame, in the order of `fields.REALS`."""
+    return cell.x, cell.y, cell.speed, cell.heading, cell.acceleration
 
 
 @kernel
@@ -236,16 +215,15 @@ def _min_ttc(recording: NDArray[np.void], frame: int, n: int, length: float, wid
 
 
 @kernel
-def _keep_labels(w: World, recording: NDArray[np.void], setting: Setting, h: Harvest) -> None:
+def _keep_labels(end: Recorded, recording: NDArray[np.void], road: RoadNumbers, h: Harvest) -> None:
     """What the contact looked like, and what AV and partner did to the physics."""
-    road = setting.road
-    frame = w.state[0].frame
-    partner = w.state[0].slot_b
+    frame = end.contact
+    partner = end.partner
     row = h.rows[h.filled[CASES]]
     av = recording[frame, 0]
     bv = recording[frame, partner]
     row.crash_time_s = frame / 10.0
-    row.duration_s = frame * FRAME_S
+    row.duration_s = (end.frames - 1) * FRAME_S
     row.bv_slot = partner
     row.av_speed_mps = av.speed
     row.bv_speed_mps = bv.speed
@@ -273,23 +251,23 @@ def _keep_labels(w: World, recording: NDArray[np.void], setting: Setting, h: Har
         or across > MAX_LATERAL_ACCELERATION + TOLERANCE
         or bv_across > MAX_LATERAL_ACCELERATION + TOLERANCE
     )
-    row.min_ttc_s = _min_ttc(recording, frame, w.state[0].n_vehicles, road.length, road.width)
+    row.min_ttc_s = _min_ttc(recording, frame, end.vehicles, road.length, road.width)
 
 
 @kernel
-def _keep_history(w: World, recording: NDArray[np.void], h: Harvest) -> None:
+def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None:
     """The seconds before the contact, of AV and partner."""
     history = h.history[h.filled[CASES]]
     for k in range(_HISTORY):
         history[k] = math.nan
-    for second in range(HISTORY_SECONDS):
-        frame = w.state[0].frame - SUBSTEPS * second
+    for second in range(_HISTORY_SECONDS):
+        frame = end.contact - SUBSTEPS * second
         if frame < 0:
             break
-        for who in range(2):
-            cell = recording[frame, 0 if who == 0 else w.state[0].slot_b]
-            place = (2 * second + who) * 4
+        for who in range(_PAIR):
+            cell = recording[frame, 0 if who == 0 else end.partner]
             if cell.present:
+                place = (_PAIR * second + who) * _HISTORY_VALUES
                 history[place] = cell.x
                 history[place + 1] = cell.y
                 history[place + 2] = cell.speed
@@ -298,21 +276,21 @@ def _keep_history(w: World, recording: NDArray[np.void], h: Harvest) -> None:
 
 @kernel
 def _find_near(
-    w: World, recording: NDArray[np.void], decisions: Decisions, decided: int, near: NDArray[np.int64]
+    end: Recorded, near_m: float, recording: NDArray[np.void], decisions: Decisions, near: NDArray[np.int64]
 ) -> int:
-    """Mark whom to store, by their index among the stored, -1 for the others; returns their number."""
-    n = w.state[0].n_vehicles
+    """Mark the vehicles to store by their index among the stored, -1 for the others; returns their number."""
+    n = end.vehicles
     for i in range(n):
-        near[i] = -1
+        near[i] = _NEAR if near_m == math.inf else -1
     near[0] = _NEAR
-    near[w.state[0].slot_b] = _NEAR
-    for k in range(decided):
+    near[end.partner] = _NEAR
+    for k in range(end.decisions):
         if decisions.controlled[k] >= 0:
             near[decisions.controlled[k]] = _NEAR
-    for t in range(w.state[0].frame + 1):
+    for t in range(end.frames):
         for i in range(1, n):
             cell = recording[t, i]
-            if near[i] < 0 and cell.present and abs(cell.x - recording[t, 0].x) <= NEAR_M:
+            if near[i] < 0 and cell.present and abs(cell.x - recording[t, 0].x) <= near_m:
                 near[i] = _NEAR
     kept = 0
     for i in range(n):
@@ -322,26 +300,32 @@ def _find_near(
     return kept
 
 
+@inlined_kernel
+def _action(recording: NDArray[np.void], decisions: Decisions, k: int, i: int) -> int:
+    """What vehicle i decided at decision k; -1 where it is absent."""
+    action: int = decisions.action[k, i] if recording[SUBSTEPS * k, i].present else -1
+    return action
+
+
 @kernel
-def _keep_decisions(w: World, recording: NDArray[np.void], decisions: Decisions, decided: int, h: Harvest) -> None:
+def _keep_decisions(end: Recorded, recording: NDArray[np.void], decisions: Decisions, h: Harvest) -> None:
     """Actions of the stored vehicles, and what the critical BV's were worth."""
     filled = h.filled
     row = h.rows[filled[CASES]]
     near = h.near
-    for i in range(w.state[0].n_vehicles):
+    for i in range(end.vehicles):
         if near[i] >= 0:
             h.slot[filled[SLOTS]] = i
             filled[SLOTS] += 1
-            for k in range(decided):
-                there = recording[SUBSTEPS * k, i].present
-                h.action[filled[ACTIONS]] = decisions.action[k, i] if there else -1
+            for k in range(end.decisions):
+                h.action[filled[ACTIONS]] = _action(recording, decisions, k, i)
                 filled[ACTIONS] += 1
     row.log_prob_nde = 0.0
     row.n_impossible = 0
-    row.shortfall_nats = 0.0
+    row.possible_shortfall_nats = 0.0
     row.n_implausible = 0
     row.log_prob_policy = 0.0
-    for k in range(decided):
+    for k in range(end.decisions):
         place = filled[DECISIONS] + k
         critical = decisions.controlled[k]
         h.critical_bv[place] = near[critical] if critical >= 0 else -1
@@ -355,103 +339,120 @@ def _keep_decisions(w: World, recording: NDArray[np.void], decisions: Decisions,
         if decisions.shortfall[k] == math.inf:
             row.n_implausible += 1
         else:
-            row.shortfall_nats += decisions.shortfall[k]
+            row.possible_shortfall_nats += decisions.shortfall[k]
     if row.n_impossible > 0:
         row.log_prob_nde = math.nan
-    filled[DECISIONS] += decided
+    row.shortfall_nats = math.inf if row.n_implausible > 0 else row.possible_shortfall_nats
+    filled[DECISIONS] += end.decisions
 
 
 @kernel
-def _keep_tracks(w: World, recording: NDArray[np.void], h: Harvest) -> None:
+def _keep_tracks(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None:
     """Series of the stored vehicles."""
     filled = h.filled
-    for i in range(w.state[0].n_vehicles):
+    for i in range(end.vehicles):
         if h.near[i] < 0:
             continue
-        for t in range(w.state[0].frame + 1):
+        for t in range(end.frames):
             place = filled[NUMBERS] + t
             cell = recording[t, i]
             there = cell.present != 0
-            h.present[place] = there
-            h.x[place] = cell.x if there else math.nan
-            h.y[place] = cell.y if there else math.nan
-            h.speed[place] = cell.speed if there else math.nan
-            h.heading[place] = cell.heading if there else math.nan
-            h.acceleration[place] = cell.acceleration if there else math.nan
+            values = _reals(cell)
+            for q in range(_REALS):
+                h.reals[q, place] = values[q] if there else math.nan
             h.target_lane[place] = cell.target_lane if there else -1
-        filled[NUMBERS] += w.state[0].frame + 1
+            h.present[place] = there
+        filled[NUMBERS] += end.frames
 
 
 @kernel
-def _keep_exact(w: World, recording: NDArray[np.void], decisions: Decisions, decided: int, h: Harvest) -> None:
+def _keep_exact(end: Recorded, recording: NDArray[np.void], decisions: Decisions, h: Harvest) -> None:
     """All that `recorder.scenario_digest` covers, in its order."""
     filled = h.filled
-    n = w.state[0].n_vehicles
-    frames = w.state[0].frame + 1
-    size = frames * n
+    n = end.vehicles
+    size = end.frames * n
     exact = filled[EXACT]
     marks = filled[MARKS]
-    for t in range(frames):
+    for t in range(end.frames):
         for i in range(n):
             cell = recording[t, i]
             place = t * n + i
             there = cell.present != 0
-            h.exact[exact + place] = cell.x if there else 0.0
-            h.exact[exact + size + place] = cell.y if there else 0.0
-            h.exact[exact + 2 * size + place] = cell.speed if there else 0.0
-            h.exact[exact + 3 * size + place] = cell.heading if there else 0.0
-            h.exact[exact + 4 * size + place] = cell.acceleration if there else 0.0
+            values = _reals(cell)
+            for q in range(_REALS):
+                h.exact[exact + q * size + place] = values[q] if there else 0.0
             h.marks[marks + place] = cell.target_lane & 255 if there else 255
             h.marks[marks + size + place] = 1 if there else 0
-    filled[EXACT] += _SERIES * size
+    filled[EXACT] += _REALS * size
     marks += 2 * size
-    for k in range(decided):
+    for k in range(end.decisions):
         for i in range(n):
-            there = recording[SUBSTEPS * k, i].present != 0
-            h.marks[marks + k * n + i] = decisions.action[k, i] & 255 if there else 255
-    marks += decided * n
-    for k in range(decided):
+            h.marks[marks + k * n + i] = _action(recording, decisions, k, i) & 255
+    marks += end.decisions * n
+    for k in range(end.decisions):
         h.marks[marks + 2 * k] = decisions.controlled[k] & 255
         h.marks[marks + 2 * k + 1] = (decisions.controlled[k] >> 8) & 255
-    filled[MARKS] = marks + 2 * decided
+    filled[MARKS] = marks + 2 * end.decisions
 
 
 @kernel
-def keep_case(w: World, setting: Setting, keep: Keep, h: Harvest) -> None:
-    """Store the crash of the AV that a world has just ended in.
+def keep_case(
+    name: CaseName, end: Recorded, near_m: float, road: RoadNumbers, recording: NDArray[np.void], decisions: Decisions,
+    h: Harvest,
+) -> None:  # fmt: skip
+    """Store a recorded crash of the AV behind those that are there: the one way in which cases are made.
 
     Args:
-        w: The world, after its test.
-        setting: The run.
-        keep: Frames and decisions of the whole test.
-        h: Where the case goes, behind those that are there.
+        name: What it is called.
+        end: How far the recording goes.
+        near_m: Vehicles that come this near to the AV along the road are stored [m], besides its partner and critical
+            BVs; infinite: all.
+        road: Of the recording.
+        recording, decisions: Of the test.
+        h: Where the case goes; there must be room.
     """
-    state = w.state[0]
-    recording, decisions = keep.recording, keep.decisions
     row = h.rows[h.filled[CASES]]
-    decided = -(-state.frame // SUBSTEPS)
-    row.test = state.test
-    row.n_vehicles = state.n_vehicles
-    row.n_decisions = decided
-    row.n_frames = state.frame + 1
-    n_policies = setting.who.cast.members.size
-    row.policy = cast_index(state.seed, state.test, n_policies) if n_policies > 0 else 0
-    row.n_kept = _find_near(w, recording, decisions, decided, h.near)
-    _keep_labels(w, recording, setting, h)
-    _keep_history(w, recording, h)
-    _keep_decisions(w, recording, decisions, decided, h)
-    _keep_tracks(w, recording, h)
-    _keep_exact(w, recording, decisions, decided, h)
+    row.seed = name.seed
+    row.test = name.test
+    row.policy = name.policy
+    row.n_vehicles = end.vehicles
+    row.n_decisions = end.decisions
+    row.n_frames = end.frames
+    row.n_kept = _find_near(end, near_m, recording, decisions, h.near)
+    _keep_labels(end, recording, road, h)
+    _keep_history(end, recording, h)
+    _keep_decisions(end, recording, decisions, h)
+    _keep_tracks(end, recording, h)
+    _keep_exact(end, recording, decisions, h)
     h.filled[CASES] += 1
 
 
+@kernel
+def keep_driven(w: World, setting: Setting, keep: Keep, h: Harvest) -> None:
+    """`keep_case` of a test that has just been driven and kept whole, and ended in a crash of the AV."""
+    state = w.state[0]
+    n_policies = setting.who.cast.members.size
+    policy = cast_index(state.seed, state.test, n_policies) if n_policies > 0 else 0
+    name = CaseName(state.seed, state.test, policy)
+    end = Recorded(state.frame + 1, -(-state.frame // SUBSTEPS), state.n_vehicles, state.frame, state.slot_b)
+    keep_case(name, end, NEAR_M, setting.road, keep.recording, keep.decisions, h)
+
+
 class Buffers(NamedTuple):
-    """Where a harvest drives: a world, scratch, and what is kept of a test that is recorded, and of one that is not."""
+    """Where a harvest drives.
+
+    Attributes:
+        world, scratch: To drive in.
+        counted: What is kept of a test of which only the counts and the outcome are.
+        whole_counted: The same of a test that is recorded at once: counts, frames and decisions.
+        whole: The same of a crashed test that is driven again: frames and decisions.
+    """
 
     world: World
     scratch: Scratch
+    counted: Keep
+    whole_counted: Keep
     whole: Keep
-    nothing: Keep
 
 
 @kernel
@@ -463,7 +464,7 @@ def harvest_range(seed: int, first: int, setting: Setting, at: Buffers, out: Out
     Args:
         seed, first: Which tests.
         setting: The run.
-        at: Where they are driven; its recording holds nobody.
+        at: Where they are driven; its recording holds nobody. Each test is counted once.
         out: How each ended.
         h: Where the cases go, behind those that are there.
 
@@ -472,21 +473,21 @@ def harvest_range(seed: int, first: int, setting: Setting, at: Buffers, out: Out
     """
     w, s, recording = at.world, at.scratch, at.whole.recording
     for k in range(out.code.size):
-        if _is_full(h, recording.shape[0], recording.shape[1]):
+        if is_full(h, recording.shape[0], recording.shape[1]):
             return k
         test = first + k
         # A policy is taken for a good one until it is known better.
         knows_none = h.filled[DRIVEN] == 0 and setting.who.critical == POLICY
         at_once = 2 * h.filled[CRASHED] > h.filled[DRIVEN] or knows_none
-        drive_test(w, seed, test, setting, s, at.whole if at_once else at.nothing)
+        drive_test(w, seed, test, setting, s, at.whole_counted if at_once else at.counted)
+        crashed = w.state[0].outcome == AV_CRASH
+        if crashed and not at_once:
+            drive_test(w, seed, test, setting, s, at.whole)
         write_outcome(w, out, k, setting.road)
         h.filled[DRIVEN] += 1
-        crashed = w.state[0].outcome == AV_CRASH
         if crashed:
             h.filled[CRASHED] += 1
-            if not at_once:
-                drive_test(w, seed, test, setting, s, at.whole)
-            keep_case(w, setting, at.whole, h)
+            keep_driven(w, setting, at.whole, h)
         if crashed or at_once:
             forget_frames(recording, w.state[0].frame + 1, w.state[0].n_vehicles)
     return out.code.size

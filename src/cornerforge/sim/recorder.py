@@ -8,25 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge.errors import InputError
+from cornerforge.fields import FRAME_FIELDS, REALS, SERIES
 from cornerforge.sim.drive import drive_test
-from cornerforge.sim.keep import Keep, keep_whole_test
+from cornerforge.sim.harvest import Harvest, Recorded, keep_driven
+from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, World, allocate_worlds, n_slots, world_of
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
-__all__ = ["Recorder", "scenario_digest", "scenario_of"]
+__all__ = ["Recorder", "recording_of", "scenario_digest", "scenario_of"]
 
 
 def scenario_digest(scenario: Scenario) -> str:
     """SHA-256 (hex) over all recorded numbers at full precision: what "identical" means for a replay."""
     digest = hashlib.sha256()
     present = scenario.present
-    for name in ("x", "y", "speed", "heading", "acceleration"):
-        digest.update(np.where(present, getattr(scenario, name), 0.0).astype("<f8").tobytes())
-    digest.update(scenario.target_lane.astype("i1").tobytes())
-    digest.update(present.astype("i1").tobytes())
+    for series in SERIES:
+        values = getattr(scenario, series.name)
+        digest.update(
+            (np.where(present, values, 0.0) if series.name in REALS else values).astype(series.recorded).tobytes()
+        )
     digest.update(scenario.action.astype("i1").tobytes())
     digest.update(scenario.critical_bv.astype("<i2").tobytes())
     return digest.hexdigest()
@@ -52,14 +56,63 @@ class Recorder:
         """Drive the test in `_world` and keep it in `_keep`."""
         drive_test(self._world, seed, test, self._setting, self._scratch, self._keep)
 
-    def record(self, seed: int, test: int) -> Scenario:
-        """Drive one test and return it whole: all vehicles, every 0.1 s."""
+    def _record(self, seed: int, test: int) -> None:
         check_integer("seed", seed, low=0, high=2**63 - 1)
         check_integer("test", test, low=0, high=2**62)
         self._keep.recording["present"] = 0
         self._drive(seed, test)
+
+    def record(self, seed: int, test: int) -> Scenario:
+        """Drive one test and return it whole: all vehicles, every 0.1 s."""
+        self._record(seed, test)
         slots = np.arange(int(self._world.state["n_vehicles"][0]), dtype=np.int16)
         return scenario_of(self._world, self._keep, slots, self._odd, seed, test)
+
+    def keep(self, seed: int, test: int, harvest: Harvest) -> None:
+        """Drive one test that ends in a crash of the AV, and store it as a case; there must be room for one.
+
+        Raises:
+            InputError: It does not end so.
+        """
+        self._record(seed, test)
+        if int(self._world.state["outcome"][0]) != AV_CRASH:
+            raise InputError(f"Test {seed}:{test} holds no crash of the AV; only AV crashes are cases.")
+        keep_driven(self._world, self._setting, self._keep, harvest)
+
+
+def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisions]:
+    """The way back from `scenario_of`: how far the recording goes, and the two of it, for `harvest.keep_case`.
+
+    What the scenario does not know is NaN (shortfall) or 0 (probability under a policy).
+
+    Raises:
+        InputError: It holds no crash of the AV, not its contact, or decisions after its last frame.
+    """
+    name, crash = f"{scenario.seed}:{scenario.test}", scenario.crash
+    if crash is None or crash.slot_a != 0:
+        raise InputError(f"Test {name} holds no crash of the AV; only AV crashes are cases.")
+    shape = scenario.x.shape
+    contact = round(crash.time / FRAME_S)
+    found = np.flatnonzero(scenario.slot == crash.slot_b)
+    if not 0 <= contact < shape[0] or found.size != 1 or not scenario.present[contact, found[0]]:
+        raise InputError(
+            f"Test {name}: slot {crash.slot_b} is not in the recording of {shape[0]} frames at {crash.time} s."
+        )
+    decided = len(scenario.critical_bv)
+    if SUBSTEPS * (decided - 1) >= shape[0]:
+        raise InputError(f"Test {name} has {decided} decisions in {shape[0]} frames; there is one every {SUBSTEPS}.")
+    recording = np.zeros(shape, dtype=FRAME_FIELDS)
+    for series in SERIES:
+        recording[series.name] = np.where(scenario.present, getattr(scenario, series.name), 0)
+    unknown = np.full(decided, np.nan)
+    decisions = Decisions(
+        np.ascontiguousarray(scenario.action, dtype=np.int8),
+        np.ascontiguousarray(scenario.critical_bv, dtype=np.int16),
+        np.ascontiguousarray(scenario.log_prob_nde, dtype=np.float64),
+        unknown if scenario.shortfall is None else np.ascontiguousarray(scenario.shortfall, dtype=np.float64),
+        np.zeros(decided),
+    )
+    return Recorded(shape[0], decided, shape[1], contact, int(found[0])), recording, decisions
 
 
 def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, seed: int, test: int) -> Scenario:
@@ -76,7 +129,7 @@ def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, see
     last = int(state["frame"])
     frames = keep.recording[: last + 1, :n]
     present = frames["present"].astype(np.bool_)
-    columns = {name: np.where(present, frames[name], np.nan) for name in ("x", "y", "speed", "heading", "acceleration")}
+    columns = {name: np.where(present, frames[name], np.nan) for name in REALS}
     decided = -(-last // SUBSTEPS)
     crash = None
     if int(state["outcome"]) in (AV_CRASH, BV_CRASH):
@@ -93,5 +146,6 @@ def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, see
         critical_bv=decisions.controlled[:decided].copy(),
         log_prob_nde=decisions.log_prob[:decided].copy(),
         crash=crash,
+        shortfall=decisions.shortfall[:decided].copy(),
         **columns,
     )

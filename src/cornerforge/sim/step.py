@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.av_kinds import drives_by_idm, sees_everybody
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import RoadNumbers, World
 
 __all__ = [
-    "FRAME_FIELDS",
     "SUBSTEPS",
     "allocate_recording",
     "av_acts",
@@ -52,23 +52,9 @@ _ACCELERATIONS = ACCELERATIONS
 _HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0
 """No AV brakes or accelerates harder [m/s2]: what `IdmParams` allows; orders from outside are cut to less."""
 
-FRAME_FIELDS = np.dtype(
-    [
-        ("x", "f8"),
-        ("y", "f8"),
-        ("speed", "f8"),
-        ("heading", "f8"),
-        ("acceleration", "f8"),
-        ("target_lane", "i1"),
-        ("present", "i1"),
-    ],
-    align=True,
-)
-"""One vehicle in one recorded frame; units as in `world.VEHICLE`."""
-
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
-    """Room for so many frames, (frames, slots) of FRAME_FIELDS, all absent; 0 frames record nothing."""
+    """Room for so many frames, (frames, slots) of `fields.FRAME_FIELDS`, all absent; 0 frames record nothing."""
     return np.zeros((frames, slots), dtype=FRAME_FIELDS)
 
 

@@ -1,0 +1,191 @@
+"""What is recorded, said once: names, types, units and meanings of a test's series and of a case's columns.
+
+From these lists are made: the record of one vehicle in one frame (`FRAME_FIELDS`), the order of a digest, the columns
+that the kernel fills (`CASE_ROW`), the Parquet schemas, their documentation, and the loops of all that read recordings.
+Where a new series or column is wanted, it is added here first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = [
+    "CASES",
+    "CASE_ROW",
+    "FRAME_FIELDS",
+    "HISTORY_SHAPE",
+    "REALS",
+    "SERIES",
+    "SHORTFALL",
+    "TRACKS",
+    "Field",
+    "Series",
+]
+
+
+@dataclass(frozen=True)
+class Field:
+    """One column of a file.
+
+    Attributes:
+        name: As in the file; ends in its unit where it has one.
+        type: Of a value: "string", "bool", "int8" and so on, "list of T", or "T[n]" for lists of n.
+        unit: Of the values, "" for none.
+        meaning: One sentence, with the edge values.
+    """
+
+    name: str
+    type: str
+    unit: str
+    meaning: str
+
+    @property
+    def is_nullable(self) -> bool:
+        """May a value be missing? NaN stands for it in arrays."""
+        return "null" in self.meaning
+
+
+@dataclass(frozen=True)
+class Series:
+    """What is recorded of every vehicle in every frame.
+
+    Attributes:
+        name: As in `types.Scenario`.
+        recorded: NumPy type in a recording and in a digest.
+        column: Where it is stored; the type of its values there.
+    """
+
+    name: str
+    recorded: str
+    column: Field
+
+
+_FLAT = "vehicle by vehicle: vehicle i at frame t stands at i * n_frames + t"
+
+SERIES: tuple[Series, ...] = (
+    Series("x", "<f8", Field("x_m", "float32", "m", f"Box centre along the road, {_FLAT}; NaN where absent.")),
+    Series("y", "<f8", Field("y_m", "float32", "m", "Box centre, to the left of the right road edge; likewise.")),
+    Series("speed", "<f8", Field("speed_mps", "float32", "m/s", "Along the road; likewise.")),
+    Series(
+        "heading", "<f8",
+        Field("heading_rad", "float32", "rad", "Counter-clockwise from the road's direction; likewise."),
+    ),
+    Series(
+        "acceleration", "<f8",
+        Field("acceleration_mps2", "float32", "m/s2", "Held from this frame to the next; likewise."),
+    ),
+    Series(
+        "target_lane", "i1", Field("target_lane", "int8", "", "Lane kept or changed to; -1 where absent; likewise.")
+    ),
+    Series("present", "i1", Field("present", "bool", "", "The vehicle exists; likewise.")),
+)  # fmt: skip
+"""In the order in which a digest covers them: first the real numbers, all 0 where absent, then lane and presence."""
+
+REALS: tuple[str, ...] = tuple(series.name for series in SERIES if series.recorded == "<f8")
+"""Names of the real-valued series."""
+
+FRAME_FIELDS = np.dtype([(series.name, series.recorded.lstrip("<")) for series in SERIES], align=True)
+"""One vehicle in one recorded frame; absent where `present` is 0, and then the rest means nothing."""
+
+HISTORY_SHAPE = (16, 2, 4)
+"""Seconds 0..15 before the contact; AV, crash partner; x [m], y [m], speed [m/s], heading [rad]."""
+
+
+def _limits(who: str, name: str) -> tuple[Field, ...]:
+    real = "float64"
+    return (
+        Field(f"{who}_max_acceleration_mps2", real, "m/s2", f"Largest acceleration of {name}; null below 2 frames."),
+        Field(f"{who}_max_braking_mps2", real, "m/s2", f"Largest braking of {name}, positive; null below 2 frames."),
+        Field(
+            f"{who}_max_lateral_acceleration_mps2", real, "m/s2",
+            f"Largest |lateral acceleration| of {name}, second differences of y; null below 3 frames.",
+        ),
+    )  # fmt: skip
+
+
+SHORTFALL: tuple[Field, ...] = (
+    Field(
+        "shortfall_nats", "float64", "nats",
+        "How far ln P(critical BV's actions), drivers attentive, falls short of the likeliest actions'; inf: one was "
+        "impossible; null: not recorded.",
+    ),
+    Field(
+        "possible_shortfall_nats", "float64", "nats",
+        "The same of the possible actions alone; null: not recorded.",
+    ),
+    Field(
+        "n_implausible", "int64", "",
+        "Critical BV's decisions that are impossible for an attentive driver; null: not recorded.",
+    ),
+)  # fmt: skip
+"""What the critical BV's actions were worth to natural drivers (ADR 12); libraries of early versions may lack it."""
+
+CASES: tuple[Field, ...] = (
+    Field("case_id", "string", "", "Name of the case, seed:test."),
+    Field("seed", "int64", "", "Seed of the run."),
+    Field("test", "int64", "", "Index of the test within the seed."),
+    Field("crash_time_s", "float64", "s", "First contact, since the start of the test."),
+    Field("duration_s", "float64", "s", "Length of the recording."),
+    Field("bv_slot", "int16", "", "Slot of the crash partner, the BV that the AV touches first."),
+    Field("av_speed_mps", "float64", "m/s", "Speed of the AV at contact."),
+    Field("bv_speed_mps", "float64", "m/s", "Speed of the crash partner at contact."),
+    Field("impact_speed_difference_mps", "float64", "m/s", "Partner's speed minus the AV's at contact."),
+    Field("relative_heading_rad", "float64", "rad", "Partner's heading minus the AV's at contact, in [-pi, pi)."),
+    Field("relative_lon_m", "float64", "m", "Partner's centre minus the AV's along the road at contact."),
+    Field("relative_lat_m", "float64", "m", "Partner's centre minus the AV's, to the left, at contact."),
+    Field("av_lane", "int8", "", "Lane that holds the AV's centre at contact, 0 = rightmost."),
+    Field("relative_lane", "int8", "", "Lane of the partner's centre minus the AV's at contact."),
+    *_limits("av", "the AV"),
+    *_limits("bv", "the crash partner"),
+    Field("physically_plausible", "bool", "", "AV, partner: -8.5..4 m/s2 along, 4 m/s2 across the road."),
+    Field("min_ttc_s", "float64", "s", "Smallest TTC of the AV before contact; null: never closing."),
+    Field("n_vehicles", "int16", "", "Vehicles in the test, the AV among them."),
+    Field("n_decisions", "int16", "", "Decisions (one a second) in the test."),
+    Field("log_prob_nde", "float64", "", "ln P(critical BV's actions) in the NDE; null: P = 0."),
+    Field("n_impossible", "int16", "", "Critical BV's decisions of probability 0 in the NDE."),
+    Field("trajectory_digest", "string", "", "Of all vehicles at full precision; for `replay --check`."),
+    Field("critical_bv_action", "list of int8", "", "Critical BV's action at each decision; -1: no BV."),
+    Field(
+        "history", f"float32[{HISTORY_SHAPE[0] * HISTORY_SHAPE[1] * HISTORY_SHAPE[2]}]", "m, m/s, rad",
+        "[second 0..15 before contact][AV, partner][x, y, speed, heading], flat; NaN before the test began.",
+    ),
+    *SHORTFALL,
+)  # fmt: skip
+"""Columns of a library's cases, one row a case."""
+
+TRACKS: tuple[Field, ...] = (
+    Field("case_id", "string", "", "Name of the case, seed:test."),
+    Field("n_frames", "int32", "", "Frames, 0.1 s apart, from the start of the test to contact."),
+    Field("slot", "list of int16", "", "Slots of the stored vehicles; the AV first."),
+    *(Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning) for s in SERIES),
+    Field("action", "list of int8", "", "Decision k of vehicle i at i * n_decisions + k; -1: none."),
+    Field("critical_bv", "list of int16", "", "Critical BV's index into `slot` at each decision; -1: none."),
+    Field("decision_log_prob_nde", "list of float64", "", "ln P(its action) in the NDE; 0: no BV."),
+)
+"""Columns of a library's tracks. Stored: the AV, its crash partner, critical BVs, and who comes within 150 m of the
+AV."""
+
+_NUMBERS = {"bool": "u1"}
+
+
+def _row(fields: Sequence[Field]) -> list[tuple[str, str]]:
+    """The numbers among the columns of a case, as NumPy holds them."""
+    kinds = {field.name: _NUMBERS.get(field.type, field.type) for field in fields}
+    return [(name, kind) for name, kind in kinds.items() if kind[0] in "uif" and kind[-1] != "]"]
+
+
+CASE_ROW = np.dtype(
+    [
+        *_row(CASES),
+        ("log_prob_policy", "f8"),
+        ("policy", "i8"),
+        ("n_frames", "i4"),
+        ("n_kept", "i4"),
+    ],
+    align=True,
+)
+"""One case as the kernel makes it: the numbers of `CASES`, NaN for null; ln P of the critical BV's actions under the
+policy, and which policy of the mixture; frames, and stored vehicles."""

@@ -1,0 +1,111 @@
+"""A case is the same case whichever command made it, and every one says how natural its acts were."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cornerforge import pipeline
+from cornerforge.fields import CASES, SHORTFALL
+from cornerforge.library import CaseLibrary
+from cornerforge.library.shards import encode_tables
+
+NAMES = [column.name for column in CASES]
+BLIND = """
+import numpy as np
+
+class Av:
+    "Holds 33 m/s and heeds nobody: crashes in natural traffic now and then."
+    def act(self, view):
+        return np.stack([np.clip(2.0 * (33.0 - view[:, 0, 3]), -3.0, 2.0), np.zeros(len(view))], axis=1)
+"""
+TESTS = 512
+
+
+@pytest.fixture
+def blind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    (tmp_path / "blind.py").write_text(BLIND, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return "blind:Av"
+
+
+def cases_of(library: Path) -> pa.Table:
+    return CaseLibrary.open(library).scalars(NAMES)
+
+
+def assert_says_it(cases: pa.Table) -> None:
+    """No column of the three is null, and an impossible act has no finite shortfall."""
+    whole, possible, n = (cases.column(field.name) for field in SHORTFALL)
+    assert whole.null_count == possible.null_count == n.null_count == 0
+    whole, possible, n = (np.array(column.to_pylist()) for column in (whole, possible, n))
+    np.testing.assert_array_equal(whole, np.where(n > 0, np.inf, possible))
+    assert (possible >= 0.0).all()
+    assert np.isfinite(possible).all()
+
+
+def test_natural_crashes_of_a_foreign_av(blind: str, tmp_path: Path) -> None:
+    """By `rate`, which records each crash again, and by `simulate --out`: the same rows."""
+    pipeline.rate(av=blind, max_tests=TESTS, out=tmp_path / "rate", seed=4)
+    pipeline.simulate(av=blind, tests=TESTS, out=tmp_path / "stored", seed=4)
+    rated, stored = cases_of(tmp_path / "rate" / "library"), cases_of(tmp_path / "stored")
+    assert stored.num_rows > 20
+    assert repr(rated.to_pylist()) == repr(stored.to_pylist())
+    assert_says_it(stored)
+    natural = np.array(stored.column("shortfall_nats").to_pylist())
+    assert (natural[np.isfinite(natural)] > 0.0).any()
+
+
+def test_cases_of_an_adversary(swerve_library: Path, blind: str, tmp_path: Path) -> None:
+    assert_says_it(cases_of(swerve_library))
+    pipeline.generate(policy="swerve", av=blind, cases=10, out=tmp_path / "foreign", seed=5)
+    foreign = cases_of(tmp_path / "foreign")
+    assert_says_it(foreign)
+    assert min(foreign.column("n_implausible").to_pylist()) > 0, "swerve does what no attentive driver does"
+
+
+def test_a_shrunk_case(swerve_library: Path, tmp_path: Path) -> None:
+    case = CaseLibrary.open(swerve_library).scalars(["case_id"])["case_id"][0].as_py()
+    pipeline.shrink(swerve_library, [case], out=tmp_path / "small")
+    assert_says_it(cases_of(tmp_path / "small"))
+
+
+def early(library: Path, to: Path, *, bulk: bool) -> Path:
+    """The library as an early version wrote it: the finite part only where it was filled in bulk, else nothing."""
+    source = CaseLibrary.open(library)
+    made = CaseLibrary.create(to, source.identity, source.odd)
+    ((cases, tracks),) = source.shards()
+    possible, n = cases.column("possible_shortfall_nats"), cases.column("n_implausible")
+    cases = cases.drop_columns([field.name for field in SHORTFALL])
+    extra = {}
+    if bulk:
+        cases = cases.append_column("shortfall_nats", possible).append_column("n_implausible", n)
+        extra = {"shortfall_nats": "float", "n_implausible": "int"}
+    shard = encode_tables(cases, tracks, extra)
+    made.append_shard(shard, next_test=source.next_test, tests=source.tests, crashes=source.crashes)
+    return to
+
+
+def test_an_early_library_filled_in_bulk_tells_the_truth_too(swerve_library: Path, tmp_path: Path) -> None:
+    """It said 0.0 for a case all of whose acts are impossible."""
+    old = early(swerve_library, tmp_path / "old", bulk=True)
+    assert "possible_shortfall_nats" not in pq.read_schema(old / "cases-000000.parquet").names
+    assert repr(cases_of(old).to_pylist()) == repr(cases_of(swerve_library).to_pylist())
+    found = pipeline.query(old, "select count(*) from cases where shortfall_nats <= 20 and n_implausible > 0")
+    assert found["rows"] == [[0]]
+    assert CaseLibrary.open(old).scalars(["shortfall_nats"]).column(0).to_pylist().count(math.inf) > 0
+
+
+def test_an_early_library_without_it_is_told(swerve_library: Path, tmp_path: Path) -> None:
+    """No other number silently takes its place."""
+    old = early(swerve_library, tmp_path / "old", bulk=False)
+    with pytest.warns(UserWarning, match=r"60 of 60 cases of .*old do not say how natural their acts were"):
+        pipeline.analyse(old, out=tmp_path / "analysis", avoidability="none")
+    cases = pq.read_table(tmp_path / "analysis" / "cases.parquet")
+    assert [cases.column(field.name).null_count for field in SHORTFALL] == [60, 60, 60]
+    pipeline.analyse(swerve_library, out=tmp_path / "new", avoidability="none")  # and no warning, which would fail
+    assert_says_it(pq.read_table(tmp_path / "new" / "cases.parquet"))
