@@ -1,7 +1,7 @@
 """The yardstick in C: compiles `yardstick/drive.c` and drives tests with it on the simulator's own arrays.
 
-Same loops, same memory layout, same libm as the Numba kernels; `tests/benchmarks/test_yardstick.py` holds both to the
-last bit. Naturalistic BVs, a built-in AV, nobody controlled, nothing recorded or counted.
+Same loops, same memory layout, same elementary functions as the Numba kernels; `tests/benchmarks/test_yardstick.py`
+holds both to the last bit. Naturalistic BVs, a built-in AV, nobody controlled, nothing recorded or counted.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cornerforge._elementary import exp, log
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_CAST, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import PolicyNumbers, best_action, q_values
@@ -171,18 +172,18 @@ def sample_action(
     total = 0.0
     for a in range(33):
         if s.allowed[a]:
-            total += math.exp((s.q[a] - most) / temperature)
+            total += exp((s.q[a] - most) / temperature)
     draw = total * uniform(block(seed, test, w.info[N_DECISIONS], bv, PURPOSE_ACT)[0])
     chosen = best
     for a in range(33):
         if s.allowed[a]:
-            weight = math.exp((s.q[a] - most) / temperature)
+            weight = exp((s.q[a] - most) / temperature)
             if weight > 0.0:
                 chosen = a
                 draw -= weight
                 if draw < 0.0:
                     break
-    return chosen, (s.q[chosen] - most) / temperature - math.log(total)
+    return chosen, (s.q[chosen] - most) / temperature - log(total)
 
 
 class Cast(NamedTuple):

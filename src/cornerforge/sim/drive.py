@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cornerforge._elementary import log
 from cornerforge._jit import kernel
 from cornerforge.sim.adversaries import (
     NO_CAST,
@@ -200,12 +201,12 @@ def record_choice(w: World, step: int, bv: int, log_prob_policy: float, s: Choic
         return
     action = w.vehicles[bv].action
     p = s.p[action]
-    decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
+    decisions.log_prob[step] = log(p) if p > 0.0 else -math.inf
     most = 0.0
     for a in range(33):
         most = max(most, s.attentive[a])
     p = s.attentive[action]
-    decisions.shortfall[step] = math.log(most) - math.log(p) if p > 0.0 else math.inf
+    decisions.shortfall[step] = log(most) - log(p) if p > 0.0 else math.inf
 
 
 @kernel

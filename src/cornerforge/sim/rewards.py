@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from cornerforge._checks import check_number
+from cornerforge._elementary import sin_cos
 from cornerforge._jit import kernel
 from cornerforge.errors import UnknownNameError
 from cornerforge.sim.braking import Braking
@@ -114,10 +115,8 @@ def av_strikes(
         bv_x, bv_y, bv_speed, bv_heading: Of the other vehicle.
         road: Constants.
     """
-    ca = math.cos(heading)
-    sa = math.sin(heading)
-    cb = math.cos(bv_heading)
-    sb = math.sin(bv_heading)
+    sa, ca = sin_cos(heading)
+    sb, cb = sin_cos(bv_heading)
     path_speed = speed / ca if ca > 0.5 else speed  # as in `analysis.contact`: the recorded speed is along the road
     bv_path_speed = bv_speed / cb if cb > 0.5 else bv_speed
     vx = bv_path_speed * cb - path_speed * ca

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from cornerforge._elementary import exp, log
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_INITIAL, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
@@ -48,9 +49,9 @@ def _draw_neighbour(
         draw += 1
         z_gap, z_speed = normal_pair(words[0], words[1])
         follows = uniform(words[2]) < initial[4]
-        time_gap = initial[5] * math.exp(initial[6] * z_gap)
+        time_gap = initial[5] * exp(initial[6] * z_gap)
         gap = speed * time_gap if follows else initial[10] + (initial[11] - initial[10]) * uniform(words[3])
-        scale = initial[7] * math.exp(initial[8] * math.log(gap / 20.0))
+        scale = initial[7] * exp(initial[8] * log(gap / 20.0))
         other = (
             initial[0]
             + (1.0 - scale * scale / (2.0 * initial[1] * initial[1])) * (speed - initial[0])
