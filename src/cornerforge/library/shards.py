@@ -76,14 +76,20 @@ def encode_shard(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> Encod
     return encode_tables(cases_table(cases, extra), tracks_table(cases), extra)
 
 
-def write_shard(folder: Path, index: int, shard: EncodedShard) -> Shard:
+def write_shard(folder: Path, index: int, shard: EncodedShard, *, growing: bool = False) -> Shard:
     """Write the two files of a shard; it counts only when a manifest that lists it is committed.
+
+    Args:
+        folder: The library's.
+        index: Of the shard.
+        shard: Its content.
+        growing: Under the second pair of names (`shard_names`).
 
     Raises:
         OutputError: The folder cannot be written.
     """
     files = []
-    for name, content, sha256 in zip(shard_names(index), shard.contents, shard.sha256, strict=True):
+    for name, content, sha256 in zip(shard_names(index, growing=growing), shard.contents, shard.sha256, strict=True):
         replace_file(folder / name, content)
         files.append(StoredFile(name, content.nbytes, sha256))
     return Shard(shard.cases, shard.first_test, shard.last_test, *files)
@@ -143,11 +149,11 @@ class ShardReader:
 
         The last one is kept, because cases are mostly asked for one after the other.
         """
-        if self._last_tracks is None or self._last_tracks[0] != shard.tracks_file.name:
+        if self._last_tracks is None or self._last_tracks[0] != shard.tracks_file.sha256:
             content = self.read(shard.tracks_file)
             if content is None:
                 return None
-            self._last_tracks = (shard.tracks_file.name, pq.ParquetFile(pa.BufferReader(content)))
+            self._last_tracks = (shard.tracks_file.sha256, pq.ParquetFile(pa.BufferReader(content)))
         return self._last_tracks[1]
 
     def _note(self, name: str, fault: str) -> None:
