@@ -36,10 +36,10 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def bits(*arguments: str, cache: Path | None = None, **surroundings: str) -> tuple[str, str]:
+def bits(*arguments: str, surroundings: dict[str, str] | None = None, cache: Path | None = None) -> tuple[str, str]:
     """What the worker prints in these surroundings: the line on the C library, and the rest."""
     paths = (Path(cornerforge.__file__).parents[1], WORKER.parent)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths)), **surroundings}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths)), **(surroundings or {})}
     if cache is not None:
         environment["NUMBA_CACHE_DIR"] = str(cache)
     command = [sys.executable, str(WORKER), *arguments]
@@ -53,13 +53,13 @@ def test_recorded_cases_are_those_of_the_file(golden: Callable[[str, str], None]
 
 
 def test_another_c_library_changes_no_bit() -> None:
-    assert bits("tests", str(QUICK), **OLD_LIBRARY)[1] == bits("tests", str(QUICK))[1]
-    assert bits("cases", **OLD_LIBRARY)[1] == GOLDEN.read_text(encoding="utf-8")
+    assert bits("tests", str(QUICK), surroundings=OLD_LIBRARY)[1] == bits("tests", str(QUICK))[1]
+    assert bits("cases", surroundings=OLD_LIBRARY)[1] == GOLDEN.read_text(encoding="utf-8")
 
 
 def test_the_other_c_library_is_another() -> None:
     # Negative control: what the library itself gives differs, so the test above does compare two libraries.
-    here, there = bits("functions"), bits("functions", **OLD_LIBRARY)
+    here, there = bits("functions"), bits("functions", surroundings=OLD_LIBRARY)
     if here[0] == there[0]:
         pytest.skip("this processor or C library knows one set of functions only")
     assert here[1] == there[1]
@@ -67,7 +67,7 @@ def test_the_other_c_library_is_another() -> None:
 
 @pytest.mark.parametrize("name", MACHINES)
 def test_other_machines_compute_the_same_functions(name: str, tmp_path: Path) -> None:
-    assert bits("functions", cache=tmp_path, **MACHINES[name])[1] == bits("functions")[1]
+    assert bits("functions", surroundings=MACHINES[name], cache=tmp_path)[1] == bits("functions")[1]
 
 
 @pytest.mark.slow
@@ -75,5 +75,5 @@ def test_other_machines_compute_the_same_functions(name: str, tmp_path: Path) ->
 def test_other_machines_drive_the_same_tests(name: str, tmp_path: Path) -> None:
     """All kernels are compiled anew for each: minutes."""
     surroundings = MACHINES.get(name, OLD_LIBRARY)
-    assert bits("tests", str(SLOW), cache=tmp_path, **surroundings)[1] == bits("tests", str(SLOW))[1]
-    assert bits("cases", cache=tmp_path, **surroundings)[1] == GOLDEN.read_text(encoding="utf-8")
+    assert bits("tests", str(SLOW), surroundings=surroundings, cache=tmp_path)[1] == bits("tests", str(SLOW))[1]
+    assert bits("cases", surroundings=surroundings, cache=tmp_path)[1] == GOLDEN.read_text(encoding="utf-8")
