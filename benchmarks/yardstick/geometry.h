@@ -2,6 +2,7 @@
 #ifndef YARDSTICK_GEOMETRY_H
 #define YARDSTICK_GEOMETRY_H
 
+#include "elementary.h"
 #include "world.h"
 
 static inline int64_t lane_of(double y, double lane_width) { return (int64_t)floor(y / lane_width); }
@@ -22,7 +23,9 @@ static bool boxes_overlap(const Vehicle *a, const Vehicle *b, double length, dou
     if (fabs(dx) >= reach || fabs(dy) >= reach) return false;
     if (a->heading == 0.0 && b->heading == 0.0) return fabs(dx) < length && fabs(dy) < width;
     double half_length = 0.5 * length, half_width = 0.5 * width;
-    double ca = cos(a->heading), sa = sin(a->heading), cb = cos(b->heading), sb = sin(b->heading);
+    double sa, ca, sb, cb;
+    sin_cos(a->heading, &sa, &ca);
+    sin_cos(b->heading, &sb, &cb);
     double cos_between = fabs(ca * cb + sa * sb), sin_between = fabs(ca * sb - sa * cb);
     double along = half_length + half_length * cos_between + half_width * sin_between;
     double across = half_width + half_length * sin_between + half_width * cos_between;

@@ -2,8 +2,7 @@
 #ifndef YARDSTICK_PHILOX_H
 #define YARDSTICK_PHILOX_H
 
-#include <math.h>
-#include <stdint.h>
+#include "elementary.h"
 
 enum { PURPOSE_DECIDE = 1, PURPOSE_INITIAL = 2 };
 
@@ -37,10 +36,11 @@ static inline void blocks(
 static inline double uniform(uint64_t word) { return ((double)word + 0.5) * 2.3283064365386963e-10; }
 
 static inline void normal_pair(uint64_t word_a, uint64_t word_b, double *z_a, double *z_b) {
-    double radius = sqrt(-2.0 * log(uniform(word_a)));
-    double angle = 6.283185307179586 * uniform(word_b);
-    *z_a = radius * cos(angle);
-    *z_b = radius * sin(angle);
+    double radius = sqrt(-2.0 * logarithm(uniform(word_a)));
+    double sine, cosine;
+    sin_cos(6.283185307179586 * uniform(word_b), &sine, &cosine);
+    *z_a = radius * cosine;
+    *z_b = radius * sine;
 }
 
 #endif

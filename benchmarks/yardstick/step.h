@@ -35,7 +35,7 @@ static void move_vehicle(Vehicle *v, double held, const Road *road) {
     } else {
         v->y = path_position(v->c, v->clock);
         v->lateral_speed = path_speed(v->c, v->clock) * pace;
-        if (after > 0.0) v->heading = atan(v->lateral_speed / after);
+        if (after > 0.0) v->heading = arctangent(v->lateral_speed / after);
     }
     v->lanes = lane_bits(v->y, 0.5 * road->width, v->target_lane, road->lane_width);
 }

@@ -27,9 +27,9 @@ static double draw_neighbour(
         double z_gap, z_speed;
         normal_pair(words.w[0], words.w[1], &z_gap, &z_speed);
         bool follows = uniform(words.w[2]) < initial[4];
-        double time_gap = initial[5] * exp(initial[6] * z_gap);
+        double time_gap = initial[5] * exponential(initial[6] * z_gap);
         double gap = follows ? speed * time_gap : initial[10] + (initial[11] - initial[10]) * uniform(words.w[3]);
-        double scale = initial[7] * exp(initial[8] * log(gap / 20.0));
+        double scale = initial[7] * exponential(initial[8] * logarithm(gap / 20.0));
         double drawn = initial[0] + (1.0 - scale * scale / (2.0 * initial[1] * initial[1])) * (speed - initial[0]) +
                        scale * z_speed;
         if (follows && !ahead) gap = drawn * time_gap;

@@ -38,8 +38,8 @@ _OPTIONS: dict[str, Any] = {"nopython": True, "nogil": True, "error_model": "num
 F = TypeVar("F", bound=Callable[..., object])
 
 _SOURCES = (
-    "_jit.py", "_kernel_parts.py", "_philox.py", "fields.py", "geometry.py", "types.py", "drivers/*.py", "sim/*.py",
-    "analysis/density_grid.py",
+    "_jit.py", "_kernel_parts.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py",
+    "drivers/*.py", "sim/*.py", "analysis/density_grid.py",
 )  # fmt: skip
 _KEEP_DAYS = 3.0
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cornerforge._elementary import log, sin_cos
 from cornerforge._jit import inlined_kernel
 
 if TYPE_CHECKING:
@@ -115,6 +116,6 @@ def uniform(word: uint64) -> float:
 @inlined_kernel
 def normal_pair(word_a: uint64, word_b: uint64) -> tuple[float, float]:
     """Two independent standard normal numbers from two words (Box and Muller 1958); |z| < 6.8."""
-    radius = math.sqrt(-2.0 * math.log(uniform(word_a)))
-    angle = 6.283185307179586 * uniform(word_b)
-    return radius * math.cos(angle), radius * math.sin(angle)
+    radius = math.sqrt(-2.0 * log(uniform(word_a)))
+    sine, cosine = sin_cos(6.283185307179586 * uniform(word_b))
+    return radius * cosine, radius * sine

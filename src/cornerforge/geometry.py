@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 
 __all__ = [
@@ -72,10 +73,8 @@ def boxes_overlap(
         return abs(dx) < length and abs(dy) < width
     half_length = 0.5 * length
     half_width = 0.5 * width
-    ca = math.cos(heading_a)
-    sa = math.sin(heading_a)
-    cb = math.cos(heading_b)
-    sb = math.sin(heading_b)
+    sa, ca = sin_cos(heading_a)
+    sb, cb = sin_cos(heading_b)
     cos_between = abs(ca * cb + sa * sb)
     sin_between = abs(ca * sb - sa * cb)
     along = half_length + half_length * cos_between + half_width * sin_between

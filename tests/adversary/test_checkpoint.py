@@ -117,7 +117,7 @@ def test_a_training_stopped_again_and_again_goes_on_to_the_same_weights(
     "part",
     ["learner.online", "learner.target", "learner.optimiser.mean", "learner.optimiser.square",
      "learner.replay.recent.reward", "learner.replay.paid.reward", "learner.replay.is_paid",
-     "actor.vehicles", "actor.tests", "actor.observation", "actor.allowed"],
+     "actor.worlds.vehicles", "actor.worlds.state", "actor.observation", "actor.allowed"],
 )  # fmt: skip
 def test_negative_control_every_part_is_needed(part: str, world: Experiment, unbroken: Unbroken, stopped: Path) -> None:
     """The comparison of weights sees it when one part is not what it was."""

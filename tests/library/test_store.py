@@ -376,3 +376,119 @@ def test_resume_says_when_it_cannot_tidy(filled: Path, identity: Identity) -> No
     (filled / "cases-000777.parquet").mkdir()  # cannot be unlinked, by root neither
     with pytest.raises(OutputError, match="Cannot tidy"):
         CaseLibrary.resume(filled, identity, ODD)
+
+
+def in_steps(library: CaseLibrary, steps: Sequence[Sequence[int]], make_record: Callable[[int], CaseRecord]) -> None:
+    """Save cases of these tests, four to a shard, a commit for each step."""
+    crashes = library.crashes
+    for tests in steps:
+        crashes += len(tests)
+        done = tests[-1] + 2
+        library.append([make_record(t) for t in tests], next_test=done, tests=done, crashes=crashes, shard_cases=4)
+
+
+STEPS: list[list[list[int]]] = [
+    [[1], [4, 10], [12, 14, 16, 18, 20], [24]],
+    [[1, 4, 10, 12], [14], [16], [18], [20, 24]],
+    [[1, 4], [10, 12], [14, 16, 18, 20, 24]],
+]
+
+
+@pytest.mark.parametrize("steps", STEPS)
+def test_files_do_not_depend_on_when_cases_are_saved(
+    tmp_path: Path, identity: Identity, make_record: Callable[[int], CaseRecord], steps: list[list[int]]
+) -> None:
+    whole, cut, resumed = (tmp_path / name for name in ("whole", "cut", "resumed"))
+    library = CaseLibrary.create(whole, identity, ODD)
+    everything = [test for step in steps for test in step]
+    in_steps(library, [everything], make_record)
+    library.finish()
+    assert [shard.cases for shard in read_manifest(whole)[0].shards] == [4, 4, 1]
+    names = [f"{kind}-00000{n}.parquet" for kind in ("cases", "tracks") for n in range(3)]
+    assert sorted(contents(whole)) == sorted(["manifest.json", *names])
+
+    library = CaseLibrary.create(cut, identity, ODD)
+    in_steps(library, steps, make_record)
+    assert library.scalars(["test"]).column("test").to_pylist() == everything
+    library.finish()
+    assert contents(cut) == contents(whole)
+
+    for n in range(len(steps)):  # a new process for each step, and one that thought itself finished on the way
+        library = CaseLibrary.resume(resumed, identity, ODD)
+        in_steps(library, steps[n : n + 1], make_record)
+        if n == 1:
+            library.finish()
+        assert library.scenario(f"7:{steps[n][-1]}").scalars["test"] == steps[n][-1]
+    library.finish()
+    assert contents(resumed) == contents(whole)
+
+
+@pytest.mark.parametrize("nth", range(1, 7))
+def test_death_while_a_shard_grows_loses_only_what_was_new(
+    tmp_path: Path,
+    identity: Identity,
+    make_record: Callable[[int], CaseRecord],
+    monkeypatch: pytest.MonkeyPatch,
+    nth: int,
+) -> None:
+    """Two writes and a commit for the step, three more to settle the names."""
+
+    class Killed(BaseException):
+        pass
+
+    calls = []
+    replace_really = os.replace
+
+    def dying(source: Path, target: Path) -> None:
+        calls.append(target)
+        if len(calls) == nth:
+            raise Killed
+        replace_really(source, target)
+
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    for folder in (whole, broken):
+        in_steps(CaseLibrary.create(folder, identity, ODD), [[1, 4]], make_record)
+    library = CaseLibrary.resume(whole, identity, ODD)
+    in_steps(library, [[10]], make_record)
+    library.finish()
+    library = CaseLibrary.resume(broken, identity, ODD)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", dying)
+        with pytest.raises(Killed):  # noqa: PT012  (it dies in one of the two)
+            in_steps(library, [[10]], make_record)
+            library.finish()
+    left = CaseLibrary.open(broken)
+    assert left.verify() == []
+    assert left.scalars(["test"]).column("test").to_pylist() == ([1, 4] if nth <= 3 else [1, 4, 10])
+    library = CaseLibrary.resume(broken, identity, ODD)
+    if library.next_test < 12:
+        in_steps(library, [[10]], make_record)
+    library.finish()
+    assert contents(broken) == contents(whole)
+
+
+def test_a_damaged_last_shard_is_left_as_it_is(
+    tmp_path: Path, identity: Identity, make_record: Callable[[int], CaseRecord]
+) -> None:
+    in_steps(CaseLibrary.create(tmp_path, identity, ODD), [[1, 4]], make_record)
+    flip_a_byte(tmp_path / "cases-000000.parquet")
+    damaged = (tmp_path / "cases-000000.parquet").read_bytes()
+    library = CaseLibrary.resume(tmp_path, identity, ODD)
+    with pytest.warns(DamagedShardWarning, match="has been changed"):
+        assert library.open_cases(4) == 0
+    in_steps(library, [[10]], make_record)
+    library.finish()
+    assert library.scalars(["test"]).column("test").to_pylist() == [10]
+    assert (tmp_path / "cases-000000.parquet").read_bytes() == damaged
+
+
+def test_cases_that_do_not_follow_are_refused_before_anything_is_written(
+    tmp_path: Path, identity: Identity, make_record: Callable[[int], CaseRecord]
+) -> None:
+    library = CaseLibrary.create(tmp_path, identity, ODD)
+    in_steps(library, [[1, 4]], make_record)
+    before = contents(tmp_path)
+    for cases in ([make_record(4)], [make_record(12), make_record(10)]):
+        with pytest.raises(InputError, match=r"continue the library|out of order"):
+            library.append(cases, next_test=20, tests=20, crashes=9, shard_cases=4)
+    assert contents(tmp_path) == before

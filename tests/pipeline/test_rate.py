@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from folder_snapshot import snapshot
 
 import cornerforge
 from cornerforge.errors import FileFormatError, InputError, OutputError
@@ -145,6 +146,20 @@ def test_many_crashes_go_into_several_shards(
     library = CaseLibrary.open(tmp_path / "r" / "library")
     assert len(list((tmp_path / "r" / "library").glob("cases-*.parquet"))) == len(library) == found["av_crashes"]
     assert library.finished
+
+
+def test_the_librarys_files_do_not_depend_on_when_it_is_saved(
+    world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = importlib.import_module("cornerforge.pipeline.rate")
+    monkeypatch.setattr(module, "_SHARD_CASES", 4)
+    monkeypatch.setattr(module, "_BLOCK", 1_000)
+    for name, seconds in (("often", 0.0), ("once", 1e9)):
+        monkeypatch.setattr(module, "_STORE_SECONDS", seconds)
+        cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001, out=tmp_path / name)
+    often, once = (snapshot(tmp_path / name / "library") for name in ("often", "once"))
+    assert sum(name.startswith("cases-") for name in once) > 1
+    assert often == once
 
 
 def test_progress_tells_crashes_and_ends_at_the_total(world: dict[str, Any]) -> None:

@@ -30,7 +30,7 @@ from cornerforge.pipeline.paper.pooled import pooled
 from cornerforge.pipeline.paper.table1 import TABLE1
 from cornerforge.pipeline.setting import experiment
 from cornerforge.pipeline.simulate import simulate_experiment
-from cornerforge.pipeline.train import EVALUATION_TESTS
+from cornerforge.pipeline.train import EVALUATION_TESTS, load_timed_policy
 from cornerforge.rates import binomial_interval
 from cornerforge.report.reproduction import RENDERERS
 from cornerforge.sim.statistics import EXPOSURE
@@ -94,7 +94,15 @@ def test_the_folder_holds_page_figures_numbers_and_policies(finished: tuple[Path
     assert {f"{name}.{ending}" for name in drawn for ending in ("png", "svg")} <= figures
     kinds = {entry.name for entry in (folder / "policies").iterdir()}
     free, bounded = (f"idm-mobil.crash.{kind}" for kind in ("free", "bounded"))
-    assert kinds == {f"{kind}.{k}.safetensors" for kind in (free, bounded) for k in (0, 1)}
+    assert kinds == {
+        f"{kind}.{k}.{ending}"
+        for kind in (free, bounded) for k in (0, 1) for ending in ("safetensors", "provenance.json")
+    }  # fmt: skip
+    for k in (0, 1):  # Figure 2 draws over time, which the policies themselves do not tell
+        path = folder / "policies" / f"{free}.{k}.safetensors"
+        curves: Any = [load(path).about["curve"] for load in (load_policy, load_timed_policy)]
+        assert all(point["seconds"] is None for point in curves[0])
+        assert all(point["seconds"] > 0.0 for point in curves[1])
     assert [found["id"] for found in read(folder / "items.json")["items"]] == [found["id"] for found in result["items"]]
     identity = read(folder / "provenance.json")["identity"]
     assert (identity["seed"], identity["budget"]) == (3, "quick")

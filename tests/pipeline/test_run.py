@@ -16,6 +16,7 @@ from cornerforge.adversary.policy_file import load_policy, policy_hash
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.output import code_hash, version
+from cornerforge.report.artefacts import read_artefacts
 
 run_module = importlib.import_module("cornerforge.pipeline.run")  # the attribute of that name is the function
 
@@ -99,6 +100,17 @@ def test_provenance_names_all_that_decided(finished: tuple[Path, dict[str, Any]]
     assert identity["policy_hash"] == policy_hash(load_policy(folder / "policy.safetensors"))
     assert all(len(identity[key]) == 16 for key in ("av_hash", "model_hash", "config_hash"))
     assert made["seconds"] > 0.0
+
+
+def test_times_of_the_training_are_in_the_provenance_only(finished: tuple[Path, dict[str, Any]]) -> None:
+    folder, summary = finished
+    points = read(folder / "training.json")["points"]
+    times = read(folder / "provenance.json")["point_seconds"]
+    assert [point["seconds"] for point in points] == [None] * len(points)
+    assert len(times) == len(points) > 0
+    assert 0.0 < times[-1] <= summary["train"]["seconds"] + 1e-3
+    assert read_artefacts(folder).training.seconds == times
+    assert "point_seconds" not in summary["train"]
 
 
 def test_exposure_counts_agree_with_themselves(finished: tuple[Path, dict[str, Any]]) -> None:

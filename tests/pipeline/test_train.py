@@ -1,7 +1,8 @@
-"""`train`: one file, whole or absent, that says how it was made."""
+"""`train`: one policy, whole or absent, that says how it was made; when that was stands beside it."""
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,10 @@ import pytest
 from folder_snapshot import snapshot
 
 from cornerforge import pipeline
-from cornerforge.adversary.policy_file import load_policy, policy_hash
+from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.ndd.model import default_model_path, load_model, save_model
+from cornerforge.pipeline.train import load_timed_policy
 
 KNOWN = {
     "decisions", "seconds", "crashes_per_test", "interval95", "tests", "out", "baselines", "policy_hash", "reward",
@@ -48,7 +50,38 @@ def test_summary_and_file_agree(trained: tuple[Path, dict[str, object]]) -> None
     assert 0.0 < swerve["avoidable_per_test"] < swerve["crashes_per_test"]
     assert baselines[0]["crashes_per_test"] == 0.0
     assert baselines[0]["striking_share"] is None
-    assert [entry.name for entry in path.parent.iterdir()] == ["p.safetensors"]
+    assert sorted(entry.name for entry in path.parent.iterdir()) == ["p.provenance.json", "p.safetensors"]
+
+
+def test_the_same_training_gives_the_same_bytes(trained: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+    """However long it took: times stand in the provenance beside the policy."""
+    path, summary = trained
+    again = pipeline.train(out=tmp_path / "q.safetensors", decisions=2000, tests=200, seed=4, threads=1)
+    assert (tmp_path / "q.safetensors").read_bytes() == path.read_bytes()
+    made = json.loads((path.parent / "p.provenance.json").read_text(encoding="utf-8"))
+    assert made["seconds"] == summary["seconds"] != again["seconds"]
+    assert made["identity"]["seed"] == 4
+    curve: Any = load_policy(path).about["curve"]
+    timed: Any = load_timed_policy(path).about["curve"]
+    assert [point["seconds"] for point in curve] == [None] * len(curve)
+    assert [point["seconds"] for point in timed] == made["point_seconds"]
+    assert sorted(made["point_seconds"]) == made["point_seconds"]
+    assert 0.0 < made["point_seconds"][-1] <= made["seconds"]
+
+
+def test_a_policy_of_old_keeps_the_times_that_it_carries(
+    trained: tuple[Path, dict[str, object]], tmp_path: Path
+) -> None:
+    policy = load_policy(trained[0])
+    curve: Any = policy.about["curve"]
+    old = replace(policy, about={**policy.about, "curve": [{**point, "seconds": 7.5} for point in curve]})
+    save_policy(old, tmp_path / "old.safetensors")
+    assert load_timed_policy(tmp_path / "old.safetensors").about == old.about
+    # What lies beside it tells of a training of another length.
+    shutil.copy(trained[0].parent / "p.provenance.json", tmp_path / "old.provenance.json")
+    longer = replace(old, about={**old.about, "curve": [*curve, *curve]})
+    save_policy(longer, tmp_path / "old.safetensors")
+    assert load_timed_policy(tmp_path / "old.safetensors").about == longer.about
 
 
 def test_a_budget_is_stored_and_kept_to(tmp_path: Path) -> None:
@@ -139,7 +172,7 @@ def test_a_stopped_training_goes_on_to_the_same_policy(stopped: Path, tmp_path: 
     )  # fmt: skip
     assert stages == [30_208]  # the point before was reached before the stop
     assert {**resumed, "seconds": 0, "out": ""} == {**unbroken, "seconds": 0, "out": ""}
-    assert [entry.name for entry in folder.iterdir()] == ["p.safetensors"]
+    assert sorted(entry.name for entry in folder.iterdir()) == ["p.provenance.json", "p.safetensors"]
 
 
 def test_without_resume_an_unfinished_training_is_not_overwritten(stopped: Path) -> None:

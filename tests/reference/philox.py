@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from reference.elementary import log, sin_cos
+
 __all__ = ["DECIDE", "EXPLORE", "INITIAL", "Stream", "normal_pair", "philox", "unit"]
 
 DECIDE, INITIAL, EXPLORE = 1, 2, 3
@@ -49,6 +51,6 @@ def unit(word: int) -> float:
 
 def normal_pair(first: int, second: int) -> tuple[float, float]:
     """Box and Muller: two standard normal numbers."""
-    radius = math.sqrt(-2.0 * math.log(unit(first)))
-    angle = 2.0 * math.pi * unit(second)
-    return radius * math.cos(angle), radius * math.sin(angle)
+    radius = math.sqrt(-2.0 * log(unit(first)))
+    sine, cosine = sin_cos(2.0 * math.pi * unit(second))
+    return radius * cosine, radius * sine

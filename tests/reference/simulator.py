@@ -10,6 +10,7 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.types import Odd
 from reference.adversaries import ADVERSARIES, draws
 from reference.drivers import AvDriver, Naturalistic, Row
+from reference.elementary import log
 from reference.philox import DECIDE, Stream, unit
 from reference.world import SIGHT, Vehicle, World, start
 
@@ -286,7 +287,7 @@ class Simulator:
     @staticmethod
     def price(chances: list[float], action: Action) -> int:
         """How much less likely an action is than the likeliest, in millionths of a nat, rounded up."""
-        return math.ceil((math.log(max(chances)) - math.log(chances[action])) * 1e6)
+        return math.ceil((log(max(chances)) - log(chances[action])) * 1e6)
 
 
 @dataclass

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from cornerforge.ndd.model import InitialState
 from cornerforge.types import Odd
 from reference.drivers import AvDriver
+from reference.elementary import atan, exp, log
 from reference.philox import INITIAL, Stream, normal_pair, unit
 from reference.shapes import Box, LateralPath, plan
 
@@ -97,7 +98,7 @@ class Vehicle:
         else:
             self.y = path.position(self.clock)
             if self.speed > 0.0:
-                self.heading = math.atan(path.speed(self.clock) * pace / self.speed)
+                self.heading = atan(path.speed(self.clock) * pace / self.speed)
         half = 0.5 * odd.vehicle_width
         edges = {math.floor((self.y - half) / odd.lane_width), math.floor((self.y + half) / odd.lane_width)}
         self.lanes = {self.target_lane} | {lane for lane in edges if lane >= 0}
@@ -192,10 +193,10 @@ class _Traffic:
             words = self.words()
             z_gap, z_speed = normal_pair(words[0], words[1])
             follows = unit(words[2]) < law.follow_share
-            time_gap = law.time_gap_median * math.exp(law.time_gap_sigma * z_gap)
+            time_gap = law.time_gap_median * exp(law.time_gap_sigma * z_gap)
             free_gap = law.free_gap_low + (law.free_gap_high - law.free_gap_low) * unit(words[3])
             gap = speed * time_gap if follows else free_gap
-            spread = law.rr_scale * math.exp(law.rr_exponent * math.log(gap / 20.0))
+            spread = law.rr_scale * exp(law.rr_exponent * log(gap / 20.0))
             shrink = 1.0 - spread * spread / (2.0 * law.speed_sd * law.speed_sd)
             other = law.speed_mean + shrink * (speed - law.speed_mean) + spread * z_speed
             if follows and not ahead:  # the time gap is the follower's, who is the new vehicle

@@ -55,7 +55,10 @@ def train(
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Train the adversary on an AV."""
+    """Train the adversary on an AV.
+
+    On one machine the same command gives the same policy; on another processor the weights may differ.
+    """
     from cornerforge import pipeline
 
     def text(r: dict[str, Any]) -> str:

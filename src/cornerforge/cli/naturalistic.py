@@ -30,7 +30,10 @@ def ndd_fit(
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Fit a naturalistic model from trajectories; its report is written beside it."""
+    """Fit a naturalistic model from trajectories; its report is written beside it.
+
+    On one machine the same files give the same bytes; on another processor a law's fourth digit may differ.
+    """
     from cornerforge import pipeline
     from cornerforge.pipeline.naturalistic import fit_text
 

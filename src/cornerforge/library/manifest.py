@@ -41,7 +41,7 @@ Identity: TypeAlias = Mapping[str, str | int | float | bool | None]
 MANIFEST = "manifest.json"
 _FORMAT = "cornerforge case library"
 _TEMPORARY = ".tmp"
-_OURS = re.compile(r"(cases|tracks)-\d{6,}\.parquet(\.tmp)?|manifest\.json\.tmp")
+_OURS = re.compile(r"(cases|tracks)-\d{6,}(-growing)?\.parquet(\.tmp)?|manifest\.json\.tmp")
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,14 @@ class Manifest:
         return self.run.get(SCRIPTED) is True
 
 
-def shard_names(index: int) -> tuple[str, str]:
-    """File names of shard `index`.
+def shard_names(index: int, *, growing: bool = False) -> tuple[str, str]:
+    """File names of shard `index`; the second pair is for a last shard that grows (`CaseLibrary.fill`).
 
     >>> shard_names(7)
     ('cases-000007.parquet', 'tracks-000007.parquet')
     """
-    return f"cases-{index:06d}.parquet", f"tracks-{index:06d}.parquet"
+    end = "-growing.parquet" if growing else ".parquet"
+    return f"cases-{index:06d}{end}", f"tracks-{index:06d}{end}"
 
 
 def is_leftover(name: str, manifest: Manifest | None) -> bool:
@@ -194,7 +195,7 @@ def _parse(content: dict[str, Any]) -> Manifest:
 def _parse_shard(index: int, content: dict[str, Any]) -> Shard:
     files = [StoredFile(**content[key]) for key in ("cases_file", "tracks_file")]
     # A manifest is input: it must not lead to files outside its folder.
-    if tuple(file.name for file in files) != shard_names(index):
+    if tuple(file.name for file in files) not in (shard_names(index), shard_names(index, growing=True)):
         raise ValueError(f"shard {index} names the files {[file.name for file in files]}")
     return Shard(int(content["cases"]), int(content["first_test"]), int(content["last_test"]), *files)
 

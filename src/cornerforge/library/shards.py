@@ -23,7 +23,15 @@ from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import EXTRA_TYPES
 from cornerforge.library.tables import ROW_GROUP, parquet_bytes
 
-__all__ = ["DamagedShardWarning", "EncodedShard", "ShardReader", "encode_shard", "encode_tables", "write_shard"]
+__all__ = [
+    "DamagedShardWarning",
+    "EncodedShard",
+    "ShardReader",
+    "encode_shard",
+    "encode_tables",
+    "joined",
+    "write_shard",
+]
 
 
 class DamagedShardWarning(UserWarning):
@@ -73,8 +81,8 @@ def encode_tables(cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str]) -
     return EncodedShard(len(tests), seeds, *ends, ascending, dict(extra), contents, (hashes[0], hashes[1]))
 
 
-def encode_shard(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> EncodedShard:
-    """Pack at least one record.
+def joined(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> tuple[pa.Table, pa.Table]:
+    """The tables of at least one record: cases with their own columns, and tracks.
 
     Raises:
         InputError: A record's own columns are not those of `extra`.
@@ -89,17 +97,28 @@ def encode_shard(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> Encod
     rows = pa.concat_tables([record.cases for record in cases])
     for name, kind in extra.items():
         rows = rows.append_column(name, pa.array([record.extra[name] for record in cases], EXTRA_TYPES[kind]))
-    return encode_tables(rows, pa.concat_tables([record.tracks for record in cases]), extra)
+    return rows, pa.concat_tables([record.tracks for record in cases])
 
 
-def write_shard(folder: Path, index: int, shard: EncodedShard) -> Shard:
+def encode_shard(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> EncodedShard:
+    """Pack at least one record; errors as of `joined`."""
+    return encode_tables(*joined(cases, extra), extra)
+
+
+def write_shard(folder: Path, index: int, shard: EncodedShard, *, growing: bool = False) -> Shard:
     """Write the two files of a shard; it counts only when a manifest that lists it is committed.
+
+    Args:
+        folder: The library's.
+        index: Of the shard.
+        shard: Its content.
+        growing: Under the second pair of names (`shard_names`).
 
     Raises:
         OutputError: The folder cannot be written.
     """
     files = []
-    for name, content, sha256 in zip(shard_names(index), shard.contents, shard.sha256, strict=True):
+    for name, content, sha256 in zip(shard_names(index, growing=growing), shard.contents, shard.sha256, strict=True):
         replace_file(folder / name, content)
         files.append(StoredFile(name, content.nbytes, sha256))
     return Shard(shard.cases, shard.first_test, shard.last_test, *files)
@@ -163,11 +182,11 @@ class ShardReader:
 
         The last one is kept, because cases are mostly asked for one after the other.
         """
-        if self._last_tracks is None or self._last_tracks[0] != shard.tracks_file.name:
+        if self._last_tracks is None or self._last_tracks[0] != shard.tracks_file.sha256:
             content = self.read(shard.tracks_file)
             if content is None:
                 return None
-            self._last_tracks = (shard.tracks_file.name, pq.ParquetFile(pa.BufferReader(content)))
+            self._last_tracks = (shard.tracks_file.sha256, pq.ParquetFile(pa.BufferReader(content)))
         return self._last_tracks[1]
 
     def _note(self, name: str, fault: str) -> None:

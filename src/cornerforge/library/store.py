@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,14 @@ from cornerforge.library.manifest import (
     first_difference,
     is_leftover,
     read_manifest,
+    replace_file,
+    shard_names,
     write_manifest,
 )
 from cornerforge.library.query import run_sql
 from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import arrow_schema
-from cornerforge.library.shards import EncodedShard, ShardReader, encode_shard, write_shard
+from cornerforge.library.shards import EncodedShard, ShardReader, encode_shard, encode_tables, joined, write_shard
 from cornerforge.library.tables import ROW_GROUP, restore, script_of
 from cornerforge.sim.scripted import Script
 from cornerforge.types import Odd, Scenario
@@ -178,7 +180,9 @@ class CaseLibrary:
         """Cases, without those of shards known to be damaged."""
         return sum(shard.cases for shard in self._manifest.shards if shard.cases_file.name not in self._reader.damaged)
 
-    def append(self, cases: Sequence[CaseRecord], *, next_test: int, tests: int, crashes: int) -> None:
+    def append(
+        self, cases: Sequence[CaseRecord], *, next_test: int, tests: int, crashes: int, shard_cases: int | None = None
+    ) -> None:
         """Write cases as one shard and commit it with the progress of the run. About 1000 cases make a good shard.
 
         Args:
@@ -186,6 +190,7 @@ class CaseLibrary:
             next_test: All tests below it are done now.
             tests: Tests done in the whole run.
             crashes: AV crashes in the whole run.
+            shard_cases: Fill up shards to so many cases, as `fill` does, instead of writing one.
 
         Raises:
             InputError: Cases or progress do not continue the library.
@@ -195,8 +200,13 @@ class CaseLibrary:
         self._check_writable()
         self._check_continues(cases, next_test)
         extra = self._manifest.extra
-        shard = encode_shard(cases, extra_kinds(cases[0]) if extra is None else extra) if cases else None
-        self._append(shard, next_test, tests, crashes)
+        if cases and extra is None:
+            extra = extra_kinds(cases[0])
+        if cases and extra is not None and shard_cases is not None:
+            progress = {"next_test": next_test, "tests": tests, "crashes": crashes, "shard_cases": shard_cases}
+            self.fill(*joined(cases, extra), extra, **progress)
+            return
+        self._append(None if not cases or extra is None else encode_shard(cases, extra), next_test, tests, crashes)
 
     def append_shard(self, shard: EncodedShard | None, *, next_test: int, tests: int, crashes: int) -> None:
         """The same with cases that are packed already (`shards.encode_tables`), of this library's ODD; None: none.
@@ -208,18 +218,88 @@ class CaseLibrary:
         self._check_progress(next_test, tests, crashes)
         self._check_writable()
         if shard is not None:
-            in_order = shard.ascending and self.next_test <= shard.first_test <= shard.last_test < next_test
-            if shard.seeds != {self._manifest.run["seed"]} or not in_order:
-                raise InputError(
-                    f"Cases of tests {shard.first_test} to {shard.last_test} of seeds {sorted(shard.seeds)} do not "
-                    f"continue the library {self._path}; they must ascend in [{self.next_test}, {next_test})."
-                )
-            if self._manifest.extra is not None and dict(self._manifest.extra) != dict(shard.extra):
-                raise InputError(
-                    f"The cases have the extra columns {dict(shard.extra)}, this library has "
-                    f"{dict(self._manifest.extra)}; all cases need the same columns of the same types."
-                )
+            self._check_follows(shard, next_test)
         self._append(shard, next_test, tests, crashes)
+
+    def _check_follows(self, shard: EncodedShard, next_test: int) -> None:
+        """New cases of the seed, after those that are there, with the same columns."""
+        in_order = shard.ascending and self.next_test <= shard.first_test <= shard.last_test < next_test
+        if shard.seeds != {self._manifest.run["seed"]} or not in_order:
+            raise InputError(
+                f"Cases of tests {shard.first_test} to {shard.last_test} of seeds {sorted(shard.seeds)} do not "
+                f"continue the library {self._path}; they must ascend in [{self.next_test}, {next_test})."
+            )
+        if self._manifest.extra is not None and dict(self._manifest.extra) != dict(shard.extra):
+            raise InputError(
+                f"The cases have the extra columns {dict(shard.extra)}, this library has "
+                f"{dict(self._manifest.extra)}; all cases need the same columns of the same types."
+            )
+
+    def open_cases(self, shard_cases: int) -> int:
+        """Cases in the last shard if `fill` would add to it: there are fewer than `shard_cases`, and it is sound."""
+        return 0 if (last := self._last_short(shard_cases)) is None else last[0].num_rows
+
+    def _last_short(self, shard_cases: int) -> tuple[pa.Table, pa.Table] | None:
+        shards = self._manifest.shards
+        if not shards or shards[-1].cases >= shard_cases:
+            return None
+        cases, tracks = self._reader.cases(shards[-1], None), self._reader.tracks(shards[-1])
+        return None if cases is None or tracks is None else (cases, tracks.read())
+
+    def fill(
+        self, cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str], *, next_test: int, tests: int, crashes: int,
+        shard_cases: int,
+    ) -> None:  # fmt: skip
+        """Save cases so that the files do not depend on how often this is done: each shard but the last is full.
+
+        What the last shard lacks is added to it first. Its new files get other names than those that are listed, so
+        that a kill before the commit leaves it as it was.
+
+        Args:
+            cases, tracks, extra: New cases, as for `encode_tables`.
+            next_test, tests, crashes: As for `append`.
+            shard_cases: Cases in a full shard; the same in all calls.
+
+        Raises:
+            InputError, OutputError: As for `append_shard`.
+        """
+        self._check_progress(next_test, tests, crashes)
+        self._check_writable()
+        new = encode_tables(cases, tracks, extra)
+        self._check_follows(new, next_test)
+        shards = self._manifest.shards
+        if (last := self._last_short(shard_cases)) is not None:
+            # The new rows' schema: what is read back carries numbers of Parquet's columns, which would be stored.
+            cases = pa.concat_tables([last[0].cast(cases.schema), cases])
+            tracks = pa.concat_tables([last[1].cast(tracks.schema), tracks])
+            shards = shards[:-1]
+        for start in range(0, cases.num_rows, shard_cases):
+            part = encode_tables(cases.slice(start, shard_cases), tracks.slice(start, shard_cases), extra)
+            index = len(shards)
+            listed = self._manifest.shards[index : index + 1]
+            growing = bool(listed) and listed[0].cases_file.name == shard_names(index)[0]
+            shards = (*shards, write_shard(self._path, index, part, growing=growing))
+        now = replace(self._manifest, shards=shards, extra=dict(extra), finished=False)
+        self._commit(replace(now, next_test=next_test, tests=tests, crashes=crashes))
+
+    def _settle(self) -> None:
+        """Give the shards that grew their usual names, and remove older states of them."""
+        shards = list(self._manifest.shards)
+        for index, shard in enumerate(shards):
+            if shard.cases_file.name != shard_names(index)[0]:
+                files = []
+                for file, name in zip((shard.cases_file, shard.tracks_file), shard_names(index), strict=True):
+                    content = self._reader.read(file)
+                    if content is None:
+                        return  # damaged: it keeps its name, and is named so
+                    replace_file(self._path / name, memoryview(content))
+                    files.append(replace(file, name=name))
+                shards[index] = replace(shard, cases_file=files[0], tracks_file=files[1])
+        if tuple(shards) != self._manifest.shards:
+            self._commit(replace(self._manifest, shards=tuple(shards)))
+        for entry in self._path.glob("*-growing.parquet"):
+            if is_leftover(entry.name, self._manifest):
+                entry.unlink()
 
     def _append(self, shard: EncodedShard | None, next_test: int, tests: int, crashes: int) -> None:
         old = self._manifest
@@ -243,6 +323,7 @@ class CaseLibrary:
             OutputError: As for `append`.
         """
         self._check_writable()
+        self._settle()
         self._commit(replace(self._manifest, finished=True))
 
     def _check_writable(self) -> None:

@@ -146,6 +146,9 @@ def harvest_tests(
 class _Filler:
     """Cuts cases into shards, has them packed in the pool, and commits them one after the other.
 
+    Shards are cut by the number of cases only, so the files are the same whatever the clock did; what is saved by the
+    clock before a shard is full is added to it later.
+
     Args:
         library, harvest: Where cases go, and where they come from.
         tally: What is taken is added to it.
@@ -158,6 +161,7 @@ class _Filler:
         self._cases: list[pa.Table] = []
         self._tracks: list[pa.Table] = []
         self._loose = 0
+        self._open = library.open_cases(_SHARD_CASES)
         self._packing: deque[tuple[Future[EncodedShard], int, int]] = deque()
         self._committed_at = time.monotonic()
         self._earlier_faults = library.next_test - library.tests
@@ -177,14 +181,18 @@ class _Filler:
         tests = harvested.tests if most is None else harvested.tests[:most]
         done = 0
         while done < tests.size:
-            part = min(tests.size - done, _SHARD_CASES - self._loose)
+            part = min(tests.size - done, _SHARD_CASES - self._open - self._loose)
             self._cases.append(harvested.cases.slice(done, part))
             self._tracks.append(harvested.tracks.slice(done, part))
             self._loose += part
             self.crashes += part
             done += part
-            if self._loose == _SHARD_CASES:
-                self._pack(int(tests[done - 1]) + 1)
+            if self._open + self._loose == _SHARD_CASES:
+                full = int(tests[done - 1]) + 1
+                if self._open:
+                    self._save(full)
+                else:
+                    self._pack(full)
         self._commit_packed(wait_beyond=_MAX_PACKING)
         if most is not None and tests.size == most:
             return int(tests[-1]) + 1
@@ -194,6 +202,17 @@ class _Filler:
         cases, tracks = pa.concat_tables(self._cases), pa.concat_tables(self._tracks)
         future = self._harvest.pool.submit(encode_tables, cases, tracks, self._harvest.extra)
         self._packing.append((future, next_test, self.crashes))
+        self._cases, self._tracks, self._loose = [], [], 0
+
+    def _save(self, next_test: int) -> None:
+        """Add what is loose to the library's last shard, or begin one with it."""
+        self._commit_packed(wait_beyond=0)
+        cases, tracks = pa.concat_tables(self._cases), pa.concat_tables(self._tracks)
+        self._library.fill(
+            cases, tracks, self._harvest.extra, next_test=next_test, tests=self._tests_below(next_test),
+            crashes=self.crashes, shard_cases=_SHARD_CASES,
+        )  # fmt: skip
+        self._open = (self._open + self._loose) % _SHARD_CASES
         self._cases, self._tracks, self._loose = [], [], 0
 
     def _commit_packed(self, *, wait_beyond: int) -> None:
@@ -209,7 +228,7 @@ class _Filler:
     def commit(self, next_test: int) -> None:
         """Store all that was taken; all tests below `next_test` are done."""
         if self._loose:
-            self._pack(next_test)
+            self._save(next_test)
         self._commit_packed(wait_beyond=0)
         if next_test != self._library.next_test:
             tests = self._tests_below(next_test)
@@ -217,7 +236,7 @@ class _Filler:
         self._committed_at = time.monotonic()
 
     def commit_if_due(self, next_test: int) -> None:
-        """Where crashes are rare a shard takes long to fill: commit by the clock, or a kill would lose much."""
+        """Where crashes are rare, or the AV is slow, a shard takes long to fill: save by the clock what there is."""
         if time.monotonic() - self._committed_at >= _COMMIT_SECONDS:
             self.commit(next_test)
 

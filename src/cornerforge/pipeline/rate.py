@@ -75,7 +75,7 @@ class _Keeper:
 
     def _commit(self, pending: list[CaseRecord], next_test: int, crashes: int, tests: int) -> None:
         if next_test > self._next_test and self._library is not None:
-            self._library.append(pending, next_test=next_test, tests=tests, crashes=crashes)
+            self._library.append(pending, next_test=next_test, tests=tests, crashes=crashes, shard_cases=_SHARD_CASES)
         self._next_test = max(self._next_test, next_test)
 
     def finish(self) -> None:

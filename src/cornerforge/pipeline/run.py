@@ -27,7 +27,14 @@ from cornerforge.pipeline.output import (
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
-from cornerforge.pipeline.train import checkpoint_beside, evaluate, learn, measure_baselines
+from cornerforge.pipeline.train import (
+    canonical_curve,
+    checkpoint_beside,
+    evaluate,
+    learn,
+    measure_baselines,
+    point_seconds,
+)
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges
 
@@ -58,6 +65,10 @@ BUDGETS = {
     ),
 }
 """quick: within 3 minutes on two cores; standard: within 15; paper: as many cases as the paper had (about 50,000)."""
+
+
+_POINT_SECONDS = "point_seconds"
+"""In provenance.json: when the points of training.json were reached, which itself tells no times."""
 
 
 class _Stages:
@@ -122,14 +133,15 @@ def _train(
     config = _train_config(budget)
     policy, result = learn(run, config, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint)
     save_policy(policy, out / "policy.safetensors")
-    curve = [asdict(point) for point in result.curve]
-    write_json(out / "training.json", {"preset": config.preset, "config": asdict(config), "points": curve})
+    points = canonical_curve(result)
+    write_json(out / "training.json", {"preset": config.preset, "config": asdict(config), "points": points})
     return {
         "decisions": result.decisions,
         "updates": result.updates,
         "seconds": round(result.seconds, 3),
         "preset": config.preset,
         "policy_hash": policy_hash(policy),
+        _POINT_SECONDS: point_seconds(result),
     }
 
 
@@ -212,6 +224,7 @@ def run(
     checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, _train_config(size), seed)
     trained = once("train", lambda: _train(plain, size, checkpoint, folder, seed, threads, progress))
     checkpoint.remove()
+    times = {_POINT_SECONDS: trained.pop(_POINT_SECONDS, None)}  # a stage of an older version has none
     hostile = experiment(**world, policy=load_policy(folder / "policy.safetensors"))  # type: ignore[arg-type]
     tests = size.evaluation_tests
     evaluation = once("evaluate", lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress))
@@ -247,19 +260,20 @@ def run(
         "analyse": analysed,
         "report": str(folder / "report.html"),
     }
-    return _finish(folder, summary, {**identity, "policy_hash": trained["policy_hash"]}, start, progress)
+    return _finish(folder, summary, {**identity, "policy_hash": trained["policy_hash"]}, times, start, progress)
 
 
 def _finish(
-    folder: Path, summary: dict[str, Any], identity: dict[str, Any], start: float, progress: Progress
-) -> dict[str, Any]:
+    folder: Path, summary: dict[str, Any], identity: dict[str, Any], times: dict[str, Any], start: float,
+    progress: Progress,
+) -> dict[str, Any]:  # fmt: skip
     """Write the summary and the report; `seconds` counts this call and, after a kill, not the ones before."""
     from cornerforge.report import write_report
 
     progress("report", 0, 1)
     summary = {**summary, "seconds": round(time.perf_counter() - start, 3)}
     write_json(folder / "summary.json", summary)
-    write_json(folder / "provenance.json", provenance(identity, summary["seconds"]))
+    write_json(folder / "provenance.json", {**provenance(identity, summary["seconds"]), **times})
     write_report(folder)
     progress("report", 1, 1)
     return summary

@@ -166,7 +166,7 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
         if loose:
             next_test = int(str(loose[-1].case["test"])) + 1
             done = shrunk.tests + len(loose)
-            shrunk.append(loose, next_test=next_test, tests=done, crashes=done)
+            shrunk.append(loose, next_test=next_test, tests=done, crashes=done, shard_cases=_SHARD_CASES)
             loose.clear()
 
     committed_at = time.monotonic()

@@ -14,7 +14,7 @@ from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, 
 from cornerforge.drivers.avs import av_hash
 from cornerforge.errors import OutputError
 from cornerforge.ndd.model import model_hash
-from cornerforge.pipeline.output import check_new_file, code_hash, version
+from cornerforge.pipeline.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary
@@ -30,12 +30,17 @@ if TYPE_CHECKING:
 __all__ = [
     "BASELINES",
     "EVALUATION_TESTS",
+    "canonical_curve",
     "checkpoint_beside",
     "curve_report",
     "evaluate",
     "learn",
+    "load_timed_policy",
     "measure_baselines",
+    "point_seconds",
+    "provenance_beside",
     "train",
+    "write_provenance_beside",
 ]
 
 EVALUATION_TESTS = 1 << 41
@@ -56,8 +61,51 @@ def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int)
         "model_hash": model_hash(run.model),
         "decisions": result.decisions,
         "updates": result.updates,
-        "curve": [asdict(point) for point in result.curve],
+        "curve": canonical_curve(result),
     }
+
+
+def canonical_curve(result: TrainResult) -> list[dict[str, Any]]:
+    """The training curve for files, without times: the same training gives the same bytes, however long it took."""
+    return [asdict(point) | {"seconds": None} for point in result.curve]
+
+
+def point_seconds(result: TrainResult) -> list[float]:
+    """When the points of the curve were reached [s], for provenance files."""
+    return [point.seconds for point in result.curve]
+
+
+def provenance_beside(policy: Path) -> Path:
+    """Where it stands when and how long a policy was trained: beside NAME.safetensors in NAME.provenance.json."""
+    return policy.with_name(f"{policy.stem}.provenance.json")
+
+
+def write_provenance_beside(policy: Path, run: Experiment, result: TrainResult, seed: int) -> None:
+    """Write it.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    identity = {**run.identity(seed), "code": code_hash()}
+    times = {"point_seconds": point_seconds(result)}
+    write_json(provenance_beside(policy), {**provenance(identity, round(result.seconds, 3)), **times})
+
+
+def load_timed_policy(path: Path) -> Policy:
+    """A policy whose curve tells times, from the provenance beside it; policies of old carry them themselves.
+
+    Raises:
+        FileFormatError: A file is damaged.
+    """
+    policy = load_policy(path)
+    curve, beside = policy.about.get("curve"), provenance_beside(path)
+    if not isinstance(curve, list) or not beside.exists():
+        return policy
+    seconds = read_json_file(beside).get("point_seconds")
+    if not isinstance(seconds, list) or len(seconds) != len(curve):
+        return policy  # of another policy that stood here before
+    timed = [{**point, "seconds": at} for point, at in zip(curve, seconds, strict=True)]
+    return replace(policy, about={**policy.about, "curve": timed})
 
 
 def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: int) -> CheckpointFile:
@@ -212,7 +260,8 @@ def train(
     adversaries beside it, on evaluation tests, which no training and no generation ever uses.
 
     Args:
-        out: Policy file, `.safetensors`; must not exist unless `resume`.
+        out: Policy file, `.safetensors`; must not exist unless `resume`. When and how long it was trained stands in
+            `NAME.provenance.json` beside it: the policy is the same bytes for the same training.
         av: AV to learn on.
         preset: "fast" or "paper".
         bounded: Only actions that the naturalistic model calls possible.
@@ -220,7 +269,8 @@ def train(
         delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
         budget: Likelihood budget of a test [nats], 0 or more; implies `bounded`. By so much, in all, may the
             log-probability of its actions fall short of the likeliest actions'.
-        decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights.
+        decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights (on another
+            processor PyTorch may round otherwise, and other weights come out).
         minutes: Stop after this time [min], and let the learning rate fall over it; the result then depends on the
             machine's speed. With `decisions` too, what comes first ends it.
         resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
@@ -255,6 +305,7 @@ def train(
     check_new_file(path, overwrite=resume)
     checkpoint = checkpoint_beside(path, run, config, seed)
     check_new_file(checkpoint.path, overwrite=True)
+    check_new_file(provenance_beside(path), overwrite=True)
     if not resume:
         checkpoint.check_absent()
     kept = resume and path.exists()
@@ -274,6 +325,7 @@ def train(
             checkpoint=checkpoint,
         )
         save_policy(policy, path)
+        write_provenance_beside(path, run, result, seed)
         seconds = result.seconds
     checkpoint.remove()
     trained = experiment(av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), policy=policy)

@@ -14,7 +14,7 @@ from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
-from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside, curve_report
+from cornerforge.pipeline.train import EVALUATION_TESTS, canonical_curve, checkpoint_beside, curve_report
 from cornerforge.sim.av_features import AV_FEATURES_VERSION
 
 __all__ = ["train_av"]
@@ -90,7 +90,7 @@ def train_av(
         "model_hash": model_hash(run.model),
         "decisions": result.decisions,
         "updates": result.updates,
-        "curve": [asdict(point) | {"seconds": None} for point in result.curve],  # times would make bytes differ
+        "curve": canonical_curve(result),
     }
     save_av(network, about, path)
     checkpoint.remove()

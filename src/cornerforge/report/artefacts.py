@@ -179,6 +179,7 @@ def read_artefacts(out: Path) -> Artefacts:
     analyse = analyse_command(out)
     analysis = read_json(out / "analysis" / "analysis.json", analyse)
     generate = summary.child("generate")
+    provenance = read_json(out / "provenance.json", run)
     return Artefacts(
         out=out,
         av=summary.text("av"),
@@ -193,13 +194,13 @@ def read_artefacts(out: Path) -> Artefacts:
         baselines=[
             _rate(r, r.text("name")) for r in (summary.children("baselines") if summary.has("baselines") else [])
         ],
-        training=_training(read_json(out / "training.json", run)),
+        training=_training(read_json(out / "training.json", run), provenance),
         miles={world: exposure.child("miles").number(world) for world in ("nde", "adversary")},
         exposure={k: _histogram(exposure.child("quantities").child(k)) for k in exposure.child("quantities").values},
         analysis=_analysis(analysis),
         judged=read_judged(analysis),
         points=_points(out / "analysis" / "points.parquet", analyse),
-        provenance=read_json(out / "provenance.json", run).values,
+        provenance=provenance.values,
     )
 
 
@@ -220,15 +221,18 @@ def _rate(reader: Reader, name: str) -> Rate:
     return Rate(name, tests, per_test, low, high, crashes, reader.number_or_none("crashes_per_mile"))
 
 
-def _training(reader: Reader) -> Training:
+def _training(reader: Reader, provenance: Reader) -> Training:
+    """The curve; its times from the provenance, or from the points themselves, where older versions wrote them."""
     points = reader.children("points")
+    found = provenance.values.get("point_seconds")
+    timed = isinstance(found, list) and len(found) == len(points)
 
     def column(key: str) -> list[float | None]:
         return [point.number_or_none(key) for point in points]
 
     return Training(
         preset=reader.text("preset", "unknown"),
-        seconds=column("seconds"),
+        seconds=[*provenance.numbers("point_seconds")] if timed else column("seconds"),
         decisions=[point.number("decisions") for point in points],
         epsilon=column("epsilon"),
         loss=column("loss"),

@@ -36,7 +36,10 @@ def training_pictures(data: Data) -> list[Picture]:
         is_paper_preset = curve["name"].startswith("preset paper")
         colour = BLUE if is_paper_preset else _SEEDS[number % len(_SEEDS)]
         share = curve["crashes_per_test"]
-        for panel, x in ((by_decisions, np.array(curve["decisions"]) / 1e6), (by_time, np.array(curve["seconds"]))):
+        for panel, x in (
+            (by_decisions, np.array(curve["decisions"]) / 1e6),
+            (by_time, np.array(curve["seconds"], dtype=float)),
+        ):
             panel.fill_between(x, curve["low"], curve["high"], color=colour, alpha=0.2, linewidth=0)
             panel.plot(x, share, color=colour, linewidth=1.6, linestyle="--" if is_paper_preset else "-",
                        label=curve["name"])  # fmt: skip

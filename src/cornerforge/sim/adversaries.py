@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cornerforge._elementary import exp, log
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
@@ -124,15 +125,15 @@ def sample_action(w: World, bv: int, temperature: float, policy: PolicyNumbers, 
     total = 0.0
     for a in range(33):
         if s.allowed[a]:
-            total += math.exp((s.q[a] - most) / temperature)
+            total += exp((s.q[a] - most) / temperature)
     draw = total * uniform(block(state.seed, state.test, moment_of(w), bv, PURPOSE_ACT)[0])
     chosen = best
     for a in range(33):
         if s.allowed[a]:
-            weight = math.exp((s.q[a] - most) / temperature)
+            weight = exp((s.q[a] - most) / temperature)
             if weight > 0.0:
                 chosen = a
                 draw -= weight
                 if draw < 0.0:
                     break
-    return chosen, (s.q[chosen] - most) / temperature - math.log(total)
+    return chosen, (s.q[chosen] - most) / temperature - log(total)

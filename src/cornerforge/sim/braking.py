@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._checks import check_number
+from cornerforge._elementary import atan
 from cornerforge._jit import kernel
 from cornerforge.errors import InputError
 from cornerforge.geometry import boxes_overlap, lane_centre, path_at, plan_path
@@ -149,7 +150,7 @@ def _across(path: Path, duration: float, clock: float, speed: float, y_end: floa
     if clock >= duration:
         return y_end, 0.0
     y, lateral, _ = path_at(path, clock)
-    return y, np.arctan(lateral / max(speed, _FULL_STEERING_SPEED))
+    return y, atan(lateral / max(speed, _FULL_STEERING_SPEED))
 
 
 @kernel

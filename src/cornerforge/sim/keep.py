@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.statistics import NOBODY_COUNTED, Census, Counts, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_recording
@@ -157,9 +158,9 @@ def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, d
         return
     action = w.vehicles[bv].action
     p = s.p[action]
-    decisions.log_prob[step] = math.log(p) if p > 0.0 else -math.inf
+    decisions.log_prob[step] = log(p) if p > 0.0 else -math.inf
     most = 0.0
     for a in range(N_ACTIONS):
         most = max(most, s.attentive[a])
     p = s.attentive[action]
-    decisions.shortfall[step] = math.log(most) - math.log(p) if p > 0.0 else math.inf
+    decisions.shortfall[step] = log(most) - log(p) if p > 0.0 else math.inf

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_centre
 from cornerforge.sim.chances import action_probabilities
@@ -195,7 +196,7 @@ def surprise(p: float, most: float) -> int:
     Returns:
         0 for the likeliest.
     """
-    return math.ceil((math.log(most) - math.log(p)) * UNITS_PER_NAT)  # most / p may overflow
+    return math.ceil((log(most) - log(p)) * UNITS_PER_NAT)  # most / p may overflow
 
 
 @kernel

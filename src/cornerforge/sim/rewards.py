@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cornerforge._checks import check_number
+from cornerforge._elementary import sin_cos
 from cornerforge._jit import kernel
 from cornerforge.errors import UnknownNameError
 from cornerforge.sim.braking import Braking
@@ -123,10 +124,8 @@ def av_strikes(av: Any, other: Any, road: RoadNumbers) -> bool:
         av, other: Vehicles with x, y [m], speed along the road [m/s] and heading [rad] in the first frame of overlap.
         road: Constants.
     """
-    ca = math.cos(av.heading)
-    sa = math.sin(av.heading)
-    cb = math.cos(other.heading)
-    sb = math.sin(other.heading)
+    sa, ca = sin_cos(av.heading)
+    sb, cb = sin_cos(other.heading)
     path_speed = av.speed / ca if ca > 0.5 else av.speed  # as in `analysis.contact`: the speed is along the road
     other_path_speed = other.speed / cb if cb > 0.5 else other.speed
     vx = other_path_speed * cb - path_speed * ca

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cornerforge._elementary import atan
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
@@ -93,7 +93,7 @@ def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) ->
         v[i].y = y
         v[i].lateral_speed = lateral_speed * pace
         if after > 0.0:
-            v[i].heading = math.atan(v[i].lateral_speed / after)
+            v[i].heading = atan(v[i].lateral_speed / after)
     v[i].lanes = lane_bits(v[i].y, 0.5 * road.width, v[i].target_lane, road.lane_width)
 
 

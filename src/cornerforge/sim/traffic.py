@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_INITIAL, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
@@ -54,10 +55,10 @@ def _draw_neighbour(w: World, speed: float, ahead: bool, initial: InitialNumbers
         words = _next_words(w)
         z_gap, z_speed = normal_pair(words[0], words[1])
         follows = uniform(words[2]) < initial.follow_share
-        time_gap = initial.time_gap_median * math.exp(initial.time_gap_sigma * z_gap)
+        time_gap = initial.time_gap_median * exp(initial.time_gap_sigma * z_gap)
         free_gap = initial.free_gap_low + (initial.free_gap_high - initial.free_gap_low) * uniform(words[3])
         gap = speed * time_gap if follows else free_gap
-        scale = initial.rr_scale * math.exp(initial.rr_exponent * math.log(gap / 20.0))
+        scale = initial.rr_scale * exp(initial.rr_exponent * log(gap / 20.0))
         other = (
             initial.speed_mean
             + (1.0 - scale * scale / (2.0 * initial.speed_sd * initial.speed_sd)) * (speed - initial.speed_mean)

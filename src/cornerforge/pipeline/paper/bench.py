@@ -21,7 +21,13 @@ from cornerforge.pipeline.output import code_hash, read_json_file, write_json
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
-from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside, learn
+from cornerforge.pipeline.train import (
+    EVALUATION_TESTS,
+    checkpoint_beside,
+    learn,
+    load_timed_policy,
+    write_provenance_beside,
+)
 from cornerforge.sim.braking import Braking
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
@@ -138,7 +144,7 @@ class Bench:
         self.seed = seed
         self.threads = check_threads(threads)
         self.progress = progress
-        self.paper_policy = None if paper_policy is None else load_policy(paper_policy)
+        self.paper_policy = None if paper_policy is None else load_timed_policy(paper_policy)
         self._world = world
         self._policies: dict[tuple[str, int], Policy] = {}
 
@@ -206,9 +212,17 @@ class Bench:
             self._policies[adversary.key, k] = self._trained(adversary, k)
         return self._policies[adversary.key, k]
 
+    def timed_policy(self, adversary: Adversary, k: int = 0) -> Policy:
+        """The same, its curve with times."""
+        self.policy(adversary, k)
+        return load_timed_policy(self._place(adversary, k))
+
+    def _place(self, adversary: Adversary, k: int) -> Path:
+        return self.folder / "policies" / f"{adversary.key}.{k}.safetensors"
+
     def _trained(self, adversary: Adversary, k: int) -> Policy:
         assert adversary.trained_on is not None  # plain adversaries have no policy
-        path = self.folder / "policies" / f"{adversary.key}.{k}.safetensors"
+        path = self._place(adversary, k)
         world = asdict(self._world)
         run = experiment(av=adversary.trained_on, **world, bv="uniform", bounded=adversary.bounded)
         config, seed = self.config(adversary), self.seed + k
@@ -225,11 +239,12 @@ class Bench:
                 return policy
         path.parent.mkdir(parents=True, exist_ok=True)
         checkpoint = checkpoint_beside(path, run, config, seed)
-        policy, _ = learn(
+        policy, result = learn(
             run, config, seed=seed, threads=self.threads, checkpoint=checkpoint,
             progress=lambda stage, done, total: self.progress(f"{stage} ({adversary.key}, {k})", done, total),
         )  # fmt: skip
         save_policy(policy, path)
+        write_provenance_beside(path, run, result, seed)
         checkpoint.remove()
         return load_policy(path)
 

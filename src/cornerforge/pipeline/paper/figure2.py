@@ -37,10 +37,11 @@ def _curve(policy: Policy, name: str) -> dict[str, Any]:
 def seconds_to_yield(policy: Policy, wanted: float = PAPER_YIELD) -> float | None:
     """Training time [s] to the first point of the curve with at least this yield, exploration included; None if never.
 
-    A point covers the tests that ended since the one before.
+    A point covers the tests that ended since the one before. None, too, where nobody noted the times.
     """
     curve = _curve(policy, "")
-    reached = [s for s, share in zip(curve["seconds"], curve["crashes_per_test"], strict=True) if share >= wanted]
+    times = zip(curve["seconds"], curve["crashes_per_test"], strict=True)
+    reached = [s for s, share in times if share >= wanted and s is not None]
     return reached[0] if reached else None
 
 
@@ -49,7 +50,7 @@ def compute(bench: Bench) -> Finding:
     learned = Adversary("learned", bounded=False, trained_on="idm-mobil", reward="crash")
     curves, judged = [], []
     for k in range(bench.size.seeds):
-        curves.append(_curve(bench.policy(learned, k), f"preset fast, seed {bench.seed + k}"))
+        curves.append(_curve(bench.timed_policy(learned, k), f"preset fast, seed {bench.seed + k}"))
         judged.append(bench.judged(learned, "idm-mobil", k))
     fast = pooled(judged)
     note = f"preset fast, {bench.size.decisions:,} decisions, greedy, on tests of its own"
@@ -97,7 +98,7 @@ def _guided(share: float) -> str:
 
 def _times(bench: Bench, learned: Adversary) -> list[Row]:
     """Training time to the paper's yield, the slowest seed's."""
-    times = [seconds_to_yield(bench.policy(learned, k)) for k in range(bench.size.seeds)]
+    times = [seconds_to_yield(bench.timed_policy(learned, k)) for k in range(bench.size.seeds)]
     known = [t for t in times if t is not None]
     note = "" if len(known) == len(times) else f"{len(times) - len(known)} of {len(times)} seeds never reached it"
     slowest = max(known) if len(known) == len(times) else None

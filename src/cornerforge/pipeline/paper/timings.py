@@ -24,7 +24,7 @@ PAPER_CLUSTERS = 4
 
 def compute(bench: Bench) -> Finding:
     """Times of this machine; the only item whose numbers do not repeat."""
-    reached = seconds_to_yield(bench.policy(FREE))
+    reached = seconds_to_yield(bench.timed_policy(FREE))
     rows = [
         Row(f"training to a yield of {PAPER_YIELD}", PAPER_SECONDS, reached, None, "s", "exploration included"),
         _whole_training(bench, FREE),
@@ -47,7 +47,7 @@ def compute(bench: Bench) -> Finding:
 
 
 def _whole_training(bench: Bench, adversary: Adversary) -> Row:
-    policy = bench.policy(adversary)
+    policy = bench.timed_policy(adversary)
     curve = policy.about.get("curve")
     seconds = curve[-1]["seconds"] if isinstance(curve, list) and curve else None
     return Row(f"the whole training, {bench.size.decisions:,} decisions", PAPER_SECONDS, seconds, None, "s")
