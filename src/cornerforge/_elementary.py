@@ -1,7 +1,7 @@
 """Elementary functions for kernels: exponential, logarithm, sine, cosine and arctangent with the same bits everywhere.
 
 Those of the C library differ from one library and processor to the next in their last bits, and a last bit ends in
-another test (docs/adr/0019-elementary-functions.md). These use only what IEEE 754 rounds exactly (+, -, *, /,
+another test (docs/adr/0021-elementary-functions.md). These use only what IEEE 754 rounds exactly (+, -, *, /,
 floor, and the bits of a number), in a fixed order, without fused multiply-adds, calls or memory. So they give the same
 bits compiled for any processor and as plain Python (`exp.py_func` and its fellows).
 
