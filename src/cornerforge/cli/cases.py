@@ -18,6 +18,7 @@ from cornerforge.cli.options import (
     IdleSeed,
     IdleThreads,
     Json,
+    JsonFile,
     Lanes,
     Library,
     Model,
@@ -26,6 +27,7 @@ from cornerforge.cli.options import (
     Resume,
     Seed,
     Threads,
+    flag,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
 from cornerforge.cli.program import app
@@ -149,9 +151,7 @@ def shrink(
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
-    check: Annotated[
-        bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")
-    ] = False,
+    check: Annotated[bool, flag("--check", "Compare with what is stored; exit status 1 if it differs.")] = False,
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw the crash and the latest way out into this .png or .svg.", show_default=False),
@@ -159,6 +159,7 @@ def replay(
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
     av_timeout: AvTimeout = AV_TIMEOUT,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -178,7 +179,7 @@ def replay(
         lambda bars: pipeline.replay(
             library, case, check=check, picture=picture, av_timeout=av_timeout, progress=bars
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
     if result["identical"] is False:
         if "note" in result:
@@ -188,23 +189,24 @@ def replay(
 
 @app.command()
 def query(
-    library: Library,
+    library: Annotated[Path, typer.Argument(metavar="LIB", help="A case library, or the folder of an analysis.")],
     sql: Annotated[
         str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)
     ],
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Ask a library in SQL (table `cases`, key `case_id`)."""
+    """Ask a library, or an analysis, in SQL (table `cases`, key `case_id`)."""
     from cornerforge import pipeline
 
     def text(r: dict[str, Any]) -> str:
         return "\n".join("\t".join(map(str, row)) for row in [r["columns"], *r["rows"]])
 
-    run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet)  # noqa: ARG005
+    run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
 
 
 @app.command()
@@ -225,6 +227,7 @@ def variety(
     budget: Budget = None,
     seed: Seed = 0,
     threads: Threads = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -238,7 +241,7 @@ def variety(
             libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, av=av, lanes=lanes, odd=odd,
             model=model, budget=budget, seed=seed, threads=threads, progress=bars,
         ),
-        variety_text, as_json=as_json, quiet=quiet,
+        variety_text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from cornerforge.cli.options import (
     IdleSeed,
     IdleThreads,
     Json,
+    JsonFile,
     Lanes,
     Model,
     OddName,
@@ -25,8 +26,9 @@ from cornerforge.cli.options import (
     Resume,
     Seed,
     Threads,
+    flag,
 )
-from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command
+from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
 from cornerforge.cli.program import app
 
 __all__ = ["avs", "check_av", "rate", "simulate"]
@@ -53,7 +55,7 @@ def simulate(
     bounded: Bounded = False,
     budget: Budget = None,
     acting: Acting = "greedy",
-    stats: Annotated[bool, typer.Option("--stats", help="Add distributions over all background vehicles.")] = False,
+    stats: Annotated[bool, flag("--stats", "Add distributions over all background vehicles.")] = False,
     out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
     resume: Resume = False,
     seed: Seed = 0,
@@ -72,7 +74,7 @@ def simulate(
         lines = [
             rate_text(r, f"{av}, {' + '.join(drivers)}"),
             f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
-            f"{r['tests_per_second']:,.0f} tests/s, {r['world_steps_per_second']:,.0f} world-steps/s; "
+            f"{speed_text(r['tests_per_second'])} tests/s, {speed_text(r['world_steps_per_second'])} world-steps/s; "
             f"digest {r['digest'][:16]}",
             *fault_text(r),
         ]
@@ -138,16 +140,17 @@ def rate(
 def avs(
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
     """List the built-in AVs."""
-    from cornerforge.drivers.avs import AVS
+    from cornerforge import pipeline
 
     run_command(
-        lambda bars: {"avs": [{"name": m.name, "about": m.about} for m in AVS.values()]},  # noqa: ARG005
-        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet,
+        lambda bars: pipeline.avs(),  # noqa: ARG005
+        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
 
@@ -162,6 +165,7 @@ def check_av(
     seed: Seed = 0,
     threads: IdleThreads = None,
     av_timeout: AvTimeout = AV_TIMEOUT,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -172,8 +176,8 @@ def check_av(
     def text(r: dict[str, Any]) -> str:
         lines = [f"{c['verdict']:<5}{c['name']}: {c['found']}" for c in r["checks"]]
         lines += [
-            f"speed, {s['worlds']:>4} worlds: {s['calls_per_second']:,.0f} calls/s, "
-            f"{s['decisions_per_second']:,.0f} decisions/s"
+            f"speed, {s['worlds']:>4} worlds: {speed_text(s['calls_per_second'])} calls/s, "
+            f"{speed_text(s['decisions_per_second'])} decisions/s"
             for s in r["speed"]
         ]
         return "\n".join([f"{r['av']} ({r['kind']}, {r['hash']})", *lines])
@@ -182,7 +186,7 @@ def check_av(
         lambda bars: pipeline.check_av(
             av=av, odd=odd, lanes=lanes, tests=tests, seed=seed, av_timeout=av_timeout, progress=bars
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
     if not result["passed"]:
         raise typer.Exit(EXIT_GATE)

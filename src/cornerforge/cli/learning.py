@@ -20,6 +20,7 @@ from cornerforge.cli.options import (
     Resume,
     Seed,
     Threads,
+    flag,
 )
 from cornerforge.cli.output import rate_text, run_command, yield_text
 from cornerforge.cli.program import app
@@ -42,9 +43,7 @@ def train(
     minutes: Annotated[
         float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a stopped training; keep a finished one.")
-    ] = False,
+    resume: Annotated[bool, flag("--resume", "Go on with a stopped training; keep a finished one.")] = False,
     lanes: Lanes = None,
     odd: OddName = "default",
     model: Model = None,
@@ -80,7 +79,7 @@ def train_av(
         float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
     ] = None,
     tests: Annotated[int, typer.Option(help="Tests in natural traffic to measure it on.")] = 20_000,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace the file.")] = False,
     resume: Resume = False,
     lanes: Lanes = None,
     odd: OddName = "default",

@@ -16,7 +16,7 @@ from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import context_of
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import experiment
+from cornerforge.pipeline.setting import check_av_timeout, experiment
 from cornerforge.pipeline.simulate import simulate_experiment
 from cornerforge.types import Odd, odd_named
 
@@ -107,6 +107,7 @@ def check_av(
     """
     check_integer("tests", tests, low=1, high=10**6)
     check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_av_timeout(av_timeout)
     if not is_foreign(av):
         raise InputError(f'"{av}" is a built-in name or none; check-av tries module:Class, .onnx and .zip files.')
     road = odd_named(odd)
@@ -234,7 +235,7 @@ def _drive(
     except AvFaultError as error:
         bench.note("tests in natural traffic", _FAIL, str(error))
         return
-    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.0f} tests/s"
+    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s"
     if tally.av_faults and run.foreign is not None:
         fault = min(run.foreign.faults.values(), key=lambda fault: fault.test)
         text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"

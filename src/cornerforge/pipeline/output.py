@@ -20,6 +20,7 @@ from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = [
     "check_new_file",
+    "check_path",
     "code_hash",
     "config_hash",
     "open_output",
@@ -138,15 +139,28 @@ def _command() -> str:
     return shlex.join(["cornerforge" if name in ("", "__main__.py") else name, *sys.argv[1:]])
 
 
+def check_path(path: Path) -> None:
+    """Check that a path is text: of bytes that are none it could be made, but neither printed nor noted down.
+
+    Raises:
+        InputError: It is not.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{str(path)!a} is no UTF-8; choose another name.") from error
+
+
 def check_new_file(path: Path, *, overwrite: bool = False) -> None:
     """Check, before long work, that a file can be written at `path` without losing anything; makes nothing.
 
     Raises:
         OutputError: Something is there already, or its folder cannot be written.
     """
+    check_path(path)
     try:
         is_folder, is_there = path.is_dir(), path.exists()
-        nearest = next(folder for folder in path.absolute().parents if folder.exists())
+        nearest = next((folder for folder in path.absolute().parents if folder.exists()), path)
     except OSError as error:  # such as a name that is too long
         raise OutputError(f"Cannot write {path}: {_reason(error)}; choose another place.") from error
     if is_folder:
@@ -174,6 +188,7 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
         OutputError: The folder holds something else, holds results and `resume` is False, or cannot be written.
         InputError: It holds work of another identity; the first difference is named.
     """
+    check_path(folder)
     mark = folder / IDENTITY
     names = _entries(folder)
     if IDENTITY in names:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_in, check_integer, check_number
-from cornerforge.errors import CornerForgeError
+from cornerforge.errors import CornerForgeError, InputError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
@@ -218,6 +218,8 @@ def rate(
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("max_tests", max_tests, low=1, high=10**12)
     check_number("target_rhw", target_rhw, low=1e-3, high=10.0)
+    if resume and out is None:
+        raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(
         av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), takes_foreign=True, seed=seed,
         av_timeout=av_timeout,

@@ -30,7 +30,7 @@ from cornerforge.sim.runner import DriveChunk, default_threads, drive_chunk, war
 from cornerforge.sim.world import n_slots, numbers_of_av, road_numbers
 from cornerforge.types import Odd, odd_named
 
-__all__ = ["TEMPERATURE", "Experiment", "check_threads", "experiment", "temperature_of"]
+__all__ = ["TEMPERATURE", "Experiment", "check_av_timeout", "check_threads", "experiment", "temperature_of"]
 
 TEMPERATURE = 0.05
 """Of `softmax` without a number, in units of Q: actions of nearly equal chance to crash are taken nearly as often."""
@@ -123,6 +123,15 @@ def check_threads(threads: int | None) -> int:
         InputError: It is below 1.
     """
     return default_threads() if threads is None else check_integer("threads", threads, low=1, high=1024)
+
+
+def check_av_timeout(seconds: float) -> float:
+    """How long an AV from outside may take for an answer [s].
+
+    Raises:
+        InputError: It is not in [0.01, 3600].
+    """
+    return check_number("av_timeout", seconds, low=0.01, high=3600.0, unit="s")
 
 
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
@@ -226,13 +235,14 @@ def experiment(
         acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
         takes_foreign: A foreign AV may be given.
         seed: Told to a foreign AV.
-        av_timeout: How long it may take for an answer [s].
+        av_timeout: How long it may take for an answer [s], 0.01 to 3600.
 
     Raises:
         UnknownNameError, InputError: A name or number is not known or out of range.
         AvFaultError: The foreign AV fails at once.
         FileFormatError: A file is missing, damaged or of another version.
     """
+    check_av_timeout(av_timeout)
     road = odd_named(odd)
     if lanes is not None:
         road = replace(road, n_lanes=lanes)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_integer
-from cornerforge.errors import AvFaultError
+from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
@@ -157,6 +157,8 @@ def simulate(
     """
     check_integer("tests", tests, low=1, high=10**12)
     check_integer("seed", seed, low=0, high=2**63 - 1)
+    if resume and out is None:
+        raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(
         av=av, bv=bv, lanes=lanes, odd=odd, model=None if model is None else Path(model), bounded=bounded,
         budget=budget, acting=acting, takes_foreign=True, seed=seed, av_timeout=av_timeout,

@@ -8,6 +8,7 @@ from typing import Any
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.drivers.avs import AvNetwork, av_hash
+from cornerforge.errors import InputError
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.av_file import load_av, save_av
 from cornerforge.pipeline.output import check_new_file, code_hash, version
@@ -67,6 +68,8 @@ def train_av(
         config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
     if minutes is not None:
         check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
+    if path.suffix != ".safetensors":
+        raise InputError(f"{path} does not end in .safetensors, by which --av knows an AV's file; add the ending.")
     check_new_file(path, overwrite=overwrite)
     ndd = None if model is None else Path(model)
     run = experiment(odd=odd, lanes=lanes, model=ndd)

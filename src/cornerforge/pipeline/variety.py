@@ -24,6 +24,9 @@ __all__ = ["VARIETY_TESTS", "variety"]
 VARIETY_TESTS = (1 << 41) + (1 << 40)
 """Number of the first test that ways to generate are compared on: far from those of training and evaluation."""
 
+_OF_POLICIES = {"acting": "softmax", "av": "idm-mobil", "lanes": None, "odd": "default", "model": None, "budget": None}
+"""Options of `variety` that only policies need, with their defaults."""
+
 
 def variety(
     *,
@@ -43,7 +46,7 @@ def variety(
     """Kinds of crash in libraries, or in what policies make on the same tests: greedy, at random, and mixed.
 
     Args:
-        libraries: Folders; each is a row.
+        libraries: Folders; each is a row. Their tests are driven already: nothing else but `seed` may be given.
         policies: Policy files. Rows: each greedy, each at random; with two and more also all mixed, both ways.
         tests: Per row of policies.
         acting: How to act at random, "softmax" or "softmax:T".
@@ -61,9 +64,14 @@ def variety(
     """
     check_integer("tests", tests, low=1, high=10**8)
     check_integer("seed", seed, low=0, high=2**32 - 1)
+    n_threads = check_threads(threads)
     if bool(libraries) == bool(policies):
         raise InputError("Give either libraries or policies: cornerforge variety LIB..., or --policy FILE...")
     if libraries:
+        world = {"acting": acting, "av": av, "lanes": lanes, "odd": odd, "model": model, "budget": budget}
+        idle = [name for name, usual in _OF_POLICIES.items() if world[name] != usual]
+        if idle:
+            raise InputError(f"{idle[0]} = {world[idle[0]]!r} has no effect on libraries; give it with --policy FILE.")
         rows = [_library_row(Path(path), seed) for path in libraries]
         return {"rows": rows}
     if acting == "greedy":
@@ -78,7 +86,7 @@ def variety(
             budget=budget, acting=way,
         )  # fmt: skip
         what = names[0] if len(names) == 1 else f"mixture of {len(names)}"
-        rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, check_threads(threads), progress))
+        rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, n_threads, progress))
     return {"rows": rows, "first_test": VARIETY_TESTS}
 
 
