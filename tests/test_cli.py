@@ -184,7 +184,7 @@ GOOD: dict[str, tuple[str, set[str]]] = {
     "generate": ("generate --policy lane-changer --cases 5 --out {n}/library", GENERATE),
     "analyse": ("analyse {f}/library --steps 2 --out {n}/analysis", ANALYSE),
     "replay": ("replay {f}/library all --check", {"case", "crash_time_s", "identical"}),
-    "reproduce": ("reproduce --figure table1 --budget quick --out {n}/paper", {"items", "out", "page", "seconds"}),
+    "reproduce": ("reproduce --figure table1 --effort quick --out {n}/paper", {"items", "out", "page", "seconds"}),
     "query": ("query {f}/library 'select case_id, n_vehicles from cases limit 2'", {"columns", "rows"}),
     "query an analysis": ("query {f}/analysis 'select case_id, value from cases order by value limit 2'", {"rows"}),
     "variety": ("variety {f}/library", {"rows"}),
@@ -247,9 +247,9 @@ def test_analysis_names_clusters_and_cases(files: Path, capsys: Capture) -> None
 
 
 def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    tiny = run_module.Budget(nde_tests=200, decisions=120_000, evaluation_tests=200, exposure_tests=100, cases=12)
-    monkeypatch.setitem(run_module.BUDGETS, "quick", tiny)
-    command = ["run", "--budget", "quick", "--out", tmp_path / "out", "--seed", "2", "--json"]
+    tiny = run_module.Effort(nde_tests=200, decisions=120_000, evaluation_tests=200, exposure_tests=100, cases=12)
+    monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
+    command = ["run", "--effort", "quick", "--out", tmp_path / "out", "--seed", "2", "--json"]
     status, out, err = call(capsys, *command)
     assert (status, err) == (0, "")
     summary = json.loads(out)
@@ -265,6 +265,20 @@ def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, c
     assert {**json.loads(out), "seconds": 0} == {**summary, "seconds": 0}
     status, out, _ = call(capsys, *command[:-1], "--resume")
     assert "Report: " in out
+
+
+@pytest.mark.parametrize("command", ["run --budget quick", "reproduce --budget quick --figure table1"])
+def test_the_old_name_of_effort_goes_on_working_with_a_hint(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    tiny = run_module.Effort(nde_tests=200, decisions=60_000, evaluation_tests=200, exposure_tests=100, cases=8)
+    monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
+    monkeypatch.setattr("warnings.filters", [])  # as outside of tests, where warnings are no errors
+    status, _, err = call(capsys, *command.split(), "--out", tmp_path / "out", "--quiet")
+    assert (status, err.count("\n")) == (0, 1)
+    assert err.startswith("Warning: budget quick is called effort quick now (--effort quick)")
+    identity = json.loads((tmp_path / "out" / "provenance.json").read_text(encoding="utf-8"))["identity"]
+    assert identity["effort"] == "quick"
 
 
 def on_a_terminal(*arguments: str) -> tuple[str, str]:
@@ -398,6 +412,10 @@ BAD: dict[str, tuple[Callable[[Path, Path], None], str, str]] = {
     "unknown BV": (nothing, "simulate --bv swerv", 'Did you mean "swerve"'),
     "unknown ODD": (nothing, "simulate --odd defalt", 'Did you mean "default"'),
     "unknown budget": (nothing, "run --budget quik --out {n}/out", 'Did you mean "quick"'),
+    "unknown effort": (nothing, "run --effort quik --out {n}/out", 'Did you mean "quick"'),
+    "unknown effort, reproduce": (nothing, "reproduce --effort ful --out {n}/out", 'Did you mean "full"'),
+    "negative budget": (nothing, "run --budget -3 --out {n}/out", "budget = -3"),
+    "a likelihood budget, reproduce": (nothing, "reproduce --budget 3 --out {n}/out", "no likelihood budget"),
     "unknown figure": (nothing, "reproduce --figure table1 figur2 --out {n}/out", 'Did you mean "figure2"'),
     "unknown budget, reproduce": (nothing, "reproduce --budget ful --out {n}/out", 'Did you mean "full"'),
     "negative seed, reproduce": (nothing, "reproduce --seed -1 --out {n}/out", "seed = -1"),
@@ -655,8 +673,8 @@ def test_a_path_means_the_same_to_all_who_write(
 
 
 def test_a_run_into_a_place_with_a_colon_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    tiny = run_module.Budget(nde_tests=200, decisions=60_000, evaluation_tests=200, exposure_tests=100, cases=8)
-    monkeypatch.setitem(run_module.BUDGETS, "quick", tiny)
+    tiny = run_module.Effort(nde_tests=200, decisions=60_000, evaluation_tests=200, exposure_tests=100, cases=8)
+    monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
     monkeypatch.chdir(tmp_path)
     assert call(capsys, "run", "--out", "run-2026-11-22T10:30", "--quiet") == (0, "", "")
     assert call(capsys, "run", "--out", "run-2026-11-22T10:30", "--quiet", "--resume") == (0, "", "")

@@ -293,7 +293,13 @@ def test_a_library_with_a_damaged_shard_can_grow(filled: Path, identity: Identit
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("7:11", "7:10"), ("7:2", "7:1"), ("7:21", "7:20"), ("8:20", "7:20"), ("first", "Known: 7:1, 7:4 and 4 others; to list them")],
+    [
+        ("7:11", "7:10"),
+        ("7:2", "7:1"),
+        ("7:21", "7:20"),
+        ("8:20", "7:20"),
+        ("first", "Known: 7:1, 7:4 and 4 others; to list them"),
+    ],
 )
 def test_an_unknown_case_is_refused_with_the_nearest(filled: Path, name: str, hint: str) -> None:
     with pytest.raises(UnknownNameError, match=f'No case "{name}".*{hint}'):

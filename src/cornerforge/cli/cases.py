@@ -8,26 +8,20 @@ from typing import Annotated, Any
 import typer
 
 from cornerforge.cli.options import (
-    AV_TIMEOUT,
     Acting,
-    Av,
-    AvTimeout,
-    Bounded,
-    Budget,
     Debug,
     IdleSeed,
     IdleThreads,
     Json,
     JsonFile,
-    Lanes,
     Library,
-    Model,
-    OddName,
     Quiet,
     Resume,
     Seed,
     Threads,
+    World,
     flag,
+    takes_world,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
 from cornerforge.cli.program import app
@@ -36,6 +30,7 @@ __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
 def generate(
     policy: Annotated[
         list[str],
@@ -46,17 +41,11 @@ def generate(
     ],
     out: Annotated[Path, typer.Option(help="Library to fill.", show_default=False)],
     cases: Annotated[int, typer.Option(help="How many cases.")] = 1_000,
-    av: Av = "idm-mobil",
+    world: World = None,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
-    bounded: Bounded = False,
-    budget: Budget = None,
     acting: Acting = "greedy",
     seed: Seed = 0,
     threads: Threads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -66,9 +55,8 @@ def generate(
 
     run_command(
         lambda bars: pipeline.generate(
-            policy=policy, cases=cases, out=out, av=av, resume=resume, lanes=lanes, odd=odd, model=model,
-            bounded=bounded, budget=budget, acting=acting, seed=seed, threads=threads, av_timeout=av_timeout,
-            progress=bars,
+            policy=policy, cases=cases, out=out, resume=resume, acting=acting, seed=seed, threads=threads,
+            progress=bars, **world,
         ),
         lambda r: "\n".join([rate_text(r, f"{r['cases']:,} cases in {r['library']}"), *fault_text(r)]),
         as_json=as_json, quiet=quiet,
@@ -148,6 +136,7 @@ def shrink(
 
 
 @app.command()
+@takes_world("av_timeout")
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
@@ -158,7 +147,7 @@ def replay(
     ] = None,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
+    world: World = None,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -177,7 +166,7 @@ def replay(
 
     result = run_command(
         lambda bars: pipeline.replay(
-            library, case, check=check, picture=picture, av_timeout=av_timeout, progress=bars
+            library, case, check=check, picture=picture, progress=bars, **world
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
@@ -210,6 +199,7 @@ def query(
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "budget")
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -220,11 +210,7 @@ def variety(
     ] = None,
     tests: Annotated[int, typer.Option(help="Tests for each way to generate.")] = 4096,
     acting: Annotated[str, typer.Option(help="How to act at random: softmax or softmax:T.")] = "softmax",
-    av: Av = "idm-mobil",
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
-    budget: Budget = None,
+    world: World = None,
     seed: Seed = 0,
     threads: Threads = None,
     out: JsonFile = None,
@@ -238,14 +224,15 @@ def variety(
 
     run_command(
         lambda bars: pipeline.variety(
-            libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, av=av, lanes=lanes, odd=odd,
-            model=model, budget=budget, seed=seed, threads=threads, progress=bars,
+            libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, seed=seed, threads=threads,
+            progress=bars, **world,
         ),
         variety_text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model")
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[
@@ -257,11 +244,8 @@ def plausibility(
         int | None, typer.Option(help="Length of a training; the fast preset's by default.", show_default=False)
     ] = None,
     tests: Annotated[int, typer.Option(help="Evaluation tests of each policy.")] = 8192,
-    av: Av = "idm-mobil",
+    world: World = None,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -274,8 +258,8 @@ def plausibility(
 
     run_command(
         lambda bars: pipeline.plausibility(
-            out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, av=av,
-            resume=resume, lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+            out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, resume=resume,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         plausibility_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

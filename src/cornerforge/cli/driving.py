@@ -8,25 +8,19 @@ from typing import Annotated, Any
 import typer
 
 from cornerforge.cli.options import (
-    AV_TIMEOUT,
     Acting,
-    Av,
-    AvTimeout,
-    Bounded,
-    Budget,
     Debug,
     IdleSeed,
     IdleThreads,
     Json,
     JsonFile,
-    Lanes,
-    Model,
-    OddName,
     Quiet,
     Resume,
     Seed,
     Threads,
+    World,
     flag,
+    takes_world,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
 from cornerforge.cli.program import app
@@ -35,9 +29,10 @@ __all__ = ["avs", "check_av", "rate", "simulate"]
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
-    av: Av = "idm-mobil",
+    world: World = None,
     bv: Annotated[
         list[str] | None,
         typer.Option(
@@ -49,18 +44,12 @@ def simulate(
     policy: Annotated[
         list[Path] | None, typer.Option(help="The same as --bv FILE; may be given again.", show_default=False)
     ] = None,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
-    bounded: Bounded = False,
-    budget: Budget = None,
     acting: Acting = "greedy",
     stats: Annotated[bool, flag("--stats", "Add distributions over all background vehicles.")] = False,
     out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
     resume: Resume = False,
     seed: Seed = 0,
     threads: Threads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -72,7 +61,7 @@ def simulate(
 
     def text(r: dict[str, Any]) -> str:
         lines = [
-            rate_text(r, f"{av}, {' + '.join(drivers)}"),
+            rate_text(r, f"{world['av']}, {' + '.join(drivers)}"),
             f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
             f"{speed_text(r['tests_per_second'])} tests/s, {speed_text(r['world_steps_per_second'])} world-steps/s; "
             f"digest {r['digest'][:16]}",
@@ -90,18 +79,18 @@ def simulate(
 
     run_command(
         lambda bars: pipeline.simulate(
-            tests=tests, av=av, bv=drivers, lanes=lanes, odd=odd, model=model, bounded=bounded, budget=budget,
-            acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads, av_timeout=av_timeout,
-            progress=bars,
+            tests=tests, bv=drivers, acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads,
+            progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "av_timeout")
 def rate(
     method: Annotated[str, typer.Option(help="mc: plain Monte Carlo.")] = "mc",
-    av: Av = "idm-mobil",
+    world: World = None,
     target_rhw: Annotated[
         float, typer.Option(help="Stop when half the 95 % interval is at most this share of the rate.")
     ] = 0.3,
@@ -110,12 +99,8 @@ def rate(
         Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
     ] = None,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
     seed: Seed = 0,
     threads: Threads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -128,10 +113,10 @@ def rate(
         typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)
     run_command(
         lambda bars: pipeline.rate(
-            method=method, av=av, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, lanes=lanes,
-            odd=odd, model=model, seed=seed, threads=threads, av_timeout=av_timeout, progress=bars,
+            method=method, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, seed=seed,
+            threads=threads, progress=bars, **world,
         ),
-        lambda r: "\n".join([rate_text(r, f"{av}, natural traffic"), *fault_text(r), *crashes_text(r)]),
+        lambda r: "\n".join([rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r), *crashes_text(r)]),
         as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
@@ -155,16 +140,15 @@ def avs(
 
 
 @app.command("check-av")
+@takes_world("odd", "lanes", "av_timeout")
 def check_av(
     av: Annotated[
         str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
     ],
-    odd: OddName = "default",
-    lanes: Lanes = None,
+    world: World = None,
     tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
     seed: Seed = 0,
     threads: IdleThreads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -184,7 +168,7 @@ def check_av(
 
     result = run_command(
         lambda bars: pipeline.check_av(
-            av=av, odd=odd, lanes=lanes, tests=tests, seed=seed, av_timeout=av_timeout, progress=bars
+            av=av, tests=tests, seed=seed, progress=bars, **world
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +17,6 @@ import pyarrow as pa
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError, OutputError
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.library.harvester import Harvested, Harvester, extra_columns
 from cornerforge.library.shards import EncodedShard, encode_tables
@@ -30,6 +29,7 @@ from cornerforge.rates import binomial_interval
 from cornerforge.sim.recorder import Recorder, scenario_digest
 from cornerforge.sim.runner import crashed_tests
 from cornerforge.sim.world import AV_FAULT
+from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
 
@@ -326,18 +326,12 @@ def generate(
     policy: Path | str | Sequence[Path | str],
     cases: int,
     out: Path | str,
-    av: str = "idm-mobil",
     resume: bool = False,
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
-    bounded: bool = False,
-    budget: float | None = None,
     acting: str = "greedy",
     seed: int = 0,
     threads: int | None = None,
-    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[WorldKeywords],
 ) -> dict[str, Any]:
     """Fill a case library with crashes that an adversary makes.
 
@@ -346,16 +340,12 @@ def generate(
             these policies, drawn at random.
         cases: How many, at least 1.
         out: The library's folder; must be new unless `resume`.
-        av: The AV under test: a built-in name, `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         resume: Go on where an earlier call, or its kill, stopped.
-        lanes, odd, model: The world, as for `simulate`.
-        bounded: Keep a plain adversary to what the naturalistic model calls possible; a policy brings its own answer.
-        budget: Likelihood budget of a test [nats]; implies `bounded`, and goes before what a policy brings.
         acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
         seed: Of the tests, 0 or more.
         threads: None for all cores; does not change the result.
-        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge generate --json` prints.
@@ -365,10 +355,7 @@ def generate(
     """
     check_integer("cases", cases, low=1, high=10**8)
     check_integer("seed", seed, low=0, high=2**63 - 1)
-    run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=policy, bounded=bounded,
-        budget=budget, acting=acting, takes_foreign=True, seed=seed, av_timeout=av_timeout,
-    )  # fmt: skip
+    run = experiment(WorldOptions(**world), bv=policy, acting=acting, takes_foreign=True, seed=seed)
     if run.bv in ("nde", "idm"):
         raise InputError(
             f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB"

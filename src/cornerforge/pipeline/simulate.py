@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
@@ -17,6 +16,7 @@ from cornerforge.sim import statistics
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.runner import simulate as drive
 from cornerforge.types import METRES_PER_MILE
+from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["distributions_of", "rate_summary", "simulate", "simulate_experiment", "tally_summary"]
 
@@ -65,8 +65,8 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
         "bv_crashes": tally.bv_crashes,
         "seconds": round(seconds, 3),
         "world_steps": tally.decisions,
-        "world_steps_per_second": round(tally.decisions / seconds, 1),
-        "tests_per_second": round(tally.tests / seconds, 2),
+        "world_steps_per_second": round(tally.decisions / seconds, 2),
+        "tests_per_second": round(tally.tests / seconds, 4),
         "digest": tally.digest.hexdigest(),
     }
     if with_distributions:
@@ -111,43 +111,30 @@ def simulate_experiment(
 def simulate(
     *,
     tests: int,
-    av: str = "idm-mobil",
     bv: str | Path | Sequence[str | Path] = "nde",
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
-    bounded: bool = False,
-    budget: float | None = None,
     acting: str = "greedy",
     stats: bool = False,
     out: Path | str | None = None,
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
-    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[WorldKeywords],
 ) -> dict[str, Any]:
     """Run tests of an AV; crashes are counted, and stored only when `out` names a library.
 
     Args:
         tests: How many tests (drives of 400 m), at least 1.
-        av: The AV under test: a built-in name, the file of one that `train-av` made, `module:Class`, an `.onnx` or a
-            Stable-Baselines3 `.zip` file.
         bv: How background vehicles drive: "nde", "idm", a plain adversary's name, or a policy file; several files:
             each test is driven by one of these policies, drawn at random.
-        lanes: 2 to 6; None for the ODD's own.
-        odd: "default", "swift" or "paper".
-        model: Naturalistic model file; None for the shipped one.
-        bounded: Keep a plain adversary to what the naturalistic model calls possible.
-        budget: Likelihood budget of a test [nats]; implies `bounded`, and goes before what a policy brings.
         acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
         stats: Add distributions over all BVs at decision times.
         out: Library that the crashes go to.
         resume: Go on with that library.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
-        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge simulate --json` prints.
@@ -159,10 +146,7 @@ def simulate(
     check_integer("seed", seed, low=0, high=2**63 - 1)
     if resume and out is None:
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
-    run = experiment(
-        av=av, bv=bv, lanes=lanes, odd=odd, model=None if model is None else Path(model), bounded=bounded,
-        budget=budget, acting=acting, takes_foreign=True, seed=seed, av_timeout=av_timeout,
-    )  # fmt: skip
+    run = experiment(WorldOptions(**world), bv=bv, acting=acting, takes_foreign=True, seed=seed)
     if out is not None:
         from cornerforge.pipeline.generate import store_tests
 

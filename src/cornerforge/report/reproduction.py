@@ -184,7 +184,7 @@ def _render(file: Reader, made: Reader, sections: list[_Section]) -> str:
     style = resources.files("cornerforge.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
     return environment.get_template("reproduction.html.j2").render(
         sections=sections,
-        budget=file.text("budget"),
+        effort=file.text("effort"),
         seed=file.count("seed"),
         version=made.text("cornerforge"),
         command=made.text("command"),
