@@ -20,6 +20,7 @@ from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
 from cornerforge.geometry import boxes_overlap
+from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.paper import ITEMS, clusters, examples, figure3, figure6, figure7
 from cornerforge.pipeline.paper import bench as bench_module
 from cornerforge.pipeline.paper.bench import Adversary, Bench, ReproduceEffort, keep
@@ -29,7 +30,6 @@ from cornerforge.pipeline.paper.matrix import adversaries
 from cornerforge.pipeline.paper.pooled import pooled
 from cornerforge.pipeline.paper.table1 import TABLE1
 from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.simulate import simulate_experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS
 from cornerforge.rates import binomial_interval
 from cornerforge.report.reproduction import RENDERERS

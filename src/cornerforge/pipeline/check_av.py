@@ -14,9 +14,9 @@ from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import context_of
+from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_av_timeout, experiment, road_of
-from cornerforge.pipeline.simulate import simulate_experiment
 from cornerforge.types import Odd
 from cornerforge.world_options import AvKeywords, WorldOptions
 

@@ -16,12 +16,13 @@ import pyarrow as pa
 
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
-from cornerforge.errors import AvFaultError, CornerForgeError, InputError, OutputError
+from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.library.harvester import Harvested, Harvester, extra_columns
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.library.tables import cases_table, tracks_table
 from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
@@ -57,11 +58,8 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
     for index, policy in enumerate(run.policies):
         if not (out / policy_file(index)).exists():
             save_policy(policy, out / policy_file(index))
-    try:
-        if not (out / MODEL_FILE).exists():
-            save_model(run.model, out / MODEL_FILE)
-    except OSError as error:
-        raise OutputError(f"Cannot write into {out}: {error.strerror}; choose another place.") from error
+    if not (out / MODEL_FILE).exists():
+        save_model(run.model, out / MODEL_FILE)
     return library
 
 
@@ -309,8 +307,6 @@ def store_tests(
     progress: Progress,
 ) -> dict[str, Any]:  # fmt: skip
     """`simulate --out`: store the crashes, then count as `simulate` does."""
-    from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
-
     filled = fill_library(
         run, out, seed=seed, tests=tests, threads=threads, resume=resume, progress=progress, stage="store"
     )

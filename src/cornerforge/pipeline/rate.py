@@ -16,12 +16,12 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import CornerForgeError, InputError
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary
 from cornerforge.rates import poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block

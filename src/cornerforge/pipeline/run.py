@@ -14,6 +14,7 @@ from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
 from cornerforge.pipeline.analyse import analyse
+from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.effort import effort_and_budget
 from cornerforge.pipeline.generate import fill_library
 from cornerforge.pipeline.output import (
@@ -27,7 +28,6 @@ from cornerforge.pipeline.output import (
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
 from cornerforge.pipeline.train import checkpoint_beside, evaluate, learn, measure_baselines
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges

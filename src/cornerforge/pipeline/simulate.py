@@ -2,110 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
 from cornerforge._checks import check_integer
-from cornerforge.errors import AvFaultError, InputError
+from cornerforge.errors import InputError
+from cornerforge.pipeline.counting import simulate_experiment, tally_summary
+from cornerforge.pipeline.generate import store_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.rates import binomial_interval
-from cornerforge.sim import statistics
-from cornerforge.sim.runner import Tally
-from cornerforge.sim.runner import simulate as drive
-from cornerforge.types import METRES_PER_MILE
+from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["distributions_of", "rate_summary", "simulate", "simulate_experiment", "tally_summary"]
-
-
-def rate_summary(crashes: int, tests: int, miles: float) -> dict[str, Any]:
-    """A crash rate with its units, its n and its exact 95 % intervals, per test and per mile."""
-    low, high = binomial_interval(crashes, tests)
-    per_mile = tests / miles if miles > 0.0 else None
-    return {
-        "tests": tests,
-        "crashes_per_test": crashes / tests,
-        "interval95": [low, high],
-        "crashes_per_mile": None if per_mile is None else crashes / tests * per_mile,
-        "interval95_per_mile": None if per_mile is None else [low * per_mile, high * per_mile],
-        "miles": miles,
-    }
-
-
-def distributions_of(counts: statistics.Counts) -> dict[str, Any]:
-    """The object `distributions` of `simulate --stats`."""
-    summaries: dict[str, Any] = {
-        grid.name: {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
-        for row, grid in enumerate(statistics.TRAFFIC)
-    }
-    totals = counts.totals
-    following = int(totals[statistics.FOLLOWING_STATES])
-    miles = int(totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
-    summaries["ttc_share_below"] = {
-        f"{limit:g}": int(totals[statistics.TTC_BELOW + k]) / following if following else None
-        for k, limit in enumerate(statistics.TTC_LIMITS)
-    }
-    summaries["following_share"] = (
-        following / int(totals[statistics.BV_STATES]) if totals[statistics.BV_STATES] else None
-    )
-    summaries["lane_changes_per_mile"] = int(totals[statistics.LANE_CHANGES]) / miles if miles else None
-    summaries["bv_miles"] = miles
-    return summaries
-
-
-def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> dict[str, Any]:
-    """The JSON object of `simulate`."""
-    summary = rate_summary(tally.av_crashes, tally.tests, tally.miles)
-    summary |= {
-        "av_crashes": tally.av_crashes,
-        "av_faults": tally.av_faults,
-        "bv_crashes": tally.bv_crashes,
-        "seconds": round(seconds, 3),
-        "world_steps": tally.decisions,
-        "world_steps_per_second": round(tally.decisions / seconds, 2),
-        "tests_per_second": round(tally.tests / seconds, 4),
-        "digest": tally.digest.hexdigest(),
-    }
-    if with_distributions:
-        summary["distributions"] = distributions_of(tally.counts)
-    return summary
-
-
-def simulate_experiment(
-    run: Experiment,
-    *,
-    tests: int,
-    seed: int,
-    first: int = 0,
-    threads: int | None = None,
-    counting: bool = False,
-    progress: Progress = NO_PROGRESS,
-    stage: str = "simulate",
-) -> tuple[Tally, float]:
-    """Drive tests of an experiment; returns the sums and the seconds it took."""
-    run.warm_up()
-    start = time.perf_counter()
-    tally = drive(
-        run.setting,
-        run.slots,
-        seed=seed,
-        tests=tests,
-        first=first,
-        threads=check_threads(threads),
-        counting=counting,
-        progress=lambda done: progress(stage, done, tests),
-        drive=run.drive,
-    )
-    if tally.tests == 0 and run.foreign is not None:
-        fault = next(iter(run.foreign.faults.values()))
-        raise AvFaultError(
-            f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
-            f"Mend it; to look closer: cornerforge check-av {run.av.name}"
-        )
-    return tally, time.perf_counter() - start
+__all__ = ["simulate"]
 
 
 def simulate(
@@ -148,8 +57,6 @@ def simulate(
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(WorldOptions(**world), bv=bv, acting=acting, takes_foreign=True, seed=seed)
     if out is not None:
-        from cornerforge.pipeline.generate import store_tests
-
         return store_tests(
             run, Path(out), tests=tests, seed=seed, threads=threads, counting=stats, resume=resume, progress=progress
         )

@@ -14,10 +14,10 @@ from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, 
 from cornerforge.drivers.avs import av_hash
 from cornerforge.errors import OutputError
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.adversaries import ADVERSARIES, NO_CAST
 from cornerforge.sim.judge import judge_crashes

@@ -11,10 +11,10 @@ from cornerforge.drivers.avs import AvNetwork, av_hash
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.av_file import load_av, save_av
+from cornerforge.pipeline.counting import rate_summary, simulate_experiment
 from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside, curve_report
 from cornerforge.sim.av_features import AV_FEATURES_VERSION
 from cornerforge.world_options import RoadKeywords, WorldOptions

@@ -17,10 +17,10 @@ from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_cra
 from cornerforge.analysis.mechanism import contact_pose
 from cornerforge.drivers.avs import AVS, av_hash
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.counting import rate_summary, simulate_experiment
 from cornerforge.pipeline.output import code_hash, read_json_file, write_json
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, checkpoint_beside, learn
 from cornerforge.sim.braking import Braking
 from cornerforge.sim.judge import judge_crashes
