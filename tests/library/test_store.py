@@ -119,7 +119,9 @@ def test_a_killed_run_resumes_to_the_same_bytes(tmp_path: Path, identity: Identi
     # Killed before the commit: files of the shard in progress lie there, some half-written; the manifest is the old.
     (broken / "manifest.json").write_bytes(committed)
     (broken / "manifest.json.tmp").write_bytes(b'{"format": "corn')
-    (broken / "tracks-000002.parquet.tmp").write_bytes(b"PAR1")
+    (broken / "tracks-000002.parquet.tmp").write_bytes(b"PAR1")  # .tmp: as earlier versions left them
+    (broken / ".manifest.json.part").write_bytes(b'{"format": "corn')
+    (broken / ".tracks-000002.parquet.part").write_bytes(b"PAR1")
     assert CaseLibrary.open(broken).scalars(["test"]).column("test").to_pylist() == [1, 4]
 
     resumed = CaseLibrary.resume(broken, identity, ODD)
