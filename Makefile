@@ -22,7 +22,7 @@ help: ## list the targets (this)
 setup: $(SETUP) ## install cornerforge and its tools into .venv, in the versions of constraints.txt
 
 demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, within minutes; goes on where it was stopped
-	@$(BIN)/cornerforge run --budget quick --out $(OUT) --resume
+	@$(BIN)/cornerforge run --effort quick --out $(OUT) --resume
 	@echo "The report: $(OUT)/report.html (open it in a browser)"
 
 test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU, on all cores

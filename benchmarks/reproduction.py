@@ -1,6 +1,6 @@
 """What `cornerforge reproduce` found, as Markdown.
 
-    cornerforge reproduce --budget standard --out out/reproduction
+    cornerforge reproduce --effort standard --out out/reproduction
     .venv/bin/python benchmarks/reproduction.py out/reproduction --write docs/results.md
     .venv/bin/python benchmarks/reproduction.py out/reproduction --rows --write docs/reproduction.md
 
@@ -21,7 +21,7 @@ from document import MarkedBlock
 from measuring import table
 
 from cornerforge.pipeline.output import write_text
-from cornerforge.pipeline.reproduce import REPRODUCE_BUDGETS
+from cornerforge.pipeline.reproduce import REPRODUCE_EFFORTS
 
 IN_DOCUMENT = MarkedBlock("benchmarks/reproduction.py")
 Json = Mapping[str, Any]
@@ -34,9 +34,9 @@ _YIELDS = (
 
 def render(items: Json, provenance: Json, *, rows: bool) -> str:
     """Lines of all items and the matrix, or the rows of all items but the matrix."""
-    size = REPRODUCE_BUDGETS[items["budget"]]
+    size = REPRODUCE_EFFORTS[items["effort"]]
     head = (
-        f"Budget `{items['budget']}`, seed {items['seed']}: {size.seeds} training(s) of each kind, "
+        f"Effort `{items['effort']}`, seed {items['seed']}: {size.seeds} training(s) of each kind, "
         f"{size.decisions:,} decisions each ({size.bounded_decisions:,} bounded); {size.tests:,} evaluation tests a "
         f"training and AV.\nCode `{provenance['identity']['code']}`, model `{provenance['identity']['model_hash']}`. A "
         "mean over trainings has an interval from the lowest to the highest end of\ntheir exact 95 % intervals; other "

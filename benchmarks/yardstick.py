@@ -1,7 +1,8 @@
 """The yardstick in C: compiles `yardstick/drive.c` and drives tests with it in memory of its own.
 
 Same loops, same layout of a vehicle, same elementary functions as the Numba kernels;
-`tests/benchmarks/test_yardstick.py` holds both to the last bit. Naturalistic BVs, a built-in AV, nobody controlled, nothing recorded or counted.
+`tests/benchmarks/test_yardstick.py` holds both to the last bit. Naturalistic BVs, a built-in AV, nobody controlled,
+nothing recorded or counted.
 """
 
 from __future__ import annotations

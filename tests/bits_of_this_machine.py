@@ -43,7 +43,10 @@ def _kinds() -> Iterator[tuple[str, Setting]]:
     model = load_model(default_model_path())
     yield "swerve", setting_of(model, _ODD, adversary="swerve")
     yield "bounded with a budget", setting_of(model, _ODD, adversary="lane-changer", bounded=True, budget=12.0)
-    yield "policy by chance", setting_of(model, _ODD, adversary="policy", policy=_policy()).with_drivers(temperature=0.3)
+    yield (
+        "policy by chance",
+        setting_of(model, _ODD, adversary="policy", policy=_policy()).with_drivers(temperature=0.3),
+    )
     yield "nobody", setting_of(model, _ODD)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -17,11 +18,15 @@ import pytest
 import typer
 from folder_snapshot import snapshot
 
+import cornerforge
+from cornerforge._jit import kernel
 from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, save_policy
 from cornerforge.cli import app, main
-from cornerforge.cli.output import Bars
+from cornerforge.cli.output import Bars, compiling_text, run_command, speed_text
 from cornerforge.drivers.policy import n_weights
+from cornerforge.errors import InputError
+from cornerforge.report import judged
 
 run_module = importlib.import_module("cornerforge.pipeline.run")
 
@@ -33,6 +38,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a library, a policy and a trajectory file; read only."""
     folder = tmp_path_factory.mktemp("files")
     assert main(["generate", "--policy", "swerve", "--cases", "40", "--out", str(folder / "library"), "--quiet"]) == 0
+    assert main(["analyse", str(folder / "library"), "--out", str(folder / "analysis"), "--quiet"]) == 0
     shape = PRESETS["fast"].network
     save_policy(Policy(np.zeros(n_weights(shape), np.float32), shape, False, {}), folder / "policy.safetensors")
     rows = []
@@ -48,11 +54,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def call(capsys: Capture, *arguments: object) -> tuple[int, str, str]:
-    """Exit status, standard output and standard error of a call."""
+    """Exit status, standard output and standard error of a call, but for the line on compiling."""
     capsys.readouterr()
     status = main([str(argument) for argument in arguments])
     captured = capsys.readouterr()
-    return status, captured.out, captured.err
+    return status, captured.out, captured.err.replace(f"{compiling_text()}\n", "")
 
 
 # --- help ---
@@ -82,6 +88,11 @@ def test_every_command_helps(command: list[str], capsys: Capture) -> None:
         (["generate"], "interrupted; what was finished is kept."),
         (["analyse"], "interrupted."),
         (["ndd", "fit"], "interrupted."),
+        (["rate"], "interrupted."),
+        (["rate", "--out", "folder"], "interrupted; what was finished is kept."),
+        (["simulate"], "interrupted."),
+        (["simulate", "--out=folder"], "interrupted; what was finished is kept."),
+        (["run"], "interrupted; what was finished is kept."),
     ],
 )
 def test_an_interrupt_promises_what_the_command_does(
@@ -103,8 +114,31 @@ def test_the_promised_commands_are_there() -> None:
 @pytest.mark.parametrize("command", [path for path in all_commands() if path not in ([], ["ndd"])], ids=" ".join)
 def test_every_command_takes_the_common_options(command: list[str], capsys: Capture) -> None:
     _, out, _ = call(capsys, *command, "--help")
-    for option in ("--quiet", "--json", "--debug", "--seed", "--threads"):
+    for option in ("--quiet", "--json", "--debug", "--seed", "--threads", "--out"):
         assert option in out
+    assert re.search(r"--quiet +No text", out), "an option without a value shows none"
+
+
+@pytest.mark.parametrize("command", [[], ["ndd"]], ids=["cornerforge", "ndd"])
+def test_no_command_shows_what_there_is(command: list[str], capsys: Capture) -> None:
+    status, out, err = call(capsys, *command)
+    assert (status, err) == (2, "")
+    assert out.strip() == call(capsys, *command, "--help")[1].strip()
+
+
+def test_the_version_can_be_asked_for(capsys: Capture) -> None:
+    assert call(capsys, "--version") == (0, f"cornerforge {cornerforge.__version__}\n", "")
+
+
+@pytest.mark.parametrize("command", ["replay {f}/library 0:0 --check", "query {f}/library 'select 1'", "avs"])
+def test_commands_without_files_of_their_own_can_write_their_object(
+    command: str, files: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    case = call(capsys, "query", files / "library", "select min(case_id) from cases", "--json")[1]
+    given = words(command.replace("0:0", json.loads(case)["rows"][0][0]), files, tmp_path)
+    status, out, _ = call(capsys, *given, "--json", "--out", tmp_path / "object.json")
+    assert status == 0
+    assert json.loads((tmp_path / "object.json").read_text(encoding="utf-8")) == json.loads(out)
 
 
 def test_help_is_quick_because_nothing_heavy_is_imported(tmp_path: Path) -> None:
@@ -150,8 +184,10 @@ GOOD: dict[str, tuple[str, set[str]]] = {
     "generate": ("generate --policy lane-changer --cases 5 --out {n}/library", GENERATE),
     "analyse": ("analyse {f}/library --steps 2 --out {n}/analysis", ANALYSE),
     "replay": ("replay {f}/library all --check", {"case", "crash_time_s", "identical"}),
-    "reproduce": ("reproduce --figure table1 --budget quick --out {n}/paper", {"items", "out", "page", "seconds"}),
+    "reproduce": ("reproduce --figure table1 --effort quick --out {n}/paper", {"items", "out", "page", "seconds"}),
     "query": ("query {f}/library 'select case_id, n_vehicles from cases limit 2'", {"columns", "rows"}),
+    "query an analysis": ("query {f}/analysis 'select case_id, value from cases order by value limit 2'", {"rows"}),
+    "variety": ("variety {f}/library", {"rows"}),
     "avs": ("avs", {"avs"}),
     "ndd fit": ("ndd fit {f}/pairs.csv --format pairs --out {n}/m.npz", FIT),
     "ndd show": ("ndd show", {"model_hash", "following", "free_flow", "lane_change", "initial", "counted", "figures"}),
@@ -211,9 +247,9 @@ def test_analysis_names_clusters_and_cases(files: Path, capsys: Capture) -> None
 
 
 def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    tiny = run_module.Budget(nde_tests=200, decisions=120_000, evaluation_tests=200, exposure_tests=100, cases=12)
-    monkeypatch.setitem(run_module.BUDGETS, "quick", tiny)
-    command = ["run", "--budget", "quick", "--out", tmp_path / "out", "--seed", "2", "--json"]
+    tiny = run_module.Effort(nde_tests=200, decisions=120_000, evaluation_tests=200, exposure_tests=100, cases=12)
+    monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
+    command = ["run", "--effort", "quick", "--out", tmp_path / "out", "--seed", "2", "--json"]
     status, out, err = call(capsys, *command)
     assert (status, err) == (0, "")
     summary = json.loads(out)
@@ -229,6 +265,20 @@ def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, c
     assert {**json.loads(out), "seconds": 0} == {**summary, "seconds": 0}
     status, out, _ = call(capsys, *command[:-1], "--resume")
     assert "Report: " in out
+
+
+@pytest.mark.parametrize("command", ["run --budget quick", "reproduce --budget quick --figure table1"])
+def test_the_old_name_of_effort_goes_on_working_with_a_hint(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    tiny = run_module.Effort(nde_tests=200, decisions=60_000, evaluation_tests=200, exposure_tests=100, cases=8)
+    monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
+    monkeypatch.setattr("warnings.filters", [])  # as outside of tests, where warnings are no errors
+    status, _, err = call(capsys, *command.split(), "--out", tmp_path / "out", "--quiet")
+    assert (status, err.count("\n")) == (0, 1)
+    assert err.startswith("Warning: budget quick is called effort quick now (--effort quick)")
+    identity = json.loads((tmp_path / "out" / "provenance.json").read_text(encoding="utf-8"))["identity"]
+    assert identity["effort"] == "quick"
 
 
 def on_a_terminal(*arguments: str) -> tuple[str, str]:
@@ -268,6 +318,33 @@ def test_one_bar_serves_a_stage_whose_note_changes_and_old_work_is_no_speed() ->
         assert sum(sample.completed for sample in bar._progress) == 100.0, "what the speed is made of: this session"
     finally:
         bars.stop()
+
+
+def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line on standard error, whatever is compiled; none with --quiet; another where nothing can be kept."""
+
+    @kernel
+    def two(values: Any) -> float:
+        return values[0] + values[1]
+
+    def work(_: object) -> dict[str, Any]:
+        return {"sum": two(np.ones(2, kinds.pop()))}
+
+    kinds = [np.int64, np.int32, np.int16, np.int8]
+    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "")
+    run_command(work, str, as_json=True, quiet=False)
+    run_command(work, str, as_json=True, quiet=True)
+    captured = capsys.readouterr()
+    assert captured.out == '{"sum": 2}\n' * 2
+    assert captured.err.count("\n") == 1
+    assert "NUMBA_CACHE_DIR" in captured.err
+    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "folder")
+    run_command(work, str, as_json=False, quiet=False)
+    assert "once per installation" in capsys.readouterr().err
+
+
+def test_a_slow_speed_keeps_its_digits() -> None:
+    assert [speed_text(speed) for speed in (40337.4, 12.3, 0.4321, 0.0)] == ["40,337", "12", "0.43", "0"]
 
 
 # --- exit status 1 ---
@@ -315,6 +392,11 @@ def something_else(_: Path, new: Path) -> None:
     (new / "notes.txt").write_text("mine", encoding="utf-8")
 
 
+def a_run(_: Path, new: Path) -> None:
+    (new / "run" / "library").mkdir(parents=True)
+    (new / "run" / "analysis").mkdir()
+
+
 def nothing(_: Path, __: Path) -> None:
     pass
 
@@ -322,8 +404,6 @@ def nothing(_: Path, __: Path) -> None:
 # Name: what lies there before, the call, what the message must hold.
 BAD: dict[str, tuple[Callable[[Path, Path], None], str, str]] = {
     "unknown command": (nothing, "simulat", 'simulate'),
-    "no command": (nothing, "", "--help"),
-    "no command below ndd": (nothing, "ndd", "ndd --help"),
     "unknown option": (nothing, "simulate --test 5", "--tests"),
     "no number": (nothing, "simulate --tests many", "--tests"),
     "missing option": (nothing, "train", "--out"),
@@ -332,6 +412,10 @@ BAD: dict[str, tuple[Callable[[Path, Path], None], str, str]] = {
     "unknown BV": (nothing, "simulate --bv swerv", 'Did you mean "swerve"'),
     "unknown ODD": (nothing, "simulate --odd defalt", 'Did you mean "default"'),
     "unknown budget": (nothing, "run --budget quik --out {n}/out", 'Did you mean "quick"'),
+    "unknown effort": (nothing, "run --effort quik --out {n}/out", 'Did you mean "quick"'),
+    "unknown effort, reproduce": (nothing, "reproduce --effort ful --out {n}/out", 'Did you mean "full"'),
+    "negative budget": (nothing, "run --budget -3 --out {n}/out", "budget = -3"),
+    "a likelihood budget, reproduce": (nothing, "reproduce --budget 3 --out {n}/out", "no likelihood budget"),
     "unknown figure": (nothing, "reproduce --figure table1 figur2 --out {n}/out", 'Did you mean "figure2"'),
     "unknown budget, reproduce": (nothing, "reproduce --budget ful --out {n}/out", 'Did you mean "full"'),
     "negative seed, reproduce": (nothing, "reproduce --seed -1 --out {n}/out", "seed = -1"),
@@ -343,6 +427,20 @@ BAD: dict[str, tuple[Callable[[Path, Path], None], str, str]] = {
     "unknown preset": (nothing, "train --preset papr --out {n}/p.safetensors", 'Did you mean "paper"'),
     "unknown format": (nothing, "ndd fit {f}/pairs.csv --format pears --out {n}/m.npz", 'Did you mean "pairs"'),
     "unknown case": (nothing, "replay {f}/library 0:99999", 'No case "0:99999"'),
+    "idle lanes": (nothing, "variety {f}/library --lanes 0", "lanes = 0"),
+    "idle AV": (nothing, "variety {f}/library --av rl", "av = 'rl'"),
+    "idle threads": (nothing, "avs --threads 0", "threads = 0"),
+    "idle seed": (nothing, "query {f}/library 'select 1' --seed -1", "seed = -1"),
+    "nothing to resume, simulate": (nothing, "simulate --tests 10 --resume", "--out"),
+    "nothing to resume, rate": (nothing, "rate --max-tests 10 --resume", "--out"),
+    "time for an answer": (nothing, "check-av no_such:Av --av-timeout nan", "av_timeout = nan"),
+    "endless time for an answer": (nothing, "check-av no_such:Av --av-timeout 1e308", "av_timeout = 1e+308"),
+    "time of a built-in AV": (nothing, "simulate --tests 10 --av-timeout -1", "av_timeout = -1"),
+    "an AV file without its ending": (nothing, "train-av --decisions 600 --out {n}/my_av", ".safetensors"),
+    "the root as a file": (nothing, "train --decisions 600 --out /", "/ is a folder"),
+    "a run instead of a library": (a_run, "query {n}/run 'select 1'", "run/library or "),
+    "neither library nor analysis": (something_else, "query {n}/thesis 'select 1'", "no case library"),
+    "a file that is there, query": (something_else, "query {f}/library 'select 1' --out {n}/notes.txt", "notes.txt"),
     "no case id": (nothing, "replay {f}/library first", "first"),
     "no tests": (nothing, "simulate --tests 0", "tests = 0"),
     "no cases": (nothing, "generate --policy swerve --cases 0 --out {n}/library", "cases = 0"),
@@ -416,7 +514,7 @@ def test_bad_input_is_one_plain_line_and_harms_nothing(name: str, files: Path, t
     assert err.endswith("\n")
     assert "Traceback" not in err
     assert message in err
-    assert out == "" or name.startswith("no command")  # those show the help
+    assert out == ""
     assert (snapshot(tmp_path), snapshot(files)) == before
 
 
@@ -469,3 +567,115 @@ def test_a_damaged_shard_is_a_warning_on_standard_error(files: Path, tmp_path: P
     assert err.startswith("Warning: ")
     assert "cases-000000.parquet" in err
     assert err.count("\n") == 1
+
+
+# --- streams that are closed, words that are no text, interrupts ---
+
+shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell")
+
+
+def in_a_shell(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """What a shell makes of a line, with `cornerforge` for this one."""
+    line = text.replace("cornerforge", f"{shlex.quote(sys.executable)} -m cornerforge")
+    return subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False, cwd=folder)
+
+
+@shell
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [
+        ("avs 2>&-", 0), ("avs >&-", 0), ("avs >&- 2>&- <&-", 0), ("avs --threads 0 2>&-", 2),
+        ("simulate --tests 20 --out library >&- 2>&-", 0),
+    ],
+)  # fmt: skip
+def test_a_closed_stream_is_no_failed_gate(line: str, status: int, tmp_path: Path) -> None:
+    """What would be printed there goes nowhere, least of all into a file that got the stream's number."""
+    done = in_a_shell(f"cornerforge {line}", tmp_path)
+    assert done.returncode == status
+    assert "Traceback" not in done.stderr
+    for file in tmp_path.glob("library/*.json"):
+        json.loads(file.read_text(encoding="utf-8"))
+
+
+@shell
+@pytest.mark.parametrize("line", ["avs", "--help", "avs --json", "no-such-command 2>&1"])
+def test_a_reader_that_leaves_ends_it_as_it_ends_other_programs(line: str, tmp_path: Path) -> None:
+    """141, 128 + SIGPIPE, without a word; 1 would be a failed gate."""
+    done = in_a_shell(f"exec 3>status; (sleep 0.5; cornerforge {line}; echo $? >&3) | true", tmp_path)
+    assert (tmp_path / "status").read_text().split() == ["141"]
+    assert done.stderr == ""
+
+
+def test_a_name_that_is_no_text_is_refused_before_the_work(tmp_path: Path, capsys: Capture) -> None:
+    status, out, err = call(capsys, "simulate", "--tests", 50, "--out", f"{tmp_path}/l\udcff")
+    assert (status, out) == (2, "")
+    assert "\\udcff" in err
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="no UTF-8"):
+        cornerforge.rate(max_tests=50, out=f"{tmp_path}/l\udcff")
+    with pytest.raises(InputError, match="no UTF-8"):
+        cornerforge.train(decisions=600, out=f"{tmp_path}/l\udcff.safetensors")
+
+
+def test_a_file_that_ends_early_is_no_interrupt(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Typer takes the one for the other."""
+
+    def cut_off(*_: object, **__: object) -> dict[str, Any]:
+        raise EOFError("Ran out of input")
+
+    monkeypatch.setattr("cornerforge.pipeline.avs", cut_off)
+    with pytest.raises(EOFError, match="Ran out"):
+        call(capsys, "avs")
+
+
+@shell
+def test_a_query_can_be_interrupted(files: Path, tmp_path: Path) -> None:
+    """DuckDB reports Ctrl-C as an error of its own."""
+    endless = "select count(*) from range(100000000000) t(i), cases where i % 7 = crash_time_s"
+    command = [sys.executable, "-c", INTERRUPTED, "query", str(files / "library"), endless]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "cornerforge: interrupted.\n")
+
+
+INTERRUPTED = """
+import os, signal, sys, threading
+from cornerforge.cli import main
+from cornerforge.library import query, store
+honest = query.run_sql
+def soon(*arguments):
+    threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+    return honest(*arguments)
+store.run_sql = soon
+sys.exit(main())
+"""
+
+
+# --- places with odd names ---
+
+
+def test_a_path_means_the_same_to_all_who_write(
+    files: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A colon makes no address of it, and ~ in quotes is a folder of that name: expanding it is the shell's part."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    (tmp_path / "home").mkdir()
+    names = {"analysis.json", "cases.parquet", "points.parquet", "provenance.json", "witnesses.parquet"}
+    for place in ("an-2026-11-22T10:30", "~/an"):
+        assert call(capsys, "analyse", files / "library", "--out", place)[0] == 0
+        assert {path.name for path in (tmp_path / place).iterdir()} == names
+        assert call(capsys, "query", place, "select count(*) from cases")[1] == "count_star()\n40\n"
+        assert len(judged.read_table(Path(place) / "cases.parquet", ["case_id"], "analyse")["case_id"]) == 40
+    trajectories = Path("~") / "pairs:1.csv"
+    trajectories.write_bytes((files / "pairs.csv").read_bytes())
+    assert call(capsys, "ndd", "fit", trajectories, "--out", "~/m:1.npz", "--quiet")[0] == 0
+    assert not list((tmp_path / "home").iterdir())
+
+
+def test_a_run_into_a_place_with_a_colon_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    tiny = run_module.Effort(nde_tests=200, decisions=60_000, evaluation_tests=200, exposure_tests=100, cases=8)
+    monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
+    monkeypatch.chdir(tmp_path)
+    assert call(capsys, "run", "--out", "run-2026-11-22T10:30", "--quiet") == (0, "", "")
+    assert call(capsys, "run", "--out", "run-2026-11-22T10:30", "--quiet", "--resume") == (0, "", "")
+    assert Path("run-2026-11-22T10:30/report.html").stat().st_size > 100_000

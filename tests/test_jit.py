@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +16,9 @@ import numpy as np
 import pytest
 
 import cornerforge._jit
+from cornerforge import _kernel_cache
 from cornerforge._jit import announce_compiling, inlined_kernel, kernel
+from cornerforge._kernel_cache import choose_folder
 
 CACHED = """
 import numpy as np
@@ -72,12 +78,13 @@ def test_a_part_that_raises_reaches_python() -> None:
 def test_compiling_is_announced_once() -> None:
     """Said when the first kernel is compiled, not for those after it and not for what is there."""
     said = []
-    announce_compiling(lambda: said.append("compiling"))
-
-    assert said == []
-    _first(np.ones(3, np.int64))
-    _doubled(np.ones(3, np.int64), 0)
-    assert said == ["compiling"]
+    with announce_compiling(lambda: said.append("compiling")):
+        assert said == []
+        _first(np.ones(3, np.int64))
+        _doubled(np.ones(3, np.int64), 0)
+        assert said == ["compiling"]
+    _first(np.ones(3, np.int32))
+    assert said == ["compiling"], "said of what is compiled within the block only"
 
 
 def test_every_kernel_is_in_the_name_of_the_cache() -> None:
@@ -99,3 +106,104 @@ def test_machine_code_is_kept_for_the_next_process(tmp_path: Path) -> None:
         )  # fmt: skip
         seen.append(done.stdout.split())
     assert seen == [["0", "1"], ["1", "0"]]
+
+
+# --- places that cannot be written, files that are not what was written ---
+
+
+def _run_cached(**environment: str) -> tuple[list[str], str]:
+    """The words that the program prints which calls one kernel, and its standard error."""
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", CACHED], capture_output=True, text=True, check=True,
+        env={"PYTHONPATH": str(Path(__file__).parents[1] / "src"), **environment},
+    )  # fmt: skip
+    return done.stdout.split(), done.stderr
+
+
+def test_a_program_without_any_writable_place_compiles_for_itself(tmp_path: Path) -> None:
+    """Package and home are read-only; a file where a folder should be stops root too."""
+    package = Path(cornerforge._jit.__file__).parent
+    copy = shutil.copytree(package, tmp_path / "src" / "cornerforge", ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in [copy, *(path for path in copy.rglob("*") if path.is_dir())]:
+        (folder / "__pycache__").write_text("no folder")
+    (tmp_path / "home").write_text("no folder")
+    words, said = _run_cached(PYTHONPATH=str(tmp_path / "src"), HOME=str(tmp_path / "home"))
+    assert (words, said) == (["0", "1"], "")
+
+
+def test_a_user_without_a_home_has_the_package_s_place_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    assert list(_kernel_cache._usual_places(tmp_path)) == [tmp_path / "__pycache__"]
+
+
+def test_a_full_disk_costs_time_and_nothing_else(tmp_path: Path) -> None:
+    """What cannot be kept is compiled again by the next process; one line says so."""
+    limited = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (512, 512))\n" + CACHED
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", limited], capture_output=True, text=True, check=True,
+        env={"PYTHONPATH": str(Path(__file__).parents[1] / "src"), "NUMBA_CACHE_DIR": str(tmp_path)},
+    )  # fmt: skip
+    assert done.stdout.split() == ["0", "1"]
+    assert done.stderr.count("Machine code cannot be kept in") == 1
+    assert _run_cached(NUMBA_CACHE_DIR=str(tmp_path))[0] == ["0", "1"]
+
+
+def _tripled(values: Any) -> float:
+    return 3.0 * values[0]
+
+
+def _emptied(file: Path) -> None:
+    file.write_bytes(b"")
+
+
+def _halved(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+def _flipped(file: Path) -> None:
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+def _other(file: Path) -> None:
+    file.write_bytes(b"\x80\x04X\x05\x00\x00\x00hello.")
+
+
+@pytest.mark.parametrize("damage", [_emptied, _halved, _flipped, _other])
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_a_damaged_file_is_dropped_and_compiled_anew(
+    ending: str, damage: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new kernel object reads the files as a new process would; a flipped bit of machine code is never run."""
+    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: str(tmp_path))
+    hits = []
+    for run in range(4):
+        if run == 2:
+            for file in tmp_path.rglob(f"*.{ending}"):
+                damage(file)
+        tripled: Any = kernel(_tripled)
+        assert tripled(np.ones(2)) == 3.0
+        hits.append(sum(tripled.stats.cache_hits.values()))
+    # A flip within the index may leave it readable: then the kernel is found, or counts as never compiled.
+    assert hits[:2] == [0, 1]
+    assert hits[3] == 1
+    assert hits[2] == 0 or (ending, damage) == ("nbi", _flipped)
+
+
+def test_folders_in_use_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Time of change says when a folder was used last; that of an installation from last year is today's."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    for name, days in (("ours", 400), ("another_s", 20), ("gone", 40)):
+        (tmp_path / f"kernels-{name}").mkdir()
+        (tmp_path / f"kernels-{name}" / "code.nbc").write_bytes(b"code")
+        then = time.time() - 86400.0 * days
+        os.utime(tmp_path / f"kernels-{name}", (then, then))
+    assert choose_folder("kernels-ours", tmp_path / "package") == str(tmp_path / "kernels-ours")
+    assert sorted(path.name for path in tmp_path.glob("*/code.nbc")) == ["code.nbc"] * 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kernels-another_s", "kernels-ours"]
+    assert (tmp_path / "kernels-ours").stat().st_mtime > time.time() - 3600.0

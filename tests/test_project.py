@@ -12,6 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parents[1]
 MADE = {".git", ".venv", ".venv-bench", "out", "build", "cornerforge-out", "__pycache__"}
@@ -54,6 +57,37 @@ def test_one_version_everywhere() -> None:
     assert cited is not None
     assert cited.group(1) == declared, "CITATION.cff cites another version than pyproject.toml declares"
     assert importlib.metadata.version("cornerforge") == declared, "stale installation; run: make setup"
+
+
+def bounds_and_pins(pyproject: str, constraints: str) -> tuple[dict[str, Version], dict[str, Version]]:
+    """Lowest versions that pyproject.toml asks for, and the versions that are tested together; by canonical name."""
+    project = tomllib.loads(pyproject)["project"]
+    lines = [*project["dependencies"], *(line for lines in project["optional-dependencies"].values() for line in lines)]
+    wanted = [Requirement(line) for line in lines]
+    bounds: dict[str, Version] = {
+        canonicalize_name(one.name): Version(limit.version)
+        for one in wanted
+        for limit in one.specifier
+        if limit.operator in (">=", "==")
+    }
+    pins = [Requirement(line) for line in constraints.splitlines() if line and not line.startswith("#")]
+    return bounds, {canonicalize_name(pin.name): Version(next(iter(pin.specifier)).version) for pin in pins}
+
+
+def above(bounds: dict[str, Version], pins: dict[str, Version]) -> list[str]:
+    """Packages that are not pinned, or pinned below what is asked for."""
+    return [name for name, low in bounds.items() if name not in pins or low > pins[name]]
+
+
+def test_no_lower_bound_is_above_what_is_tested() -> None:
+    """And none allows a NumPy that today's pyarrow refuses: its 1.26 ended in a traceback."""
+    pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    bounds, pins = bounds_and_pins(pyproject, (ROOT / "constraints.txt").read_text(encoding="utf-8"))
+    assert len(bounds) >= 20
+    assert not above(bounds, pins)
+    assert bounds["numpy"] >= Version("2.0")
+    raised = pyproject.replace(f'"numba>={bounds["numba"]}"', '"numba>=99"')
+    assert above(bounds_and_pins(raised, (ROOT / "constraints.txt").read_text(encoding="utf-8"))[0], pins) == ["numba"]
 
 
 # --- files ---

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cornerforge.pipeline import (
         analyse,
+        avs,
         check_av,
         generate,
         ndd_fit,
         ndd_import,
         ndd_show,
         ndd_validate,
+        plausibility,
         query,
         rate,
         replay,
@@ -25,17 +27,21 @@ if TYPE_CHECKING:
         shrink,
         simulate,
         train,
+        train_av,
+        variety,
     )
 
 __all__ = [
     "__version__",
     "analyse",
+    "avs",
     "check_av",
     "generate",
     "ndd_fit",
     "ndd_import",
     "ndd_show",
     "ndd_validate",
+    "plausibility",
     "query",
     "rate",
     "replay",
@@ -44,6 +50,8 @@ __all__ = [
     "shrink",
     "simulate",
     "train",
+    "train_av",
+    "variety",
 ]
 
 __version__ = "0.1.0"

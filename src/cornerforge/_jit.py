@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import os
-import shutil
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -24,6 +22,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils, event, types
 from numba.extending import intrinsic
 
+from cornerforge._kernel_cache import KernelCache, choose_folder
 from cornerforge._kernel_parts import KernelDispatcher
 
 if TYPE_CHECKING:
@@ -38,10 +37,9 @@ _OPTIONS: dict[str, Any] = {"nopython": True, "nogil": True, "error_model": "num
 F = TypeVar("F", bound=Callable[..., object])
 
 _SOURCES = (
-    "_jit.py", "_kernel_parts.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py",
-    "drivers/*.py", "sim/*.py", "analysis/density_grid.py",
+    "_jit.py", "_kernel_*.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py", "drivers/*.py",
+    "sim/*.py", "analysis/density_grid.py",
 )  # fmt: skip
-_KEEP_DAYS = 3.0
 
 
 def _fingerprint(package: Path) -> str:
@@ -54,33 +52,14 @@ def _fingerprint(package: Path) -> str:
     return digest.hexdigest()[:12]
 
 
-def _remove_old(base: Path) -> None:
-    """Drop the machine code of sources that are long gone."""
-    limit = time.time() - _KEEP_DAYS * 86400.0
-    for folder in base.glob("kernels-*"):
-        if folder.stat().st_mtime < limit:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
 @functools.cache
 def cache_folder() -> str:
-    """Where machine code is kept: beside the package, or in the user's cache when that is not writable.
+    """Where machine code is kept: beside the package, or in the user's cache when that is not writable; else "".
 
     The variable NUMBA_CACHE_DIR, when set, names another place.
     """
     package = Path(__file__).parent
-    name = f"kernels-{_fingerprint(package)}"
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cornerforge"
-    wished = os.environ.get("NUMBA_CACHE_DIR")
-    for base in (Path(wished),) if wished else (package / "__pycache__", home):
-        try:
-            (base / name).mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(base / name, os.W_OK):
-            _remove_old(base)
-            return str(base / name)
-    return ""
+    return choose_folder(f"kernels-{_fingerprint(package)}", package)
 
 
 def kernel(function: F) -> F:
@@ -98,18 +77,24 @@ def inlined_kernel(function: F) -> F:
 
 
 def _compiled(function: F, options: dict[str, Any]) -> F:
-    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-    numba.config.CACHE_DIR = cache_folder()  # type: ignore[attr-defined]
-    try:
-        dispatcher = KernelDispatcher(function, options)
-        dispatcher.enable_caching()
-        return cast("F", dispatcher)
-    finally:
-        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+    dispatcher: Any = KernelDispatcher(function, options)
+    if folder := cache_folder():
+        before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+        try:
+            dispatcher._cache = KernelCache(function)  # type: ignore[no-untyped-call]
+        finally:
+            numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+    return cast("F", dispatcher)
 
 
-def announce_compiling(say: Callable[[], None]) -> None:
-    """Call `say` once, when the first kernel that no earlier process left machine code of begins to be compiled."""
+@contextmanager
+def announce_compiling(say: Callable[[], None]) -> Iterator[None]:
+    """Call `say` once, when within this block the first kernel without machine code of an earlier process is compiled.
+
+    Args:
+        say: Tells people why they wait.
+    """
 
     class _Once(event.Listener):
         said = False
@@ -122,7 +107,8 @@ def announce_compiling(say: Callable[[], None]) -> None:
         def on_end(self, event: object) -> None:
             pass
 
-    event.register("numba:compile", _Once())  # type: ignore[no-untyped-call]
+    with event.install_listener("numba:compile", _Once()):
+        yield
 
 
 def _prefetch(_: object, array: Any, row: Any, column: Any) -> tuple[Any, Callable[..., Any]]:

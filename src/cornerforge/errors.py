@@ -4,6 +4,7 @@
 CornerForgeError                     everything the user can mend; the command line prints it in one line, exit status 2
 ├── InputError (ValueError)          an argument or option is outside what is allowed
 ├── UnknownNameError (InputError)    no such AV, ODD, format, command; carries the nearest known name
+│   └── UnknownCaseError             no such case in a library
 ├── DataError (ValueError)           a trajectory file holds something that cannot be used
 ├── FileFormatError (ValueError)     a model, policy or library file is damaged, foreign, or of another schema
 ├── OutputError (OSError)            the output place cannot be written or holds something else
@@ -16,7 +17,8 @@ CornerForgeError                     everything the user can mend; the command l
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Sequence
 
 __all__ = [
     "AvFaultError",
@@ -27,6 +29,7 @@ __all__ = [
     "MissingExtraError",
     "OutputError",
     "ReplayError",
+    "UnknownCaseError",
     "UnknownNameError",
 ]
 
@@ -53,6 +56,26 @@ class UnknownNameError(InputError):
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
         hint = f'Did you mean "{near[0]}"?' if near else f"Known: {', '.join(names)}."
         super().__init__(f'No {kind} "{name}". {hint}')
+
+
+class UnknownCaseError(UnknownNameError):
+    """A library holds no such case; the message names the nearest ones and says how to list all.
+
+    Args:
+        name: The case id.
+        near: Ids of a few cases, the nearest first.
+        cases: How many the library holds.
+        library: Its place.
+        is_near: Whether the first of them is probably what was meant.
+    """
+
+    def __init__(self, name: str, near: Sequence[str], cases: int, library: str, *, is_near: bool) -> None:
+        meant = f' Did you mean "{near[0]}"?' if is_near else ""
+        others = f" and {cases - len(near):,} others" if cases > len(near) else ""
+        listed = f'cornerforge query {shlex.quote(library)} "select case_id from cases"'
+        InputError.__init__(
+            self, f'No case "{name}".{meant} Known: {", ".join(near)}{others}; to list them: {listed}'
+        )  # fmt: skip
 
 
 class DataError(CornerForgeError, ValueError):

@@ -37,7 +37,7 @@ def reproduction(tmp_path: Path) -> Path:
         {**about, **headline, "id": "matrix", "title": "Matrix", "rows": [headline],
          "data": {"avs": ["idm-mobil"], "natural": natural, "cells": cells}},
     ]  # fmt: skip
-    (tmp_path / "items.json").write_text(json.dumps({"budget": "quick", "seed": 0, "items": items}))
+    (tmp_path / "items.json").write_text(json.dumps({"effort": "quick", "seed": 0, "items": items}))
     (tmp_path / "provenance.json").write_text(json.dumps({"identity": {"code": "c0de", "model_hash": "m0de1"}}))
     return tmp_path
 
@@ -67,7 +67,7 @@ def test_only_the_block_is_written(reproduction: Path, capsys: pytest.CaptureFix
     page.write_text(f"before\n{IN_DOCUMENT.begin}\nold\n{IN_DOCUMENT.end}\nafter\n")
     assert main([str(reproduction), "--write", str(page)]) == 0
     text = page.read_text()
-    assert text.startswith(f"before\n{IN_DOCUMENT.begin}\nBudget")
+    assert text.startswith(f"before\n{IN_DOCUMENT.begin}\nEffort")
     assert text.endswith(f"{IN_DOCUMENT.end}\nafter\n")
     assert "old" not in text
     page.write_text("no marks")

@@ -119,7 +119,9 @@ def test_a_killed_run_resumes_to_the_same_bytes(tmp_path: Path, identity: Identi
     # Killed before the commit: files of the shard in progress lie there, some half-written; the manifest is the old.
     (broken / "manifest.json").write_bytes(committed)
     (broken / "manifest.json.tmp").write_bytes(b'{"format": "corn')
-    (broken / "tracks-000002.parquet.tmp").write_bytes(b"PAR1")
+    (broken / "tracks-000002.parquet.tmp").write_bytes(b"PAR1")  # .tmp: as earlier versions left them
+    (broken / ".manifest.json.part").write_bytes(b'{"format": "corn')
+    (broken / ".tracks-000002.parquet.part").write_bytes(b"PAR1")
     assert CaseLibrary.open(broken).scalars(["test"]).column("test").to_pylist() == [1, 4]
 
     resumed = CaseLibrary.resume(broken, identity, ODD)
@@ -293,7 +295,13 @@ def test_a_library_with_a_damaged_shard_can_grow(filled: Path, identity: Identit
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("7:11", "7:10"), ("7:2", "7:1"), ("7:21", "7:20"), ("8:20", "7:20"), ("first", "Known: 7:1, 7:10")],
+    [
+        ("7:11", "7:10"),
+        ("7:2", "7:1"),
+        ("7:21", "7:20"),
+        ("8:20", "7:20"),
+        ("first", "Known: 7:1, 7:4 and 4 others; to list them"),
+    ],
 )
 def test_an_unknown_case_is_refused_with_the_nearest(filled: Path, name: str, hint: str) -> None:
     with pytest.raises(UnknownNameError, match=f'No case "{name}".*{hint}'):

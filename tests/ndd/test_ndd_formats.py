@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Callable
 from pathlib import Path
 
@@ -189,6 +190,32 @@ def test_highd_takes_the_frame_rate_from_the_meta_file_beside_it(tmp_path: Path)
     meta.unlink()
     np.testing.assert_allclose(read_one(path, "highd").decisions.speed, 2.5 * SPEED, atol=0.02)
     assert read_recording_meta(path) is None
+
+
+@pytest.mark.parametrize("tracks", ["07_tracks.csv", "07_tracks.csv.gz"])
+@pytest.mark.parametrize("meta", ["07_recordingMeta.csv", "07_recordingMeta.csv.gz"])
+def test_highd_finds_the_meta_file_packed_or_not(tracks: str, meta: str, tmp_path: Path) -> None:
+    """10 Hz read as 25 Hz would make every speed 2.5 times as large, without a word."""
+    plain = {
+        tracks: written(tmp_path / "tracks", HIGHD_HEADER, highd_rows(per_second=10)),
+        meta: written(tmp_path / "meta", META_HEADER, [meta_row("10")]),
+    }
+    for name, path in plain.items():
+        content = path.read_bytes()
+        (tmp_path / name).write_bytes(gzip.compress(content) if name.endswith(".gz") else content)
+    (reading,) = read_decisions([tmp_path / tracks, tmp_path / meta], "highd")
+    np.testing.assert_allclose(reading.decisions.speed, SPEED, atol=0.02)
+
+
+def test_a_packed_meta_file_that_is_damaged_or_there_twice_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "07_tracks.csv", HIGHD_HEADER, highd_rows())
+    packed = tmp_path / "07_recordingMeta.csv.gz"
+    packed.write_bytes(gzip.compress(f"{META_HEADER}\n{meta_row('10')}\n".encode())[:30])
+    with pytest.raises(DataError, match=r"07_recordingMeta\.csv\.gz cannot be read"):
+        read_decisions([path], "highd")
+    written(tmp_path / "07_recordingMeta.csv", META_HEADER, [meta_row("10")])
+    with pytest.raises(DataError, match=r"07_recordingMeta\.csv stands there twice"):
+        read_decisions([path], "highd")
 
 
 def test_a_meta_file_without_a_frame_rate_or_tracks_is_refused(tmp_path: Path) -> None:

@@ -20,39 +20,40 @@ from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
 from cornerforge.geometry import boxes_overlap
+from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.paper import ITEMS, clusters, examples, figure3, figure6, figure7
 from cornerforge.pipeline.paper import bench as bench_module
-from cornerforge.pipeline.paper.bench import Adversary, Bench, ReproduceBudget, World, keep
+from cornerforge.pipeline.paper.bench import Adversary, Bench, ReproduceEffort, keep
 from cornerforge.pipeline.paper.figure2 import seconds_to_yield
 from cornerforge.pipeline.paper.libraries import library_of
 from cornerforge.pipeline.paper.matrix import adversaries
 from cornerforge.pipeline.paper.pooled import pooled
 from cornerforge.pipeline.paper.table1 import TABLE1
 from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.simulate import simulate_experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, load_timed_policy
 from cornerforge.rates import binomial_interval
 from cornerforge.report.reproduction import RENDERERS
 from cornerforge.sim.statistics import EXPOSURE
+from cornerforge.world_options import WorldOptions
 
 # Too short to learn anything (replay_start is 16,384): the yields are those of random weights.
-TINY = ReproduceBudget(
+TINY = ReproduceEffort(
     decisions=1_024, bounded_decisions=1_024, seeds=2, trained_on=("idm-mobil",), rewards=("crash",), tests=96,
     natural_tests=200, typed=10, miles=1.0, cases=12,
 )  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
-def tiny_budget() -> Iterator[None]:
+def tiny_effort() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(bench_module.REPRODUCE_BUDGETS, "quick", TINY)
+        patch.setitem(bench_module.REPRODUCE_EFFORTS, "quick", TINY)
         yield
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("reproduce") / "out"
-    return folder, pipeline.reproduce(budget="quick", out=folder, seed=3)
+    return folder, pipeline.reproduce(effort="quick", out=folder, seed=3)
 
 
 def item(result: dict[str, Any], name: str) -> dict[str, Any]:
@@ -105,7 +106,7 @@ def test_the_folder_holds_page_figures_numbers_and_policies(finished: tuple[Path
         assert all(point["seconds"] > 0.0 for point in curves[1])
     assert [found["id"] for found in read(folder / "items.json")["items"]] == [found["id"] for found in result["items"]]
     identity = read(folder / "provenance.json")["identity"]
-    assert (identity["seed"], identity["budget"]) == (3, "quick")
+    assert (identity["seed"], identity["effort"]) == (3, "quick")
     assert set(identity["avs"]) >= {"idm-mobil"}
 
 
@@ -166,7 +167,7 @@ def test_a_finished_folder_is_not_computed_again(
         monkeypatch.setattr(bench_module, name, never)
     monkeypatch.setattr(figure3, "simulate_chunks", never)
     before = snapshot(folder / "items") | snapshot(folder / "policies")
-    again = pipeline.reproduce(budget="quick", out=folder, seed=3, resume=True)
+    again = pipeline.reproduce(effort="quick", out=folder, seed=3, resume=True)
     assert again["items"] == result["items"]
     assert snapshot(folder / "items") | snapshot(folder / "policies") == before
 
@@ -177,7 +178,7 @@ def test_one_item_is_made_again_of_kept_policies(
     folder, result = finished
     (folder / "items" / "figure5.json").unlink()
     monkeypatch.setattr(bench_module, "learn", lambda *_, **__: pytest.fail("trained again"))
-    again = pipeline.reproduce(budget="quick", out=folder, seed=3, figures=["figure5"], resume=True)
+    again = pipeline.reproduce(effort="quick", out=folder, seed=3, figures=["figure5"], resume=True)
     assert [found["id"] for found in again["items"]] == ["figure5"]
     assert item(again, "figure5")["rows"] == item(result, "figure5")["rows"]
     # The page goes on showing the others.
@@ -187,13 +188,13 @@ def test_one_item_is_made_again_of_kept_policies(
 def test_another_seed_or_place_is_refused(finished: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, _ = finished
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.reproduce(budget="quick", out=folder, seed=3)
+        pipeline.reproduce(effort="quick", out=folder, seed=3)
     with pytest.raises(InputError, match="seed = 3, not 4"):
-        pipeline.reproduce(budget="quick", out=folder, seed=4, resume=True)
+        pipeline.reproduce(effort="quick", out=folder, seed=4, resume=True)
     with pytest.raises(UnknownNameError, match="figure2"):
-        pipeline.reproduce(budget="quick", out=tmp_path / "new", figures=["figur2"])
+        pipeline.reproduce(effort="quick", out=tmp_path / "new", figures=["figur2"])
     with pytest.raises(UnknownNameError, match="standard"):
-        pipeline.reproduce(budget="medium", out=tmp_path / "new")
+        pipeline.reproduce(effort="medium", out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -214,8 +215,8 @@ def test_what_was_made_of_something_else_is_made_again(tmp_path: Path) -> None:
 def test_a_policy_of_other_settings_is_trained_again(tmp_path: Path) -> None:
     learned = Adversary("learned", bounded=False, trained_on="idm-mobil", reward="crash")
 
-    def bench(size: ReproduceBudget) -> Bench:
-        return Bench(tmp_path, size, World(), seed=0, threads=1, progress=lambda *_: None)
+    def bench(size: ReproduceEffort) -> Bench:
+        return Bench(tmp_path, size, WorldOptions(), seed=0, threads=1, progress=lambda *_: None)
 
     first = bench(TINY).policy(learned)
     assert np.array_equal(bench(TINY).policy(learned).weights, first.weights)
@@ -232,7 +233,8 @@ SWERVE = Adversary("swerve", bounded=False)
 def swerving(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     """A bench whose adversary crashes the AV often, so that its library is soon filled."""
     size = replace(TINY, cases=60, typed=12)
-    return Bench(tmp_path_factory.mktemp("swerving"), size, World(), seed=5, threads=None, progress=lambda *_: None)
+    folder = tmp_path_factory.mktemp("swerving")
+    return Bench(folder, size, WorldOptions(), seed=5, threads=None, progress=lambda *_: None)
 
 
 def test_a_library_is_filled_once_and_again_when_it_is_gone(swerving: Bench) -> None:
@@ -348,11 +350,11 @@ def test_a_policy_of_the_paper_preset_adds_a_curve(finished: tuple[Path, dict[st
     folder, _ = finished
     path = tmp_path / "paper.safetensors"
     save_policy(some_policy_with([point(2.0, 50, 0.2), point(3.0, 50, 0.3)]), path)
-    result = pipeline.reproduce(budget="quick", out=folder, seed=3, figures=["figure2"], paper_policy=path, resume=True)
+    result = pipeline.reproduce(effort="quick", out=folder, seed=3, figures=["figure2"], paper_policy=path, resume=True)
     ours = row(result, "figure2", "the same with preset paper (Table 1)")
     assert ours["paper"] == 0.286
     assert 0.0 <= ours["ours"] <= 1.0
-    pipeline.reproduce(budget="quick", out=folder, seed=3, figures=["table1"], resume=True)
+    pipeline.reproduce(effort="quick", out=folder, seed=3, figures=["table1"], resume=True)
     kept = next(found for found in read(folder / "items.json")["items"] if found["id"] == "figure2")
     assert [curve["name"] for curve in kept["data"]["curves"]][-1] == "preset paper (Table 1)"
 
@@ -375,7 +377,7 @@ def test_pooled_covers_every_seed() -> None:
 
 
 def test_adversaries_cover_plain_and_learned_free_and_bounded(tmp_path: Path) -> None:
-    bench = Bench(tmp_path, TINY, World(), seed=0, threads=1, progress=lambda *_: None)
+    bench = Bench(tmp_path, TINY, WorldOptions(), seed=0, threads=1, progress=lambda *_: None)
     found = list(adversaries(bench))
     assert len({adversary.key for adversary in found}) == len(found)
     assert sum(adversary.bounded for adversary in found) * 2 == len(found)

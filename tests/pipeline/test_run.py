@@ -15,13 +15,15 @@ from cornerforge import pipeline
 from cornerforge.adversary.policy_file import load_policy, policy_hash
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.effort import effort_and_budget
 from cornerforge.pipeline.output import code_hash, version
+from cornerforge.pipeline.setting import experiment
 from cornerforge.report.artefacts import read_artefacts
 
 run_module = importlib.import_module("cornerforge.pipeline.run")  # the attribute of that name is the function
 
 # Beyond replay_start of preset `fast`, so that it learns a little; enough to crash now and then.
-TINY = run_module.Budget(nde_tests=600, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
+TINY = run_module.Effort(nde_tests=600, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
 STAGES = ("nde", "train", "evaluate", "baselines", "exposure", "generate", "analyse")
 ARTEFACTS = {
     "policy.safetensors", "training.json", "library", "analysis", "exposure.json", "summary.json", "report.html",
@@ -30,16 +32,16 @@ ARTEFACTS = {
 
 
 @pytest.fixture(scope="module", autouse=True)
-def tiny_budget() -> Iterator[None]:
+def tiny_effort() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(run_module.BUDGETS, "quick", TINY)
+        patch.setitem(run_module.EFFORTS, "quick", TINY)
         yield
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("run") / "out"
-    return folder, pipeline.run(budget="quick", out=folder, seed=2)
+    return folder, pipeline.run(effort="quick", out=folder, seed=2)
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -95,10 +97,11 @@ def test_provenance_names_all_that_decided(finished: tuple[Path, dict[str, Any]]
     folder, _ = finished
     made = read(folder / "provenance.json")
     identity = made["identity"]
-    assert (identity["seed"], identity["budget"], identity["av"]) == (2, "quick", "idm-mobil")
+    assert (identity["seed"], identity["effort"], identity["av"]) == (2, "quick", "idm-mobil")
     assert (identity["code"], identity["cornerforge"]) == (code_hash(), version())
     assert identity["policy_hash"] == policy_hash(load_policy(folder / "policy.safetensors"))
     assert all(len(identity[key]) == 16 for key in ("av_hash", "model_hash", "config_hash"))
+    assert identity["budget"] is None, "a likelihood budget, and there was none"
     assert made["seconds"] > 0.0
 
 
@@ -113,6 +116,28 @@ def test_times_of_the_training_are_in_the_provenance_only(finished: tuple[Path, 
     assert "point_seconds" not in summary["train"]
 
 
+def test_the_likelihood_budget_is_in_the_identity() -> None:
+    """The name of the effort once stood in its place."""
+    bounded = experiment(bv="uniform", budget=5.0)
+    identity = run_module._identity(bounded, "quick", 2)
+    assert (identity["effort"], identity["budget"], identity["bounded"]) == ("quick", 5.0, True)
+    other = run_module._identity(experiment(bv="uniform", budget=6.0), "quick", 2)
+    assert identity["config_hash"] != other["config_hash"]
+
+
+def test_the_old_name_of_effort_is_taken_with_a_warning(finished: tuple[Path, dict[str, Any]]) -> None:
+    with pytest.warns(FutureWarning, match="--effort quick"):
+        again = pipeline.run(budget="quick", out=finished[0], seed=2, resume=True)
+    assert again["effort"] == "quick"
+
+
+@pytest.mark.parametrize("budget", [5, 5.0, "5"])
+def test_a_number_is_a_likelihood_budget(budget: Any, finished: tuple[Path, dict[str, Any]]) -> None:
+    assert effort_and_budget("quick", budget, ("quick",)) == ("quick", 5.0)
+    with pytest.raises(InputError, match="with bounded = False, not True"):
+        pipeline.run(budget=budget, out=finished[0], seed=2, resume=True)
+
+
 def test_exposure_counts_agree_with_themselves(finished: tuple[Path, dict[str, Any]]) -> None:
     exposure = read(finished[0] / "exposure.json")
     assert set(exposure["quantities"]) == {"bbd_front", "bbd_rear", "ttc_front", "ttc_rear"}
@@ -125,7 +150,7 @@ def test_a_second_resume_does_nothing_again(finished: tuple[Path, dict[str, Any]
     folder, summary = finished
     stages: set[str] = set()
     before = snapshot(folder)
-    again = pipeline.run(budget="quick", out=folder, seed=2, resume=True, progress=lambda name, *_: stages.add(name))
+    again = pipeline.run(effort="quick", out=folder, seed=2, resume=True, progress=lambda name, *_: stages.add(name))
     assert stages <= {"report"}
     assert {**again, "seconds": 0} == {**summary, "seconds": 0}
     changed = {name for name, content in snapshot(folder).items() if before[name] != content}
@@ -143,11 +168,11 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_result(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        pipeline.run(budget="quick", out=tmp_path / "out", seed=2, progress=stop)
+        pipeline.run(effort="quick", out=tmp_path / "out", seed=2, progress=stop)
     before = {entry.name: entry.read_bytes() for entry in (tmp_path / "out" / "stages").iterdir()}
     assert f"{stage}.json" not in before
     assert before
-    resumed = pipeline.run(budget="quick", out=tmp_path / "out", seed=2, resume=True)
+    resumed = pipeline.run(effort="quick", out=tmp_path / "out", seed=2, resume=True)
     assert same_result(resumed) == same_result(finished[1])
     after = {entry.name: entry.read_bytes() for entry in (tmp_path / "out" / "stages").iterdir()}
     assert {name: after[name] for name in before} == before  # finished stages were not done again
@@ -163,23 +188,23 @@ def test_a_folder_of_another_run_is_refused_by_name(
 ) -> None:
     before = snapshot(finished[0])
     with pytest.raises(InputError, match=f"with {named} = "):
-        pipeline.run(out=finished[0], resume=True, **{"budget": "quick", "seed": 2} | changes)  # type: ignore[arg-type]
+        pipeline.run(out=finished[0], resume=True, **{"effort": "quick", "seed": 2} | changes)  # type: ignore[arg-type]
     assert snapshot(finished[0]) == before
 
 
 def test_another_size_under_the_same_name_is_refused(
     finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    larger = run_module.Budget(nde_tests=700, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
-    monkeypatch.setitem(run_module.BUDGETS, "quick", larger)
+    larger = run_module.Effort(nde_tests=700, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
+    monkeypatch.setitem(run_module.EFFORTS, "quick", larger)
     with pytest.raises(InputError, match="config_hash"):
-        pipeline.run(budget="quick", out=finished[0], seed=2, resume=True)
+        pipeline.run(effort="quick", out=finished[0], seed=2, resume=True)
 
 
 def test_without_resume_nothing_is_touched(finished: tuple[Path, dict[str, Any]]) -> None:
     before = snapshot(finished[0])
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.run(budget="quick", out=finished[0], seed=2)
+        pipeline.run(effort="quick", out=finished[0], seed=2)
     assert snapshot(finished[0]) == before
 
 
@@ -189,23 +214,23 @@ def test_a_damaged_stage_is_named(finished: tuple[Path, dict[str, Any]], tmp_pat
     (folder / "provenance.json").write_bytes((finished[0] / "provenance.json").read_bytes())
     (folder / "stages" / "nde.json").write_text('{"half', encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"nde\.json"):
-        pipeline.run(budget="quick", out=folder, seed=2, resume=True)
+        pipeline.run(effort="quick", out=folder, seed=2, resume=True)
 
 
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(OutputError, match=r"notes\.txt"):
-        pipeline.run(budget="quick", out=tmp_path, resume=resume)
+        pipeline.run(effort="quick", out=tmp_path, resume=resume)
     assert snapshot(tmp_path) == {"notes.txt": b"mine"}
 
 
 @pytest.mark.parametrize(
     ("arguments", "kind"),
-    [({"budget": "quik"}, UnknownNameError), ({"seed": -1}, InputError), ({"seed": 2**32}, InputError),
+    [({"effort": "quik"}, UnknownNameError), ({"seed": -1}, InputError), ({"seed": 2**32}, InputError),
      ({"av": "idm-mobl"}, UnknownNameError), ({"lanes": 9}, InputError), ({"threads": 0}, InputError)],
 )  # fmt: skip
 def test_wrong_arguments_make_no_folder(arguments: dict[str, Any], kind: type[Exception], tmp_path: Path) -> None:
     with pytest.raises(kind):
-        pipeline.run(out=tmp_path / "out", **{"budget": "quick"} | arguments)
+        pipeline.run(out=tmp_path / "out", **{"effort": "quick"} | arguments)
     assert not list(tmp_path.iterdir())

@@ -144,7 +144,7 @@ def _summary(tests: int, analysis: dict[str, Any]) -> dict[str, Any]:
         "out": "out",
         "version": "0.1.0",
         "seed": 0,
-        "budget": "quick",
+        "effort": "quick",
         "av": "idm-mobil",
         "bounded": False,
         "nde": {

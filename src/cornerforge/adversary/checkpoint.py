@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import time
 import zlib
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
+from cornerforge._files import part_of, writing
 from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = ["CHECKPOINT_SCHEMA", "CheckpointFile", "TrainingState"]
@@ -82,16 +82,8 @@ class CheckpointFile:
             "crc32": _checksum(arrays, values),
         }
         content = save(arrays, metadata={"cornerforge_checkpoint": json.dumps(header)})
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._part.write_bytes(content)
-            self._part.replace(self.path)
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                self._part.unlink()
-            raise OutputError(
-                f"Cannot write the checkpoint {self.path}: {error.strerror}; make room, or choose another place."
-            ) from error
+        with writing(self.path, "the checkpoint") as part:
+            part.write_bytes(content)
         end = time.monotonic()
         self._next = end + max(self._every, _WRITING_SHARE * (end - begin))
 
@@ -125,14 +117,10 @@ class CheckpointFile:
             OutputError: It cannot be removed.
         """
         try:
-            self._part.unlink(missing_ok=True)
+            part_of(self.path).unlink(missing_ok=True)
             self.path.unlink(missing_ok=True)
         except OSError as error:
             raise OutputError(f"Cannot remove {self.path}: {error.strerror}; remove it yourself.") from error
-
-    @property
-    def _part(self) -> Path:
-        return self.path.with_name(f".{self.path.name}.part")
 
     def _damaged(self, why: str) -> FileFormatError:
         return FileFormatError(f"Checkpoint {self.path} is damaged or no checkpoint ({why}); remove it to begin again.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 from collections.abc import Mapping
@@ -15,8 +14,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from cornerforge._checks import check_number
+from cornerforge._files import writing
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
-from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.errors import FileFormatError, InputError
 from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
 
 __all__ = [
@@ -96,19 +96,10 @@ def save_policy(policy: Policy, path: Path) -> None:
         "budget": policy.budget,
         "about": dict(policy.about),
     }
-    part = path.with_name(path.name + ".part")
     # Not its own `save_file`: that gives the file to its owner only and reports a full disk as a fault of the format.
     content = save({"weights": policy.weights}, metadata={"cornerforge": json.dumps(header, sort_keys=True)})
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with writing(path, "the policy") as part:
         part.write_bytes(content)
-        part.replace(path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            part.unlink()
-        raise OutputError(
-            f"Cannot write the policy {path}: {error.strerror}; make room, or choose another place."
-        ) from error
 
 
 def load_policy(path: Path) -> Policy:

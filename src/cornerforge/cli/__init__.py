@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 import traceback
 import warnings
+from contextlib import suppress
 from typing import Any
 
 import typer
@@ -12,20 +15,21 @@ import typer
 # `--help` lists commands in the order in which these modules register them.
 from cornerforge.cli import whole, driving, learning, cases, naturalistic  # isort: skip
 from cornerforge.cli.program import app
-from cornerforge.errors import CornerForgeError
+from cornerforge.errors import CornerForgeError, InputError
 
 __all__ = ["app", "main"]
 
-EXIT_BAD_INPUT, EXIT_INTERRUPTED = 2, 130
+EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_PIPE = 2, 130, 141
+"""EXIT_PIPE: nobody reads what we print; 128 + SIGPIPE, as a shell reports it of other programs."""
 _COMMANDS = (whole, driving, learning, cases, naturalistic)
+_KEEP_WITH_OUT = ("simulate", "rate")
+"""Commands with --resume that keep something only if --out is given; the others always do."""
 
 
 def _usage_message(error: Any) -> str:
     """Typer's message (it suggests the nearest command) in one line, with where help is."""
     path = error.ctx.command_path if error.ctx is not None else "cornerforge"
-    # Typer has no message, only the help, for a call without a command.
-    message = " ".join(error.format_message().split()) or "A command is missing."
-    return f"{message} (see: {path} --help)"
+    return f"{' '.join(error.format_message().split())} (see: {path} --help)"
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
@@ -40,29 +44,94 @@ def _complain(message: object, *, debug: bool) -> int:
 
 
 def _goes_on(given: list[str]) -> bool:
-    """Whether the command that was called has --resume: only such ones keep anything before they end."""
+    """Whether the call, interrupted, leaves something to go on with: only commands with --resume do."""
     command: Any = typer.main.get_command(app)
     for word in given:
         command = getattr(command, "commands", {}).get(word, command)
-    return any(parameter.name == "resume" for parameter in command.params)
+    if not any(parameter.name == "resume" for parameter in command.params):
+        return False
+    return command.name not in _KEEP_WITH_OUT or any(word.partition("=")[0] == "--out" for word in given)
+
+
+def _check_words(given: list[str]) -> None:
+    """Refuse what is no UTF-8: as the name of a file it could be neither printed nor noted down.
+
+    Raises:
+        InputError: A word is none.
+    """
+    for word in given:
+        try:
+            word.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(f"{word!a} is no UTF-8; rename the file, or choose another name.") from error
+
+
+def _open_closed_streams() -> None:
+    """Give the program the three streams that every program has: what was closed (`2>&-`) leads nowhere.
+
+    Otherwise the next file opened would take the number of a closed one, and receive what others print.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "r" if number == 0 else "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+
+
+def _stop_printing() -> int:
+    """Nobody reads on: lead both streams nowhere, so that the end of the program does not complain either."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, io.UnsupportedOperation):
+            stream.flush()
+            continue
+        with suppress(OSError, io.UnsupportedOperation):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    return EXIT_PIPE
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit status (see the interface: 0, 1, 2 or 130)."""
+    """Run the command line and return its exit status (see the interface: 0, 1, 2, 130; 141 when nobody reads on)."""
+    _open_closed_streams()
     given = sys.argv[1:] if arguments is None else arguments
-    debug = "--debug" in given
+    streams = sys.stdout, sys.stderr
+    try:
+        status = _run(given, debug="--debug" in given)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return _stop_printing()
+    except SystemExit as left:  # this is how Typer leaves when nobody reads on
+        if not isinstance(left.__context__, BrokenPipeError):
+            raise
+        sys.stdout, sys.stderr = streams
+        return _stop_printing()
+    return status
+
+
+def _run(given: list[str], *, debug: bool) -> int:
     usage_error: type[Exception] = typer.BadParameter.__mro__[1]  # Typer offers its base class under no name
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
         try:
+            _check_words(given)
             status = app(args=given, prog_name="cornerforge", standalone_mode=False)
         except CornerForgeError as error:
             return _complain(error, debug=debug)
         except usage_error as error:
+            if type(error).__name__ == "NoArgsIsHelpError":  # Typer has printed the help
+                return EXIT_BAD_INPUT
             return _complain(_usage_message(error), debug=debug)
+        except BrokenPipeError:
+            raise
         except OSError as error:  # a full disk, a file without permission: the text names the file
             return _complain(error, debug=debug)
-        except (KeyboardInterrupt, typer.Abort):
+        except typer.Abort as abort:
+            if isinstance(abort.__cause__, EOFError):  # a file that ended early, not a person at the keyboard
+                raise abort.__cause__ from None
+            status = EXIT_INTERRUPTED
+        except KeyboardInterrupt:
             status = EXIT_INTERRUPTED
     if status == EXIT_INTERRUPTED:  # this is also how Typer reports Ctrl-C
         kept = "; what was finished is kept" if _goes_on(given) else ""

@@ -8,24 +8,20 @@ from typing import Annotated, Any
 import typer
 
 from cornerforge.cli.options import (
-    AV_TIMEOUT,
     Acting,
-    Av,
-    AvTimeout,
-    Bounded,
-    Budget,
     Debug,
     IdleSeed,
     IdleThreads,
     Json,
-    Lanes,
+    JsonFile,
     Library,
-    Model,
-    OddName,
     Quiet,
     Resume,
     Seed,
     Threads,
+    World,
+    flag,
+    takes_world,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
 from cornerforge.cli.program import app
@@ -34,6 +30,7 @@ __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
 def generate(
     policy: Annotated[
         list[str],
@@ -44,17 +41,11 @@ def generate(
     ],
     out: Annotated[Path, typer.Option(help="Library to fill.", show_default=False)],
     cases: Annotated[int, typer.Option(help="How many cases.")] = 1_000,
-    av: Av = "idm-mobil",
+    world: World = None,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
-    bounded: Bounded = False,
-    budget: Budget = None,
     acting: Acting = "greedy",
     seed: Seed = 0,
     threads: Threads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -64,9 +55,8 @@ def generate(
 
     run_command(
         lambda bars: pipeline.generate(
-            policy=policy, cases=cases, out=out, av=av, resume=resume, lanes=lanes, odd=odd, model=model,
-            bounded=bounded, budget=budget, acting=acting, seed=seed, threads=threads, av_timeout=av_timeout,
-            progress=bars,
+            policy=policy, cases=cases, out=out, resume=resume, acting=acting, seed=seed, threads=threads,
+            progress=bars, **world,
         ),
         lambda r: "\n".join([rate_text(r, f"{r['cases']:,} cases in {r['library']}"), *fault_text(r)]),
         as_json=as_json, quiet=quiet,
@@ -146,19 +136,19 @@ def shrink(
 
 
 @app.command()
+@takes_world("av_timeout")
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
-    check: Annotated[
-        bool, typer.Option("--check", help="Compare with what is stored; exit status 1 if it differs.")
-    ] = False,
+    check: Annotated[bool, flag("--check", "Compare with what is stored; exit status 1 if it differs.")] = False,
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw the crash and the latest way out into this .png or .svg.", show_default=False),
     ] = None,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
+    world: World = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -176,9 +166,9 @@ def replay(
 
     result = run_command(
         lambda bars: pipeline.replay(
-            library, case, check=check, picture=picture, av_timeout=av_timeout, progress=bars
+            library, case, check=check, picture=picture, progress=bars, **world
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
     if result["identical"] is False:
         if "note" in result:
@@ -188,26 +178,28 @@ def replay(
 
 @app.command()
 def query(
-    library: Library,
+    library: Annotated[Path, typer.Argument(metavar="LIB", help="A case library, or the folder of an analysis.")],
     sql: Annotated[
         str, typer.Argument(metavar="SQL", help="Such as: select crash_time_s from cases", show_default=False)
     ],
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Ask a library in SQL (table `cases`, key `case_id`)."""
+    """Ask a library, or an analysis, in SQL (table `cases`, key `case_id`)."""
     from cornerforge import pipeline
 
     def text(r: dict[str, Any]) -> str:
         return "\n".join("\t".join(map(str, row)) for row in [r["columns"], *r["rows"]])
 
-    run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet)  # noqa: ARG005
+    run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "budget")
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -218,13 +210,10 @@ def variety(
     ] = None,
     tests: Annotated[int, typer.Option(help="Tests for each way to generate.")] = 4096,
     acting: Annotated[str, typer.Option(help="How to act at random: softmax or softmax:T.")] = "softmax",
-    av: Av = "idm-mobil",
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
-    budget: Budget = None,
+    world: World = None,
     seed: Seed = 0,
     threads: Threads = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -235,14 +224,15 @@ def variety(
 
     run_command(
         lambda bars: pipeline.variety(
-            libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, av=av, lanes=lanes, odd=odd,
-            model=model, budget=budget, seed=seed, threads=threads, progress=bars,
+            libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, seed=seed, threads=threads,
+            progress=bars, **world,
         ),
-        variety_text, as_json=as_json, quiet=quiet,
+        variety_text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model")
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[
@@ -254,11 +244,8 @@ def plausibility(
         int | None, typer.Option(help="Length of a training; the fast preset's by default.", show_default=False)
     ] = None,
     tests: Annotated[int, typer.Option(help="Evaluation tests of each policy.")] = 8192,
-    av: Av = "idm-mobil",
+    world: World = None,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -271,8 +258,8 @@ def plausibility(
 
     run_command(
         lambda bars: pipeline.plausibility(
-            out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, av=av,
-            resume=resume, lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+            out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, resume=resume,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         plausibility_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

@@ -8,34 +8,31 @@ from typing import Annotated, Any
 import typer
 
 from cornerforge.cli.options import (
-    AV_TIMEOUT,
     Acting,
-    Av,
-    AvTimeout,
-    Bounded,
-    Budget,
     Debug,
     IdleSeed,
     IdleThreads,
     Json,
-    Lanes,
-    Model,
-    OddName,
+    JsonFile,
     Quiet,
     Resume,
     Seed,
     Threads,
+    World,
+    flag,
+    takes_world,
 )
-from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command
+from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
 from cornerforge.cli.program import app
 
 __all__ = ["avs", "check_av", "rate", "simulate"]
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
-    av: Av = "idm-mobil",
+    world: World = None,
     bv: Annotated[
         list[str] | None,
         typer.Option(
@@ -47,18 +44,12 @@ def simulate(
     policy: Annotated[
         list[Path] | None, typer.Option(help="The same as --bv FILE; may be given again.", show_default=False)
     ] = None,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
-    bounded: Bounded = False,
-    budget: Budget = None,
     acting: Acting = "greedy",
-    stats: Annotated[bool, typer.Option("--stats", help="Add distributions over all background vehicles.")] = False,
+    stats: Annotated[bool, flag("--stats", "Add distributions over all background vehicles.")] = False,
     out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
     resume: Resume = False,
     seed: Seed = 0,
     threads: Threads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -70,9 +61,9 @@ def simulate(
 
     def text(r: dict[str, Any]) -> str:
         lines = [
-            rate_text(r, f"{av}, {' + '.join(drivers)}"),
+            rate_text(r, f"{world['av']}, {' + '.join(drivers)}"),
             f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
-            f"{r['tests_per_second']:,.0f} tests/s, {r['world_steps_per_second']:,.0f} world-steps/s; "
+            f"{speed_text(r['tests_per_second'])} tests/s, {speed_text(r['world_steps_per_second'])} world-steps/s; "
             f"digest {r['digest'][:16]}",
             *fault_text(r),
         ]
@@ -88,18 +79,18 @@ def simulate(
 
     run_command(
         lambda bars: pipeline.simulate(
-            tests=tests, av=av, bv=drivers, lanes=lanes, odd=odd, model=model, bounded=bounded, budget=budget,
-            acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads, av_timeout=av_timeout,
-            progress=bars,
+            tests=tests, bv=drivers, acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads,
+            progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "av_timeout")
 def rate(
     method: Annotated[str, typer.Option(help="mc: plain Monte Carlo.")] = "mc",
-    av: Av = "idm-mobil",
+    world: World = None,
     target_rhw: Annotated[
         float, typer.Option(help="Stop when half the 95 % interval is at most this share of the rate.")
     ] = 0.3,
@@ -108,12 +99,8 @@ def rate(
         Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
     ] = None,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
     seed: Seed = 0,
     threads: Threads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -126,10 +113,10 @@ def rate(
         typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)
     run_command(
         lambda bars: pipeline.rate(
-            method=method, av=av, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, lanes=lanes,
-            odd=odd, model=model, seed=seed, threads=threads, av_timeout=av_timeout, progress=bars,
+            method=method, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, seed=seed,
+            threads=threads, progress=bars, **world,
         ),
-        lambda r: "\n".join([rate_text(r, f"{av}, natural traffic"), *fault_text(r), *crashes_text(r)]),
+        lambda r: "\n".join([rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r), *crashes_text(r)]),
         as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
@@ -138,30 +125,31 @@ def rate(
 def avs(
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
     """List the built-in AVs."""
-    from cornerforge.drivers.avs import AVS
+    from cornerforge import pipeline
 
     run_command(
-        lambda bars: {"avs": [{"name": m.name, "about": m.about} for m in AVS.values()]},  # noqa: ARG005
-        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet,
+        lambda bars: pipeline.avs(),  # noqa: ARG005
+        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
 
 @app.command("check-av")
+@takes_world("odd", "lanes", "av_timeout")
 def check_av(
     av: Annotated[
         str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
     ],
-    odd: OddName = "default",
-    lanes: Lanes = None,
+    world: World = None,
     tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
     seed: Seed = 0,
     threads: IdleThreads = None,
-    av_timeout: AvTimeout = AV_TIMEOUT,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -172,17 +160,17 @@ def check_av(
     def text(r: dict[str, Any]) -> str:
         lines = [f"{c['verdict']:<5}{c['name']}: {c['found']}" for c in r["checks"]]
         lines += [
-            f"speed, {s['worlds']:>4} worlds: {s['calls_per_second']:,.0f} calls/s, "
-            f"{s['decisions_per_second']:,.0f} decisions/s"
+            f"speed, {s['worlds']:>4} worlds: {speed_text(s['calls_per_second'])} calls/s, "
+            f"{speed_text(s['decisions_per_second'])} decisions/s"
             for s in r["speed"]
         ]
         return "\n".join([f"{r['av']} ({r['kind']}, {r['hash']})", *lines])
 
     result = run_command(
         lambda bars: pipeline.check_av(
-            av=av, odd=odd, lanes=lanes, tests=tests, seed=seed, av_timeout=av_timeout, progress=bars
+            av=av, tests=tests, seed=seed, progress=bars, **world
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
     if not result["passed"]:
         raise typer.Exit(EXIT_GATE)

@@ -8,18 +8,15 @@ from typing import Annotated, Any
 import typer
 
 from cornerforge.cli.options import (
-    Av,
-    Bounded,
-    Budget,
     Debug,
     Json,
-    Lanes,
-    Model,
-    OddName,
     Quiet,
     Resume,
     Seed,
     Threads,
+    World,
+    flag,
+    takes_world,
 )
 from cornerforge.cli.output import rate_text, run_command, yield_text
 from cornerforge.cli.program import app
@@ -28,26 +25,20 @@ __all__ = ["train", "train_av"]
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget")
 def train(
     out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
-    av: Av = "idm-mobil",
+    world: World = None,
     preset: Annotated[str, typer.Option(help="fast or paper.")] = "fast",
-    bounded: Bounded = False,
     reward: Annotated[
         str, typer.Option(help="Crashes that are paid for: crash (all), striking or avoidable.")
     ] = "crash",
     delay: Annotated[float, typer.Option(help="Seconds that the AV has to react, in avoidable.")] = 1.0,
-    budget: Budget = None,
     decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
     minutes: Annotated[
         float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a stopped training; keep a finished one.")
-    ] = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
+    resume: Annotated[bool, flag("--resume", "Go on with a stopped training; keep a finished one.")] = False,
     tests: Annotated[int, typer.Option(help="Evaluation tests for each yield.")] = 8192,
     seed: Seed = 0,
     threads: Threads = None,
@@ -67,15 +58,16 @@ def train(
 
     run_command(
         lambda bars: pipeline.train(
-            out=out, av=av, preset=preset, bounded=bounded, budget=budget, reward=reward, delay=delay,
-            decisions=decisions, minutes=minutes, resume=resume, lanes=lanes, odd=odd, model=model, tests=tests,
-            seed=seed, threads=threads, progress=bars,
+            out=out, preset=preset, reward=reward, delay=delay,
+            decisions=decisions, minutes=minutes, resume=resume, tests=tests,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
 @app.command("train-av")
+@takes_world("odd", "lanes", "model")
 def train_av(
     out: Annotated[Path, typer.Option(help="AV file to write, .safetensors; --av takes it.", show_default=False)],
     decisions: Annotated[int | None, typer.Option(help="Seconds of driving to learn from.", show_default=False)] = None,
@@ -83,11 +75,9 @@ def train_av(
         float | None, typer.Option(help="Stop after this time; the result then depends on speed.", show_default=False)
     ] = None,
     tests: Annotated[int, typer.Option(help="Tests in natural traffic to measure it on.")] = 20_000,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the file.")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "Replace the file.")] = False,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
+    world: World = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -109,7 +99,7 @@ def train_av(
     run_command(
         lambda bars: pipeline.train_av(
             out=out, decisions=decisions, minutes=minutes, tests=tests, overwrite=overwrite, resume=resume,
-            lanes=lanes, odd=odd, model=model, seed=seed, threads=threads, progress=bars,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cornerforge.cli.options import DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads
+from cornerforge.cli.options import DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads, flag
 from cornerforge.cli.output import EXIT_GATE, run_command
 from cornerforge.cli.program import ndd
 
@@ -21,7 +21,7 @@ def ndd_fit(
     data_format: DataFormat = None,
     prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
     study: Annotated[
-        bool, typer.Option("--study", help="Report what other choices of the fit change, crash rates too (6 fits).")
+        bool, flag("--study", "Report what other choices of the fit change, crash rates too (6 fits).")
     ] = False,
     study_tests: Annotated[int, typer.Option(help="Tests that the study drives for each choice; 0: none.")] = 1_000_000,
     seed: Seed = 0,

@@ -2,47 +2,56 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from dataclasses import Field, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
+from cornerforge.world_options import WorldOptions
+
 __all__ = [
-    "AV_TIMEOUT", "Acting", "Av", "AvTimeout", "Bounded", "Budget", "DataFormat", "Debug", "IdleSeed", "IdleThreads",
-    "Json", "Lanes", "Library", "Model", "OddName", "Quiet", "Resume", "Seed", "Threads",
+    "Acting", "DataFormat", "Debug", "IdleSeed", "IdleThreads", "Json", "JsonFile", "Library", "Quiet", "Resume",
+    "Seed", "Threads", "World", "flag", "takes_world",
 ]  # fmt: skip
+
+
+def flag(name: str, text: str) -> Any:
+    """An option without a value; help would else show one for it."""
+    return typer.Option(name, help=text, metavar="")
+
+
+def _check_idle_seed(value: int) -> int:
+    from cornerforge._checks import check_integer
+
+    return check_integer("seed", value, low=0, high=2**63 - 1)
+
+
+def _check_idle_threads(value: int | None) -> int | None:
+    from cornerforge._checks import check_integer
+
+    return None if value is None else check_integer("threads", value, low=1, high=1024)
+
 
 Seed = Annotated[int, typer.Option(help="Names the random numbers; same seed, same results.")]
 Threads = Annotated[
     int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)
 ]
 # Every command takes --seed and --threads, so that scripts need not know which ones draw or compute.
-IdleSeed = Annotated[int, typer.Option("--seed", help="No effect here: nothing is drawn.")]
+IdleSeed = Annotated[int, typer.Option("--seed", help="No effect here: nothing is drawn.", callback=_check_idle_seed)]
 IdleThreads = Annotated[
-    int | None, typer.Option("--threads", help="No effect here: one thread does it.", show_default=False)
-]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No text and no progress bars.")]
-Json = Annotated[bool, typer.Option("--json", help="Print exactly one JSON object on standard output.")]
-Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")]
-Av = Annotated[
-    str,
+    int | None,
     typer.Option(
-        help="AV under test: a name (`cornerforge avs` lists them), module:Class, or an .onnx or SB3 .zip file."
+        "--threads", help="No effect here: one thread does it.", show_default=False, callback=_check_idle_threads
     ),
 ]
-AvTimeout = Annotated[float, typer.Option(help="Seconds that an AV which is not built in may take for an answer.")]
-AV_TIMEOUT = 5.0
-Lanes = Annotated[int | None, typer.Option(help="Lanes, 2 to 6; 3 by default.", show_default=False)]
-OddName = Annotated[str, typer.Option("--odd", help="default (4 s lane change), swift (2.5 s) or paper (1 s).")]
-Model = Annotated[Path | None, typer.Option(help="Naturalistic model; the shipped one by default.", show_default=False)]
-Bounded = Annotated[bool, typer.Option("--bounded", help="Only actions that the naturalistic model calls possible.")]
-Budget = Annotated[
-    float | None,
-    typer.Option(
-        help="Likelihood budget of a test in nats, such as 5: how far the actions may fall short of the likeliest "
-        "ones. Implies --bounded.",
-        show_default=False,
-    ),
+Quiet = Annotated[bool, flag("--quiet", "No text and no progress bars.")]
+Json = Annotated[bool, flag("--json", "Print exactly one JSON object on standard output.")]
+Debug = Annotated[bool, flag("--debug", "Show the traceback of an error.")]
+JsonFile = Annotated[
+    Path | None, typer.Option("--out", help="New file for the object that --json prints.", show_default=False)
 ]
 Acting = Annotated[str, typer.Option(help="How a policy acts: greedy, or softmax:T to draw by exp(Q / T).")]
 DataFormat = Annotated[
@@ -51,5 +60,45 @@ DataFormat = Annotated[
         "--format", help="ngsim, pairs, tracks, tgsim or highd; told from the columns by default.", show_default=False
     ),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with what is there.")]
+Resume = Annotated[bool, flag("--resume", "Go on with what is there.")]
 Library = Annotated[Path, typer.Argument(metavar="LIB", help="A case library.", show_default=False)]
+World: TypeAlias = Any
+"""What `takes_world` hands to a command: the options of the world by name, for `**world` of a verb."""
+_KINDS: dict[str, Any] = {
+    "av": str, "odd": str, "lanes": int | None, "model": Path | None, "bounded": bool, "budget": float | None,
+    "av_timeout": float,
+}  # fmt: skip
+
+
+def _option(one: Field[Any]) -> inspect.Parameter:
+    """A field of `WorldOptions` as a parameter that Typer makes an option of."""
+    name, text = f"--{one.name.replace('_', '-')}", one.metadata["help"]
+    if _KINDS[one.name] is bool:
+        shown = flag(name, text)
+    else:
+        shown = typer.Option(name, help=text, show_default=one.default is not None)
+    annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
+    kind = annotated[_KINDS[one.name], shown]
+    return inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=kind)
+
+
+def takes_world(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command these options of `WorldOptions`, where its parameter `world` stands."""
+    options = [_option(one) for one in fields(WorldOptions) if one.name in names]
+
+    def with_options(command: Callable[..., None]) -> Callable[..., None]:
+        def run(**given: Any) -> None:
+            world = {name: given.pop(name) for name in names}
+            command(**given, world=world)
+
+        usual = inspect.signature(command, eval_str=True).parameters.values()
+        own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in usual]
+        place = [one.name for one in own].index("world")
+        parameters = [*own[:place], *options, *own[place + 1 :]]
+        run.__name__, run.__doc__ = command.__name__, command.__doc__
+        # Typer reads both.
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in parameters}
+        return run
+
+    return with_options

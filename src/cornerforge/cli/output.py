@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -13,7 +14,17 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
 
-__all__ = ["EXIT_GATE", "Bars", "fault_text", "judgement_text", "rate_text", "run_command", "yield_text"]
+__all__ = [
+    "EXIT_GATE",
+    "Bars",
+    "compiling_text",
+    "fault_text",
+    "judgement_text",
+    "rate_text",
+    "run_command",
+    "speed_text",
+    "yield_text",
+]
 
 EXIT_GATE = 1
 """Exit status when a gate or a comparison failed."""
@@ -67,25 +78,64 @@ class Bars:
 
 
 def run_command(
-    work: Callable[[Bars], dict[str, Any]], text: Callable[[dict[str, Any]], str], *, as_json: bool, quiet: bool
+    work: Callable[[Bars], dict[str, Any]],
+    text: Callable[[dict[str, Any]], str],
+    *,
+    as_json: bool,
+    quiet: bool,
+    out: Path | None = None,
 ) -> dict[str, Any]:
-    """Do the work with progress bars, then print its object or the text made of it."""
-    bars = Bars(quiet)
-    if bars.show:
-        from cornerforge._jit import announce_compiling
+    """Do the work with progress bars, then print its object or the text made of it.
 
-        announce_compiling(
-            lambda: typer.echo("Compiling the simulator, once per installation; about a minute.", err=True)
-        )
+    Args:
+        work: Makes the object.
+        text: Makes of it what people read.
+        as_json: Print the object.
+        quiet: Print no text.
+        out: New file that the object goes to as well; for commands without output of their own.
+    """
+    from cornerforge._jit import announce_compiling
+
+    if out is not None:
+        from cornerforge.pipeline.output import check_new_file
+
+        check_new_file(out)
+    bars = Bars(quiet)
     try:
-        result = work(bars)
+        with announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True)):
+            result = work(bars)
     finally:
         bars.stop()
+    if out is not None:
+        from cornerforge.pipeline.output import write_json
+
+        write_json(out, result)
     if as_json:
         typer.echo(json.dumps(result, allow_nan=False))
     elif not quiet:
         typer.echo(text(result))
     return result
+
+
+def compiling_text() -> str:
+    """Why the first start takes so long, in one line."""
+    from cornerforge._jit import cache_folder
+
+    if cache_folder():
+        return "Compiling the simulator, once per installation; about a minute."
+    return (
+        "Compiling the simulator for this run only, about a minute: no folder for its machine code can be written; "
+        "name one in NUMBA_CACHE_DIR."
+    )
+
+
+def speed_text(per_second: float) -> str:
+    """A speed with as many digits as say something.
+
+    >>> speed_text(12345.6), speed_text(3.14159), speed_text(0.01234)
+    ('12,346', '3.1', '0.012')
+    """
+    return f"{per_second:,.0f}" if per_second >= 10.0 else f"{per_second:.2g}"
 
 
 def rate_text(r: dict[str, Any], what: str) -> str:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
+
+from cornerforge import __version__
 
 __all__ = ["app", "ndd"]
 
@@ -16,3 +20,19 @@ app = typer.Typer(
 )
 ndd = typer.Typer(no_args_is_help=True, help="The naturalistic driving model.")
 app.add_typer(ndd, name="ndd")
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"cornerforge {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version and exit.", metavar="", is_eager=True, callback=_say_version),
+    ] = False,
+) -> None:
+    pass

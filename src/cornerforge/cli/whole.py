@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cornerforge.cli.options import Av, Bounded, Debug, Json, Lanes, Model, OddName, Quiet, Resume, Seed, Threads
+from cornerforge.cli.options import Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
 from cornerforge.cli.output import rate_text, run_command
 from cornerforge.cli.program import app
 
@@ -15,14 +15,15 @@ __all__ = ["reproduce", "run"]
 
 
 @app.command()
+@takes_world("av", "odd", "lanes", "model", "bounded")
 def run(
-    budget: Annotated[str, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.")] = "quick",
+    effort: Annotated[str, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.")] = "quick",
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
-    av: Av = "idm-mobil",
-    bounded: Bounded = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
+    world: World = None,
+    budget: Annotated[
+        str | None,  # also the old name of --effort, which goes on working
+        typer.Option(metavar="NATS", help="Likelihood budget of a test in nats, as for train.", show_default=False),
+    ] = None,
     resume: Resume = False,
     seed: Seed = 0,
     threads: Threads = None,
@@ -47,14 +48,14 @@ def run(
 
     run_command(
         lambda bars: pipeline.run(
-            budget=budget, out=out, av=av, bounded=bounded, lanes=lanes, odd=odd, model=model, resume=resume,
-            seed=seed, threads=threads, progress=bars,
+            effort=effort, out=out, budget=budget, resume=resume, seed=seed, threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
 @app.command()
+@takes_world("odd", "lanes", "model")
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the page, figures, numbers and policies.", show_default=False)],
     figure: Annotated[
@@ -67,14 +68,15 @@ def reproduce(
     ] = None,
     # An option takes one value: what follows `--figure A` in `--figure A B C` arrives here.
     more: Annotated[list[str] | None, typer.Argument(metavar="ID", hidden=True)] = None,
-    budget: Annotated[str, typer.Option(help="quick (3 min), standard (an hour) or full (hours).")] = "standard",
+    effort: Annotated[
+        str, typer.Option(help="quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).")
+    ] = "standard",
+    budget: Annotated[str | None, typer.Option(help="The old name of --effort.", hidden=True)] = None,
     paper_policy: Annotated[
         Path | None, typer.Option(help="A policy of preset paper, for Figure 2.", show_default=False)
     ] = None,
     resume: Resume = False,
-    lanes: Lanes = None,
-    odd: OddName = "default",
-    model: Model = None,
+    world: World = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -88,8 +90,8 @@ def reproduce(
     figures = [*(figure or []), *(more or [])] or None
     run_command(
         lambda bars: pipeline.reproduce(
-            out=out, figures=figures, budget=budget, paper_policy=paper_policy, resume=resume, lanes=lanes, odd=odd,
-            model=model, seed=seed, threads=threads, progress=bars,
+            out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, resume=resume,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         reproduction_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

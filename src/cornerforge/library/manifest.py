@@ -1,8 +1,7 @@
 """The manifest: what a library holds and how far its run has come. Its replacement is the commit of a shard.
 
-Replacing a file by renaming is atomic for every process of the machine, so a kill leaves either the old manifest or the
-new one. Nothing is fsynced: a kill of the process does not lose what the kernel has taken, and after a loss of power
-checksums tell which shards did not reach the disk; waiting for the disk at each shard would guard against nothing else.
+A kill leaves either the old manifest or the new one (`_files`). After a loss of power checksums tell which shards did
+not reach the disk; waiting for the disk at each shard would guard against nothing else.
 """
 
 from __future__ import annotations
@@ -10,14 +9,14 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge._files import writing
+from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library.schema import EXTRA_TYPES, SCHEMA_VERSION, SCRIPTED, schema_version
 from cornerforge.types import Odd
 
@@ -40,8 +39,11 @@ Identity: TypeAlias = Mapping[str, str | int | float | bool | None]
 
 MANIFEST = "manifest.json"
 _FORMAT = "cornerforge case library"
-_TEMPORARY = ".tmp"
-_OURS = re.compile(r"(cases|tracks)-\d{6,}(-growing)?\.parquet(\.tmp)?|manifest\.json\.tmp")
+_SHARD_FILE = r"(cases|tracks)-\d{6,}(-growing)?\.parquet"
+_OURS = re.compile(
+    rf"{_SHARD_FILE}|\.({_SHARD_FILE}|manifest\.json)\.part"
+    rf"|{_SHARD_FILE}\.tmp|manifest\.json\.tmp"  # names that earlier versions left
+)
 
 
 @dataclass(frozen=True)
@@ -129,12 +131,8 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
     Raises:
         OutputError: The place cannot be written.
     """
-    temporary = path.with_name(path.name + _TEMPORARY)
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OutputError(f"Cannot write {path}: {error.strerror}; make room, or choose another place.") from error
+    with writing(path) as part:
+        part.write_bytes(content)
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> bytes:

@@ -51,5 +51,10 @@ def run_sql(cases: pa.Table, sql: str) -> tuple[list[str], list[tuple[Any, ...]]
                 )
             answer = connection.execute(statements[0])
             return [str(column[0]) for column in answer.description or ()], answer.fetchall()
+        except (duckdb.InterruptException, RuntimeError) as error:
+            # On Ctrl-C, which DuckDB takes from Python. Some of its own errors are RuntimeErrors too.
+            if "interrupted" in str(error).lower():
+                raise KeyboardInterrupt from error
+            raise
         except duckdb.Error as error:
             raise InputError(f"The query cannot be answered: {str(error).splitlines()[0]}") from error

@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
-from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
+from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownCaseError, UnknownNameError
 from cornerforge.fields import CASES, HISTORY_SHAPE
 from cornerforge.library.manifest import (
     MANIFEST,
@@ -410,7 +410,7 @@ class CaseLibrary:
         """One case with its trajectories.
 
         Raises:
-            UnknownNameError: There is no such case; the nearest is suggested.
+            UnknownCaseError: There is no such case; the nearest are suggested.
             FileFormatError: It lies in a damaged shard.
         """
         shard = self._shard_of(case_id)
@@ -445,14 +445,19 @@ class CaseLibrary:
         for shard in self._manifest.shards if seed == str(self._manifest.run["seed"]) else ():
             if test is not None and shard.first_test <= test <= shard.last_test:
                 return shard
-        # Only the ends of shards, not all names: to search a million for the most alike takes a minute.
-        ends = [test for shard in self._manifest.shards for test in (shard.first_test, shard.last_test)]
-        raise self._unknown(case_id, test, ends)
+        # Only the nearest shard, not all names: to search a million for the most alike takes a minute.
+        at = 0 if test is None else test
+        nearest = min(self._manifest.shards, key=lambda s: max(s.first_test - at, at - s.last_test, 0))
+        table = self._reader.cases(nearest, ["test"])
+        tests = [nearest.first_test, nearest.last_test] if table is None else table.column("test").to_pylist()
+        raise self._unknown(case_id, test, tests)
 
-    def _unknown(self, case_id: str, test: int | None, tests: Sequence[int]) -> UnknownNameError:
-        """Suggest the case of the nearest test; for what is no case id, show what one looks like."""
-        near = tests[:3] if test is None else [min(tests, key=lambda other: abs(other - test))]
-        return UnknownNameError("case", case_id, [f"{self._manifest.run['seed']}:{other}" for other in near])
+    def _unknown(self, case_id: str, test: int | None, tests: Sequence[int]) -> UnknownCaseError:
+        """Suggest the cases of the nearest tests; for what is no case id, the first ones."""
+        near = sorted(set(tests), key=lambda other: other if test is None else abs(other - test))[:3]
+        seed = self._manifest.run["seed"]
+        ids = [f"{seed}:{other}" for other in near]
+        return UnknownCaseError(case_id, ids, len(self), str(self._path), is_near=test is not None)
 
 
 def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:

@@ -7,6 +7,9 @@ are looked at for a file in feet.
 from __future__ import annotations
 
 import csv
+import gzip
+import re
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,8 +21,8 @@ __all__ = ["FRAMES_PER_SECOND", "RecordingMeta", "is_companion", "read_recording
 
 FRAMES_PER_SECOND = 25.0
 """Of every published highD recording; taken where no meta file says otherwise."""
-_COMPANIONS = ("_recordingmeta.csv", "_tracksmeta.csv")
-_TRACKS = "_tracks.csv"
+_COMPANIONS = re.compile(r".*_(recordingmeta|tracksmeta)\.csv(\.gz)?", re.IGNORECASE)
+_TRACKS = re.compile(r"(.*)_tracks\.csv(\.gz)?", re.IGNORECASE)
 _WIDEST_LANE = 7.0
 
 
@@ -47,24 +50,32 @@ class RecordingMeta:
 
 def is_companion(path: Path) -> bool:
     """Whether a file is one of those that stand beside the tracks and hold none itself."""
-    return path.name.lower().endswith(_COMPANIONS)
+    return _COMPANIONS.fullmatch(path.name) is not None
 
 
 def read_recording_meta(tracks: Path) -> RecordingMeta | None:
     """The meta file beside a tracks file (`01_tracks.csv`: `01_recordingMeta.csv`); None if there is none.
 
+    Either may be packed (`.csv.gz`), whatever the other is.
+
     Raises:
-        DataError: It is there, but holds no usable frame rate.
+        DataError: It is there, but holds no usable frame rate; or it is there twice.
     """
-    if not tracks.name.lower().endswith(_TRACKS):
+    named = _TRACKS.fullmatch(tracks.name)
+    if named is None:
         return None
-    path = tracks.with_name(tracks.name[: -len(_TRACKS)] + "_recordingMeta.csv")
-    if not path.is_file():
+    plain = tracks.with_name(f"{named.group(1)}_recordingMeta.csv")
+    found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if path.is_file()]
+    if not found:
         return None
+    if len(found) == 2:
+        raise DataError(f"{found[0]} stands there twice, plain and packed; remove one of them.")
+    path = found[0]
+    opened = gzip.open if path.suffix == ".gz" else open
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with opened(path, "rt", encoding="utf-8-sig", newline="") as file:
             row = next(csv.DictReader(file), {})
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"Recording meta file {path} cannot be read ({error}).") from error
     text = row.get("frameRate") or ""
     try:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._files import writing
 from cornerforge.errors import FileFormatError
 
 __all__ = [
@@ -143,7 +144,8 @@ def default_model_path() -> Path:
 def save_model(model: NddModel, path: Path) -> None:
     """Write a model as a compressed `.npz`; the same model gives the same bytes.
 
-    The file is written beside its place and renamed, so a reader never sees half of it.
+    Raises:
+        OutputError: It cannot be written; nothing is left of it then.
     """
     header = {
         "schema_version": SCHEMA_VERSION,
@@ -152,10 +154,9 @@ def save_model(model: NddModel, path: Path) -> None:
         "provenance": dict(model.provenance),
     }
     text = json.dumps(header, sort_keys=True, indent=1)
-    part = path.with_name(path.name + ".part.npz")
     tables = {name: getattr(model, name).astype(np.float32) for name in _SHAPES}
-    np.savez_compressed(part, allow_pickle=False, header=np.array(text), **tables)
-    part.replace(path)
+    with writing(path, "the model") as part, part.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, header=np.array(text), **tables)
 
 
 def load_model(path: Path) -> NddModel:

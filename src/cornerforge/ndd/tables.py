@@ -97,6 +97,11 @@ def _is_number(text: str) -> bool:
     return re.match(_NUMBER, text) is not None
 
 
+def _opened(path: Path) -> pa.NativeFile:
+    """The file's text, unpacked if it is gzip. The whole path, because Arrow takes ~ at its beginning for the home."""
+    return pa.input_stream(str(path.absolute()), compression="detect")
+
+
 def read_header(path: Path) -> list[str]:
     """Column names of a CSV file (gzip if its name ends so), in small letters, `-` and blanks as `_`.
 
@@ -106,7 +111,7 @@ def read_header(path: Path) -> list[str]:
     if not path.is_file():
         raise DataError(f"No trajectory file {path}.")
     try:
-        with pa.input_stream(str(path), compression="detect") as stream:
+        with _opened(path) as stream:
             head = stream.read(65536)
     except OSError as error:
         raise _unreadable(path, error) from error
@@ -171,14 +176,15 @@ def read_table(path: Path, numbers: Mapping[str, tuple[str, float]], texts: Mapp
         return "skip"
 
     try:  # Latin-1 takes any byte: a damaged one spoils its row, not the file
-        content = pa.csv.read_csv(
-            str(path),
-            read_options=pa.csv.ReadOptions(column_names=header, skip_rows=1, use_threads=False, encoding="latin1"),
-            parse_options=pa.csv.ParseOptions(invalid_row_handler=note, ignore_empty_lines=False),
-            convert_options=pa.csv.ConvertOptions(
-                include_columns=wanted, column_types=dict.fromkeys(wanted, pa.string()), strings_can_be_null=False
-            ),
-        )
+        with _opened(path) as stream:
+            content = pa.csv.read_csv(
+                stream,
+                read_options=pa.csv.ReadOptions(column_names=header, skip_rows=1, use_threads=False, encoding="latin1"),
+                parse_options=pa.csv.ParseOptions(invalid_row_handler=note, ignore_empty_lines=False),
+                convert_options=pa.csv.ConvertOptions(
+                    include_columns=wanted, column_types=dict.fromkeys(wanted, pa.string()), strings_can_be_null=False
+                ),
+            )
     except (pa.ArrowInvalid, OSError) as error:
         raise _unreadable(path, error) from error
     if content.num_rows == 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cornerforge.pipeline.analyse import analyse
+from cornerforge.pipeline.avs import avs
 from cornerforge.pipeline.cases import query, replay
 from cornerforge.pipeline.check_av import check_av
 from cornerforge.pipeline.generate import generate
@@ -21,6 +22,7 @@ from cornerforge.pipeline.variety import variety
 
 __all__ = [
     "analyse",
+    "avs",
     "check_av",
     "generate",
     "ndd_fit",

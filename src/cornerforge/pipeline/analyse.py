@@ -283,5 +283,6 @@ def _write(out: Path, summary: dict[str, Any], found: Analysis, table: pa.Table,
             everything = everything.append_column(field, table.column(field.name))
     write_json(out / "analysis.json", summary)
     for name, content in (("points", points), ("cases", everything), ("witnesses", witnesses)):
-        with writing(out / f"{name}.parquet") as part:
-            pq.write_table(content, part)
+        # An open file: Arrow takes a path like run-10:30 for an address, and ~ for the home.
+        with writing(out / f"{name}.parquet") as part, part.open("wb") as file:
+            pq.write_table(content, file)

@@ -9,12 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pyarrow.fs import LocalFileSystem
 
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.library.manifest import MANIFEST
+from cornerforge.library.query import run_sql
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.picture import check_picture, write_picture
@@ -27,6 +32,7 @@ from cornerforge.types import Scenario
 __all__ = ["driver_of_cases", "experiment_of", "is_same", "query", "replay"]
 
 _NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
+_ANALYSED = "cases.parquet"
 
 
 def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:
@@ -172,13 +178,47 @@ def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str
 
 
 def query(library: Path | str, sql: str) -> dict[str, Any]:
-    """SQL over a library (table `cases`, key `case_id`), read only.
+    """SQL over a library, or over the cases of an analysis (table `cases`, key `case_id`), read only.
+
+    Args:
+        library: The library's folder, or the folder of an analysis: the table is then its `cases.parquet`.
+        sql: One SELECT.
 
     Raises:
-        CornerForgeError: The library cannot be read, or the SQL is wrong.
+        CornerForgeError: There is neither, it cannot be read, or the SQL is wrong.
     """
-    columns, rows = CaseLibrary.open(Path(library)).query(sql)
+    folder = Path(library)
+    analysed = folder / _ANALYSED
+    if not (folder / MANIFEST).exists() and analysed.is_file():
+        columns, rows = run_sql(_read_parquet(analysed), sql)
+    else:
+        _point_below(folder)
+        columns, rows = CaseLibrary.open(folder).query(sql)
     return {"columns": columns, "rows": [[_plain(value) for value in row] for row in rows]}
+
+
+def _point_below(folder: Path) -> None:
+    """Where the folder of a run is given, say which of its folders have cases.
+
+    Raises:
+        InputError: It is one.
+    """
+    below = [path for path in (folder / "library", folder / "analysis") if path.is_dir()]
+    if below and not (folder / MANIFEST).exists():
+        raise InputError(f"{folder} is no case library; give a folder in it: {' or '.join(map(str, below))}")
+
+
+def _read_parquet(path: Path) -> pa.Table:
+    """A table of ours.
+
+    Raises:
+        FileFormatError: It is damaged.
+    """
+    try:
+        # Said so, because Arrow takes a path like run-10:30 for an address, and ~ for the home.
+        return pq.read_table(str(path.absolute()), filesystem=LocalFileSystem())
+    except (pa.ArrowException, OSError) as error:
+        raise FileFormatError(f"{path} is damaged ({error}); write it again with: cornerforge analyse") from None
 
 
 def _plain(value: object) -> Any:

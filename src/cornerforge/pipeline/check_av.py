@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +12,13 @@ from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
 from cornerforge.foreign.loaders import is_foreign
-from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
+from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import context_of
+from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.simulate import simulate_experiment
-from cornerforge.types import Odd, odd_named
+from cornerforge.pipeline.setting import check_av_timeout, experiment, road_of
+from cornerforge.types import Odd
+from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["check_av"]
 
@@ -80,23 +80,19 @@ class _Bench:
 
 def check_av(
     *,
-    av: str,
-    odd: str = "default",
-    lanes: int | None = None,
     tests: int = 256,
     seed: int = 0,
-    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[AvKeywords],
 ) -> dict[str, Any]:
     """Try an AV on edge cases, ask whether its answers repeat, and measure its speed.
 
     Args:
-        av: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
-        odd, lanes: The world.
         tests: Tests to drive in natural traffic at the end.
         seed: Of tests and views.
-        av_timeout: How long it may take for an answer [s].
         progress: Told how far it is.
+        world: The AV (`module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file) and its world, keyword by keyword;
+            see `WorldOptions`.
 
     Returns:
         `av`, `kind`, `hash`, `checks` (each with `name`, `verdict` "ok", "warn" or "FAIL", and `found`), `passed` (none
@@ -107,10 +103,11 @@ def check_av(
     """
     check_integer("tests", tests, low=1, high=10**6)
     check_integer("seed", seed, low=0, high=2**63 - 1)
+    options = WorldOptions(**world)
+    av, av_timeout = options.av, check_av_timeout(options.av_timeout)
     if not is_foreign(av):
         raise InputError(f'"{av}" is a built-in name or none; check-av tries module:Class, .onnx and .zip files.')
-    road = odd_named(odd)
-    road = road if lanes is None else replace(road, n_lanes=lanes)
+    road = road_of(options)
     bench = _Bench(av, road, seed, av_timeout)
     try:
         bench.process(_BATCH)
@@ -126,7 +123,7 @@ def check_av(
             speed = _speeds(bench, road, seed)
     finally:
         bench.close()
-    _drive(bench, av, odd, lanes, tests, seed, av_timeout, progress)
+    _drive(bench, options, tests, seed, progress)
     return {
         "av": av,
         **bench.about,
@@ -224,17 +221,15 @@ def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> dict[str, Any]:
     }
 
 
-def _drive(
-    bench: _Bench, av: str, odd: str, lanes: int | None, tests: int, seed: int, timeout: float, progress: Progress
-) -> None:
+def _drive(bench: _Bench, world: WorldOptions, tests: int, seed: int, progress: Progress) -> None:
     """Natural traffic: does it get through, and how often does it crash?"""
     try:
-        run = experiment(av=av, odd=odd, lanes=lanes, takes_foreign=True, seed=seed, av_timeout=timeout)
+        run = experiment(world, takes_foreign=True, seed=seed)
         tally, seconds = simulate_experiment(run, tests=tests, seed=seed, threads=1, progress=progress, stage="tests")
     except AvFaultError as error:
         bench.note("tests in natural traffic", _FAIL, str(error))
         return
-    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.0f} tests/s"
+    found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s"
     if tally.av_faults and run.foreign is not None:
         fault = min(run.foreign.faults.values(), key=lambda fault: fault.test)
         text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"

@@ -9,28 +9,28 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import pyarrow as pa
 
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
-from cornerforge.errors import AvFaultError, CornerForgeError, InputError, OutputError
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
+from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.library import CaseLibrary
 from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.counting import check_not_all_spoiled, tally_summary
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import check_not_all_spoiled, tally_summary
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
 from cornerforge.sim.setting import NOBODY
 from cornerforge.sim.world import AV_FAULT
+from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
 
@@ -58,11 +58,8 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
     for index, policy in enumerate(run.policies):
         if not (out / policy_file(index)).exists():
             save_policy(policy, out / policy_file(index))
-    try:
-        if not (out / MODEL_FILE).exists():
-            save_model(run.model, out / MODEL_FILE)
-    except OSError as error:
-        raise OutputError(f"Cannot write into {out}: {error.strerror}; choose another place.") from error
+    if not (out / MODEL_FILE).exists():
+        save_model(run.model, out / MODEL_FILE)
     return library
 
 
@@ -368,18 +365,12 @@ def generate(
     policy: Path | str | Sequence[Path | str],
     cases: int,
     out: Path | str,
-    av: str = "idm-mobil",
     resume: bool = False,
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
-    bounded: bool = False,
-    budget: float | None = None,
     acting: str = "greedy",
     seed: int = 0,
     threads: int | None = None,
-    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[WorldKeywords],
 ) -> dict[str, Any]:
     """Fill a case library with crashes that an adversary makes.
 
@@ -388,16 +379,12 @@ def generate(
             these policies, drawn at random.
         cases: How many, at least 1.
         out: The library's folder; must be new unless `resume`.
-        av: The AV under test: a built-in name, `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         resume: Go on where an earlier call, or its kill, stopped.
-        lanes, odd, model: The world, as for `simulate`.
-        bounded: Keep a plain adversary to what the naturalistic model calls possible; a policy brings its own answer.
-        budget: Likelihood budget of a test [nats]; implies `bounded`, and goes before what a policy brings.
         acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
         seed: Of the tests, 0 or more.
         threads: None for all cores; does not change the result.
-        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge generate --json` prints.
@@ -407,10 +394,7 @@ def generate(
     """
     check_integer("cases", cases, low=1, high=10**8)
     check_integer("seed", seed, low=0, high=2**63 - 1)
-    run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=policy, bounded=bounded,
-        budget=budget, acting=acting, takes_foreign=True, seed=seed, av_timeout=av_timeout,
-    )  # fmt: skip
+    run = experiment(WorldOptions(**world), bv=policy, acting=acting, takes_foreign=True, seed=seed)
     if run.bv in ("nde", "idm"):
         raise InputError(
             f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB"

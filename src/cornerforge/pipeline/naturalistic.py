@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._checks import check_integer
-from cornerforge.errors import OutputError
-from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
+from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
 from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
@@ -69,7 +68,7 @@ def ndd_fit(
     paths = [Path(file) for file in files]
     data_format = guess_format(paths) if data_format is None else data_format
     model, report = fit_model(paths, data_format, prior_strength=prior_strength, progress=say)
-    _write_model(model, path)
+    save_model(model, path)
     page = path.with_suffix(".report.html")
     write_fit_report(report, model, page)  # now, so that stopping the study loses no fit
     if study:
@@ -129,7 +128,7 @@ def ndd_import(
         progress(f"import: {stage}", 0, 1)
 
     made, report = import_arrays(Path(folder), base, say)
-    _write_model(made, path)
+    save_model(made, path)
     page = path.with_suffix(".report.json")
     result = {**report.to_json(), "model_hash": model_hash(made)}
     write_json(page, result)
@@ -163,11 +162,3 @@ def _model_place(out: Path | str) -> Path:
     if path.exists():
         load_model(path)
     return path
-
-
-def _write_model(model: NddModel, path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save_model(model, path)
-    except OSError as error:
-        raise OutputError(f"Cannot write {path}: {error.strerror}; make room, or choose another place.") from error

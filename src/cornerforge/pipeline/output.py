@@ -11,15 +11,16 @@ import platform
 import shlex
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cornerforge._files import part_of, reason, writing
 from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = [
     "check_new_file",
+    "check_path",
     "code_hash",
     "config_hash",
     "open_output",
@@ -32,7 +33,6 @@ __all__ = [
 ]
 
 IDENTITY = "provenance.json"
-_PART = ".part"
 
 
 def version() -> str:
@@ -53,31 +53,6 @@ def code_hash() -> str:
 def config_hash(config: Mapping[str, Any]) -> str:
     """SHA-256 (first 16 hex digits) over settings, JSON-compatible; the order of keys does not matter."""
     return hashlib.sha256(json.dumps(config, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
-
-
-@contextmanager
-def writing(path: Path) -> Iterator[Path]:
-    """Write a file whole or not at all: gives the name to write to, beside its place, and renames it at the end.
-
-    Raises:
-        OutputError: It cannot be written; nothing is left of it then.
-    """
-    part = path.with_name(f".{path.name}{_PART}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        part.replace(path)
-    except OutputError:
-        raise
-    except OSError as error:
-        with suppress(OSError):
-            part.unlink()
-        raise OutputError(f"Cannot write {path}: {_reason(error)}; make room, or choose another place.") from error
-
-
-def _reason(error: OSError) -> str:
-    """Why a file operation failed; errors of other libraries carry it in their text only."""
-    return error.strerror or str(error)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -138,17 +113,30 @@ def _command() -> str:
     return shlex.join(["cornerforge" if name in ("", "__main__.py") else name, *sys.argv[1:]])
 
 
+def check_path(path: Path) -> None:
+    """Check that a path is text: of bytes that are none it could be made, but neither printed nor noted down.
+
+    Raises:
+        InputError: It is not.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{str(path)!a} is no UTF-8; choose another name.") from error
+
+
 def check_new_file(path: Path, *, overwrite: bool = False) -> None:
     """Check, before long work, that a file can be written at `path` without losing anything; makes nothing.
 
     Raises:
         OutputError: Something is there already, or its folder cannot be written.
     """
+    check_path(path)
     try:
         is_folder, is_there = path.is_dir(), path.exists()
-        nearest = next(folder for folder in path.absolute().parents if folder.exists())
+        nearest = next((folder for folder in path.absolute().parents if folder.exists()), path)
     except OSError as error:  # such as a name that is too long
-        raise OutputError(f"Cannot write {path}: {_reason(error)}; choose another place.") from error
+        raise OutputError(f"Cannot write {path}: {reason(error)}; choose another place.") from error
     if is_folder:
         raise OutputError(f"{path} is a folder; name a file.")
     if is_there and not overwrite:
@@ -174,6 +162,7 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
         OutputError: The folder holds something else, holds results and `resume` is False, or cannot be written.
         InputError: It holds work of another identity; the first difference is named.
     """
+    check_path(folder)
     mark = folder / IDENTITY
     names = _entries(folder)
     if IDENTITY in names:
@@ -188,7 +177,7 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
                     "choose another place, or remove it."
                 )
         return True
-    foreign = sorted(names - {f".{IDENTITY}{_PART}"})  # what a kill in the first moment leaves
+    foreign = sorted(names - {part_of(mark).name})  # what a kill in the first moment leaves
     if foreign:
         raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
     write_json(mark, provenance(identity))
@@ -206,4 +195,4 @@ def _entries(folder: Path) -> set[str]:
     except FileNotFoundError:
         return set()
     except OSError as error:
-        raise OutputError(f"{folder} cannot be used as a folder: {_reason(error)}; choose another place.") from error
+        raise OutputError(f"{folder} cannot be used as a folder: {reason(error)}; choose another place.") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import allocate_decisions, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import allocate_worlds, world_of
+from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]
 
@@ -38,14 +39,11 @@ def plausibility(
     seeds: int = 3,
     decisions: int | None = None,
     tests: int = 8192,
-    av: str = "idm-mobil",
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[AvKeywords],
 ) -> dict[str, Any]:
     """Train one adversary per budget and training seed, with no budget (the paper's mask), and with no mask at all.
 
@@ -55,11 +53,11 @@ def plausibility(
         seeds: Training seeds per budget: `seed`, `seed` + 1, ...
         decisions: Length of each training; None for that of preset `fast`.
         tests: Evaluation tests of each policy.
-        av, lanes, odd, model: The world, as for `simulate`.
         resume: Keep policies that are finished.
         seed: The first training seed, and that of the tests.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge plausibility --json` prints. `rows`: one per budget, from the tightest to no budget
@@ -83,8 +81,8 @@ def plausibility(
     config = preset_named("fast")
     if decisions is not None:
         config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
-    world = {"av": av, "odd": odd, "lanes": lanes, "model": None if model is None else Path(model)}
-    natural = experiment(**world)  # type: ignore[arg-type]
+    options = WorldOptions(**world)
+    natural = experiment(options)
     folder = Path(out)
     identity = {
         **natural.identity(seed),
@@ -101,9 +99,9 @@ def plausibility(
     masks += [(None, True), (None, False)]
     rows = []
     for budget, bounded in masks:
-        run = experiment(**world, bv="uniform", bounded=bounded, budget=budget)  # type: ignore[arg-type]
+        run = experiment(options, bv="uniform", bounded=bounded, budget=budget)
         runs = [
-            _one(folder, run, config, seed + k, seed, tests, n_threads, progress, world)
+            _one(folder, run, config, seed + k, seed, tests, n_threads, progress, options)
             for k in range(seeds)
         ]  # fmt: skip
         rows.append({"budget": budget, "bounded": bounded, "runs": runs})
@@ -116,7 +114,7 @@ def plausibility(
 
 def _one(
     folder: Path, run: Experiment, config: TrainConfig, train_seed: int, seed: int, tests: int, threads: int,
-    progress: Progress, world: dict[str, Any],
+    progress: Progress, world: WorldOptions,
 ) -> dict[str, Any]:  # fmt: skip
     """Train and measure one policy; kept in a file of its own."""
     mask = "unbounded" if not run.bounded else "bounded" if run.budget is None else f"{run.budget:g}"
@@ -125,7 +123,7 @@ def _one(
         return read_json_file(done)
     policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
     save_policy(policy, folder / f"{mask}-{train_seed}.safetensors")
-    hostile = experiment(**world, policy=policy)
+    hostile = experiment(world, policy=policy)
     found = {
         "train_seed": train_seed,
         "decisions": result.decisions,

@@ -10,22 +10,22 @@ from __future__ import annotations
 import contextlib
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from cornerforge._checks import check_in, check_integer, check_number
-from cornerforge.errors import CornerForgeError
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
+from cornerforge.errors import CornerForgeError, InputError
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary
 from cornerforge.rates import poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block
+from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["rate"]
 
@@ -177,33 +177,27 @@ class _Session:
 def rate(
     *,
     method: str = "mc",
-    av: str = "idm-mobil",
     target_rhw: float = 0.3,
     max_tests: int = 1_000_000,
     out: Path | str | None = None,
     resume: bool = False,
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
     seed: int = 0,
     threads: int | None = None,
-    av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[AvKeywords],
 ) -> dict[str, Any]:
     """The AV's natural crash rate in 400 m tests, without bias.
 
     Args:
         method: "mc", plain Monte Carlo.
-        av: The AV under test: a built-in name, `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         target_rhw: Stop when half the exact 95 % interval is at most this share of the rate, 0.001 to 10.
         max_tests: Stop here at the latest.
         out: Folder for `rate.json`, the counts so far, and `library/` with all crashes; None keeps nothing.
         resume: Go on with that folder, after an end, an interrupt or a kill.
-        lanes, odd, model: The world, as for `simulate`.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
-        av_timeout: How long an AV that is not built in may take for an answer [s].
         progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge rate --json` prints.
@@ -216,10 +210,9 @@ def rate(
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("max_tests", max_tests, low=1, high=10**12)
     check_number("target_rhw", target_rhw, low=1e-3, high=10.0)
-    run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), takes_foreign=True, seed=seed,
-        av_timeout=av_timeout,
-    )  # fmt: skip
+    if resume and out is None:
+        raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
+    run = experiment(WorldOptions(**world), takes_foreign=True, seed=seed)
     folder = None if out is None else Path(out)
     session = _Session(run, seed, method, folder, threads=check_threads(threads), progress=progress)
     identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}

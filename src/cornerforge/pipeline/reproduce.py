@@ -6,11 +6,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from cornerforge._checks import check_in, check_integer
 from cornerforge.drivers.avs import av_hash
+from cornerforge.errors import InputError
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.effort import effort_and_budget
 from cornerforge.pipeline.output import (
     code_hash,
     config_hash,
@@ -21,11 +23,12 @@ from cornerforge.pipeline.output import (
     write_json,
 )
 from cornerforge.pipeline.paper import ITEMS
-from cornerforge.pipeline.paper.bench import REPRODUCE_BUDGETS, Bench, World, keep
+from cornerforge.pipeline.paper.bench import REPRODUCE_EFFORTS, Bench, keep
 from cornerforge.pipeline.paper.item import Item
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.world_options import RoadKeywords, WorldOptions
 
-__all__ = ["REPRODUCE_BUDGETS", "reproduce", "reproduction_text"]
+__all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
 
 _SHOWN = ("id", "title", "place", "what", "unit", "paper", "ours", "interval", "note", "rows", "seconds")
 
@@ -34,15 +37,14 @@ def reproduce(
     *,
     out: Path | str,
     figures: Sequence[str] | None = None,
-    budget: str = "standard",
+    effort: str = "standard",
+    budget: str | None = None,
     paper_policy: Path | str | None = None,
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[RoadKeywords],
 ) -> dict[str, Any]:
     """Make the paper's figures and tables again, and a page that shows ours beside theirs.
 
@@ -52,19 +54,20 @@ def reproduce(
     Args:
         out: Folder for everything; must be new or empty unless `resume`.
         figures: Ids of items, such as "figure3"; None for all. The page shows them and those made earlier.
-        budget: "quick", "standard" or "full" (see `REPRODUCE_BUDGETS`).
+        effort: "quick", "standard" or "full" (see `REPRODUCE_EFFORTS`).
+        budget: The old name of `effort`; goes on working, with a warning.
         paper_policy: A policy of preset `paper`, for Figure 2; None to leave that curve out.
-        lanes, odd, model: The world, as for `simulate`.
         resume: Go on with what is in `out`: finished items, measurements and policies are kept as long as what they
             were made of is the same (policies even after changes of code), and an unfinished training goes on.
         seed: 0 or more; the k-th training of a kind has seed + k.
         threads: None for all cores; does not change the result, timings excepted.
         progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge reproduce --json` prints: `items`, each with `id`, `what`, `paper`, `ours`,
         `interval` and `unit` of the number that stands for it and all its numbers as `rows` with the same keys; `out`,
-        `page`, `budget`, `seed`, `seconds`. `paper` is null where the paper's text gives no value.
+        `page`, `effort`, `seed`, `seconds`. `paper` is null where the paper's text gives no value.
 
     Raises:
         CornerForgeError: Input, files or output place are not right; an extra is missing.
@@ -73,19 +76,23 @@ def reproduce(
 
     start = time.perf_counter()
     folder = Path(out)
-    size = REPRODUCE_BUDGETS[check_in("budget", budget, tuple(REPRODUCE_BUDGETS))]
+    effort, nats = effort_and_budget(effort, budget, REPRODUCE_EFFORTS)
+    if nats is not None:
+        raise InputError(
+            f"budget = {budget}: the paper has no likelihood budget; leave it out. More work: --effort full"
+        )
+    size = REPRODUCE_EFFORTS[effort]
     check_integer("seed", seed, low=0, high=2**32 - 1)
     wanted = [ITEMS[check_in("figure", name, tuple(ITEMS))] for name in (ITEMS if figures is None else figures)]
-    world = World(odd, lanes, None if model is None else Path(model))
     bench = Bench(
-        folder, size, world, seed=seed, threads=threads, progress=progress,
+        folder, size, WorldOptions(**world), seed=seed, threads=threads, progress=progress,
         paper_policy=None if paper_policy is None else Path(paper_policy),
     )  # fmt: skip
     run = bench.experiment("idm-mobil")
     check_reproduction()
     identity = {
         "seed": seed,
-        "budget": budget,
+        "effort": effort,
         "odd": run.odd.name,
         "lanes": run.odd.n_lanes,
         "model_hash": model_hash(run.model),
@@ -96,7 +103,7 @@ def reproduce(
     for item in wanted:
         _made(bench, item)
     items = [found for item in ITEMS.values() if (found := _finished(bench, item)) is not None]
-    write_json(folder / "items.json", {"budget": budget, "seed": seed, "items": items})
+    write_json(folder / "items.json", {"effort": effort, "seed": seed, "items": items})
     seconds = round(time.perf_counter() - start, 3)
     more = {"code": code_hash(), "avs": _av_hashes(bench)}
     write_json(folder / "provenance.json", provenance({**identity, **more}, seconds))
@@ -106,7 +113,7 @@ def reproduce(
         "items": [{key: item[key] for key in _SHOWN} for item in items if item["id"] in names],
         "out": str(folder),
         "page": str(page),
-        "budget": budget,
+        "effort": effort,
         "seed": seed,
         "seconds": seconds,
     }

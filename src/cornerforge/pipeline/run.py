@@ -7,13 +7,15 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
-from cornerforge._checks import check_in, check_integer
+from cornerforge._checks import check_integer
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
 from cornerforge.pipeline.analyse import analyse
+from cornerforge.pipeline.counting import simulate_experiment, tally_summary
+from cornerforge.pipeline.effort import effort_and_budget
 from cornerforge.pipeline.generate import fill_library
 from cornerforge.pipeline.output import (
     code_hash,
@@ -26,7 +28,6 @@ from cornerforge.pipeline.output import (
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import simulate_experiment, tally_summary
 from cornerforge.pipeline.train import (
     canonical_curve,
     checkpoint_beside,
@@ -37,15 +38,16 @@ from cornerforge.pipeline.train import (
 )
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges
+from cornerforge.world_options import AvKeywords, WorldOptions
 
-__all__ = ["BUDGETS", "Budget", "run"]
+__all__ = ["EFFORTS", "Effort", "run"]
 
 EXPOSURE_TESTS_START = 1 << 42
 """Number of the first test whose distances and TTC are counted with the adversary."""
 
 
 @dataclass(frozen=True)
-class Budget:
+class Effort:
     """How much of everything a run does; in counts, never in seconds, so that results do not depend on speed."""
 
     nde_tests: int
@@ -55,12 +57,12 @@ class Budget:
     cases: int
 
 
-BUDGETS = {
-    "quick": Budget(nde_tests=200_000, decisions=2_500_000, evaluation_tests=2_048, exposure_tests=1_024, cases=1_500),
-    "standard": Budget(
+EFFORTS = {
+    "quick": Effort(nde_tests=200_000, decisions=2_500_000, evaluation_tests=2_048, exposure_tests=1_024, cases=1_500),
+    "standard": Effort(
         nde_tests=1_000_000, decisions=6_000_000, evaluation_tests=8_192, exposure_tests=4_096, cases=10_000
     ),
-    "paper": Budget(
+    "paper": Effort(
         nde_tests=10_000_000, decisions=20_000_000, evaluation_tests=8_192, exposure_tests=8_192, cases=50_000
     ),
 }
@@ -127,10 +129,10 @@ def _write_exposure(out: Path, nde: dict[str, Any], adversary: dict[str, Any]) -
 
 
 def _train(
-    run: Experiment, budget: Budget, checkpoint: CheckpointFile, out: Path, seed: int, threads: int | None,
+    run: Experiment, size: Effort, checkpoint: CheckpointFile, out: Path, seed: int, threads: int | None,
     progress: Progress,
 ) -> dict[str, Any]:  # fmt: skip
-    config = _train_config(budget)
+    config = _train_config(size)
     policy, result = learn(run, config, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint)
     save_policy(policy, out / "policy.safetensors")
     points = canonical_curve(result)
@@ -153,19 +155,19 @@ def _plain_rates(
     return [rate for rate in rates if rate["name"] != "nobody"]
 
 
-def _train_config(budget: Budget) -> TrainConfig:
-    return replace(preset_named("fast"), decisions=budget.decisions)
+def _train_config(size: Effort) -> TrainConfig:
+    return replace(preset_named("fast"), decisions=size.decisions)
 
 
-def _identity(plain: Experiment, budget: str, seed: int) -> dict[str, Any]:
+def _identity(plain: Experiment, effort: str, seed: int) -> dict[str, Any]:
     """What decides the results of a run; there is no policy yet, and the BVs are driven in more than one way."""
     identity: dict[str, Any] = plain.identity(seed)
-    size = BUDGETS[budget]
-    settings = {"world": identity.pop("config_hash"), "budget": asdict(size), "train": asdict(_train_config(size))}
+    size = EFFORTS[effort]
+    settings = {"world": identity.pop("config_hash"), "effort": asdict(size), "train": asdict(_train_config(size))}
     del identity["bv"], identity["policy_hash"]
     return {
         **identity,
-        "budget": budget,
+        "effort": effort,
         "config_hash": config_hash(settings),
         "cornerforge": version(),
         "code": code_hash(),
@@ -174,30 +176,29 @@ def _identity(plain: Experiment, budget: str, seed: int) -> dict[str, Any]:
 
 def run(
     *,
-    budget: str = "quick",
+    effort: str = "quick",
+    budget: float | str | None = None,
     out: Path | str = "cornerforge-out",
-    av: str = "idm-mobil",
     bounded: bool = False,
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[AvKeywords],
 ) -> dict[str, Any]:
     """The whole job: natural baseline, training, cases, analysis, report.
 
     Args:
-        budget: "quick", "standard" or "paper" (see `BUDGETS`).
+        effort: "quick", "standard" or "paper" (see `EFFORTS`).
+        budget: Likelihood budget of a test [nats], as for `train`; implies `bounded`. A name is taken for `effort`, as
+            it once was called, with a warning.
         out: Folder for everything; must be new or empty unless `resume`.
-        av: Name of the AV under test.
         bounded: The adversary uses only actions that the naturalistic model calls possible.
-        lanes, odd, model: The world, as for `simulate`.
         resume: Go on with what is in `out`; finished stages are kept, and an unfinished training too.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
+        world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge run --json` prints; also in `summary.json`.
@@ -207,13 +208,14 @@ def run(
     """
     start = time.perf_counter()
     folder = Path(out)
-    size = BUDGETS[check_in("budget", budget, tuple(BUDGETS))]
+    effort, budget = effort_and_budget(effort, budget, EFFORTS)
+    size = EFFORTS[effort]
     check_integer("seed", seed, low=0, high=2**32 - 1)
     check_threads(threads)
-    world = {"av": av, "odd": odd, "lanes": lanes, "model": None if model is None else Path(model)}
-    natural = experiment(**world)  # type: ignore[arg-type]
-    plain = experiment(**world, bv="uniform", bounded=bounded)  # type: ignore[arg-type]
-    identity = _identity(plain, budget, seed)
+    options = WorldOptions(**world)
+    natural = experiment(options)
+    plain = experiment(options, bv="uniform", bounded=bounded, budget=budget)
+    identity = _identity(plain, effort, seed)
     open_output(folder, identity, resume=resume)
     stages = _Stages(folder)
 
@@ -225,7 +227,7 @@ def run(
     trained = once("train", lambda: _train(plain, size, checkpoint, folder, seed, threads, progress))
     checkpoint.remove()
     times = {_POINT_SECONDS: trained.pop(_POINT_SECONDS, None)}  # a stage of an older version has none
-    hostile = experiment(**world, policy=load_policy(folder / "policy.safetensors"))  # type: ignore[arg-type]
+    hostile = experiment(options, policy=load_policy(folder / "policy.safetensors"))
     tests = size.evaluation_tests
     evaluation = once("evaluate", lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress))
     baselines = once(
@@ -249,10 +251,11 @@ def run(
     summary = {
         "out": str(folder),
         "version": version(),
-        "budget": budget,
+        "effort": effort,
         "seed": seed,
-        "av": av,
-        "bounded": bounded,
+        "av": options.av,
+        "bounded": plain.bounded,
+        "budget": plain.budget,
         "nde": nde["rate"],
         "train": {**trained, **evaluation},
         "baselines": baselines["rates"],

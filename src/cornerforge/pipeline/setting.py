@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Unpack
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.policy_file import Policy, check_budget, load_policy, policy_hash, policy_numbers
@@ -16,7 +17,6 @@ from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.loaders import is_foreign
-from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
@@ -37,8 +37,9 @@ from cornerforge.sim.setting import (
 )
 from cornerforge.sim.world import n_slots, numbers_of_av, road_numbers
 from cornerforge.types import Odd, odd_named
+from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["TEMPERATURE", "Experiment", "check_threads", "experiment", "temperature_of"]
+__all__ = ["TEMPERATURE", "Experiment", "check_av_timeout", "check_threads", "experiment", "road_of", "temperature_of"]
 
 TEMPERATURE = 0.05
 """Of `softmax` without a number, in units of Q: actions of nearly equal chance to crash are taken nearly as often."""
@@ -133,6 +134,15 @@ def check_threads(threads: int | None) -> int:
     return default_threads() if threads is None else check_integer("threads", threads, low=1, high=1024)
 
 
+def check_av_timeout(seconds: float) -> float:
+    """How long an AV from outside may take for an answer [s].
+
+    Raises:
+        InputError: It is not in [0.01, 3600].
+    """
+    return check_number("av_timeout", seconds, low=0.01, high=3600.0, unit="s")
+
+
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
     """Hash of a policy, or of a mixture in its order; None for none."""
     hashes = [policy_hash(policy) for policy in policies]
@@ -202,55 +212,54 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
         )
 
 
+def road_of(world: WorldOptions) -> Odd:
+    """The ODD that a user names.
+
+    Raises:
+        UnknownNameError, InputError: There is no such ODD, or it cannot have so many lanes.
+    """
+    odd = odd_named(world.odd)
+    return odd if world.lanes is None else replace(odd, n_lanes=world.lanes)
+
+
 def experiment(
+    world: WorldOptions | None = None,
     *,
-    av: str = "idm-mobil",
-    odd: str = "default",
-    lanes: int | None = None,
-    model: Path | NddModel | None = None,
     bv: str | Path | Sequence[str | Path] = "nde",
     policy: Policy | Sequence[Policy] | None = None,
-    bounded: bool = False,
-    budget: float | None = None,
     acting: str = "greedy",
     takes_foreign: bool = False,
     seed: int = 0,
-    av_timeout: float = DEFAULT_TIMEOUT,
+    **keywords: Unpack[WorldKeywords],
 ) -> Experiment:
     """Put a run together.
 
     Args:
-        av: Name of a built-in AV, the file of one that `train-av` made, or a foreign one: `module:Class`, an `.onnx` or
-            a Stable-Baselines3 `.zip` file.
-        odd: Name of an ODD.
-        lanes: Number of lanes, 2 to 6; None for the ODD's own.
-        model: Model, or its file; None for the one that ships with the package.
+        world: The world; None for the default one.
         bv: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or the path of a policy file; several
             paths: each test is driven by one of these policies, drawn at random.
         policy: One or more policies in memory instead of paths in `bv`.
-        bounded: Mask actions that the naturalistic model calls impossible; a policy brings its own answer.
-        budget: Likelihood budget of a test [nats], 0 or more; it implies `bounded`, and goes before what a policy
-            brings. None: no limit, or the policy's own.
         acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
         takes_foreign: A foreign AV may be given.
         seed: Told to a foreign AV.
-        av_timeout: How long it may take for an answer [s].
+        keywords: Instead of those of `world`.
 
     Raises:
         UnknownNameError, InputError: A name or number is not known or out of range.
         AvFaultError: The foreign AV fails at once.
         FileFormatError: A file is missing, damaged or of another version.
     """
-    road = odd_named(odd)
-    if lanes is not None:
-        road = replace(road, n_lanes=lanes)
+    world = replace(world or WorldOptions(), **keywords)
+    av, model, bounded, budget = world.av, world.model, world.bounded, world.budget
+    av_timeout = check_av_timeout(world.av_timeout)
+    road = road_of(world)
     if is_foreign(av) and not takes_foreign:
         raise InputError(
             f"The AV {av} is not built in, and this command takes built-in ones only. What you can do: train on a "
             f"built-in AV, then: cornerforge generate --policy P.safetensors --av {av}"
         )
     av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
-    ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else model)
+    ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else Path(model))
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
     known = ("nde", "idm", *(name for name in ADVERSARIES if name not in ("nobody", "policy")))

@@ -12,7 +12,7 @@ from typing import Any
 
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
-from cornerforge.errors import CornerForgeError, InputError, OutputError, ReplayError
+from cornerforge.errors import CornerForgeError, InputError, ReplayError
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.schema import SCRIPTED
@@ -133,11 +133,8 @@ def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) ->
         "code": code_hash(),
     }
     library = (CaseLibrary.resume if resume else CaseLibrary.create)(place, identity, natural.odd)
-    try:
-        if not (place / MODEL_FILE).exists():
-            save_model(natural.model, place / MODEL_FILE)
-    except OSError as error:
-        raise OutputError(f"Cannot write into {place}: {error.strerror}; choose another place.") from error
+    if not (place / MODEL_FILE).exists():
+        save_model(natural.model, place / MODEL_FILE)
     return library
 
 

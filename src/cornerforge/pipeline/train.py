@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.checkpoint import CheckpointFile
@@ -14,15 +14,16 @@ from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, 
 from cornerforge.drivers.avs import av_hash
 from cornerforge.errors import OutputError
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary
 from cornerforge.rates import binomial_interval
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
 from cornerforge.sim.setting import ADVERSARIES, NO_CAST
+from cornerforge.world_options import WorldKeywords, WorldOptions
 
 if TYPE_CHECKING:
     from cornerforge.adversary.train import CurvePoint, TrainResult
@@ -237,22 +238,17 @@ def measure_baselines(
 def train(
     *,
     out: Path | str,
-    av: str = "idm-mobil",
     preset: str = "fast",
-    bounded: bool = False,
     reward: str = "crash",
     delay: float = 1.0,
-    budget: float | None = None,
     decisions: int | None = None,
     minutes: float | None = None,
     resume: bool = False,
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
     tests: int = 8192,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[WorldKeywords],
 ) -> dict[str, Any]:
     """Train the adversary (dueling double DQN) and write its policy.
 
@@ -262,13 +258,9 @@ def train(
     Args:
         out: Policy file, `.safetensors`; must not exist unless `resume`. When and how long it was trained stands in
             `NAME.provenance.json` beside it: the policy is the same bytes for the same training.
-        av: AV to learn on.
         preset: "fast" or "paper".
-        bounded: Only actions that the naturalistic model calls possible.
         reward: Which crashes of the AV are paid for: a name of `sim.rewards.REWARDS`.
         delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
-        budget: Likelihood budget of a test [nats], 0 or more; implies `bounded`. By so much, in all, may the
-            log-probability of its actions fall short of the likeliest actions'.
         decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights (on another
             processor PyTorch may round otherwise, and other weights come out).
         minutes: Stop after this time [min], and let the learning rate fall over it; the result then depends on the
@@ -276,11 +268,11 @@ def train(
         resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
             weights are those of a training without the stop, unless `minutes` ends it. Where `out` holds a finished
             policy of the same seed, length and world, keep it and only measure it again.
-        lanes, odd, model: The world, as for `simulate`.
         tests: Evaluation tests.
         seed: 0 or more.
         threads: None for all cores; does not change the weights.
         progress: Told how far it is.
+        world: The world to learn in, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge train --json` prints.
@@ -298,10 +290,8 @@ def train(
         check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
         if decisions is None:
             config = replace(config, decisions=10**12)  # the time alone ends it
-    run = experiment(
-        av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv="uniform", bounded=bounded,
-        budget=budget,
-    )  # fmt: skip
+    options = WorldOptions(**world)
+    run = experiment(options, bv="uniform")
     check_new_file(path, overwrite=resume)
     checkpoint = checkpoint_beside(path, run, config, seed)
     check_new_file(checkpoint.path, overwrite=True)
@@ -328,7 +318,7 @@ def train(
         write_provenance_beside(path, run, result, seed)
         seconds = result.seconds
     checkpoint.remove()
-    trained = experiment(av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), policy=policy)
+    trained = experiment(options.without_mask(), policy=policy)
     measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "threads": threads}
     rate = evaluate(trained, **measured, progress=progress)
     return {

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.drivers.avs import AvNetwork, av_hash
+from cornerforge.errors import InputError
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.av_file import load_av, save_av
+from cornerforge.pipeline.counting import rate_summary, simulate_experiment
 from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, canonical_curve, checkpoint_beside, curve_report
 from cornerforge.sim.av_features import AV_FEATURES_VERSION
+from cornerforge.world_options import RoadKeywords, WorldOptions
 
 __all__ = ["train_av"]
 
@@ -25,15 +27,13 @@ def train_av(
     out: Path | str,
     decisions: int | None = None,
     minutes: float | None = None,
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
     tests: int = 20_000,
     overwrite: bool = False,
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[RoadKeywords],
 ) -> dict[str, Any]:
     """Train an AV (dueling double DQN) and write it; `--av OUT` then drives it.
 
@@ -41,7 +41,6 @@ def train_av(
         out: AV file, `.safetensors`; must not exist unless `overwrite`.
         decisions: Seconds of driving to learn from; None for the default. Same seed and decisions, same weights.
         minutes: Stop after this time [min]; the result then depends on the machine's speed.
-        lanes, odd, model: The world, as for `simulate`.
         tests: Tests in natural traffic to measure it on.
         overwrite: Replace what is there.
         resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
@@ -49,6 +48,7 @@ def train_av(
         seed: 0 or more.
         threads: None for all cores; does not change the weights.
         progress: Told how far it is.
+        world: The world to learn in, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge train-av --json` prints.
@@ -67,9 +67,11 @@ def train_av(
         config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
     if minutes is not None:
         check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
+    if path.suffix != ".safetensors":
+        raise InputError(f"{path} does not end in .safetensors, by which --av knows an AV's file; add the ending.")
     check_new_file(path, overwrite=overwrite)
-    ndd = None if model is None else Path(model)
-    run = experiment(odd=odd, lanes=lanes, model=ndd)
+    options = WorldOptions(**world)
+    run = experiment(options)
     checkpoint = checkpoint_beside(path, run, config, seed)
     check_new_file(checkpoint.path, overwrite=True)
     if not resume:
@@ -94,7 +96,7 @@ def train_av(
     }
     save_av(network, about, path)
     checkpoint.remove()
-    trained = experiment(av=str(path), odd=odd, lanes=lanes, model=ndd)
+    trained = experiment(options, av=str(path))
     tally, _ = simulate_experiment(
         trained, tests=tests, seed=seed, first=EVALUATION_TESTS, threads=threads, progress=progress, stage="evaluate"
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.counting import distributions_of
 from cornerforge.pipeline.facts import CRASH_LIMIT, compare_with_facts
 from cornerforge.pipeline.free_running import (
     MILES,
@@ -24,7 +25,6 @@ from cornerforge.pipeline.free_running import (
 from cornerforge.pipeline.output import open_output, write_json, write_text
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
-from cornerforge.pipeline.simulate import distributions_of
 
 if TYPE_CHECKING:
     from cornerforge.ndd.compare import SimulatedTraffic

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.types import Odd
+from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["VARIETY_TESTS", "variety"]
 
@@ -31,26 +33,22 @@ def variety(
     policies: Sequence[Path | str] = (),
     tests: int = 4096,
     acting: str = "softmax",
-    av: str = "idm-mobil",
-    lanes: int | None = None,
-    odd: str = "default",
-    model: Path | str | None = None,
-    budget: float | None = None,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
+    **world: Unpack[WorldKeywords],
 ) -> dict[str, Any]:
     """Kinds of crash in libraries, or in what policies make on the same tests: greedy, at random, and mixed.
 
     Args:
-        libraries: Folders; each is a row.
+        libraries: Folders; each is a row. Their tests are driven already: nothing else but `seed` may be given.
         policies: Policy files. Rows: each greedy, each at random; with two and more also all mixed, both ways.
         tests: Per row of policies.
         acting: How to act at random, "softmax" or "softmax:T".
-        av, lanes, odd, model, budget: The world of the policies, as for `generate`.
         seed: Of the tests and of the bootstrap.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
+        world: The world of the policies, keyword by keyword; see `WorldOptions`.
 
     Returns:
         The object that `cornerforge variety --json` prints: `rows`, each with `name`, `tests`, `av_crashes`,
@@ -61,9 +59,12 @@ def variety(
     """
     check_integer("tests", tests, low=1, high=10**8)
     check_integer("seed", seed, low=0, high=2**32 - 1)
+    n_threads = check_threads(threads)
+    options = WorldOptions(**world)
     if bool(libraries) == bool(policies):
         raise InputError("Give either libraries or policies: cornerforge variety LIB..., or --policy FILE...")
     if libraries:
+        _refuse_idle({"acting": acting} | asdict(options), {"acting": "softmax"} | asdict(WorldOptions()))
         rows = [_library_row(Path(path), seed) for path in libraries]
         return {"rows": rows}
     if acting == "greedy":
@@ -73,13 +74,21 @@ def variety(
         ways += [(list(policies), way) for way in ("greedy", acting)]
     rows = []
     for names, way in ways:
-        run = experiment(
-            av=av, odd=odd, lanes=lanes, model=None if model is None else Path(model), bv=[str(name) for name in names],
-            budget=budget, acting=way,
-        )  # fmt: skip
+        run = experiment(options, bv=[str(name) for name in names], acting=way)
         what = names[0] if len(names) == 1 else f"mixture of {len(names)}"
-        rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, check_threads(threads), progress))
+        rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, n_threads, progress))
     return {"rows": rows, "first_test": VARIETY_TESTS}
+
+
+def _refuse_idle(given: dict[str, Any], usual: dict[str, Any]) -> None:
+    """Refuse what only policies need.
+
+    Raises:
+        InputError: Something else than usual is given.
+    """
+    for name, value in given.items():
+        if value != usual[name]:
+            raise InputError(f"{name} = {value!r} has no effect on libraries; give it with --policy FILE.")
 
 
 def _row(name: str, tests: int, crashes: int, pose: NDArray[np.float64], odd: Odd, seed: int) -> dict[str, Any]:

@@ -147,7 +147,7 @@ class Artefacts:
     out: Path
     av: str
     version: str
-    budget: str
+    effort: str
     seed: str
     bounded: bool
     seconds: float | None
@@ -184,7 +184,7 @@ def read_artefacts(out: Path) -> Artefacts:
         out=out,
         av=summary.text("av"),
         version=summary.text("version", "unknown"),
-        budget=summary.text("budget", "unknown"),
+        effort=summary.text("effort", "unknown"),
         seed=str(summary.values.get("seed", "unknown")),
         bounded=bool(summary.values.get("bounded", False)),
         seconds=summary.number_or_none("seconds"),

@@ -262,14 +262,17 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
+    from pyarrow.fs import LocalFileSystem
 
     if not file.is_file():
         raise FileFormatError(f"{file} is missing; write it with: {command}")
     try:
-        missing = [name for name in names if name not in pq.read_schema(file).names]
+        # Said so, because Arrow takes a path like run-10:30 for an address, and ~ for the home.
+        place, local = str(file.absolute()), LocalFileSystem()
+        missing = [name for name in names if name not in pq.read_schema(place, filesystem=local).names]
         if not missing:
             only = None if case_ids is None else [("case_id", "in", set(case_ids) | {""})]  # an empty set is refused
-            table = pq.read_table(file, columns=names, filters=only)
+            table = pq.read_table(place, columns=names, filters=only, filesystem=local)
     except (pa.ArrowException, OSError) as error:
         raise FileFormatError(f"{file} is damaged ({error}); write it again with: {command}") from None
     if missing:

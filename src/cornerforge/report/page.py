@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from cornerforge.errors import MissingExtraError, OutputError
+from cornerforge._files import writing
+from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import Artefacts, Rate, analyse_command, read_artefacts
 from cornerforge.report.cases import case_data, load_scenarios
@@ -42,12 +42,8 @@ def write_report(out: Path) -> Path:
     cases, notes = _cases(artefacts)
     page = _render(artefacts, cases, notes, plotly)
     target = out / "report.html"
-    part = out / "report.html.part"
-    try:
+    with writing(target) as part:
         part.write_text(page, encoding="utf-8", newline="\n")
-        os.replace(part, target)
-    except OSError as error:
-        raise OutputError(f"{target} cannot be written: {error.strerror}; choose another --out.") from None
     return target
 
 

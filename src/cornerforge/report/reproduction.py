@@ -6,7 +6,6 @@ An item without a renderer of its own is shown as its table; `RENDERERS` says wh
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError, OutputError
 from cornerforge.ndd.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.report import text
@@ -94,9 +94,10 @@ def write_reproduction(out: Path) -> Path:
     try:
         sections = [_section(item, out / "figures") for item in file.children("items")]
         page = _render(file, made, sections)
-        part = out / "index.html.part"
-        part.write_text(page, encoding="utf-8", newline="\n")
-        os.replace(part, out / "index.html")
+        with writing(out / "index.html") as part:
+            part.write_text(page, encoding="utf-8", newline="\n")
+    except OutputError:
+        raise
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {error.strerror}; choose another --out.") from None
     return out / "index.html"
@@ -184,7 +185,7 @@ def _render(file: Reader, made: Reader, sections: list[_Section]) -> str:
     style = resources.files("cornerforge.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
     return environment.get_template("reproduction.html.j2").render(
         sections=sections,
-        budget=file.text("budget"),
+        effort=file.text("effort"),
         seed=file.count("seed"),
         version=made.text("cornerforge"),
         command=made.text("command"),

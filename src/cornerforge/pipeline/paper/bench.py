@@ -17,10 +17,10 @@ from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_cra
 from cornerforge.analysis.mechanism import contact_pose
 from cornerforge.drivers.avs import AVS, av_hash
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.counting import rate_summary, simulate_experiment
 from cornerforge.pipeline.output import code_hash, read_json_file, write_json
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.simulate import rate_summary, simulate_experiment
 from cornerforge.pipeline.train import (
     EVALUATION_TESTS,
     checkpoint_beside,
@@ -33,8 +33,9 @@ from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.rewards import REWARDS
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks, warm_up
+from cornerforge.world_options import WorldOptions
 
-__all__ = ["PLAIN", "REPRODUCE_BUDGETS", "Adversary", "Bench", "ReproduceBudget", "World"]
+__all__ = ["PLAIN", "REPRODUCE_EFFORTS", "Adversary", "Bench", "ReproduceEffort"]
 
 PLAIN = ("uniform", "lane-changer", "swerve")
 """Plain adversaries, that every learned one stands beside."""
@@ -45,7 +46,7 @@ NATURAL_TESTS = 1 << 43
 
 
 @dataclass(frozen=True)
-class ReproduceBudget:
+class ReproduceEffort:
     """How much of everything; in counts, never in seconds, so that results do not depend on speed.
 
     Attributes:
@@ -73,30 +74,21 @@ class ReproduceBudget:
     cases: int
 
 
-REPRODUCE_BUDGETS = {
-    "quick": ReproduceBudget(
+REPRODUCE_EFFORTS = {
+    "quick": ReproduceEffort(
         decisions=1_000_000, bounded_decisions=2_000_000, seeds=1, trained_on=("idm-mobil",),
         rewards=("crash", "avoidable"), tests=1_024, natural_tests=20_000, typed=100, miles=100.0, cases=2_000,
     ),
-    "standard": ReproduceBudget(
+    "standard": ReproduceEffort(
         decisions=2_000_000, bounded_decisions=4_000_000, seeds=3, trained_on=None, rewards=None,
         tests=4_096, natural_tests=200_000, typed=500, miles=500.0, cases=10_000,
     ),
-    "full": ReproduceBudget(
+    "full": ReproduceEffort(
         decisions=3_000_000, bounded_decisions=12_000_000, seeds=3, trained_on=None, rewards=None,
         tests=8_192, natural_tests=1_000_000, typed=1_000, miles=2_000.0, cases=50_000,
     ),
 }  # fmt: skip
-"""quick: about 3 minutes on two quiet cores; standard: about an hour; full: several hours (docs/results.md)."""
-
-
-@dataclass(frozen=True)
-class World:
-    """The world that all items share, by its user's names, as for `simulate`."""
-
-    odd: str = "default"
-    lanes: int | None = None
-    model: Path | None = None
+"""quick: about ten minutes on two cores; standard: about an hour; full: several hours (docs/results.md)."""
 
 
 @dataclass(frozen=True)
@@ -136,8 +128,8 @@ class Bench:
     """
 
     def __init__(
-        self, folder: Path, size: ReproduceBudget, world: World, *, seed: int, threads: int | None, progress: Progress,
-        paper_policy: Path | None = None,
+        self, folder: Path, size: ReproduceEffort, world: WorldOptions, *, seed: int, threads: int | None,
+        progress: Progress, paper_policy: Path | None = None,
     ) -> None:  # fmt: skip
         self.folder = folder
         self.size = size
@@ -163,7 +155,7 @@ class Bench:
 
     @property
     def rewards(self) -> tuple[str, ...]:
-        """What learned adversaries are paid for: all rewards that there are, or those of the budget."""
+        """What learned adversaries are paid for: all rewards that there are, or those of the effort."""
         wanted = self.size.rewards
         return tuple(REWARDS) if wanted is None else tuple(name for name in REWARDS if name in wanted)
 
@@ -190,15 +182,14 @@ class Bench:
 
     def experiment(self, av: str, adversary: Adversary | None = None, k: int = 0) -> Experiment:
         """An AV in natural traffic, or among an adversary's (learned: its k-th training) vehicles."""
-        world = asdict(self._world)
         if adversary is None:
-            return experiment(av=av, **world)
+            return experiment(self._world, av=av)
         if adversary.trained_on is None:
-            return experiment(av=av, **world, bv=adversary.name, bounded=adversary.bounded)
-        return experiment(av=av, **world, policy=self.policy(adversary, k))
+            return experiment(self._world, av=av, bv=adversary.name, bounded=adversary.bounded)
+        return experiment(self._world, av=av, policy=self.policy(adversary, k))
 
     def config(self, adversary: Adversary) -> TrainConfig:
-        """Hyperparameters of a learned adversary: preset `fast` at the budget's length, paid by its reward."""
+        """Hyperparameters of a learned adversary: preset `fast` at the effort's length, paid by its reward."""
         decisions = self.size.bounded_decisions if adversary.bounded else self.size.decisions
         return replace(preset_named("fast"), decisions=decisions, reward=adversary.reward or "crash")
 
@@ -223,8 +214,7 @@ class Bench:
     def _trained(self, adversary: Adversary, k: int) -> Policy:
         assert adversary.trained_on is not None  # plain adversaries have no policy
         path = self._place(adversary, k)
-        world = asdict(self._world)
-        run = experiment(av=adversary.trained_on, **world, bv="uniform", bounded=adversary.bounded)
+        run = experiment(self._world, av=adversary.trained_on, bv="uniform", bounded=adversary.bounded)
         config, seed = self.config(adversary), self.seed + k
         wanted: dict[str, Any] = {
             "seed": seed,
@@ -275,7 +265,7 @@ class Bench:
 
     def judged_policy(self, policy: Policy, av: str, name: str) -> dict[str, Any]:
         """The same of a policy from elsewhere; `name` is for files and progress."""
-        return self._kept_judgement(experiment(av=av, **asdict(self._world), policy=policy), name)
+        return self._kept_judgement(experiment(self._world, av=av, policy=policy), name)
 
     def _kept_judgement(self, run: Experiment, name: str) -> dict[str, Any]:
         made_of = {"av_hash": av_hash(run.av), "policy": None if run.policy is None else policy_hash(run.policy)}

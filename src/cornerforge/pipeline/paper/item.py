@@ -67,7 +67,7 @@ class Item:
         place: Where the paper has it (the preprint's text has no page numbers: table, figure and section).
         says: What the paper says there, in our words.
         compute: Ours, from a bench.
-        inputs: What else than code, budget, seed and world decides the result, from a bench; JSON-compatible.
+        inputs: What else than code, effort, seed and world decides the result, from a bench; JSON-compatible.
     """
 
     id: str

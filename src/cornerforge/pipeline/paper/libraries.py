@@ -44,7 +44,7 @@ class Filled:
 def library_of(bench: Bench, adversary: Adversary) -> Filled | None:
     """The library of an adversary against the surrogate AV, filled now unless it is there; None if crashes are rare.
 
-    It has the cases of the budget; the bounded one not more than the paper's 1,627.
+    It has the cases of the effort; the bounded one not more than the paper's 1,627.
     """
     cases = _wanted(bench, adversary)
     if bench.judged(adversary, "idm-mobil")["crashes_per_test"] * _MAX_TESTS < cases:

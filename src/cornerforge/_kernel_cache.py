@@ -1,0 +1,125 @@
+"""Where machine code of kernels is kept: the choice of a folder, and files that may be damaged, or may not be written.
+
+A program must start wherever Python starts: with a read-only package, without a home, on a full disk. Kernels are then
+compiled for this run only. A file that is not what was written is dropped and compiled anew.
+"""
+
+# mypy: disable-error-code="no-untyped-call"
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import pickle
+import shutil
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
+from numba.core.serialize import dumps
+
+__all__ = ["KernelCache", "choose_folder"]
+
+_UNUSED_DAYS = 30.0
+_TOUCH_DAYS = 1.0
+_DAY = 86400.0
+
+
+def choose_folder(name: str, package: Path) -> str:
+    """Make the folder `name` in the first place that can be written; "" if there is none.
+
+    Places: what NUMBA_CACHE_DIR names, if it is set; else the package's `__pycache__`, then the user's cache.
+    """
+    wished = os.environ.get("NUMBA_CACHE_DIR")
+    for base in (Path(wished),) if wished else _usual_places(package):
+        folder = base / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            _mark_as_used(folder)
+            _remove_unused(base)
+            return str(folder)
+    return ""
+
+
+def _usual_places(package: Path) -> Iterator[Path]:
+    yield package / "__pycache__"
+    named = os.environ.get("XDG_CACHE_HOME")
+    if named:
+        yield Path(named) / "cornerforge"
+        return
+    with contextlib.suppress(RuntimeError):  # a user without a home
+        yield Path.home() / ".cache" / "cornerforge"
+
+
+def _mark_as_used(folder: Path) -> None:
+    """Set the folder's time, which says when it was used last; once a day is enough."""
+    with contextlib.suppress(OSError):
+        if folder.stat().st_mtime < time.time() - _TOUCH_DAYS * _DAY:
+            os.utime(folder)
+
+
+def _remove_unused(base: Path) -> None:
+    """Drop machine code that no program has used for a month: its sources or its installation are gone."""
+    limit = time.time() - _UNUSED_DAYS * _DAY
+    with contextlib.suppress(OSError):  # another process may remove the same folder
+        for folder in base.glob("kernels-*"):
+            if folder.stat().st_mtime < limit:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+class _Locator(UserProvidedCacheLocator):
+    """The folder that Numba is told. Numba would try to write a file into it for every kernel, at import."""
+
+    def ensure_cache_path(self) -> None:
+        os.makedirs(self.get_cache_path(), exist_ok=True)
+
+
+class _Checked(CompileResultCacheImpl):
+    """Machine code with its checksum: half a file must not become half a program."""
+
+    _locator_classes = [_Locator]  # noqa: RUF012  (Numba's own attribute)
+
+    def reduce(self, cres: Any) -> tuple[bytes, bytes]:
+        content = dumps(super().reduce(cres))
+        return hashlib.sha256(content).digest(), content
+
+    def rebuild(self, target_context: Any, payload: tuple[bytes, bytes]) -> Any:
+        checksum, content = payload
+        if hashlib.sha256(content).digest() != checksum:
+            raise ValueError("the checksum is another")
+        return super().rebuild(target_context, pickle.loads(content))
+
+
+class KernelCache(FunctionCache):
+    """Files of one kernel. Nothing that is wrong with them ends the program."""
+
+    _impl_class = _Checked
+    _told = False
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Read the kernel; None if it is not there, or damaged."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # damaged bytes, read as a pickle, can raise anything
+            with contextlib.suppress(OSError):
+                os.unlink(self._cache_file._index_path)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Write the kernel, if that is possible."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            if not KernelCache._told:
+                KernelCache._told = True
+                warnings.warn(
+                    f"Machine code cannot be kept in {self.cache_path} ({error.strerror or error}), so the next start "
+                    "compiles it again; make room, or name another folder in NUMBA_CACHE_DIR.",
+                    stacklevel=2,
+                )

@@ -1,0 +1,113 @@
+"""Tests driven and counted: the sums of an experiment, and the objects that say them with units and intervals."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from cornerforge.errors import AvFaultError
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.rates import binomial_interval
+from cornerforge.sim import statistics
+from cornerforge.sim.runner import Tally
+from cornerforge.sim.runner import simulate as drive
+from cornerforge.types import METRES_PER_MILE
+
+__all__ = ["check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
+
+
+def rate_summary(crashes: int, tests: int, miles: float) -> dict[str, Any]:
+    """A crash rate with its units, its n and its exact 95 % intervals, per test and per mile."""
+    low, high = binomial_interval(crashes, tests)
+    per_mile = tests / miles if miles > 0.0 else None
+    return {
+        "tests": tests,
+        "crashes_per_test": crashes / tests,
+        "interval95": [low, high],
+        "crashes_per_mile": None if per_mile is None else crashes / tests * per_mile,
+        "interval95_per_mile": None if per_mile is None else [low * per_mile, high * per_mile],
+        "miles": miles,
+    }
+
+
+def distributions_of(counts: statistics.Counts) -> dict[str, Any]:
+    """The object `distributions` of `simulate --stats`."""
+    summaries: dict[str, Any] = {
+        grid.name: {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
+        for row, grid in enumerate(statistics.TRAFFIC)
+    }
+    totals = counts.totals
+    following = int(totals[statistics.FOLLOWING_STATES])
+    miles = int(totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
+    summaries["ttc_share_below"] = {
+        f"{limit:g}": int(totals[statistics.TTC_BELOW + k]) / following if following else None
+        for k, limit in enumerate(statistics.TTC_LIMITS)
+    }
+    summaries["following_share"] = (
+        following / int(totals[statistics.BV_STATES]) if totals[statistics.BV_STATES] else None
+    )
+    summaries["lane_changes_per_mile"] = int(totals[statistics.LANE_CHANGES]) / miles if miles else None
+    summaries["bv_miles"] = miles
+    return summaries
+
+
+def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> dict[str, Any]:
+    """The JSON object of `simulate`."""
+    summary = rate_summary(tally.av_crashes, tally.tests, tally.miles)
+    summary |= {
+        "av_crashes": tally.av_crashes,
+        "av_faults": tally.av_faults,
+        "bv_crashes": tally.bv_crashes,
+        "seconds": round(seconds, 3),
+        "world_steps": tally.decisions,
+        "world_steps_per_second": round(tally.decisions / seconds, 2),
+        "tests_per_second": round(tally.tests / seconds, 4),
+        "digest": tally.digest.hexdigest(),
+    }
+    if with_distributions:
+        summary["distributions"] = distributions_of(tally.counts)
+    return summary
+
+
+def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
+    """Without a valid test there is nothing to tell.
+
+    Raises:
+        AvFaultError: The foreign AV spoiled all.
+    """
+    if valid == 0 and tests > 0 and run.foreign is not None and run.foreign.faults:
+        fault = next(iter(run.foreign.faults.values()))
+        raise AvFaultError(
+            f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
+            f"Mend it; to look closer: cornerforge check-av {run.av.name}"
+        )
+
+
+def simulate_experiment(
+    run: Experiment,
+    *,
+    tests: int,
+    seed: int,
+    first: int = 0,
+    threads: int | None = None,
+    counting: bool = False,
+    progress: Progress = NO_PROGRESS,
+    stage: str = "simulate",
+) -> tuple[Tally, float]:
+    """Drive tests of an experiment; returns the sums and the seconds it took."""
+    run.warm_up()
+    start = time.perf_counter()
+    tally = drive(
+        run.setting,
+        run.slots,
+        seed=seed,
+        tests=tests,
+        first=first,
+        threads=check_threads(threads),
+        counting=counting,
+        progress=lambda done: progress(stage, done, tests),
+        drive=run.drive,
+    )
+    check_not_all_spoiled(run, tally.tests, tests)
+    return tally, time.perf_counter() - start

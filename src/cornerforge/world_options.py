@@ -1,0 +1,90 @@
+"""What a user says of the world that tests are driven in: typed, defaulted and explained here, and nowhere else.
+
+Verbs of the Python interface take these options as keywords (`simulate(tests=1000, lanes=4)`) and hand them on as one
+`WorldOptions`; commands take them as options of the same names. Light to import, because `--help` needs it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypedDict
+
+if TYPE_CHECKING:
+    from cornerforge.ndd.model import NddModel
+
+__all__ = ["AvKeywords", "RoadKeywords", "WorldKeywords", "WorldOptions"]
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """The world of a test, by its user's names; `pipeline.setting.experiment` checks them.
+
+    Attributes:
+        av: The AV under test: a built-in name, the file of one that `train-av` made, or one from outside:
+            `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        odd: "default", "swift" or "paper".
+        lanes: 2 to 6; None for the ODD's own.
+        model: Naturalistic model, or its file; None for the one that ships with the package.
+        bounded: Keep the adversary to actions that the naturalistic model calls possible; a policy brings its own
+            answer.
+        budget: Likelihood budget of a test [nats], 0 or more: by so much, in all, may the log-probability of the
+            adversary's actions fall short of the likeliest actions'. It implies `bounded`, and goes before what a
+            policy brings. None: no limit, or the policy's own.
+        av_timeout: How long an AV from outside may take for an answer [s], 0.01 to 3600.
+    """
+
+    av: str = field(
+        default="idm-mobil",
+        metadata={
+            "help": "AV under test: a name (`cornerforge avs` lists them), module:Class, or an .onnx or SB3 .zip file."
+        },
+    )
+    odd: str = field(
+        default="default", metadata={"help": "default (4 s lane change), swift (2.5 s) or paper (1 s)."}
+    )  # fmt: skip
+    lanes: int | None = field(default=None, metadata={"help": "Lanes, 2 to 6; 3 by default."})
+    model: Path | str | NddModel | None = field(
+        default=None, metadata={"help": "Naturalistic model; the shipped one by default."}
+    )
+    bounded: bool = field(
+        default=False, metadata={"help": "Only actions that the naturalistic model calls possible."}
+    )  # fmt: skip
+    budget: float | None = field(
+        default=None,
+        metadata={
+            "unit": "nats",
+            "help": "Likelihood budget of a test in nats, such as 5: how far the actions may fall short of the "
+            "likeliest ones. Implies --bounded.",
+        },
+    )
+    av_timeout: float = field(
+        default=5.0,
+        metadata={"unit": "s", "help": "Seconds that an AV which is not built in may take for an answer."},
+    )
+
+    def without_mask(self) -> WorldOptions:
+        """The same without `bounded` and `budget`: for a policy, which brings its own."""
+        return replace(self, bounded=False, budget=None)
+
+
+class RoadKeywords(TypedDict, total=False):
+    """Keywords of verbs that know the AV, or need none: what `WorldOptions` says of the road and its traffic."""
+
+    odd: str
+    lanes: int | None
+    model: Path | str | NddModel | None
+
+
+class AvKeywords(RoadKeywords, total=False):
+    """Keywords of verbs that drive an AV."""
+
+    av: str
+    av_timeout: float
+
+
+class WorldKeywords(AvKeywords, total=False):
+    """Keywords of verbs in which there can be an adversary, too."""
+
+    bounded: bool
+    budget: float | None

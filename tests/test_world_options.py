@@ -1,0 +1,88 @@
+"""Options of the world: said once, the same in every verb and command."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import fields
+from typing import Any
+
+import pytest
+import typer
+
+import cornerforge
+from cornerforge.cli import app
+from cornerforge.errors import InputError
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
+from cornerforge.pipeline.setting import experiment
+from cornerforge.world_options import AvKeywords, RoadKeywords, WorldKeywords, WorldOptions
+
+NAMES = {one.name for one in fields(WorldOptions)}
+VERBS = {
+    "simulate": WorldKeywords, "generate": WorldKeywords, "train": WorldKeywords, "variety": WorldKeywords,
+    "rate": AvKeywords, "run": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
+    "train_av": RoadKeywords, "reproduce": RoadKeywords,
+}  # fmt: skip
+# `budget` of run and reproduce is an old name of effort too; replay knows its world from the library.
+# The model of `ndd` is what they show, check or fill.
+OWN = {"run": {"bounded", "budget"}, "reproduce": {"budget"}, "replay": {"av_timeout"}} | {
+    f"ndd_{name}": {"model"} for name in ("import", "show", "validate")
+}
+OF_COMMANDS = {"run": {"budget"}, "reproduce": {"budget"}, "plausibility": {"budget"}}
+
+
+def test_keywords_are_the_options() -> None:
+    assert set(WorldKeywords.__annotations__) == NAMES
+    assert set(AvKeywords.__annotations__) == NAMES - {"bounded", "budget"}
+    assert set(RoadKeywords.__annotations__) == {"odd", "lanes", "model"}
+    assert WorldOptions().av_timeout == DEFAULT_TIMEOUT
+
+
+@pytest.mark.parametrize("name", [name for name in cornerforge.__all__ if name != "__version__"])
+def test_no_verb_declares_an_option_of_the_world_again(name: str) -> None:
+    parameters = inspect.signature(getattr(cornerforge, name)).parameters
+    assert NAMES & set(parameters) == OWN.get(name, set())
+    rest = [one for one in parameters.values() if one.kind is inspect.Parameter.VAR_KEYWORD]
+    assert [one.annotation for one in rest] == ([f"Unpack[{VERBS[name].__name__}]"] if name in VERBS else [])
+
+
+def commands() -> dict[str, Any]:
+    program: Any = typer.main.get_command(app)
+    return {name: command for name, command in program.commands.items() if name != "ndd"}
+
+
+def test_every_command_has_the_defaults_and_the_help_of_the_options() -> None:
+    seen = set()
+    for name, command in commands().items():
+        for parameter in command.params:
+            own = parameter.param_type_name == "argument" or parameter.name in OF_COMMANDS.get(name, ())
+            if parameter.name not in NAMES or own:
+                continue
+            (one,) = (one for one in fields(WorldOptions) if one.name == parameter.name)
+            assert (parameter.default, parameter.help) == (one.default, one.metadata["help"]), name
+            seen.add((name, parameter.name))
+    assert len(seen) > 35
+    for name, keywords in VERBS.items():
+        command = name.replace("_", "-")
+        missing = set(keywords.__annotations__) - {option for command_, option in seen if command_ == command}
+        allowed = {
+            "run": {"av_timeout"}, "plausibility": {"av_timeout"}, "train": {"av_timeout"}, "check-av": {"av", "model"},
+            "variety": {"av_timeout", "bounded"},
+        }  # fmt: skip
+        assert missing == allowed.get(command, set()), command
+
+
+def test_keywords_go_before_the_world_and_unknown_ones_are_refused() -> None:
+    world = WorldOptions(lanes=4, odd="swift")
+    run = experiment(world, odd="paper")
+    assert (run.odd.n_lanes, run.odd.name) == (4, "paper")
+    assert experiment(world).odd.name == "swift"
+    rate: Any = cornerforge.rate  # mypy would refuse these, too
+    with pytest.raises(TypeError, match="lane"):
+        rate(max_tests=10, lane=4)
+    with pytest.raises(InputError, match="bounded needs an adversary"):
+        rate(max_tests=10, bounded=True)
+
+
+def test_without_mask_leaves_the_rest() -> None:
+    world = WorldOptions(av="rl", lanes=2, bounded=True, budget=5.0)
+    assert world.without_mask() == WorldOptions(av="rl", lanes=2)
