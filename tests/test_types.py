@@ -69,6 +69,7 @@ def test_all_fields_with_a_dimension_state_their_unit() -> None:
         "speed",
         "heading",
         "acceleration",
+        "shortfall",
     }
 
 

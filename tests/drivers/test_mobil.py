@@ -25,7 +25,7 @@ def gain(
     mobil: MobilNumbers = PLAIN,
 ) -> float:
     """Of a subject at 25 m/s."""
-    return mobil_gain(25.0, now, *lead, *rear, rear_now, IDM, mobil)
+    return mobil_gain(25.0, now, lead, rear, rear_now, IDM, mobil)
 
 
 def test_numbers_have_the_fields_of_the_parameters() -> None:

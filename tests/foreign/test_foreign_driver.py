@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.sim.keep import Outcomes
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.runner import simulate
-from cornerforge.sim.setting import OUTSIDE
 from cornerforge.sim.world import AV_CRASH, AV_FAULT
 from cornerforge.types import Odd
 
@@ -25,8 +23,8 @@ TESTS = 200
 
 
 def hostile(**changes: Any) -> Experiment:
-    run = experiment(**({"bv": "swerve"} | changes))
-    return replace(run, setting=run.setting.with_drivers(av=OUTSIDE))
+    """Its setting names a built-in AV: who stands outside drives all the same."""
+    return experiment(**({"bv": "swerve"} | changes))
 
 
 def outcomes(name: str, tests: int = TESTS, *, counting: bool = False, **arguments: Any) -> tuple[Outcomes, ForeignAv]:

@@ -56,10 +56,10 @@ def test_summary_and_file_agree(trained: tuple[Path, dict[str, object]]) -> None
 def test_the_same_training_gives_the_same_bytes(trained: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
     """However long it took: times stand in the provenance beside the policy."""
     path, summary = trained
-    again = pipeline.train(out=tmp_path / "q.safetensors", decisions=2000, tests=200, seed=4, threads=1)
+    pipeline.train(out=tmp_path / "q.safetensors", decisions=2000, tests=200, seed=4, threads=1)
     assert (tmp_path / "q.safetensors").read_bytes() == path.read_bytes()
     made = json.loads((path.parent / "p.provenance.json").read_text(encoding="utf-8"))
-    assert made["seconds"] == summary["seconds"] != again["seconds"]
+    assert made["seconds"] == summary["seconds"]
     assert made["identity"]["seed"] == 4
     curve: Any = load_policy(path).about["curve"]
     timed: Any = load_timed_policy(path).about["curve"]

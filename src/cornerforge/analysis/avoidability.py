@@ -19,7 +19,7 @@ from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import REALS, SERIES, Field
-from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres, stopping_frames
+from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres
 from cornerforge.sim.avoid_cases import (
     CaseScratch,
     RecordedCrashes,
@@ -28,7 +28,7 @@ from cornerforge.sim.avoid_cases import (
     allocate_ways_out,
     search_cases,
 )
-from cornerforge.sim.world import RoadNumbers, road_numbers
+from cornerforge.sim.world import road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
 
 __all__ = [
@@ -317,44 +317,41 @@ def _checked(
     return recordings, problems
 
 
-def _numbers(odd: Odd, params: AvoidParams) -> tuple[Manoeuvres, RoadNumbers, RoadNumbers, int]:
-    """What the kernel takes: manoeuvres, the road, the road as the AV's own lane changes know it, frames to look back.
+def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
+    """What the kernel takes.
 
     A lane change from rest to rest over a way w within T has the peak acceleration 10 / sqrt(3) w / T^2.
     """
     road = road_numbers(odd)
     bound = float(params.max_lateral_acceleration_mps2)
     shortest = float(np.sqrt(10.0 / np.sqrt(3.0) * odd.lane_width / bound))
-    evasive = road._replace(lane_change_duration=shortest, max_lateral_acceleration=bound)
-    manoeuvres = Manoeuvres(
+    return Manoeuvres(
         np.array(params.accelerations_mps2, dtype=np.float64),
-        round(params.decision_s / FRAME_S),
-        round(params.horizon_s / FRAME_S),
-        int(params.lane_changes),
-        -min(params.accelerations_mps2),
+        every=round(params.decision_s / FRAME_S),
+        horizon=round(params.horizon_s / FRAME_S),
+        lane_changes=int(params.lane_changes),
+        stopping=-min(params.accelerations_mps2),
+        lookback=round(params.lookback_s / FRAME_S),
+        only_partner=int(params.others == "partner"),
+        road=road,
+        evasive=road._replace(lane_change_duration=shortest, max_lateral_acceleration=bound),
     )
-    return manoeuvres, road, evasive, round(params.lookback_s / FRAME_S)
 
 
 def _search(recordings: RecordedCrashes, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
     """All cases, in a pool of threads that each take a few at a time."""
-    manoeuvres, road, evasive, lookback = _numbers(odd, params)
+    manoeuvres = _manoeuvres(odd, params)
     n = recordings.frames.size
-    out = allocate_ways_out(manoeuvres, lookback, n)
+    out = allocate_ways_out(manoeuvres, n)
     room = int(recordings.frames.max()), int(recordings.vehicles.max())
-    tail = stopping_frames(odd.max_speed, manoeuvres.stopping)
-    only_partner = int(params.others == "partner")
     idle: queue.SimpleQueue[CaseScratch] = queue.SimpleQueue()
 
     def search(first: int) -> None:
         try:
             scratch = idle.get_nowait()
         except queue.Empty:
-            scratch = allocate_case_scratch(manoeuvres, lookback, *room, odd.max_speed)
-        search_cases(
-            recordings, first, min(first + _CHUNK, n), lookback, only_partner, manoeuvres, tail,
-            road, evasive, scratch, out,
-        )  # fmt: skip
+            scratch = allocate_case_scratch(manoeuvres, *room)
+        search_cases(recordings, first, min(first + _CHUNK, n), manoeuvres, scratch, out)
         idle.put(scratch)
 
     with ThreadPoolExecutor(threads) as pool:

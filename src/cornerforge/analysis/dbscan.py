@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from cornerforge._checks import check_finite, check_integer
-from cornerforge.analysis.density_grid import CELL_WIDTH, attach_border, join_cells, mark_cores
+from cornerforge.analysis.density_grid import CELL_WIDTH, Cells, attach_border, join_cells, mark_cores
 from cornerforge.errors import InputError
 
 __all__ = [
@@ -188,9 +188,10 @@ def dbscan(points: NDArray[np.float64], eps: float, min_samples: int) -> NDArray
     is_core = np.zeros(len(points), np.bool_)
     cluster = np.empty(len(column), np.int64)
     label = np.empty(len(points), np.int64)
-    mark_cores(placed, start, column, row, eps, min_samples, np.zeros(5, np.int64), is_core)
-    join_cells(placed, start, column, row, eps, is_core, np.zeros(5, np.int64), np.empty((len(column), 4)), cluster)
-    attach_border(placed, start, column, row, eps, is_core, cluster, np.zeros(5, np.int64), label)
+    cells = Cells(placed, start, column, row, float(eps))
+    mark_cores(cells, min_samples, np.zeros(5, np.int64), is_core)
+    join_cells(cells, is_core, np.zeros(5, np.int64), np.empty((len(column), 4)), cluster)
+    attach_border(cells, is_core, cluster, np.zeros(5, np.int64), label)
     labels = np.empty(len(points), np.intp)
     labels[order] = label
     return _by_size(labels)

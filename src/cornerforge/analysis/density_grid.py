@@ -11,7 +11,7 @@ side; `first` holds where these five runs begin and only moves forward.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from cornerforge._jit import kernel
 
@@ -19,10 +19,28 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["CELL_WIDTH", "attach_border", "join_cells", "mark_cores"]
+__all__ = ["CELL_WIDTH", "Cells", "attach_border", "join_cells", "mark_cores"]
 
 CELL_WIDTH = 0.7
 """In units of eps; a hundredth below 1 / sqrt(2), which rounding cannot fill."""
+
+
+class Cells(NamedTuple):
+    """S points sorted into C cells.
+
+    Attributes:
+        points: Sorted by cell, shape (S, 2).
+        start: First point of each cell, and S, shape (C + 1,).
+        column, row: Indices of each cell, sorted by column, then row, shape (C,).
+        eps: Radius of a neighbourhood.
+    """
+
+    points: NDArray[np.float64]
+    start: NDArray[np.int64]
+    column: NDArray[np.int64]
+    row: NDArray[np.int64]
+    eps: float
+
 
 _REACH = 2
 _COLUMNS = 2 * _REACH + 1
@@ -47,11 +65,7 @@ def _is_near(column: NDArray[np.int64], row: NDArray[np.int64], cell: int, offse
 
 @kernel
 def mark_cores(
-    points: NDArray[np.float64],
-    start: NDArray[np.int64],
-    column: NDArray[np.int64],
-    row: NDArray[np.int64],
-    eps: float,
+    cells: Cells,
     min_samples: int,
     first: NDArray[np.int64],
     is_core: NDArray[np.bool_],
@@ -59,14 +73,12 @@ def mark_cores(
     """Mark the points that have `min_samples` points within eps, themselves included.
 
     Args:
-        points: Sorted by cell, shape (S, 2).
-        start: First point of each cell, and S, shape (C + 1,).
-        column, row: Indices of each cell, sorted by column, then row, shape (C,).
-        eps: Radius of a neighbourhood.
+        cells: The points.
         min_samples: At least 1.
         first: Scratch, zeros, shape (5,).
         is_core: Result, shape (S,).
     """
+    points, start, column, row, eps = cells
     reach = eps * eps
     for cell in range(len(column)):
         _advance(first, column, row, cell)
@@ -125,11 +137,7 @@ def _touch(
 
 @kernel
 def join_cells(
-    points: NDArray[np.float64],
-    start: NDArray[np.int64],
-    column: NDArray[np.int64],
-    row: NDArray[np.int64],
-    eps: float,
+    cells: Cells,
     is_core: NDArray[np.bool_],
     first: NDArray[np.int64],
     box: NDArray[np.float64],
@@ -138,12 +146,13 @@ def join_cells(
     """Join the cells whose cores chain up.
 
     Args:
-        points, start, column, row, eps: As for `mark_cores`.
+        cells: The points.
         is_core: As found by it.
         first: Scratch, zeros, shape (5,).
         box: Scratch, shape (C, 4).
         cluster: Result, shape (C,): the same number for cells of one cluster, -1 for cells without a core.
     """
+    points, start, column, row, eps = cells
     reach = eps * eps
     for cell in range(len(column)):
         cluster[cell] = -1
@@ -174,11 +183,7 @@ def join_cells(
 
 @kernel
 def attach_border(
-    points: NDArray[np.float64],
-    start: NDArray[np.int64],
-    column: NDArray[np.int64],
-    row: NDArray[np.int64],
-    eps: float,
+    cells: Cells,
     is_core: NDArray[np.bool_],
     cluster: NDArray[np.int64],
     first: NDArray[np.int64],
@@ -189,11 +194,12 @@ def attach_border(
     Of equally near cores the one with the smaller x, then y, decides, so that the order of the points does not.
 
     Args:
-        points, start, column, row, eps: As for `mark_cores`.
+        cells: The points.
         is_core, cluster: As found by it and by `join_cells`.
         first: Scratch, zeros, shape (5,).
         label: Result, shape (S,).
     """
+    points, start, column, row, eps = cells
     for cell in range(len(column)):
         _advance(first, column, row, cell)
         for i in range(start[cell], start[cell + 1]):

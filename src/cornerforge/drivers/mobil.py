@@ -41,10 +41,8 @@ class MobilNumbers(NamedTuple):
 def mobil_gain(
     speed: float,
     acceleration_now: float,
-    lead_gap: float,
-    lead_speed: float,
-    rear_gap: float,
-    rear_speed: float,
+    lead: tuple[float, float],
+    rear: tuple[float, float],
     rear_acceleration_now: float,
     idm: IdmNumbers,
     mobil: MobilNumbers,
@@ -57,12 +55,14 @@ def mobil_gain(
     Args:
         speed: Of the subject [m/s].
         acceleration_now: Its IDM acceleration in its own lane [m/s2].
-        lead_gap, lead_speed: To the vehicle ahead in the new lane [m], [m/s]; +inf and the subject's speed for none.
-        rear_gap, rear_speed: To the vehicle behind in the new lane [m], [m/s]; +inf and the subject's speed for none.
+        lead: Gap [m] and speed [m/s] of the vehicle ahead in the new lane; +inf and the subject's speed for none.
+        rear: The same of the vehicle behind.
         rear_acceleration_now: That vehicle's IDM acceleration before the change [m/s2]; 0 for none.
         idm: Parameters assumed for all vehicles.
         mobil: Parameters.
     """
+    lead_gap, lead_speed = lead
+    rear_gap, rear_speed = rear
     if lead_gap <= 0.0 or rear_gap <= 0.0:
         return NO_CHANGE
     rear_after = idm_acceleration(rear_speed, rear_gap, speed - rear_speed, idm)

@@ -20,7 +20,7 @@ from cornerforge.sim import lockstep
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, write_outcome
 from cornerforge.sim.runner import census_of
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import Setting
+from cornerforge.sim.setting import OUTSIDE, Setting
 from cornerforge.sim.statistics import Census, Counts, allocate_counts
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import AV_CRASH, AV_FAULT, IDLE, world_of
@@ -245,6 +245,7 @@ class ForeignAv:
         Raises:
             _SpoiledError: Not all of them could be.
         """
+        setting = setting.with_drivers(av=OUTSIDE)
         batch = session.batch(slots)
         size = batch.views.shape[0]
         scratch = allocate_scratch(slots, setting.who.policy)

@@ -11,7 +11,7 @@ from cornerforge.sim import lockstep
 from cornerforge.sim.av_view import AV_VIEW_VERSION
 from cornerforge.sim.keep import Keep, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
-from cornerforge.sim.setting import Setting
+from cornerforge.sim.setting import OUTSIDE, Setting
 from cornerforge.sim.world import IDLE
 from cornerforge.types import FRAME_S, Odd
 
@@ -80,7 +80,7 @@ class Steps:
     """One test in world 0 of a batch, answer by answer; what is kept goes into `keep`."""
 
     def __init__(self, setting: Setting, slots: int, batch: lockstep.Batch, keep: Keep | None = None) -> None:
-        self._setting, self._batch = setting, batch
+        self._setting, self._batch = setting.with_drivers(av=OUTSIDE), batch
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots) if keep is None else keep
         self._done = np.zeros(batch.views.shape[0], dtype=np.int64)

@@ -220,6 +220,9 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     action = NO_ACTION
     log_prob_policy = 0.0
     state.controlled = NO_VEHICLE
+    if who.others == SCRIPTED:  # first: what follows leaves in the scratch what `record_choice` reads
+        sort_by_x(w)
+        _follow_script(w, lane, setting, s.choice, keep.chances)
     if who.critical != NOBODY or recorded:
         bv, action, log_prob_policy = _critical_bv_acts(w, lane, recorded, setting, s)
     state.bv_has_answered = 0
@@ -227,10 +230,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
         count_av(w, setting.road, keep.counts)
         state.travel += count_states(w, step, setting.road, keep.counts, keep.census)
     state.bv_crashes_before = state.bv_crashes
-    if who.others == SCRIPTED:
-        sort_by_x(w)
-        _follow_script(w, lane, setting, s.choice, keep.chances)
-    else:
+    if who.others != SCRIPTED:
         decide_bvs(w, action, lane, setting, s)
     if recorded:
         record_choice(w, bv, log_prob_policy, s.choice, keep.decisions)

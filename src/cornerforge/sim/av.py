@@ -61,7 +61,9 @@ def side_gain(w: World, lane: int, acceleration_now: float, needed: float, road:
         rear_speed = v[rear].speed
         if av.mobil.politeness > 0.0:
             rear_now = lead_acceleration(w, rear, v[rear].lanes, road, av)
-    return mobil_gain(speed, acceleration_now, lead_gap, lead_speed, rear_gap, rear_speed, rear_now, av.idm, av.mobil)
+    return mobil_gain(
+        speed, acceleration_now, (lead_gap, lead_speed), (rear_gap, rear_speed), rear_now, av.idm, av.mobil
+    )
 
 
 @kernel

@@ -85,7 +85,7 @@ def _is_refused(w: World, lane: int, road: RoadNumbers, av: AvNumbers) -> bool:
     lead_gap, lead_speed, rear_gap, rear_speed = _gaps(w, lane, road)
     speed = w.vehicles[0].speed
     if av.kind != _CAUTIOUS:
-        gain = mobil_gain(speed, 0.0, lead_gap, lead_speed, rear_gap, rear_speed, 0.0, av.idm, av.mobil)
+        gain = mobil_gain(speed, 0.0, (lead_gap, lead_speed), (rear_gap, rear_speed), 0.0, av.idm, av.mobil)
         return gain == NO_CHANGE
     p = av.rss
     if lead_gap <= 0.0 or rear_gap <= 0.0:

@@ -67,6 +67,10 @@ class Manoeuvres(NamedTuple):
         horizon: Frames after the contact until which nobody may touch the AV.
         lane_changes: How many times it may decide on another lane at most.
         stopping: Deceleration [m/s2], above 0, by which it must be able to stop behind whom it has ahead at the end.
+        lookback: Frames before the contact to which moments are looked at.
+        only_partner: See `avoid_motion.continue_recording`.
+        road: Constants of the recording.
+        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
     """
 
     accelerations: NDArray[np.float64]
@@ -74,6 +78,10 @@ class Manoeuvres(NamedTuple):
     horizon: int
     lane_changes: int
     stopping: float
+    lookback: int
+    only_partner: int
+    road: RoadNumbers
+    evasive: RoadNumbers
 
 
 class Plans(NamedTuple):
@@ -279,13 +287,13 @@ def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, ro
 
 @kernel
 def _find_way_out(
-    frames: NDArray[np.void], n: int, last: int, moment: int, kind: int, m: Manoeuvres, evasive: RoadNumbers,
-    s: SearchScratch,
-) -> int:  # fmt: skip
+    frames: NDArray[np.void], n: int, last: int, moment: int, kind: int, m: Manoeuvres, s: SearchScratch
+) -> int:
     """Depth first through all sequences of decisions, each state once; returns NONE, FOUND or GAVE_UP.
 
     Row 0 holds the AV at `moment`. After FOUND the rows 1 .. steps hold it after each decision's period.
     """
+    evasive = m.evasive
     steps = -((moment - last - m.horizon) // m.every)
     s.counts[0] = 0
     s.counts[1] += 1
@@ -331,8 +339,8 @@ def _note_plan(s: SearchScratch, kind: int, moment: int, steps: int, plans: Plan
 
 @kernel
 def latest_ways_out(
-    frames: NDArray[np.void], n: int, last: int, since: int, earliest: int, m: Manoeuvres, road: RoadNumbers,
-    evasive: RoadNumbers, s: SearchScratch, plans: Plans,
+    frames: NDArray[np.void], n: int, last: int, since: int, earliest: int, m: Manoeuvres, s: SearchScratch,
+    plans: Plans,
 ) -> int:  # fmt: skip
     """Find the last moment from which there is a way out, of each kind, going back frame by frame from the contact.
 
@@ -344,8 +352,6 @@ def latest_ways_out(
         since: First moment at which braking and steering are tried alone.
         earliest: First moment to look at, at least 0; before `since` only as long as there is no way out at all.
         m: What the AV may do.
-        road: Constants of the recording.
-        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
         s: Scratch.
         plans: Filled; COMBINED holds the latest moment of all, with accelerations or lane changes alone if one of
             these will do.
@@ -359,12 +365,12 @@ def latest_ways_out(
         plans.steps[kind] = 0
     for moment in range(last - 1, earliest - 1, -1):
         steps = -((moment - last - m.horizon) // m.every)
-        _gather_near(frames, n, moment, moment + steps * m.every, m, road, s)
-        take_over(s.rows, 0, frames, moment, 0, 0.0, road)
+        _gather_near(frames, n, moment, moment + steps * m.every, m, m.road, s)
+        take_over(s.rows, 0, frames, moment, 0, 0.0, m.road)
         for kind in range(KINDS):
             if plans.moment[kind] >= 0 or (kind != COMBINED and moment < since):
                 continue
-            result = _find_way_out(frames, n, last, moment, kind, m, evasive, s)
+            result = _find_way_out(frames, n, last, moment, kind, m, s)
             if result == GAVE_UP:
                 gave_up = 1
             elif result == FOUND:

@@ -26,7 +26,6 @@ from cornerforge.sim.step import allocate_recording
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.world import RoadNumbers
 
 __all__ = [
     "CaseScratch",
@@ -92,33 +91,36 @@ class WaysOut(NamedTuple):
 
 
 class CaseScratch(NamedTuple):
-    """What `search_cases` works in; one serves one thread."""
+    """What `search_cases` works in; one serves one thread. `tail`: frames in which the fastest comes to a stop."""
 
     frames: NDArray[np.void]
     search: SearchScratch
     plans: Plans
     track: NDArray[np.float64]
+    tail: int
 
 
-def _decisions(m: Manoeuvres, lookback: int) -> int:
-    return -(-(lookback + m.horizon) // m.every)
+def _decisions(m: Manoeuvres) -> int:
+    return -(-(m.lookback + m.horizon) // m.every)
 
 
-def allocate_case_scratch(m: Manoeuvres, lookback: int, frames: int, vehicles: int, max_speed: float) -> CaseScratch:
+def allocate_case_scratch(m: Manoeuvres, frames: int, vehicles: int) -> CaseScratch:
     """Room for cases of at most so many frames and vehicles."""
-    decisions = _decisions(m, lookback)
-    longest = frames + m.horizon + m.every + stopping_frames(max_speed, m.stopping)
+    decisions = _decisions(m)
+    tail = stopping_frames(m.road.max_speed, m.stopping)
+    longest = frames + m.horizon + m.every + tail
     return CaseScratch(
         allocate_recording(longest, vehicles),
         allocate_search(decisions, longest, vehicles),
         allocate_plans(decisions),
         np.zeros((decisions * m.every + 1, 4)),
+        tail,
     )
 
 
-def allocate_ways_out(m: Manoeuvres, lookback: int, cases: int) -> WaysOut:
+def allocate_ways_out(m: Manoeuvres, cases: int) -> WaysOut:
     """Room for the answers to so many cases."""
-    decisions = _decisions(m, lookback)
+    decisions = _decisions(m)
     return WaysOut(
         begin=np.zeros(cases, dtype=np.int64),
         moment=np.full((cases, KINDS), -1, dtype=np.int64),
@@ -149,24 +151,17 @@ def _unpack(r: RecordedCrashes, c: int, frames: NDArray[np.void]) -> None:
 
 
 @kernel
-def search_cases(
-    r: RecordedCrashes, first: int, stop: int, lookback: int, only_partner: int, m: Manoeuvres, tail: int,
-    road: RoadNumbers, evasive: RoadNumbers, s: CaseScratch, out: WaysOut,
-) -> None:  # fmt: skip
+def search_cases(r: RecordedCrashes, first: int, stop: int, m: Manoeuvres, s: CaseScratch, out: WaysOut) -> None:
     """Search cases first .. stop - 1, and drive what is found (`avoid_check.drive_way_out`).
 
     Args:
         r: The recordings.
         first, stop: Range of cases.
-        lookback: Frames before the contact to which moments are looked at.
-        only_partner: See `avoid_motion.continue_recording`.
         m: What the AV may do.
-        tail: `stopping_frames` of the fastest.
-        road: Constants of the recording.
-        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
         s: Scratch.
         out: Rows first .. stop - 1 are written.
     """
+    road = m.road
     for c in range(first, stop):
         if r.partner[c] == 0:
             continue
@@ -174,14 +169,12 @@ def search_cases(
         last = r.last[c]
         _unpack(r, c, s.frames)
         out.begin[c] = manoeuvre_begin(s.frames, r.partner[c], last, road)
-        until = last + m.horizon + m.every + tail
-        continue_recording(s.frames, n, last, until, r.partner[c], only_partner, road, s.search.rows)
-        earliest = max(0, last - lookback)
+        until = last + m.horizon + m.every + s.tail
+        continue_recording(s.frames, n, last, until, r.partner[c], m.only_partner, road, s.search.rows)
+        earliest = max(0, last - m.lookback)
         s.search.counts[2] = 0
         since = max(earliest, out.begin[c])
-        out.gave_up[c] = latest_ways_out(
-            s.frames, n, last, since, earliest, m, road, evasive, s.search, s.plans
-        )  # fmt: skip
+        out.gave_up[c] = latest_ways_out(s.frames, n, last, since, earliest, m, s.search, s.plans)
         out.states[c] = s.search.counts[2]
         for kind in range(KINDS):
             moment = s.plans.moment[kind]
@@ -190,8 +183,8 @@ def search_cases(
             if moment < 0:
                 continue
             out.touched[c, kind] = drive_way_out(
-                s.frames, n, moment, s.plans.acceleration[kind, :steps], s.plans.lane[kind, :steps],
-                m.every, m.stopping, road, evasive, s.search.rows, s.track,
+                s.frames, n, moment, s.plans.acceleration[kind, :steps], s.plans.lane[kind, :steps], m,
+                s.search.rows, s.track,
             )  # fmt: skip
             if kind == COMBINED:
                 out.steps[c] = steps

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.avoid import Manoeuvres
+    from cornerforge.sim.world import World
 
 __all__ = ["drive_way_out"]
 
@@ -28,7 +29,7 @@ _DT = FRAME_S
 @kernel
 def drive_way_out(
     frames: NDArray[np.void], n: int, moment: int, accelerations: NDArray[np.float64], lanes: NDArray[np.int64],
-    every: int, stopping: float, road: RoadNumbers, evasive: RoadNumbers, w: World, track: NDArray[np.float64],
+    m: Manoeuvres, w: World, track: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Drive the AV by its decisions, then to a stop, among the others as they are in the frames.
 
@@ -40,10 +41,7 @@ def drive_way_out(
         moment: Frame of the first decision.
         accelerations: Held from each decision on [m/s2], (decisions,).
         lanes: Target lane from each decision on, (decisions,).
-        every: Frames between two decisions.
-        stopping: Deceleration to a stop [m/s2].
-        road: Constants of the recording.
-        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
+        m: What the AV may do: `every`, `stopping`, `road` and `evasive` are read.
         w: Scratch, one row at least.
         track: Filled with [x m, y m, speed m/s, heading rad] from `moment` to the end of the decisions, (at least
             1 + decisions * every, 4).
@@ -52,6 +50,7 @@ def drive_way_out(
         The first frame at which somebody touches the AV, or -1.
     """
     v = w.vehicles
+    every, stopping, road, evasive = m.every, m.stopping, m.road, m.evasive
     take_over(w, 0, frames, moment, 0, 0.0, road)
     end = moment + every * accelerations.size
     x_end = 0.0
