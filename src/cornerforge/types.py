@@ -16,8 +16,10 @@ from cornerforge.errors import UnknownNameError
 
 __all__ = [
     "ACCELERATIONS",
+    "ACTION_HOLD",
     "ACTION_LEFT",
     "ACTION_RIGHT",
+    "FIRST_ACCELERATION",
     "FRAME_S",
     "METRES_PER_MILE",
     "N_ACTIONS",
@@ -39,9 +41,13 @@ MAX_LANES = 6
 N_ACTIONS = 33
 ACTION_LEFT = 0
 ACTION_RIGHT = 1
-ACCELERATIONS: NDArray[np.float64] = np.round(np.arange(31) * 0.2 - 4.0, 1)
-"""Acceleration of action index 2 + i [m/s2], shape (31,): -4.0, -3.8, ..., 2.0. Actions 0 and 1 (left, right) hold the
-speed."""
+FIRST_ACCELERATION = 2
+"""Index of the hardest braking. The indices below are lane changes, which hold the speed; all from there on are
+accelerations."""
+ACCELERATIONS: NDArray[np.float64] = np.round(np.arange(N_ACTIONS - FIRST_ACCELERATION) * 0.2 - 4.0, 1)
+"""Acceleration of action index FIRST_ACCELERATION + i [m/s2], shape (31,): -4.0, -3.8, ..., 2.0."""
+ACTION_HOLD = FIRST_ACCELERATION + 20
+"""Index of acceleration 0."""
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import pytest
 
-from cornerforge.drivers.avs import AVS, av_hash, av_named
+from cornerforge.drivers.avs import AV_KINDS, AVS, AvLaw, av_hash, av_named
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.errors import UnknownNameError
 
@@ -32,3 +33,13 @@ def test_the_hash_is_of_the_behaviour_not_of_the_name() -> None:
     ]
     assert len({av_hash(model) for model in [av, *changed]}) == 4
     assert len({av_hash(model) for model in AVS.values()}) == len(AVS)
+
+
+def test_a_law_without_its_facts_cannot_be_declared() -> None:
+    """A forgotten limit of braking, or a forgotten look around, would give wrong contacts in silence."""
+    for name in AvLaw._fields:
+        facts: dict[str, Any] = AV_KINDS["learned"]._asdict()
+        facts.pop(name)
+        with pytest.raises(TypeError, match=name):
+            AvLaw(**facts)
+    assert sorted(law.code for law in AV_KINDS.values()) == list(range(len(AV_KINDS)))

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 from hand_built import Car, setting_of, world_of
 
-from cornerforge.drivers.avs import AvModel, AvNetwork, av_named
+from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, n_weights
 from cornerforge.ndd.model import NddModel
+from cornerforge.pipeline.av_file import av_of
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
 from cornerforge.sim.av_kinds import built_in_av_decides
+from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.world import World
-from cornerforge.types import ODDS
+from cornerforge.types import ODDS, Odd
 
 ROAD = ODDS["default"]
 PLAIN, WATCHFUL, CAUTIOUS = "idm-mobil", "idm-mobil-watchful", "rss-cautious"
@@ -144,3 +146,15 @@ def test_the_learned_one_stays_on_the_road(model: NddModel) -> None:
     running = changing(model, [Car(100.0, 0, 30.0)], {0: 1})
     assert decide(model, left, running)[1] == 1
     assert decide(model, right, running) == (0.0, 0)
+
+
+@pytest.mark.parametrize("name", sorted(AVS))
+def test_no_av_commands_more_than_its_law_declares(model: NddModel, name: str) -> None:
+    """The bounds of who can touch whom within a second rest on it; the hostile BV gives cause for hard braking."""
+    setting = setting_of(model, av=av_of(name), adversary="swerve")
+    recorder = Recorder(setting, Odd())
+    commands = np.concatenate([recorder.record(3, test).acceleration[:, 0] for test in range(60)])
+    assert commands.min() >= -setting.av.hardest_braking
+    assert commands.max() <= setting.av.strongest_acceleration
+    if name == "rss-cautious":  # the negative control: with the IDM's limits it would be a wrong declaration
+        assert commands.min() < -setting.av.idm.max_braking

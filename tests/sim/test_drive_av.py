@@ -33,7 +33,7 @@ class Worlds:
         setting = setting_of(model, odd)
         shape = NetworkShape(N_AV_FEATURES, 1, 0, 8)
         network = PolicyNumbers(np.zeros(n_weights(shape), dtype=np.float32), shape.n_inputs, 1, 0, 8)
-        self.setting = setting._replace(av=setting.av._replace(kind=AV_KINDS["learned"], network=network))
+        self.setting = setting._replace(av=setting.av._replace(kind=AV_KINDS["learned"].code, network=network))
         self.reward = reward
         self.actors = allocate_av_actors(B, n_slots(odd), N_AV_FEATURES, mix)
         self.scratch, self.nothing = allocate_scratch(n_slots(odd), NO_POLICY), keep_nothing(n_slots(odd))

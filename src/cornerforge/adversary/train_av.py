@@ -192,7 +192,7 @@ def train_av(
     check_integer("seed", seed, low=0, high=2**63 - 1)
 
     def worlds(network: PolicyNumbers) -> _Actor:
-        av = setting.av._replace(kind=AV_KINDS["learned"], network=network)
+        av = setting.av._replace(kind=AV_KINDS["learned"].code, network=network)
         road = setting.road._replace(av_substeps=DECIDES_EVERY)
         return _Actor(setting._replace(av=av, road=road).with_drivers(critical=NOBODY), slots, config, seed)
 

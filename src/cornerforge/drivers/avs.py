@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import astuple, dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,33 @@ from cornerforge.drivers.policy import NetworkShape
 from cornerforge.drivers.rss import RssParams
 from cornerforge.errors import UnknownNameError
 
-__all__ = ["AVS", "AV_KINDS", "AvModel", "AvNetwork", "av_hash", "av_named"]
+__all__ = ["AVS", "AV_KINDS", "AvLaw", "AvModel", "AvNetwork", "av_hash", "av_named"]
 
-AV_KINDS = {"plain": 0, "watchful": 1, "cautious": 2, "learned": 3}
-"""How an AV decides, and the number by which kernels know it (docs/adr/0009-built-in-avs.md).
+
+class AvLaw(NamedTuple):
+    """What the simulator reckons with before an AV drives; no field has a default, so no fact can be forgotten.
+
+    Attributes:
+        code: The number by which kernels know the law.
+        hardest_braking, strongest_acceleration: It never commands more [m/s2], above 0; None: the limits of its IDM
+            parameters. Too small a number gives wrong contacts.
+        sees_everybody: It looks at more than its nearest neighbours in each lane; where that is forgotten, it looks at
+            vehicles that stand where the second began.
+    """
+
+    code: int
+    hardest_braking: float | None
+    strongest_acceleration: float | None
+    sees_everybody: bool
+
+
+AV_KINDS = {
+    "plain": AvLaw(0, None, None, sees_everybody=False),
+    "watchful": AvLaw(1, None, None, sees_everybody=False),
+    "cautious": AvLaw(2, 12.0, 10.0, sees_everybody=False),
+    "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True),
+}
+"""How an AV decides (docs/adr/0009-built-in-avs.md).
 
 plain: IDM and MOBIL. watchful: besides, it watches both sides while it changes lanes, and evades who comes into its
 lane beside it. cautious: it keeps RSS distances. learned: a Q-network.

@@ -120,12 +120,12 @@ def q_values(
             place = _layer(weights, place, scratch[source], width, q, 1)
             value = q[0]
         else:
-            place = _layer(weights, place, scratch[source], width, q, 33)
+            place = _layer(weights, place, scratch[source], width, q, N_ACTIONS)
     mean = np.float32(0.0)
-    for a in range(33):
+    for a in range(N_ACTIONS):
         mean += q[a]
-    mean /= np.float32(33.0)
-    for a in range(33):
+    mean /= np.float32(N_ACTIONS)
+    for a in range(N_ACTIONS):
         q[a] = value + (q[a] - mean)
 
 
@@ -133,7 +133,7 @@ def q_values(
 def best_action(q: NDArray[np.float32], allowed: NDArray[np.bool_]) -> int:
     """First allowed action of the largest value; -1 when none is allowed."""
     best = -1
-    for a in range(33):
+    for a in range(N_ACTIONS):
         if allowed[a] and (best < 0 or q[a] > q[best]):
             best = a
     return best

@@ -47,7 +47,7 @@ _N_ACCELERATIONS = 31
 
 @dataclass(frozen=True)
 class InitialState:
-    """Traffic at the start of a test: a chain of vehicles per lane (DESIGN section 4).
+    """Traffic at the start of a test: a chain of vehicles per lane.
 
     Speeds are normal, cut to [speed_low, speed_high]. The next vehicle ahead follows at a log-normal time gap with
     probability `follow_share`, else at a uniform free gap. Its range rate is

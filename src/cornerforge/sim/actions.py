@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_centre, path_at, plan_path
 from cornerforge.sim.world import path_of
+from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,8 +16,17 @@ if TYPE_CHECKING:
 
     from cornerforge.sim.world import RoadNumbers, World
 
-__all__ = ["HIGHEST_COMMAND", "LOWEST_COMMAND", "apply_action", "hold", "ordered_lane", "start_lane_change"]
+__all__ = [
+    "HIGHEST_COMMAND",
+    "LOWEST_COMMAND",
+    "apply_action",
+    "hold",
+    "nearest_action",
+    "ordered_lane",
+    "start_lane_change",
+]
 
+_LAST_PLACE = N_ACTIONS - FIRST_ACCELERATION - 1
 LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
 """What an AV outside the kernels can make of its vehicle [m/s2]: commands are cut to this."""
 
@@ -70,11 +81,18 @@ def ordered_lane(w: World, i: int, side: int, road: RoadNumbers) -> int:
 
 
 @inlined_kernel
+def nearest_action(acceleration: float) -> int:
+    """Index of the action whose acceleration is nearest to a wish [m/s2]; of two equally near the larger."""
+    place = math.floor((acceleration + 4.0) * 5.0 + 0.5)
+    return FIRST_ACCELERATION + max(0, min(_LAST_PLACE, place))
+
+
+@inlined_kernel
 def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
     """Carry out an action index for slot i: 0 left, 1 right (speed held, see `ordered_lane`), 2.. acceleration."""
     v = w.vehicles
-    if action >= 2:
-        hold(v, i, accelerations[action - 2])
+    if action >= FIRST_ACCELERATION:
+        hold(v, i, accelerations[action - FIRST_ACCELERATION])
         return
     hold(v, i, 0.0)
     target = ordered_lane(w, i, 1 - 2 * action, road)

@@ -22,7 +22,7 @@ from cornerforge.sim.setting import LIKELIEST, NOBODY, OUTSIDE, POLICY, SCRIPTED
 from cornerforge.sim.statistics import BV_TRAVEL_MM, count_av, count_choices, count_states
 from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
-from cornerforge.types import ACCELERATIONS, N_ACTIONS
+from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -113,8 +113,8 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
     if substep > 0:
         return v[0].acceleration, v[0].target_lane
     action = _likeliest(w, 0, v[0].target_lane, setting, s.choice)
-    if action >= 2:
-        return _ACCELERATIONS[action - 2], v[0].target_lane
+    if action >= FIRST_ACCELERATION:
+        return _ACCELERATIONS[action - FIRST_ACCELERATION], v[0].target_lane
     return 0.0, v[0].target_lane + 1 - 2 * action
 
 

@@ -13,6 +13,7 @@ from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.sim.setting import LANE_CHANGER, POLICY, UNIFORM
 from cornerforge.sim.world import moment_of
+from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,11 +45,13 @@ def _pick_allowed(allowed: NDArray[np.bool_], first: int, end: int, draw: float)
 def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
     """The allowed acceleration action nearest to a wish [m/s2]; the first allowed action when there is none."""
     best = -1
-    for a in range(2, 33):
-        wished = abs(-4.0 + 0.2 * (a - 2) - acceleration)
-        if allowed[a] and (best < 0 or wished < abs(-4.0 + 0.2 * (best - 2) - acceleration)):
+    nearest = 0.0
+    for a in range(FIRST_ACCELERATION, N_ACTIONS):
+        wished = abs(-4.0 + 0.2 * (a - FIRST_ACCELERATION) - acceleration)
+        if allowed[a] and (best < 0 or wished < nearest):
             best = a
-    return best if best >= 0 else _pick_allowed(allowed, 0, 33, 0.0)
+            nearest = wished
+    return best if best >= 0 else _pick_allowed(allowed, 0, N_ACTIONS, 0.0)
 
 
 @kernel
@@ -87,18 +90,18 @@ def choose_action(w: World, bv: int, kind: int, epsilon: float, policy: PolicyNu
     words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_EXPLORE)
     draw = uniform(words[1])
     if kind == UNIFORM or (epsilon > 0.0 and uniform(words[0]) < epsilon):
-        return _pick_allowed(s.allowed, 0, 33, draw)
+        return _pick_allowed(s.allowed, 0, N_ACTIONS, draw)
     if kind == POLICY:
         q_values(policy, s.observation, s.layers, s.q)
         return best_action(s.q, s.allowed)
     if kind == LANE_CHANGER:
         if uniform(words[0]) < 2.0 / 3.0:
-            change = _pick_allowed(s.allowed, 0, 2, draw)
+            change = _pick_allowed(s.allowed, 0, FIRST_ACCELERATION, draw)
             if change >= 0:
                 return change
-        rest = _pick_allowed(s.allowed, 2, 33, draw)
+        rest = _pick_allowed(s.allowed, FIRST_ACCELERATION, N_ACTIONS, draw)
         # In a running change that every attentive driver would break off, turning back is all that is left.
-        return rest if rest >= 0 else _pick_allowed(s.allowed, 0, 33, draw)
+        return rest if rest >= 0 else _pick_allowed(s.allowed, 0, N_ACTIONS, draw)
     return _swerve(w, bv, s.allowed)
 
 
@@ -123,12 +126,12 @@ def sample_action(w: World, bv: int, temperature: float, policy: PolicyNumbers, 
         return best, 0.0
     most = np.float64(s.q[best])
     total = 0.0
-    for a in range(33):
+    for a in range(N_ACTIONS):
         if s.allowed[a]:
             total += exp((s.q[a] - most) / temperature)
     draw = total * uniform(block(state.seed, state.test, moment_of(w), bv, PURPOSE_ACT)[0])
     chosen = best
-    for a in range(33):
+    for a in range(N_ACTIONS):
         if s.allowed[a]:
             weight = exp((s.q[a] - most) / temperature)
             if weight > 0.0:

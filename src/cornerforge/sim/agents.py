@@ -19,7 +19,7 @@ from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.step import bring_up_to_date
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_row
-from cornerforge.types import N_ACTIONS
+from cornerforge.types import ACTION_HOLD, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,10 +62,10 @@ def substitute_action(wished: int, allowed: NDArray[np.bool_]) -> int:
     """
     if allowed[wished]:
         return wished
-    goal = wished if wished >= 2 else 22
-    for away in range(33):
+    goal = wished if wished >= FIRST_ACCELERATION else ACTION_HOLD
+    for away in range(N_ACTIONS):
         for action in (goal - away, goal + away):
-            if 2 <= action < 33 and allowed[action]:
+            if FIRST_ACCELERATION <= action < N_ACTIONS and allowed[action]:
                 return action
     return 0 if allowed[0] else 1
 

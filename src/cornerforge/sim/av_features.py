@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_bits, lane_centre
 from cornerforge.sim.av_view import VIEW_ROWS
+from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,7 +94,7 @@ def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) 
     All but lane changes that leave the road or repeat the running one.
     """
     v = w.vehicles
-    for a in range(33):
+    for a in range(N_ACTIONS):
         allowed[a] = True
     lane = v[0].target_lane
     allowed[0] = lane + 1 < road.n_lanes
@@ -109,6 +110,6 @@ def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) 
 def av_order(w: World, action: int, accelerations: NDArray[np.float64]) -> tuple[float, int]:
     """Acceleration [m/s2] and target lane of the AV for an allowed action: 0 left, 1 right (speed held), 2.. those."""
     lane = w.vehicles[0].target_lane
-    if action >= 2:
-        return accelerations[action - 2], lane
+    if action >= FIRST_ACCELERATION:
+        return accelerations[action - FIRST_ACCELERATION], lane
     return 0.0, lane + 1 - 2 * action

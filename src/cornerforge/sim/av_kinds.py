@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 __all__ = [
     "DECIDES_EVERY",
     "built_in_av_decides",
-    "drives_by_idm",
-    "sees_everybody",
 ]
 
 BESIDE = 2.0
@@ -37,28 +35,13 @@ BESIDE = 2.0
 DECIDES_EVERY = 5
 """Substeps (0.1 s) between two decisions of the learned AV."""
 _PLAIN, _WATCHFUL, _CAUTIOUS, _LEARNED = (
-    AV_KINDS["plain"],
-    AV_KINDS["watchful"],
-    AV_KINDS["cautious"],
-    AV_KINDS["learned"],
+    AV_KINDS["plain"].code,
+    AV_KINDS["watchful"].code,
+    AV_KINDS["cautious"].code,
+    AV_KINDS["learned"].code,
 )
 _ACCELERATIONS = ACCELERATIONS
 _SIDES = (1, -1)
-
-
-@inlined_kernel
-def sees_everybody(av: AvNumbers) -> bool:
-    """Does the AV look at more than its nearest neighbours in each lane?
-
-    A polite one asks how its follower would drive, hence sees through other vehicles' eyes too.
-    """
-    return av.kind == _LEARNED or av.mobil.politeness > 0.0
-
-
-@inlined_kernel
-def drives_by_idm(av: AvNumbers) -> bool:
-    """Does the AV command nothing beyond the IDM's limits?"""
-    return av.kind in (_PLAIN, _WATCHFUL)
 
 
 @inlined_kernel

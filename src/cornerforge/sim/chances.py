@@ -16,6 +16,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.naturalistic import accept_chance, following_row, free_row, lane_change_base
 from cornerforge.geometry import lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -142,11 +143,11 @@ def _add_cumulative(
     a_total = 0.0
     b_total = 0.0
     c_total = 0.0
-    for a in range(31):
+    for a in range(N_ACTIONS - FIRST_ACCELERATION):
         a_total += tables.p[rows[0], a]
         b_total += tables.p[rows[1], a]
         c_total += tables.p[rows[2], a]
-        p[2 + a] += weight * max(a_total, max(b_total, c_total))
+        p[FIRST_ACCELERATION + a] += weight * max(a_total, max(b_total, c_total))
 
 
 @kernel
@@ -406,7 +407,7 @@ def action_probabilities(
     overlook = 0.0 if attentive else tables.overlook
     overlook_conflict = 0.0 if attentive else tables.overlook_conflict
     leads = _leads(w, i, road)
-    for a in range(33):
+    for a in range(N_ACTIONS):
         p[a] = 0.0
     low = 0.0
     while low < 1.0:  # the rounding of range rates is uniform in (0, 1); between two limits the rows stay the same
@@ -428,7 +429,7 @@ def action_probabilities(
     else:
         back = 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
         p[back] = return_chance(w, i, overlook, road, tables)
-    keep = (1.0 - p[0] - p[1]) / p[32]
-    for a in range(32, 2, -1):
+    keep = (1.0 - p[0] - p[1]) / p[N_ACTIONS - 1]
+    for a in range(N_ACTIONS - 1, FIRST_ACCELERATION, -1):
         p[a] = keep * (p[a] - p[a - 1])
-    p[2] = keep * p[2]
+    p[FIRST_ACCELERATION] = keep * p[FIRST_ACCELERATION]

@@ -7,7 +7,6 @@ into it at the same moment ahead of it, the AV too, unless it overlooks it.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,11 +22,13 @@ from cornerforge.drivers.naturalistic import (
     sample_row,
 )
 from cornerforge.geometry import lane_of
+from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
 from cornerforge.sim.chances import return_chance, side_chance
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
 from cornerforge.sim.world import NO_VEHICLE, moment_of
+from cornerforge.types import FIRST_ACCELERATION
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -61,7 +62,7 @@ def _drawn(tables: NddTables, action: int) -> int:
     """The action itself, or that of a look-up put off by `_draw_later`."""
     if action <= _WORD_MASK:
         return action
-    return 2 + sample_row(tables.cut, (action >> _WORD_BITS) - 1, np.uint64(action & _WORD_MASK))
+    return FIRST_ACCELERATION + sample_row(tables.cut, (action >> _WORD_BITS) - 1, np.uint64(action & _WORD_MASK))
 
 
 @inlined_kernel
@@ -160,13 +161,13 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
 
 
 @kernel
-def _idm_index(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
-    """Acceleration index nearest to the IDM's command for the BV at a rank."""
+def _idm_action(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
+    """Action nearest to the IDM's command for the BV at a rank."""
     v = w.vehicles
     order = w.order
     i = order[rank]
     command = lead_acceleration(w, i, v[i].lanes, road, av)
-    return max(0, min(30, math.floor((command + 4.0) * 5.0 + 0.5)))
+    return nearest_action(command)
 
 
 @kernel
@@ -210,7 +211,7 @@ def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvN
     for rank in range(w.state[0].n_vehicles):
         i = w.order[rank]
         if i > 0 and v[i].present:
-            v[i].action = controlled_action if i == controlled else 2 + _idm_index(w, rank, road, av)
+            v[i].action = controlled_action if i == controlled else _idm_action(w, rank, road, av)
 
 
 @inlined_kernel
@@ -235,7 +236,7 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
         if i > 0:
             action = controlled_action if i == controlled else _decide_naturalistic(w, rank, road, tables, s)
             v[i].action = action
-            if action < 2:
+            if action < FIRST_ACCELERATION:
                 changes += 1
         for lane in range(road.n_lanes):
             if v[i].lanes & (1 << lane):

@@ -10,6 +10,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.advance import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
@@ -20,7 +21,7 @@ from cornerforge.sim.setting import NOBODY, OUTSIDE, Controllers, Setting
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, world_row
-from cornerforge.types import ACCELERATIONS
+from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -97,7 +98,7 @@ def _reward(w: World, action: int, p: AvReward, road: RoadNumbers) -> float:
         return -1.0
     v = w.vehicles
     paid: float = p.progress * (v[0].speed - 20.0) / 15.0 - p.acceleration * abs(v[0].acceleration) / 4.0
-    if action < 2:
+    if action < FIRST_ACCELERATION:
         paid -= p.lane_change
     if p.nearness > 0.0:
         paid -= p.nearness * _nearness(w, p.time_gap, road)
@@ -127,7 +128,7 @@ def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArra
         allocate_worlds(n_worlds, slots),
         hostile,
         np.zeros((n_worlds, n_inputs), dtype=np.float32),
-        np.zeros((n_worlds, 33), dtype=np.bool_),
+        np.zeros((n_worlds, N_ACTIONS), dtype=np.bool_),
         np.zeros(1, dtype=AV_FINISHED),
     )
 
@@ -171,7 +172,8 @@ def _as_idm_mobil(w: World, setting: Setting, allowed: NDArray[np.bool_]) -> int
         action = 0 if change < 0 else 1
         if allowed[action]:
             return action
-    return 2 + max(0, min(30, math.floor((command + 4.0) * 5.0 + 0.5)))
+    nearest: int = nearest_action(command)
+    return nearest
 
 
 @kernel
@@ -189,7 +191,7 @@ def _choose(
     if uniform(words[0]) < epsilon:
         if uniform(words[1]) < 0.5:
             return _as_idm_mobil(w, setting, allowed)
-        action = min(32, math.floor(33.0 * uniform(words[2])))
+        action = min(N_ACTIONS - 1, math.floor(N_ACTIONS * uniform(words[2])))
         while not allowed[action]:
             action += 1
         return action

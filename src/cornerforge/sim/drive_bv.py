@@ -31,6 +31,7 @@ from cornerforge.sim.world import (
     world_of,
     world_row,
 )
+from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -136,7 +137,7 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
         allocate_worlds(n_worlds, slots),
         allocate_history(n_worlds, setting, slots),
         np.zeros((n_worlds, n_inputs), dtype=np.float32),
-        np.zeros((n_worlds, 33), dtype=np.bool_),
+        np.zeros((n_worlds, N_ACTIONS), dtype=np.bool_),
         np.zeros(1, dtype=FINISHED),
     )
 
@@ -229,7 +230,7 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
     lanes_left = v[0].target_lane - v[bv].target_lane
     behind = v[0].x - v[bv].x
     if lanes_left == 0 and behind > 0.0:
-        for a in range(32, 1, -1):
+        for a in range(N_ACTIONS - 1, FIRST_ACCELERATION - 1, -1):
             if allowed[a]:
                 return a
     toward = 0 if lanes_left > 0 else 1

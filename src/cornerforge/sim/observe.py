@@ -11,6 +11,7 @@ from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import lane_centre
 from cornerforge.sim.chances import action_probabilities
+from cornerforge.types import N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -156,7 +157,7 @@ def allowed_actions(
         allowed: Where the mask goes.
     """
     v = w.vehicles
-    for a in range(33):
+    for a in range(N_ACTIONS):
         allowed[a] = True
     lane = v[bv].target_lane
     allowed[0] = lane + 1 < road.n_lanes
@@ -168,19 +169,19 @@ def allowed_actions(
             allowed[1] = False
     if bounded:
         action_probabilities(w, bv, True, v[0].target_lane, road, tables, c, p)
-        for a in range(33):
+        for a in range(N_ACTIONS):
             allowed[a] = allowed[a] and p[a] > 0.0
         left = w.state[0].budget_left
         if left > 0:
             most = _largest(p)
-            for a in range(33):
+            for a in range(N_ACTIONS):
                 allowed[a] = allowed[a] and surprise(p[a], most) < left
 
 
 @kernel
 def _largest(p: NDArray[np.float64]) -> float:
     most = 0.0
-    for a in range(33):
+    for a in range(N_ACTIONS):
         most = max(most, p[a])
     return most
 

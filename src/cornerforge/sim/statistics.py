@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cornerforge._jit import kernel
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.types import ACCELERATIONS
+from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
 
 if TYPE_CHECKING:
     from cornerforge.sim.world import RoadNumbers, World
@@ -287,8 +287,8 @@ def count_choices(w: World, road: RoadNumbers, counts: Counts) -> None:
         if has_crash and v[i].present == 0:
             counts.totals[CRASHED_BVS] += 1
         acceleration = 0.0
-        if v[i].action >= 2:
-            acceleration = _ACCELERATIONS[v[i].action - 2]
+        if v[i].action >= FIRST_ACCELERATION:
+            acceleration = _ACCELERATIONS[v[i].action - FIRST_ACCELERATION]
         else:
             counts.totals[LANE_CHANGES] += 1
             if w.seen[i].lanes & (1 << v[i].target_lane) == 0:

@@ -11,8 +11,8 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
-from cornerforge.sim.av_kinds import drives_by_idm, sees_everybody
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
+from cornerforge.sim.setting import BUILT_IN
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
@@ -50,7 +50,7 @@ _DT = FRAME_S
 _FULL_STEERING_SPEED = 5.0
 _ACCELERATIONS = ACCELERATIONS
 _HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0
-"""No AV brakes or accelerates harder [m/s2]: what `IdmParams` allows; orders from outside are cut to less."""
+"""What is reckoned with for an AV that does not drive by its own law [m/s2]; orders from outside are cut to less."""
 
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
@@ -214,13 +214,12 @@ def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: 
         if v[i].present:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
-    everybody = everybody or sees_everybody(av)
-    bound_by_idm = drives_by_idm(av) and not everybody
-    braking = av.idm.max_braking if bound_by_idm else _HARDEST_BRAKING
-    acceleration = av.idm.max_acceleration if bound_by_idm else _STRONGEST_ACCELERATION
+    by_its_law = setting.who.av == BUILT_IN
+    braking = av.hardest_braking if by_its_law else _HARDEST_BRAKING
+    acceleration = av.strongest_acceleration if by_its_law else _STRONGEST_ACCELERATION
     bound_motion(w, braking, acceleration, s)
     find_pairs(w, road, s)
-    choose_current(w, s, everybody, road)
+    choose_current(w, s, everybody or av.sees_everybody != 0, road)
     w.state[0].decisions += 1
 
 

@@ -189,8 +189,11 @@ class AvNumbers(NamedTuple):
     Attributes:
         idm, mobil: Parameters of the built-in AV.
         sees_intentions: 1 if it takes a vehicle that is entering a lane for one that is in it, and gives way to one
-        that
-            enters its own target lane; 0 for the plain model that goes by lane centres.
+            that enters its own target lane; 0 for the plain model that goes by lane centres.
+        kind: Code of its law.
+        rss, network: Of the cautious and the learned kind.
+        hardest_braking, strongest_acceleration: It never commands more [m/s2].
+        sees_everybody: 1 if it looks at more than its nearest neighbours in each lane.
     """
 
     idm: IdmNumbers
@@ -199,6 +202,9 @@ class AvNumbers(NamedTuple):
     kind: int
     rss: RssNumbers
     network: PolicyNumbers
+    hardest_braking: float
+    strongest_acceleration: float
+    sees_everybody: int
 
 
 def n_slots(odd: Odd) -> int:
@@ -231,6 +237,7 @@ def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> 
 
 def numbers_of_av(model: AvModel) -> AvNumbers:
     """Constants of a built-in AV for the kernels; a learned AV without its network drives nowhere but can be built."""
+    law = AV_KINDS[model.kind]
     network = NO_POLICY
     if model.network is not None:
         s = model.network.shape
@@ -239,9 +246,15 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
         IdmNumbers(*astuple(model.idm)),
         MobilNumbers(*astuple(model.mobil)),
         int(model.sees_intentions),
-        AV_KINDS[model.kind],
+        law.code,
         RssNumbers(*astuple(model.rss)),
         network,
+        hardest_braking=model.idm.max_braking if law.hardest_braking is None else law.hardest_braking,
+        strongest_acceleration=model.idm.max_acceleration
+        if law.strongest_acceleration is None
+        else law.strongest_acceleration,
+        # A polite AV asks how its follower would drive, hence sees through other vehicles' eyes too.
+        sees_everybody=int(law.sees_everybody or model.mobil.politeness > 0.0),
     )
 
 
