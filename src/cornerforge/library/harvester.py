@@ -111,18 +111,28 @@ class Harvester:
             counting: Fill the histograms too.
         """
         out, done = allocate_outcomes(count), 0
-        counts, census = allocate_counts() if counting else self._no_counts, census_of(counting)
-        at = Buffers(
+        counts = allocate_counts() if counting else self._no_counts
+        at = self._buffers(counts, counting)
+        while done < count:
+            rest = Outcomes._make(column[done:] for column in out)
+            done += harvest_range(seed, first + done, self._setting, at, rest, self._cases.room())
+        return harvested_of(first, out, counts, self._cases)
+
+    def warm_up(self) -> None:
+        """Load the compiled kernels, or compile them, so that timings do not count it."""
+        nothing = self._buffers(self._no_counts, False)
+        harvest_range(0, 0, self._setting, nothing, allocate_outcomes(0), self._cases.room())
+
+    def _buffers(self, counts: Counts, counting: bool) -> Buffers:
+        """Where tests are driven, counted into `counts`."""
+        census = census_of(counting)
+        return Buffers(
             self._world,
             self._scratch,
             counted=self._nothing._replace(counts=counts, census=census),
             whole_counted=self._whole._replace(counts=counts, census=census),
             whole=self._whole,
         )
-        while done < count:
-            rest = Outcomes._make(column[done:] for column in out)
-            done += harvest_range(seed, first + done, self._setting, at, rest, self._cases.room())
-        return harvested_of(first, out, counts, self._cases)
 
 
 def harvested_of(first: int, outcomes: Outcomes, counts: Counts, cases: CaseRoom) -> Harvested:

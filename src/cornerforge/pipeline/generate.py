@@ -279,7 +279,10 @@ def fill_library(
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
     """
     n_threads = check_threads(threads)
-    run.warm_up()
+    if run.foreign is None:
+        Harvester(run.setting, run.slots).warm_up()
+    else:
+        run.warm_up()
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
     if tally is not None:

@@ -64,7 +64,7 @@ def view_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArr
     """The AV's view, into `out`.
 
     Args:
-        w: The world; the state of every vehicle must be that of this moment (`begin_second` with `everybody`).
+        w: The world; the state of every vehicle must be that of this moment (`step.begin_to_act` with `everybody`).
         road: Constants.
         found: Scratch, int64 (VIEW_ROWS - 1,).
         out: float32 (VIEW_ROWS, VIEW_COLUMNS), as the head of this module says.

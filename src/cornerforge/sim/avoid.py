@@ -346,7 +346,7 @@ def latest_ways_out(
 
     Args:
         frames: Recording with its continuation (`continue_recording`) until `stopping_frames` after the end of the
-            last decision's period, (frames, slots) of `step.FRAME_FIELDS`.
+            last decision's period, (frames, slots) of `fields.FRAME_FIELDS`.
         n: Number of vehicles.
         last: Frame of the contact.
         since: First moment at which braking and steering are tried alone.

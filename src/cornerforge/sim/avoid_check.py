@@ -36,7 +36,7 @@ def drive_way_out(
     While the decisions last everybody counts; while it stops only who is ahead of it when it begins to.
 
     Args:
-        frames: Recording with its continuation, (frames, slots) of `step.FRAME_FIELDS`.
+        frames: Recording with its continuation, (frames, slots) of `fields.FRAME_FIELDS`.
         n: Number of vehicles.
         moment: Frame of the first decision.
         accelerations: Held from each decision on [m/s2], (decisions,).

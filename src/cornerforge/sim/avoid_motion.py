@@ -79,7 +79,7 @@ def take_over(
     Args:
         w: From `allocate_rows`.
         row: Where to.
-        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`.
+        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
         frame, slot: Who, when.
         acceleration: Held from now on [m/s2].
         road: Constants.
@@ -116,7 +116,7 @@ def continue_recording(
     is not there at the contact are absent.
 
     Args:
-        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`, with room for `until`.
+        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`, with room for `until`.
         n: Number of vehicles.
         last: Frame of the contact.
         until: Last frame to write.

@@ -100,7 +100,7 @@ def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: Roa
     pauses below 1 s; else the test's begin.
 
     Args:
-        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`.
+        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
         partner: Slot that the AV touched.
         last: Frame of the contact.
         road: Constants.
@@ -165,7 +165,7 @@ def is_avoidable(
     on when it began to brake. False when the contact comes before the AV's reaction.
 
     Args:
-        frames: Recording, (frames, slots) of `step.FRAME_FIELDS`.
+        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
         n: Number of vehicles.
         last: Frame of the contact.
         partner: Slot that the AV touched.

@@ -70,7 +70,7 @@ class Keep(NamedTuple):
     """Where a drive is kept; arrays of size 0 keep nothing.
 
     Attributes:
-        recording: Frames, (T, N) of `step.FRAME_FIELDS`, nobody there.
+        recording: Frames, (T, N) of `fields.FRAME_FIELDS`, nobody there.
         decisions: Of the first K seconds.
         chances: P(action) of each BV at each decision of a scripted drive, float64 (K, N, 33).
         counts: Histograms to add to.
