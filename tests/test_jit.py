@@ -50,6 +50,21 @@ def _all(values, i):
     return _first(values) * _chosen(values, i)
 
 
+@kernel
+def _seldom(values):
+    return values[0] - 1.0
+
+
+@inlined_kernel
+def _often(values):
+    return _seldom(values) + values[1]
+
+
+@kernel
+def _both(values):
+    return _often(values)
+
+
 def _versions(function: Any) -> tuple[int, int]:
     """How often it was compiled as a program, and as a part of one."""
     return len(function.overloads), len(function._part.overloads)
@@ -67,6 +82,19 @@ def test_a_program_calls_its_parts_and_python_calls_any_of_them() -> None:
     assert _first(values) == 7.0
     assert _doubled(values, 1) == 10.0
     assert _first(values.astype(np.float32)) == 7.0
+
+
+def test_only_an_inlined_kernel_is_melted_into_its_callers() -> None:
+    """Numba hands `forceinline` on to whatever it compiles on the way: a plain kernel must not take it over."""
+
+    def is_melted(part: Any) -> bool:
+        (version,) = part._part.overloads.values()
+        lowered = version.library._final_module.get_function(version.fndesc.mangled_name)
+        return any(b"alwaysinline" in each for each in lowered.attributes)
+
+    assert _both(np.array([3.0, 5.0])) == 7.0
+    assert is_melted(_often)
+    assert not is_melted(_seldom)
 
 
 def test_a_part_that_raises_reaches_python() -> None:

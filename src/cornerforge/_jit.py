@@ -30,9 +30,17 @@ if TYPE_CHECKING:
 
 __all__ = ["announce_compiling", "cache_folder", "inlined_kernel", "kernel", "prefetch"]
 
-_OPTIONS: dict[str, Any] = {"nopython": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+_OPTIONS: dict[str, Any] = {
+    "nopython": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "_nrt": False,
+    "forceinline": False,
+}
 # `_nrt`: no reference counting, which took most of the time where arrays travel in tuples, and no allocation, which
 # kernels must not do anyway. The switch is private to Numba (docs/adr/0006-compiled-kernels.md).
+# `forceinline`, said even where it is off: a kernel that says nothing takes it over from whichever caller happens to be
+# compiled first, and all of advance was one function of 68,000 instructions that took LLVM a minute.
 
 F = TypeVar("F", bound=Callable[..., object])
 

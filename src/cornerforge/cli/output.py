@@ -122,9 +122,9 @@ def compiling_text() -> str:
     from cornerforge._jit import cache_folder
 
     if cache_folder():
-        return "Compiling the simulator, once per installation; about a minute."
+        return "Compiling the simulator, once per installation; half a minute."
     return (
-        "Compiling the simulator for this run only, about a minute: no folder for its machine code can be written; "
+        "Compiling the simulator for this run only, half a minute: no folder for its machine code can be written; "
         "name one in NUMBA_CACHE_DIR."
     )
 

@@ -17,7 +17,7 @@ __all__ = ["reproduce", "run"]
 @app.command()
 @takes_world("av", "odd", "lanes", "model", "bounded")
 def run(
-    effort: Annotated[str, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.")] = "quick",
+    effort: Annotated[str, typer.Option(help="quick (2 minutes on 2 cores), standard (15) or paper.")] = "quick",
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
     budget: Annotated[

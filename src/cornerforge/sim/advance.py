@@ -149,7 +149,7 @@ def look_as_bv(
     return bv
 
 
-@kernel
+@inlined_kernel
 def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[int, float]:
     """The adversary of this run chooses for the critical BV, and pays for it.
 
@@ -177,7 +177,7 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
     return action, log_prob_policy
 
 
-@kernel
+@inlined_kernel
 def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, s: Scratch) -> tuple[int, int, float]:
     """Find the critical BV and let the adversary, if there is one, choose what it does.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._elementary import exp, log
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.sim.setting import LANE_CHANGER, POLICY, UNIFORM
@@ -41,7 +41,7 @@ def _pick_allowed(allowed: NDArray[np.bool_], first: int, end: int, draw: float)
     return -1
 
 
-@kernel
+@inlined_kernel
 def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
     """The allowed acceleration action nearest to a wish [m/s2]; the first allowed action when there is none."""
     best = -1
@@ -54,7 +54,7 @@ def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
     return best if best >= 0 else _pick_allowed(allowed, 0, N_ACTIONS, 0.0)
 
 
-@kernel
+@inlined_kernel
 def _swerve(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
     """Draw level a little behind the AV in the next lane, then change into its lane."""
     v = w.vehicles
@@ -74,7 +74,7 @@ def _swerve(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
     return _nearest_allowed(0.4 * (-1.0 - dx) + 1.0 * (v[0].speed - v[bv].speed), allowed)
 
 
-@kernel
+@inlined_kernel
 def choose_action(w: World, bv: int, kind: int, epsilon: float, policy: PolicyNumbers, s: ChoiceScratch) -> int:
     """The controlled BV's action, one of those marked in `s.allowed`; `s.observation` must be filled for the policy.
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel
 from cornerforge.geometry import lane_bits, lane_centre
 from cornerforge.sim.av_view import VIEW_ROWS
 from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
@@ -53,7 +53,7 @@ def _describe(view: NDArray[np.float32], row: int, length: float, place: int, ou
     out[place + 7] = view[row, 5] / 4.0
 
 
-@kernel
+@inlined_kernel
 def av_features(view: NDArray[np.float32], road: RoadNumbers, out: NDArray[np.float32]) -> None:
     """The learned AV's observation, into `out`.
 
@@ -87,7 +87,7 @@ def av_features(view: NDArray[np.float32], road: RoadNumbers, out: NDArray[np.fl
             place += 2 * _PER_OTHER
 
 
-@kernel
+@inlined_kernel
 def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) -> None:
     """Which actions the learned AV may take, into `allowed`, bool (33,).
 
@@ -106,7 +106,7 @@ def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) 
             allowed[1] = False
 
 
-@kernel
+@inlined_kernel
 def av_order(w: World, action: int, accelerations: NDArray[np.float64]) -> tuple[float, int]:
     """Acceleration [m/s2] and target lane of the AV for an allowed action: 0 left, 1 right (speed held), 2.. those."""
     lane = w.vehicles[0].target_lane

@@ -183,7 +183,7 @@ def _cautious(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
     return command, best_lane
 
 
-@kernel
+@inlined_kernel
 def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
     """The action of the largest Q at substeps 0 and 5 of each second; in between it goes on."""
     v = w.vehicles

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel
 from cornerforge.sim.neighbours import SIGHT
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ VIEW_ROWS = 13
 VIEW_COLUMNS = 8
 
 
-@kernel
+@inlined_kernel
 def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
     """Slots of the vehicles nearest to the AV along the road, nearest first, into `found`; returns their number."""
     v = w.vehicles
@@ -59,7 +59,7 @@ def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
     return count
 
 
-@kernel
+@inlined_kernel
 def view_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[np.float32]) -> None:
     """The AV's view, into `out`.
 

@@ -122,7 +122,7 @@ def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> flo
     return limit if limit > above else 1.0
 
 
-@kernel
+@inlined_kernel
 def _add_cumulative(
     v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
     road: RoadNumbers, tables: NddTables, p: NDArray[np.float64],
@@ -346,7 +346,7 @@ def _add_set(c: StarterScratch, row: int, count: int, starters: int, chance: flo
     return count + 1
 
 
-@kernel
+@inlined_kernel
 def _goes_chance(
     w: World, i: int, lane: int, overlook_conflict: float, av_lane: int, road: RoadNumbers, tables: NddTables,
     c: StarterScratch,

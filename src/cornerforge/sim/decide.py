@@ -160,7 +160,7 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
     return action
 
 
-@kernel
+@inlined_kernel
 def _idm_action(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
     """Action nearest to the IDM's command for the BV at a rank."""
     v = w.vehicles
@@ -203,7 +203,7 @@ def _gives_way(w: World, i: int, target: int, av_lane: int, setting: Setting, s:
     return waits
 
 
-@kernel
+@inlined_kernel
 def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvNumbers) -> None:
     """Every BV chooses the acceleration nearest to the IDM's; the controlled one takes `controlled_action`."""
     v = w.vehicles

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel
 from cornerforge.geometry import lane_of
 from cornerforge.sim.world import NO_VEHICLE, UNKNOWN
 
@@ -70,7 +70,7 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
     return lead, rear
 
 
-@kernel
+@inlined_kernel
 def nearest_bv(w: World) -> int:
     """Slot of the BV whose centre is nearest to the AV's; -1 when there is none (paper: the critical BV)."""
     v = w.vehicles

@@ -126,7 +126,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
         out[place + 4] = 1.0
 
 
-@kernel
+@inlined_kernel
 def allowed_actions(
     w: World,
     bv: int,
@@ -200,7 +200,7 @@ def surprise(p: float, most: float) -> int:
     return math.ceil((log(most) - log(p)) * UNITS_PER_NAT)  # most / p may overflow
 
 
-@kernel
+@inlined_kernel
 def spend_budget(
     w: World, bv: int, action: int, road: RoadNumbers, tables: NddTables, c: StarterScratch, p: NDArray[np.float64]
 ) -> None:

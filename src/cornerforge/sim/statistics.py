@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
 
@@ -199,7 +199,7 @@ def _nearest_lead(w: World, rank: int) -> int:
     return -1
 
 
-@kernel
+@inlined_kernel
 def _count_following(counts: Counts, speed: float, gap: float, rate: float) -> None:
     """Count a state behind a leader: gap [m], rate: leader minus follower [m/s]."""
     time_gap = gap / max(speed, 0.1)
@@ -219,7 +219,7 @@ def _count_following(counts: Counts, speed: float, gap: float, rate: float) -> N
     _count_joint(counts, INVERSE_TTC, speed, inverse)
 
 
-@kernel
+@inlined_kernel
 def count_states(w: World, time: int, road: RoadNumbers, counts: Counts, census: Census) -> float:
     """Count the states of the BVs of a census at decision time `time` [s], and remember them for `count_choices`.
 
