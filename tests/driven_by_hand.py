@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.types import Crash, Odd, Scenario
 
 FRAMES = 200
@@ -60,7 +60,7 @@ def scenario_of(drivers: list[Driver], partner: int = 1, lanes: int = 4) -> Scen
     x, y, heading = stacked["x"], stacked["y"], stacked["heading"]
     for frame in range(1, FRAMES):
         a, b = ((x[frame, i], y[frame, i], heading[frame, i]) for i in (0, partner))
-        if boxes_overlap(*a, *b, 5.0, 2.0):
+        if boxes_overlap(Box(*a, 5.0, 2.0), Box(*b, 5.0, 2.0)):
             break
     else:
         raise AssertionError("these two do not touch")

@@ -24,7 +24,7 @@ STATE = st.tuples(number(0.0, 24.0), number(-4.0, 4.0), number(-6.0, 6.0))
 
 
 def overlap(a: Pose, b: Pose, length: float = LENGTH, width: float = WIDTH) -> bool:
-    return geometry.boxes_overlap(*a, *b, length, width)
+    return geometry.boxes_overlap(geometry.Box(*a, length, width), geometry.Box(*b, length, width))
 
 
 def rectangle(pose: Pose, length: float, width: float) -> Polygon:
@@ -194,3 +194,24 @@ def test_a_mirrored_plan_is_the_mirror_of_the_plan(
     mirrored, also_planned = geometry.plan_path(-y, -speed, -acceleration, -y_end, duration, 4.0)
     assert also_planned == planned
     assert mirrored == tuple(-c for c in path)
+
+
+def test_boxes_of_two_sizes_overlap_as_their_polygons_do(seed: int) -> None:
+    """A truck, a car, a motorcycle, and whatever lies between, against Sutherland and Hodgman's common area."""
+    rng = np.random.default_rng(seed)
+    hair = 1e-6
+    found = []
+    for _ in range(2000):
+        a, b = ((*rng.uniform(-9.0, 9.0, 2), rng.uniform(-math.pi, math.pi)) for _ in range(2))
+        sizes = [(rng.uniform(2.0, 17.0), rng.uniform(0.7, 2.6)) for _ in range(2)]
+        area = [
+            common_area(rectangle(a, sizes[0][0] + h, sizes[0][1] + h), rectangle(b, sizes[1][0] + h, sizes[1][1] + h))
+            for h in (-hair, hair)
+        ]
+        if area[0] == 0.0 and area[1] > 0.0:
+            continue
+        touches = geometry.boxes_overlap(geometry.Box(*a, *sizes[0]), geometry.Box(*b, *sizes[1]))
+        assert touches == (area[0] > 0.0)
+        assert touches == geometry.boxes_overlap(geometry.Box(*b, *sizes[1]), geometry.Box(*a, *sizes[0]))
+        found.append(touches)
+    assert 400 < sum(found) < 1600

@@ -22,8 +22,8 @@ from cornerforge._kernel_cache import choose_folder
 
 CACHED = """
 import numpy as np
-from cornerforge.geometry import boxes_overlap
-boxes_overlap(0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 5.0, 2.0)
+from cornerforge.geometry import Box, boxes_overlap
+boxes_overlap(Box(0.0, 0.0, 0.0, 5.0, 2.0), Box(4.0, 0.0, 0.0, 5.0, 2.0))
 print(sum(boxes_overlap.stats.cache_hits.values()), sum(boxes_overlap.stats.cache_misses.values()))
 """
 

@@ -6,11 +6,13 @@ This module is all that the simulator knows of the road: lanes are straight, num
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 
 __all__ = [
+    "Box",
     "boxes_overlap",
     "lane_bits",
     "lane_centre",
@@ -53,38 +55,44 @@ def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) 
     return bits
 
 
-@inlined_kernel
-def boxes_overlap(
-    xa: float, ya: float, heading_a: float, xb: float, yb: float, heading_b: float, length: float, width: float
-) -> bool:
-    """Do two equal boxes share a point? Separating axes (Gottschalk et al. 1996); touching edges do not count.
+class Box(NamedTuple):
+    """The outline of a vehicle: centre [m], heading, counter-clockwise [rad], and size [m]."""
 
-    Args:
-        xa, ya, xb, yb: Centres [m].
-        heading_a, heading_b: Counter-clockwise [rad].
-        length, width: Of both boxes [m].
-    """
-    dx = xb - xa
-    dy = yb - ya
-    reach = math.sqrt(length * length + width * width)
+    x: float
+    y: float
+    heading: float
+    length: float
+    width: float
+
+
+@inlined_kernel
+def boxes_overlap(a: Box, b: Box) -> bool:
+    """Do two boxes share a point? Separating axes (Gottschalk et al. 1996); touching edges do not count."""
+    dx = b.x - a.x
+    dy = b.y - a.y
+    if a.heading == 0.0 and b.heading == 0.0:
+        return abs(dx) < 0.5 * (a.length + b.length) and abs(dy) < 0.5 * (a.width + b.width)
+    reach = 0.5 * (
+        math.sqrt(a.length * a.length + a.width * a.width) + math.sqrt(b.length * b.length + b.width * b.width)
+    )
     if abs(dx) >= reach or abs(dy) >= reach:
         return False
-    if heading_a == 0.0 and heading_b == 0.0:
-        return abs(dx) < length and abs(dy) < width
-    half_length = 0.5 * length
-    half_width = 0.5 * width
-    sa, ca = sin_cos(heading_a)
-    sb, cb = sin_cos(heading_b)
+    sa, ca = sin_cos(a.heading)
+    sb, cb = sin_cos(b.heading)
     cos_between = abs(ca * cb + sa * sb)
     sin_between = abs(ca * sb - sa * cb)
-    along = half_length + half_length * cos_between + half_width * sin_between
-    across = half_width + half_length * sin_between + half_width * cos_between
     return (
-        abs(dx * ca + dy * sa) < along
-        and abs(dy * ca - dx * sa) < across
-        and abs(dx * cb + dy * sb) < along
-        and abs(dy * cb - dx * sb) < across
+        abs(dx * ca + dy * sa) < _half_cover(a.length, b, cos_between, sin_between)
+        and abs(dy * ca - dx * sa) < _half_cover(a.width, b, sin_between, cos_between)
+        and abs(dx * cb + dy * sb) < _half_cover(b.length, a, cos_between, sin_between)
+        and abs(dy * cb - dx * sb) < _half_cover(b.width, a, sin_between, cos_between)
     )
+
+
+@inlined_kernel
+def _half_cover(own: float, other: Box, of_length: float, of_width: float) -> float:
+    """Half of a box's `own` side, and half of the shadow that another box casts on it [m]."""
+    return 0.5 * own + 0.5 * other.length * of_length + 0.5 * other.width * of_width
 
 
 @inlined_kernel

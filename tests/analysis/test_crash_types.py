@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cornerforge.analysis import CRASH_TYPES, STRIKERS, classify_crashes
 from cornerforge.analysis.contact import FRONT, REAR, SIDE, find_contact
 from cornerforge.errors import InputError
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 
 D = np.pi / 180.0
 
@@ -49,7 +49,7 @@ def as_pose(av: Sequence[float], bv: Sequence[float]) -> np.ndarray:
 
 def overlap(pose: np.ndarray) -> bool:
     (xa, ya, _, ha), (xb, yb, _, hb) = pose[0].tolist()
-    return boxes_overlap(xa, ya, ha, xb, yb, hb, 5.0, 2.0)
+    return boxes_overlap(Box(xa, ya, ha, 5.0, 2.0), Box(xb, yb, hb, 5.0, 2.0))
 
 
 def mirrored(pose: np.ndarray) -> np.ndarray:

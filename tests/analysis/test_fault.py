@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from cornerforge.analysis.fault import FAULT_COLUMNS, FAULTS, RULES, Duties, Faults, RssRules, assign_fault
 from cornerforge.analysis.recordings import Recordings, pair_motion, recordings_of_scenarios
 from cornerforge.errors import InputError
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.types import ODDS, Crash, Scenario
 
 DT = 0.1
@@ -70,7 +70,7 @@ def crash(av: Car, *bvs: Car, test: int = 0) -> Scenario:
 
     def touched(frame: int, other: int) -> bool:
         a, b = ((x[frame, i], y[frame, i], heading[frame, i]) for i in (0, other))
-        return bool(boxes_overlap(*a, *b, odd.vehicle_length, odd.vehicle_width))
+        return bool(boxes_overlap(*(Box(*pose, odd.vehicle_length, odd.vehicle_width) for pose in (a, b))))
 
     touches = ((t, i) for t in range(len(x)) for i in range(1, x.shape[1]) if touched(t, i))
     frame, partner = next(touches)

@@ -19,7 +19,7 @@ from cornerforge.adversary.config import PRESETS, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.paper import ITEMS, clusters, examples, figure3, figure6, figure7
 from cornerforge.pipeline.paper import bench as bench_module
@@ -282,8 +282,8 @@ def test_figures_of_a_library_count_every_case_and_can_be_drawn(swerving: Bench)
         contact = example["moments"][-1]
         assert contact["before"] == 0.0
         assert contact["bv"] is not None
-        (xa, ya, ha), (xb, yb, hb) = contact["av"], contact["bv"]
-        assert boxes_overlap(xa, ya, ha, xb, yb, hb, example["length"] + 0.01, example["width"] + 0.01)
+        size = example["length"] + 0.01, example["width"] + 0.01
+        assert boxes_overlap(Box(*contact["av"], *size), Box(*contact["bv"], *size))
 
 
 def test_shares_of_kinds_are_those_of_all_cases(swerving: Bench) -> None:

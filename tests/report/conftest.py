@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.pipeline import analyse
 from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Crash, Odd, Scenario
@@ -69,7 +69,9 @@ def _first_contact(scenes: Scenes) -> int | None:
     x, y, heading = scenes["x"], scenes["y"], scenes["heading"]
     for k in range(FRAMES):
         a, b = ((x[k, i], y[k, i], heading[k, i]) for i in (0, 1))
-        if boxes_overlap(*a, *b, ODD.vehicle_length, ODD.vehicle_width):
+        if boxes_overlap(
+            Box(*a, ODD.vehicle_length, ODD.vehicle_width), Box(*b, ODD.vehicle_length, ODD.vehicle_width)
+        ):
             return k
     return None
 

@@ -22,7 +22,7 @@ import pytest
 from cornerforge.analysis import fault, value
 from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
 from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
@@ -115,7 +115,7 @@ def test_only_the_scripts_of_the_page_may_run(run_folder: Path) -> None:
 def _touches(case: dict[str, Any], frame: int) -> bool:
     av, partner = (case["vehicles"][index] for index in (0, case["partner"]))
     a, b = ([vehicle[key][frame - vehicle["from"]] for key in ("x", "y", "h")] for vehicle in (av, partner))
-    return bool(boxes_overlap(a[0], a[1], a[2], b[0], b[1], b[2], case["length"], case["width"]))
+    return bool(boxes_overlap(Box(*a, case["length"], case["width"]), Box(*b, case["length"], case["width"])))
 
 
 def test_boxes_touch_at_the_crash_and_not_before(run_folder: Path) -> None:
@@ -201,9 +201,10 @@ def test_the_way_out_leaves_the_recording_and_touches_nobody(run_folder: Path) -
         for frame in range(way["from"], case["frames"]):
             for other in case["vehicles"][1:]:
                 if 0 <= frame - other["from"] < len(other["x"]) and other["x"][frame - other["from"]] is not None:
-                    (ax, ay, ah, _), (bx, by, bh, _) = _state(way, frame), _state(other, frame)
+                    a, b = _state(way, frame)[:3], _state(other, frame)[:3]
                     # Positions on the page are rounded to a millimetre.
-                    assert not boxes_overlap(ax, ay, ah, bx, by, bh, case["length"] - 4e-3, case["width"] - 4e-3)
+                    size = case["length"] - 4e-3, case["width"] - 4e-3
+                    assert not boxes_overlap(Box(*a, *size), Box(*b, *size))
 
 
 def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.report import cases
 from cornerforge.report.cases import case_data
 from cornerforge.report.judged import WayOut
@@ -34,7 +34,7 @@ def test_contact_time_equals_stepping_forward(dx: float, dy: float, vx: float, v
     found = time_of(dx, dy, vx, vy, ha, hb)
 
     def touches(t: float) -> bool:
-        return bool(boxes_overlap(0.0, 0.0, ha, dx + vx * t, dy + vy * t, hb, LENGTH, WIDTH))
+        return bool(boxes_overlap(Box(0.0, 0.0, ha, LENGTH, WIDTH), Box(dx + vx * t, dy + vy * t, hb, LENGTH, WIDTH)))
 
     before = min(found, 12.0) - 1e-6
     assert not any(touches(t) for t in np.linspace(0.0, before, 400) if before > 0.0)

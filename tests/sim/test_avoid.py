@@ -14,7 +14,7 @@ from reference.avoid import Actions, Traffic, has_way_out
 from reference.world import Vehicle
 
 from cornerforge.analysis.avoidability import Avoidability, AvoidParams, avoidability
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.avoid import Manoeuvres
 from cornerforge.sim.avoid_check import drive_way_out
@@ -335,7 +335,8 @@ def test_witnesses_keep_clear_of_everybody(random_crashes: list[Traffic]) -> Non
         first = traffic.last - round(10 * witness.begin_s)
         for k, values in enumerate(zip(witness.x, witness.y, witness.heading, strict=True)):
             others = traffic.rows[first + k][1:]
-            assert not any(boxes_overlap(*values, o.x, o.y, o.heading, 5.0 - MARGIN, 2.0 - MARGIN) for o in others)
+            size = 5.0 - MARGIN, 2.0 - MARGIN
+            assert not any(boxes_overlap(Box(*values, *size), Box(o.x, o.y, o.heading, *size)) for o in others)
         assert np.all(np.diff(witness.speed) / 0.1 >= -8.0 - 1e-6)
         assert np.all(np.diff(witness.speed) / 0.1 <= 2.0 + 1e-6)
         steady = witness.speed[2:] >= 5.0  # below, the simulator turns braking across the road too

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.errors import InputError
-from cornerforge.geometry import boxes_overlap, path_at, plan_path
+from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.braking import Braking, avoidable_by_braking, manoeuvre_begin
 from cornerforge.sim.judge import judge_crashes
@@ -60,7 +60,7 @@ def drive(*movers: Mover) -> Scenario:
                 heading[f, j] = np.arctan(lateral / max(speed[f, j], 5.0)) if where < duration else 0.0
     for f in range(FRAMES):
         for j in range(1, len(movers)):
-            if boxes_overlap(x[f, 0], y[f, 0], heading[f, 0], x[f, j], y[f, j], heading[f, j], 5.0, 2.0):
+            if boxes_overlap(*(Box(x[f, i], y[f, i], heading[f, i], 5.0, 2.0) for i in (0, j))):
                 n = f + 1
                 columns = {"x": x, "y": y, "speed": speed, "heading": heading, "acceleration": acceleration}
                 decided = -(-f // 10)

@@ -10,7 +10,7 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.analysis.contact import FRONT, find_contact
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.braking import Braking
 from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
@@ -37,7 +37,9 @@ def random_contacts(seed: int, n: int) -> np.ndarray:
     angle = rng.uniform(0.0, 2.0 * np.pi, n)
     reach = np.stack([np.cos(angle) * rng.uniform(0.0, 4.6, n), np.sin(angle) * rng.uniform(0.0, 1.8, n)], axis=1)
     pose[:, 1, :2] = pose[:, 0, :2] + reach
-    overlap = [boxes_overlap(ax, ay, ah, bx, by, bh, 5.0, 2.0) for (ax, ay, _, ah), (bx, by, _, bh) in pose]
+    overlap = [
+        boxes_overlap(Box(ax, ay, ah, 5.0, 2.0), Box(bx, by, bh, 5.0, 2.0)) for (ax, ay, _, ah), (bx, by, _, bh) in pose
+    ]
     return pose[np.array(overlap)]
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.geometry import boxes_overlap, path_at
+from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.avoid_motion import allocate_rows, take_over
 from cornerforge.sim.step import move_vehicle
@@ -229,7 +229,10 @@ def _drives_clear(s: SearchScratch, k: int, f0: int, m: Manoeuvres, road: RoadNu
         move_vehicle(v, k, i * _DT, road)
         for c in range(s.n_near[f0 + i]):
             o = s.near[f0 + i, c]
-            if boxes_overlap(v[k].x, v[k].y, v[k].heading, o.x, o.y, o.heading, road.length, road.width):
+            if boxes_overlap(
+                Box(v[k].x, v[k].y, v[k].heading, road.length, road.width),
+                Box(o.x, o.y, o.heading, road.length, road.width),
+            ):
                 return False
     return True
 
@@ -248,10 +251,14 @@ def _can_stop(
         f += 1
         move_vehicle(v, k + 1, (f - end) * _DT, road)
         for j in range(1, n):
-            if frames[f, j].present and frames[end, j].x > x and boxes_overlap(
-                v[k + 1].x, v[k + 1].y, v[k + 1].heading,
-                frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width,
-            ):  # fmt: skip
+            if (
+                frames[f, j].present
+                and frames[end, j].x > x
+                and boxes_overlap(
+                    Box(v[k + 1].x, v[k + 1].y, v[k + 1].heading, road.length, road.width),
+                    Box(frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width),
+                )
+            ):
                 return False
     return True
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import kernel
-from cornerforge.geometry import boxes_overlap
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.avoid_motion import take_over
 from cornerforge.sim.step import move_vehicle
@@ -65,9 +65,9 @@ def drive_way_out(
             for j in range(1, n):
                 counts = frames[f, j].present != 0 and (f <= end or frames[end, j].x > x_end)
                 if counts and boxes_overlap(
-                    v[0].x, v[0].y, v[0].heading,
-                    frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width,
-                ):  # fmt: skip
+                    Box(v[0].x, v[0].y, v[0].heading, road.length, road.width),
+                    Box(frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width),
+                ):
                     return f
         if f == end:
             hold(v, 0, -stopping)

@@ -14,7 +14,7 @@ from cornerforge._checks import check_number
 from cornerforge._elementary import atan
 from cornerforge._jit import kernel
 from cornerforge.errors import InputError
-from cornerforge.geometry import boxes_overlap, lane_centre, path_at, plan_path
+from cornerforge.geometry import Box, boxes_overlap, lane_centre, path_at, plan_path
 from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import road_numbers
 from cornerforge.types import FRAME_S
@@ -197,7 +197,8 @@ def is_avoidable(
         if f <= last:
             for j in range(1, n):
                 if frames[f, j].present and boxes_overlap(
-                    x, y, heading, frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width
+                    Box(x, y, heading, road.length, road.width),
+                    Box(frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width),
                 ):
                     return False
         else:
@@ -206,7 +207,10 @@ def is_avoidable(
             other_v = after
             other_clock += _DT * min(1.0, after / _FULL_STEERING_SPEED)
             other_y, other_heading = _across(other_path, other_duration, other_clock, after, other_centre)
-            if boxes_overlap(x, y, heading, other_x, other_y, other_heading, road.length, road.width):
+            if boxes_overlap(
+                Box(x, y, heading, road.length, road.width),
+                Box(other_x, other_y, other_heading, road.length, road.width),
+            ):
                 return False
         if f >= last and held >= stands_after:
             return True

@@ -9,7 +9,7 @@ import numpy as np
 from cornerforge._elementary import atan
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import FRAME_FIELDS
-from cornerforge.geometry import boxes_overlap, lane_bits, lane_centre, path_at
+from cornerforge.geometry import Box, boxes_overlap, lane_bits, lane_centre, path_at
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.setting import BUILT_IN
@@ -103,7 +103,10 @@ def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
     v = w.vehicles
     if v[a].present == 0 or v[b].present == 0:
         return False
-    return boxes_overlap(v[a].x, v[a].y, v[a].heading, v[b].x, v[b].y, v[b].heading, road.length, road.width)
+    return boxes_overlap(
+        Box(v[a].x, v[a].y, v[a].heading, road.length, road.width),
+        Box(v[b].x, v[b].y, v[b].heading, road.length, road.width),
+    )
 
 
 @kernel
