@@ -19,28 +19,20 @@ from cornerforge.drivers.avs import AVS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.pipeline.setting import experiment
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
 from cornerforge.sim.advance import BV_MUST_ANSWER, NEVER, advance, answer_as_bv
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import TOLD
 from cornerforge.sim.step import allocate_recording, move_vehicle
-from cornerforge.sim.world import (
-    NO_VEHICLE,
-    RUNNING,
-    VEHICLE,
-    RoadNumbers,
-    all_current,
-    allocate_worlds,
-    av_numbers,
-    road_numbers,
-    world_of,
-)
+from cornerforge.sim.world import NO_VEHICLE, RUNNING, VEHICLE, all_current, allocate_worlds, av_numbers, world_of
 from cornerforge.types import ACCELERATIONS, Odd
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.setting import Setting
 
     Floats = NDArray[np.float64]

@@ -16,16 +16,9 @@ from highway_env.vehicle.behavior import IDMVehicle
 from cornerforge.drivers.avs import AVS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.av import av_decide
-from cornerforge.sim.world import (
-    NO_VEHICLE,
-    World,
-    all_current,
-    allocate_worlds,
-    av_numbers,
-    road_numbers,
-    world_of,
-)
+from cornerforge.sim.world import NO_VEHICLE, World, all_current, allocate_worlds, av_numbers, world_of
 from cornerforge.types import Odd
 
 __all__ = ["TOLERANCE", "IdmAgreement", "MobilAgreement", "compare_idm", "compare_mobil", "render"]

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import simulate_chunks
-from cornerforge.sim.world import n_slots, road_numbers
+from cornerforge.sim.world import n_slots
 
 __all__ = ["SEED", "driven_seconds", "mean_bvs", "with_bvs", "with_length"]
 

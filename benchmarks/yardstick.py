@@ -23,10 +23,11 @@ from cornerforge.drivers.idm import IdmNumbers
 from cornerforge.drivers.mobil import MobilNumbers
 from cornerforge.sim.keep import Outcomes, allocate_outcomes
 from cornerforge.sim.setting import NATURALISTIC, NOBODY
-from cornerforge.sim.world import VEHICLE, RoadNumbers
+from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, MAX_LANES
 
 if TYPE_CHECKING:
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.setting import Setting
 
 __all__ = [

@@ -11,20 +11,12 @@ from cornerforge.drivers.avs import AvModel, av_named
 from cornerforge.drivers.naturalistic import NddTables, tables_of
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import RoadNumbers, road_numbers
 from cornerforge.sim.actions import hold
 from cornerforge.sim.observe import budget_units
 from cornerforge.sim.setting import ADVERSARIES, IDM_BVS, NATURALISTIC, Controllers, Setting
 from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import (
-    NO_VEHICLE,
-    RUNNING,
-    RoadNumbers,
-    World,
-    all_current,
-    allocate_worlds,
-    numbers_of_av,
-    road_numbers,
-)
+from cornerforge.sim.world import NO_VEHICLE, RUNNING, World, all_current, allocate_worlds, numbers_of_av
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import Odd
 

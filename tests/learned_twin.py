@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.drivers.policy import best_action, q_values
-from cornerforge.geometry import lane_centre
 from cornerforge.pipeline.av_file import av_of
+from cornerforge.road.straight import RoadNumbers, lane_centre, road_numbers
 from cornerforge.sim.av_features import av_features
 from cornerforge.sim.av_kinds import DECIDES_EVERY
 from cornerforge.sim.scratch import AvScratch, allocate_scratch
-from cornerforge.sim.world import RoadNumbers, numbers_of_av, road_numbers
+from cornerforge.sim.world import numbers_of_av
 from cornerforge.types import ACCELERATIONS, Odd
 
 __all__ = ["Twin", "TwinOfMany"]

@@ -99,32 +99,6 @@ def test_a_heading_can_make_and_break_contact() -> None:
     assert not overlap((0.0, 0.0, math.pi / 2), (4.9, 0.0, 0.0))
 
 
-@pytest.mark.parametrize(("y", "lane"), [(0.0, 0), (3.999, 0), (4.0, 1), (-0.001, -1), (12.0, 3)])
-def test_lane_of(y: float, lane: int) -> None:
-    assert geometry.lane_of(y, LANE) == lane
-
-
-@given(st.integers(0, 5), number(2.5, 6.0))
-def test_a_lane_holds_its_centre(lane: int, lane_width: float) -> None:
-    assert geometry.lane_of(geometry.lane_centre(lane, lane_width), lane_width) == lane
-
-
-@pytest.mark.parametrize(
-    ("y", "target", "lanes"),
-    [
-        (2.0, 0, {0}),
-        (3.5, 0, {0, 1}),
-        (2.0, 1, {0, 1}),
-        (0.5, 0, {0}),
-        (6.0, 0, {0, 1}),
-        (3.0, 0, {0, 1}),
-        (11.5, 2, {2, 3}),
-    ],
-)
-def test_lane_bits(y: float, target: int, lanes: set[int]) -> None:
-    assert geometry.lane_bits(y, 1.0, target, LANE) == sum(1 << lane for lane in lanes)
-
-
 @given(STATE, number(0.0, 24.0), number(0.5, 10.0))
 def test_quintic_joins_both_ends(state: tuple[float, float, float], y_end: float, duration: float) -> None:
     path = geometry.quintic(*state, y_end, duration)

@@ -69,6 +69,8 @@ def test_all_fields_with_a_dimension_state_their_unit() -> None:
         "speed",
         "heading",
         "acceleration",
+        "length",
+        "width",
         "shortfall",
     }
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = [
     "PURPOSE_ACT",
     "PURPOSE_CAST",
+    "PURPOSE_CLASS",
     "PURPOSE_DECIDE",
     "PURPOSE_EXPLORE",
     "PURPOSE_GUIDE",
@@ -42,6 +43,8 @@ PURPOSE_ACT = 4
 """A policy that acts at random by its values: 1 word used."""
 PURPOSE_CAST = 5
 """Which policy of a mixture drives a test: 1 word used, step and vehicle 0."""
+PURPOSE_CLASS = 6
+"""Which class of road users a vehicle of the initial traffic is of."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
 

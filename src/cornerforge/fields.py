@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 __all__ = [
+    "BODY",
     "CASES",
     "CASE_ROW",
     "FRAME_FIELDS",
@@ -83,6 +84,16 @@ SERIES: tuple[Series, ...] = (
     Series("present", "i1", Field("present", "bool", "", "The vehicle exists; likewise.")),
 )  # fmt: skip
 """In the order in which a digest covers them: first the real numbers, all 0 where absent, then lane and presence."""
+
+BODY: tuple[Series, ...] = (
+    Series(
+        "kind", "i1",
+        Field("kind", "int8", "", "Class of each stored vehicle: 0 car, 1 truck, 2 motorcycle; early libraries: cars."),
+    ),
+    Series("length", "<f8", Field("length_m", "float64", "m", "Length of each stored vehicle; likewise.")),
+    Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.")),
+)  # fmt: skip
+"""What is recorded of every vehicle once."""
 
 REALS: tuple[str, ...] = tuple(series.name for series in SERIES if series.recorded == "<f8")
 """Names of the real-valued series."""
@@ -160,6 +171,7 @@ TRACKS: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
     Field("n_frames", "int32", "", "Frames, 0.1 s apart, from the start of the test to contact."),
     Field("slot", "list of int16", "", "Slots of the stored vehicles; the AV first."),
+    *(Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning) for s in BODY),
     *(Field(s.column.name, f"list of {s.column.type}", s.column.unit, s.column.meaning) for s in SERIES),
     Field("action", "list of int8", "", "Decision k of vehicle i at i * n_decisions + k; -1: none."),
     Field("critical_bv", "list of int16", "", "Critical BV's index into `slot` at each decision; -1: none."),

@@ -1,7 +1,4 @@
-"""Oriented boxes, lanes and lateral paths: scalar kernels of plain numbers.
-
-This module is all that the simulator knows of the road: lanes are straight, numbered from 0 at the right edge (y = 0).
-"""
+"""Oriented boxes and lateral paths: scalar kernels of plain numbers."""
 
 from __future__ import annotations
 
@@ -14,9 +11,6 @@ from cornerforge._jit import inlined_kernel, kernel
 __all__ = [
     "Box",
     "boxes_overlap",
-    "lane_bits",
-    "lane_centre",
-    "lane_of",
     "path_at",
     "path_peak_acceleration",
     "plan_path",
@@ -25,34 +19,6 @@ __all__ = [
 
 Path = tuple[float, float, float, float, float, float]
 """A quintic lateral path: coefficients of t^0 .. t^5 [m, m/s, ...]."""
-
-
-@inlined_kernel
-def lane_of(y: float, lane_width: float) -> int:
-    """Index of the lane that holds y [m]; negative or too large beyond the road's edges."""
-    return math.floor(y / lane_width)
-
-
-@inlined_kernel
-def lane_centre(lane: int, lane_width: float) -> float:
-    """Lateral position [m] of a lane's centre."""
-    return (lane + 0.5) * lane_width
-
-
-@inlined_kernel
-def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) -> int:
-    """Lanes that a vehicle occupies, as a bit mask: those its body touches and the one it changes to.
-
-    A heading widens the body by less than 0.3 m in a lane change of 2.5 s and more; that is left out.
-    """
-    low = lane_of(y - half_width, lane_width)
-    high = lane_of(y + half_width, lane_width)
-    bits = 1 << target_lane
-    if low >= 0:
-        bits |= 1 << low
-    if high >= 0:
-        bits |= 1 << high
-    return bits
 
 
 class Box(NamedTuple):

@@ -19,13 +19,18 @@ __all__ = [
     "ACTION_HOLD",
     "ACTION_LEFT",
     "ACTION_RIGHT",
+    "CAR",
+    "CLASSES",
     "FIRST_ACCELERATION",
     "FRAME_S",
     "METRES_PER_MILE",
+    "MOTORCYCLE",
     "N_ACTIONS",
     "ODDS",
+    "TRUCK",
     "Crash",
     "Odd",
+    "RoadUser",
     "Scenario",
     "odd_named",
 ]
@@ -34,6 +39,34 @@ FRAME_S = 0.1
 """Length of one physics substep and of one recorded frame [s]."""
 
 METRES_PER_MILE = 1609.344
+
+
+@dataclass(frozen=True)
+class RoadUser:
+    """A class of road users.
+
+    Attributes:
+        name: As on pages and in files.
+        length, width: Of its box [m].
+    """
+
+    name: str
+    length: float = field(metadata={"unit": "m"})
+    width: float = field(metadata={"unit": "m"})
+
+
+CLASSES: tuple[RoadUser, ...] = (
+    RoadUser("car", 5.0, 2.0),
+    RoadUser("truck", 16.5, 2.55),
+    RoadUser("motorcycle", 2.2, 0.8),
+)
+"""Classes of road users by code.
+
+A car's size is that of the ODD (`vehicle_length`, `vehicle_width`; here the paper's), a truck's the largest that
+Directive 96/53/EC allows an articulated one, a motorcycle's that of common ones. All drive by the same model, which was
+fitted to cars mostly.
+"""
+CAR, TRUCK, MOTORCYCLE = range(len(CLASSES))
 
 MAX_LANES = 6
 """Most lanes that an ODD may have."""
@@ -75,6 +108,9 @@ class Odd:
     traffic_length: float = field(default=640.0, metadata={"unit": "m"})
     av_substeps: int = 1
     """Physics substeps (0.1 s each) between two decisions of the AV; 10 means once a second, as the BVs."""
+    truck_share: float = 0.0
+    motorcycle_share: float = 0.0
+    """Shares of these classes among the BVs, each drawn by itself; the others and the AV are cars."""
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -89,6 +125,18 @@ class Odd:
         check_number("odd.traffic_length", self.traffic_length, low=50.0, high=5e3, unit="m")
         check_number("odd.av_start", self.av_start, low=0.0, high=self.traffic_length, unit="m")
         check_integer("odd.av_substeps", self.av_substeps, low=1, high=10)
+        check_number("odd.truck_share", self.truck_share, low=0.0, high=1.0)
+        check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - self.truck_share)
+
+    def size_of(self, kind: int) -> tuple[float, float]:
+        """Length and width of a class [m], by its index in `CLASSES`."""
+        return (self.vehicle_length, self.vehicle_width) if kind == CAR else (CLASSES[kind].length, CLASSES[kind].width)
+
+    @property
+    def sizes_on_road(self) -> list[tuple[float, float]]:
+        """Length and width [m] of the classes that may occur."""
+        shares = (1.0, self.truck_share, self.motorcycle_share)
+        return [self.size_of(kind) for kind, share in enumerate(shares) if share > 0.0]
 
 
 ODDS: dict[str, Odd] = {
@@ -102,9 +150,11 @@ ODDS: dict[str, Odd] = {
         traffic_length=1200.0,
         av_substeps=10,
     ),
+    "mixed": Odd(name="mixed", truck_share=0.1, motorcycle_share=0.01),
 }
-"""The built-in ODDs by name. They differ in how long a lane change takes, how often the AV decides, and in how much
-traffic stands around it at the start."""
+"""The built-in ODDs by name. They differ in how long a lane change takes, how often the AV decides, how much traffic
+stands around it at the start, and in who drives there. `mixed` has one truck in ten and one motorcycle in a hundred,
+between what US highways have by miles driven (a tenth and 0.6 %) and the trucks of highD's motorways (a fifth)."""
 
 
 def odd_named(name: str) -> Odd:
@@ -159,6 +209,8 @@ class Scenario:
         log_prob_nde: Natural log of the naturalistic model's probability of the critical BV's action, shape (K,);
             -inf where the model calls it impossible, 0 where there is no critical BV.
         crash: First contact that ended the test, or None.
+        kind: Class of each vehicle, an index of `CLASSES`, shape (N,); empty: all are cars.
+        length, width: Of each vehicle [m], shape (N,); empty: those of its class.
         shortfall: By how much ln P of the critical BV's action, for an attentive driver, falls short of the likeliest
             action's [nats], shape (K,), at least 0; +inf where it is impossible, 0 where there is no critical BV; None:
             not recorded, as in what a library gives back.
@@ -180,3 +232,15 @@ class Scenario:
     log_prob_nde: NDArray[np.float64]
     crash: Crash | None
     shortfall: NDArray[np.float64] | None = field(default=None, metadata={"unit": "nats"})
+    kind: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
+    length: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
+    width: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
+
+    def __post_init__(self) -> None:
+        size = self.slot.size
+        if self.kind.size == 0:
+            object.__setattr__(self, "kind", np.full(size, CAR, dtype=np.int8))
+        for name, place in (("length", 0), ("width", 1)):
+            if getattr(self, name).size == 0:
+                sizes = [self.odd.size_of(int(kind))[place] for kind in self.kind]
+                object.__setattr__(self, name, np.array(sizes, dtype=np.float64))

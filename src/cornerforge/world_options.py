@@ -23,7 +23,7 @@ class WorldOptions:
     Attributes:
         av: The AV under test: a built-in name, the file of one that `train-av` made, or one from outside:
             `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
-        odd: "default", "swift" or "paper".
+        odd: "default", "swift", "paper" or "mixed".
         lanes: 2 to 6; None for the ODD's own.
         model: Naturalistic model, or its file; None for the one that ships with the package.
         bounded: Keep the adversary to actions that the naturalistic model calls possible; a policy brings its own
@@ -41,7 +41,8 @@ class WorldOptions:
         },
     )
     odd: str = field(
-        default="default", metadata={"help": "default (4 s lane change), swift (2.5 s) or paper (1 s)."}
+        default="default",
+        metadata={"help": "default (4 s lane change), swift (2.5 s), paper (1 s) or mixed (4 s; trucks too)."},
     )  # fmt: skip
     lanes: int | None = field(default=None, metadata={"help": "Lanes, 2 to 6; 3 by default."})
     model: Path | str | NddModel | None = field(

@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.drivers.avs import AVS
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
 from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import VEHICLE, road_numbers
+from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, Odd
 
 TINY = 2000

@@ -98,7 +98,7 @@ def test_natural_traffic_is_the_same_bit_for_bit(model: NddModel, lanes: int, av
     assert_equal_test_by_test(setting_of(model, odd, av=av_named(av)), odd, TESTS)
 
 
-@pytest.mark.parametrize("name", sorted(ODDS))
+@pytest.mark.parametrize("name", sorted(set(ODDS) - {"mixed"}))  # the yardstick knows cars only
 @pytest.mark.parametrize("av", PLAIN)
 def test_reckless_traffic_is_the_same_bit_for_bit(reckless: NddModel, name: str, av: str) -> None:
     odd = replace(odd_named(name), n_lanes=4, traffic_length=700.0)

@@ -143,12 +143,15 @@ def _min_ttc(scenario: Scenario, frame: int) -> float | None:
     In the path is who overlaps the AV laterally, boxes taken as parallel to the road; bbd <= 0 there gives 0 s.
     """
     y = scenario.y[:frame]
-    counts = (np.abs(y - y[:, :1]) < scenario.odd.vehicle_width) & scenario.present[:frame]
+    beside = (scenario.width + scenario.width[0]) / 2.0
+    counts = (np.abs(y - y[:, :1]) < beside) & scenario.present[:frame]
     counts[:, 0] = False
     frames, others = np.nonzero(counts)
     dx = scenario.x[frames, others] - scenario.x[frames, 0]
     range_rate = (scenario.speed[frames, others] - scenario.speed[frames, 0]) * np.sign(dx)
-    shortest = float(ttc(np.abs(dx) - scenario.odd.vehicle_length, range_rate).min(initial=math.inf))
+    shortest = float(
+        ttc(np.abs(dx) - (scenario.length[others] + scenario.length[0]) / 2.0, range_rate).min(initial=math.inf)
+    )
     return shortest if math.isfinite(shortest) else None
 
 
@@ -172,6 +175,9 @@ def _tracks(scenario: Scenario, case_id: str, kept: NDArray[np.intp]) -> dict[st
         "case_id": case_id,
         "n_frames": len(scenario.x),
         "slot": scenario.slot[kept],
+        "kind": scenario.kind[kept],
+        "length_m": scenario.length[kept],
+        "width_m": scenario.width[kept],
         "present": ~absent.ravel(),
         "action": scenario.action.T[kept].ravel(),
         "critical_bv": column_of[scenario.critical_bv],

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from reference.elementary import log, sin_cos
 
-__all__ = ["DECIDE", "EXPLORE", "INITIAL", "Stream", "normal_pair", "philox", "unit"]
+__all__ = ["CLASS", "DECIDE", "EXPLORE", "INITIAL", "Stream", "normal_pair", "philox", "unit"]
 
-DECIDE, INITIAL, EXPLORE = 1, 2, 3
+DECIDE, INITIAL, EXPLORE, CLASS = 1, 2, 3, 6
 """What a draw is for."""
 
 _MASK = 2**32 - 1

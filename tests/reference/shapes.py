@@ -34,7 +34,8 @@ class Box:
 
     def overlaps(self, other: Box) -> bool:
         """Two convex shapes are apart when their shadows on the normal of some side are; touching is apart."""
-        if math.hypot(other.x - self.x, other.y - self.y) >= math.hypot(self.length, self.width):
+        reach = (math.hypot(self.length, self.width) + math.hypot(other.length, other.width)) / 2.0
+        if math.hypot(other.x - self.x, other.y - self.y) >= reach:
             return False
         mine, theirs = self.corners(), other.corners()
         for box in (self, other):

@@ -80,7 +80,7 @@ class Simulator:
             bv
             for bv in world.bvs()
             if bv.target_lane == av.target_lane != math.floor(bv.y / self.odd.lane_width)
-            and abs(bv.x - av.x) < self.odd.vehicle_length + BESIDE
+            and abs(bv.x - av.x) < bv.room_to(av) + BESIDE
         ]
         return self.evasion(world, min(rivals, key=lambda bv: abs(bv.x - av.x)), command) if rivals else (command, lane)
 
@@ -91,7 +91,7 @@ class Simulator:
         away = av.target_lane + (-1 if from_left else 1)
         if av.path is None and away in range(self.odd.n_lanes) and not self.refuses(world, away):
             return command, away
-        if rival.x >= av.x - 0.5 * self.odd.vehicle_length:
+        if rival.x >= av.x - 0.5 * av.length:
             return min(command, -self.av.idm.max_braking), av.target_lane
         return self.av.idm.max_acceleration if command >= 0.0 else command, av.target_lane
 
@@ -162,11 +162,10 @@ class Simulator:
     def _someone_enters_too(self, world: World, old: int) -> bool:
         """Another vehicle comes into the AV's target lane from the far side while the AV is still in its old lane."""
         av = world.av
-        near = self.odd.vehicle_length + CONFLICT_GAP
         return old != av.target_lane and any(
             bv.target_lane == av.target_lane
             and math.floor(bv.y / self.odd.lane_width) not in (av.target_lane, old)
-            and abs(bv.x - av.x) < near
+            and abs(bv.x - av.x) < bv.room_to(av) + CONFLICT_GAP
             for bv in world.bvs()
         )
 
@@ -418,7 +417,7 @@ class _Test:
 
         Pairs are looked at from the rear to the front, by their places when the second began; the first counts.
         """
-        boxes = {vehicle.slot: vehicle.box(self.simulator.odd) for vehicle in self.world.vehicles}
+        boxes = {vehicle.slot: vehicle.box() for vehicle in self.world.vehicles}
         contacts = [
             sorted(pair, key=lambda vehicle: vehicle.slot)
             for pair in pairs

@@ -9,7 +9,7 @@ from cornerforge.ndd.model import InitialState
 from cornerforge.types import Odd
 from reference.drivers import AvDriver
 from reference.elementary import atan, exp, log
-from reference.philox import INITIAL, Stream, normal_pair, unit
+from reference.philox import CLASS, INITIAL, Stream, normal_pair, unit
 from reference.shapes import Box, LateralPath, plan
 
 __all__ = ["SIGHT", "Vehicle", "World", "start"]
@@ -35,6 +35,9 @@ class Vehicle:
     clock: float = 0.0
     action: int = -1
     present: bool = True
+    length: float = 5.0
+    width: float = 2.0
+    kind: int = 0
     held_from: tuple[float, float] = (0.0, 0.0)
     substeps_held: int = 0
 
@@ -99,13 +102,17 @@ class Vehicle:
             self.y = path.position(self.clock)
             if self.speed > 0.0:
                 self.heading = atan(path.speed(self.clock) * pace / self.speed)
-        half = 0.5 * odd.vehicle_width
+        half = 0.5 * self.width
         edges = {math.floor((self.y - half) / odd.lane_width), math.floor((self.y + half) / odd.lane_width)}
         self.lanes = {self.target_lane} | {lane for lane in edges if lane >= 0}
 
-    def box(self, odd: Odd) -> Box:
+    def box(self) -> Box:
         """Its body."""
-        return Box(self.x, self.y, self.heading, odd.vehicle_length, odd.vehicle_width)
+        return Box(self.x, self.y, self.heading, self.length, self.width)
+
+    def room_to(self, other: Vehicle) -> float:
+        """Half of both lengths [m]: bumper touches bumper when the centres are so far apart."""
+        return (self.length + other.length) / 2.0
 
 
 @dataclass
@@ -124,10 +131,13 @@ class World:
         """The others that are still there."""
         return [vehicle for vehicle in self.vehicles[1:] if vehicle.present]
 
-    def place(self, x: float, lane: int, speed: float) -> None:
+    def place(self, x: float, lane: int, speed: float, body: tuple[int, float, float] = (0, 5.0, 2.0)) -> None:
         """A further vehicle in the next slot."""
         y = (lane + 0.5) * self.odd.lane_width
-        self.vehicles.append(Vehicle(len(self.vehicles), x, y, min(speed, self.odd.max_speed), lane, {lane}))
+        kind, length, width = body
+        speed = min(speed, self.odd.max_speed)
+        placed = Vehicle(len(self.vehicles), x, y, speed, lane, {lane}, kind=kind, length=length, width=width)
+        self.vehicles.append(placed)
 
     def from_rear_to_front(self) -> list[Vehicle]:
         """Those present by rising x, slot by slot at the same x."""
@@ -153,7 +163,7 @@ class World:
 
     def gap(self, lead: Vehicle, rear: Vehicle) -> float:
         """Bumper to bumper [m]."""
-        return lead.x - rear.x - self.odd.vehicle_length
+        return lead.x - rear.x - lead.room_to(rear)
 
     def nearest_bv(self) -> Vehicle | None:
         """The BV whose centre is nearest to the AV's."""
@@ -208,30 +218,45 @@ class _Traffic:
                 return gap, other
         return law.free_gap_high, speed
 
-    def fill_ahead(self, x: float, lane: int, speed: float) -> None:
+    def body(self) -> tuple[int, float, float]:
+        """Class, length and width of the next vehicle; the first, the AV, is a car."""
+        odd, number = self.world.odd, len(self.world.vehicles)
+        draw = unit(self.stream.words(number, 0, CLASS)[0])
+        if number > 0 and draw < odd.truck_share:
+            return 1, 16.5, 2.55
+        if number > 0 and draw < odd.truck_share + odd.motorcycle_share:
+            return 2, 2.2, 0.8
+        return 0, odd.vehicle_length, odd.vehicle_width
+
+    def fill_ahead(self, x: float, lane: int, speed: float, length: float) -> None:
         while True:
             gap, speed = self.neighbour(speed, ahead=True)
-            x += self.world.odd.vehicle_length + gap
+            body = self.body()
+            x += (length + body[1]) / 2.0 + gap
             if x > self.world.odd.traffic_length:
                 return
-            self.world.place(x, lane, speed)
+            self.world.place(x, lane, speed, body)
+            length = body[1]
 
     def fill_av_lane(self, lane: int, av: AvDriver) -> None:
         odd = self.world.odd
         own = min(self.speed(), odd.max_speed)
-        self.world.place(odd.av_start, lane, own)
+        self.world.place(odd.av_start, lane, own, self.body())
         gap, speed = self.neighbour(own, ahead=True)
-        x = odd.av_start + odd.vehicle_length + max(gap, av.desired_gap(own, speed - own))
+        body = self.body()
+        x = odd.av_start + (odd.vehicle_length + body[1]) / 2.0 + max(gap, av.desired_gap(own, speed - own))
         if x <= odd.traffic_length:
-            self.world.place(x, lane, speed)
-            self.fill_ahead(x, lane, speed)
-        x, speed = odd.av_start, own
+            self.world.place(x, lane, speed, body)
+            self.fill_ahead(x, lane, speed, body[1])
+        x, speed, length = odd.av_start, own, odd.vehicle_length
         while True:
             gap, speed = self.neighbour(speed, ahead=False)
-            x -= odd.vehicle_length + gap
+            body = self.body()
+            x -= (length + body[1]) / 2.0 + gap
             if x < 0.0:
                 return
-            self.world.place(x, lane, speed)
+            self.world.place(x, lane, speed, body)
+            length = body[1]
 
 
 def start(odd: Odd, law: InitialState, av: AvDriver, stream: Stream) -> World:
@@ -242,5 +267,5 @@ def start(odd: Odd, law: InitialState, av: AvDriver, stream: Stream) -> World:
     for lane in range(odd.n_lanes):
         if lane != av_lane:
             x = -law.free_gap_low * unit(traffic.words()[0])
-            traffic.fill_ahead(x, lane, traffic.speed())
+            traffic.fill_ahead(x, lane, traffic.speed(), odd.vehicle_length)
     return traffic.world

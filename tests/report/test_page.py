@@ -112,10 +112,14 @@ def test_only_the_scripts_of_the_page_may_run(run_folder: Path) -> None:
     assert len(digests) == 3
 
 
+def _box(vehicle: dict[str, Any], frame: int, less: float = 0.0) -> Box:
+    pose = (vehicle[key][frame - vehicle["from"]] for key in ("x", "y", "h"))
+    return Box(*pose, vehicle["length"] - less, vehicle["width"] - less)
+
+
 def _touches(case: dict[str, Any], frame: int) -> bool:
     av, partner = (case["vehicles"][index] for index in (0, case["partner"]))
-    a, b = ([vehicle[key][frame - vehicle["from"]] for key in ("x", "y", "h")] for vehicle in (av, partner))
-    return bool(boxes_overlap(Box(*a, case["length"], case["width"]), Box(*b, case["length"], case["width"])))
+    return bool(boxes_overlap(_box(av, frame), _box(partner, frame)))
 
 
 def test_boxes_touch_at_the_crash_and_not_before(run_folder: Path) -> None:
@@ -201,10 +205,8 @@ def test_the_way_out_leaves_the_recording_and_touches_nobody(run_folder: Path) -
         for frame in range(way["from"], case["frames"]):
             for other in case["vehicles"][1:]:
                 if 0 <= frame - other["from"] < len(other["x"]) and other["x"][frame - other["from"]] is not None:
-                    a, b = _state(way, frame)[:3], _state(other, frame)[:3]
                     # Positions on the page are rounded to a millimetre.
-                    size = case["length"] - 4e-3, case["width"] - 4e-3
-                    assert not boxes_overlap(Box(*a, *size), Box(*b, *size))
+                    assert not boxes_overlap(_box(way, frame, 4e-3), _box(other, frame, 4e-3))
 
 
 def test_verdicts_say_what_the_analysis_found(run_folder: Path) -> None:

@@ -26,7 +26,7 @@ angle = st.floats(-0.4, 0.4)
 
 def time_of(dx: float, dy: float, vx: float, vy: float, ha: float, hb: float) -> float:
     offset, velocity = np.array([[dx, dy]]), np.array([[vx, vy]])
-    return float(contact_time(offset, velocity, np.array([ha]), np.array([hb]), LENGTH, WIDTH)[0])
+    return float(contact_time(offset, velocity, np.array([ha]), np.array([hb]), (LENGTH, LENGTH), (WIDTH, WIDTH))[0])
 
 
 @given(st.floats(-30, 30), st.floats(-8, 8), st.floats(-10, 10), st.floats(-3, 3), angle, angle)
@@ -46,7 +46,7 @@ def test_contact_time_equals_stepping_forward(dx: float, dy: float, vx: float, v
 def _grazes(dx: float, dy: float, vx: float, vy: float, ha: float, hb: float) -> bool:
     """Boxes smaller by 1 mm would not touch, so that rounding decides."""
     offset, velocity = np.array([[dx, dy]]), np.array([[vx, vy]])
-    small = contact_time(offset, velocity, np.array([ha]), np.array([hb]), LENGTH - 1e-3, WIDTH - 1e-3)
+    small = contact_time(offset, velocity, np.array([ha]), np.array([hb]), (LENGTH - 1e-3,) * 2, (WIDTH - 1e-3,) * 2)
     return bool(np.isinf(small[0]))
 
 

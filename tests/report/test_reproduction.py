@@ -62,9 +62,14 @@ def drawable() -> dict[str, dict[str, Any]]:
         "density": {"eps": 0.3, "min_samples": 4, "rank": [0.0, 1.0], "distance": [0.0, 0.5],
                     "sensitivity": [at, at | {"eps_factor": 2.0}]},
     }  # fmt: skip
-    moment = {"before": 0.0, "av": [0.0, 2.0, 0.0], "bv": [4.9, 2.0, 0.1], "others": [[-20.0, 6.0, 0.0]]}
+    moment = {
+        "before": 0.0,
+        "av": [0.0, 2.0, 0.0, 5.0, 2.0],
+        "bv": [4.9, 2.0, 0.1, 5.0, 2.0],
+        "others": [[-20.0, 6.0, 0.0, 16.5, 2.55]],
+    }
     example = {"title": "A (majority, 2 cases)", "case": "0:1", "mechanism": "av-rear", "happened": "BV brakes",
-               "lanes": 3, "lane_width": 4.0, "length": 5.0, "width": 2.0,
+               "lanes": 3, "lane_width": 4.0,
                "moments": [moment | {"before": 1.0, "bv": None, "others": []}, moment]}  # fmt: skip
     return {
         "figure7": {"worlds": [{"name": name, "periods": [period] * 3} for name in ("unbounded", "bounded")]},

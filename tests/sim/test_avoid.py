@@ -16,6 +16,7 @@ from reference.world import Vehicle
 from cornerforge.analysis.avoidability import Avoidability, AvoidParams, avoidability
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.avoid import Manoeuvres
 from cornerforge.sim.avoid_check import drive_way_out
 from cornerforge.sim.avoid_motion import allocate_rows
@@ -23,7 +24,7 @@ from cornerforge.sim.braking import avoidable_by_braking
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
 from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import n_slots, road_numbers
+from cornerforge.sim.world import n_slots
 from cornerforge.types import Crash, Odd, Scenario
 
 ODD = Odd()
@@ -60,7 +61,7 @@ def drive(*movers: Mover, frames: int = 90) -> Traffic | None:
                     vehicle.change_lane(mover.lane + mover.side, ODD)
         rows.append([copy(vehicle) for vehicle in now])
         if last < 0:
-            touched = [i for i in range(1, len(now)) if now[0].box(ODD).overlaps(now[i].box(ODD))]
+            touched = [i for i in range(1, len(now)) if now[0].box().overlaps(now[i].box())]
             if touched and f == 0:
                 return None
             if touched:
@@ -82,7 +83,7 @@ def scenario_of(traffic: Traffic) -> Scenario:
         return np.array([[getattr(vehicle, name) for vehicle in row] for row in rows])
 
     n, end = len(rows[0]), rows[-1]
-    partner = next(i for i in range(1, n) if end[0].box(ODD).overlaps(end[i].box(ODD)))
+    partner = next(i for i in range(1, n) if end[0].box().overlaps(end[i].box()))
     decided = -(-traffic.last // 10)
     acceleration = column("acceleration")
     acceleration[-1] = acceleration[-2]

@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.braking import Braking, avoidable_by_braking, manoeuvre_begin
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
 from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import n_slots, road_numbers
+from cornerforge.sim.world import n_slots
 from cornerforge.types import Crash, Odd, Scenario
 
 ODD = Odd()

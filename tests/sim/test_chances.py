@@ -31,7 +31,7 @@ from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch
-from cornerforge.types import ODDS, Odd
+from cornerforge.types import CLASSES, ODDS, Odd
 
 LANES = Odd(n_lanes=3)
 N = 100_000
@@ -197,10 +197,12 @@ def random_cars(rng: np.random.Generator) -> tuple[list[Car], dict[int, tuple[in
 def both_worlds(
     cars: list[Car], changing: dict[int, tuple[int, int]], setting: Setting, odd: Odd
 ) -> tuple[World, slow.World]:
-    """The same state for the kernels and for the plain-Python simulator."""
+    """The same state for the kernels and for the plain-Python simulator; half of the scenes have trucks too."""
     fast, plain = world_of(cars), slow.World(odd)
-    for car in cars:
-        plain.place(car.x, car.lane, car.speed)
+    for slot, car in enumerate(cars):
+        kind = slot % 3 if len(cars) % 2 else 0
+        plain.place(car.x, car.lane, car.speed, (kind, CLASSES[kind].length, CLASSES[kind].width))
+        fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():
         hold(fast.vehicles, slot, 0.0)
         start_lane_change(fast, slot, target, setting.road)

@@ -14,8 +14,8 @@ from statistical_bounds import l1_bound, l1_distance, rate_fits
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY
-from cornerforge.geometry import lane_centre
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch

@@ -12,6 +12,7 @@ from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.braking import Braking
 from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_worlds
 from cornerforge.sim.judge import judge_crashes
@@ -21,7 +22,7 @@ from cornerforge.sim.rewards import REWARDS, av_strikes, is_paid, reward_named, 
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import ADVERSARIES, TOLD
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, n_slots, road_numbers
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, n_slots
 from cornerforge.types import Odd
 
 ROAD = road_numbers(Odd())
@@ -43,22 +44,23 @@ def random_contacts(seed: int, n: int) -> np.ndarray:
     return pose[np.array(overlap)]
 
 
-def boxes(pose: np.ndarray) -> tuple[np.void, np.void]:
+def boxes(pose: np.ndarray) -> np.ndarray:
     """Two vehicles at [x, y, speed, heading], (2, 4)."""
     found = np.zeros(2, dtype=VEHICLE)
     for name, values in zip(("x", "y", "speed", "heading"), pose.T, strict=True):
         found[name] = values
-    return found[0], found[1]
+    found["length"], found["width"] = 5.0, 2.0
+    return found
 
 
 def strikes(*poses: tuple[float, float, float, float]) -> bool:
-    return av_strikes(*boxes(np.array(poses)), ROAD)
+    return av_strikes(boxes(np.array(poses)), 0, 1)
 
 
 def test_the_av_strikes_where_the_analysis_sees_its_front(seed: int) -> None:
     pose = random_contacts(seed, 3000)
     expected = find_contact(pose, 5.0, 2.0).av_sector == FRONT
-    found = [av_strikes(*boxes(pair), ROAD) for pair in pose]
+    found = [av_strikes(boxes(pair), 0, 1) for pair in pose]
     assert np.array_equal(found, expected)
     assert 300 < expected.sum() < len(pose) - 300
 

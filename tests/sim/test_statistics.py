@@ -10,12 +10,13 @@ import pytest
 from hand_built import Car, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim import statistics
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import simulate, simulate_chunks
 from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_counts, count_choices, count_states
-from cornerforge.sim.world import World, n_slots, road_numbers
+from cornerforge.sim.world import World, n_slots
 from cornerforge.types import ACCELERATIONS, Odd, Scenario
 
 ODD = Odd(n_lanes=3)
@@ -26,7 +27,7 @@ GO_ON = 22
 
 def states(world: World, census: Census = EVERYBODY, time: int = 0) -> tuple[Counts, float]:
     counts = allocate_counts()
-    return counts, count_states(world, time, ROAD, counts, census)
+    return counts, count_states(world, time, counts, census)
 
 
 def total(counts: Counts, which: int) -> int:
@@ -92,7 +93,7 @@ def test_choices_by_hand() -> None:
     v["x"] += 30.0  # what is counted must be as it was when they chose
     v["present"][3:] = 0
     world.state["bv_crashes_before"], world.state["bv_crashes"] = 0, 1
-    count_choices(world, ROAD, counts)
+    count_choices(world, counts)
     assert total(counts, statistics.LANE_CHANGES) == 1
     assert total(counts, statistics.CRASHED_BVS) == 2
     assert only_bin(counts.joint[statistics.LEAD_GAP, 25]) == 20
@@ -106,7 +107,7 @@ def test_vanishing_without_a_crash_is_no_crash() -> None:
     world = world_of([Car(500.0, 0, 30.0), Car(100.0, 1, 25.0)])
     counts, _ = states(world)
     world.vehicles["present"][1], world.vehicles["action"][1] = 0, GO_ON
-    count_choices(world, ROAD, counts)
+    count_choices(world, counts)
     assert total(counts, statistics.CRASHED_BVS) == 0
 
 
@@ -115,7 +116,7 @@ def test_nobody_beside_is_the_last_bin() -> None:
     counts, _ = states(world)
     world.vehicles["action"][1] = 1
     start_lane_change(world, 1, 0, ROAD)
-    count_choices(world, ROAD, counts)
+    count_choices(world, counts)
     assert only_bin(counts.joint[statistics.LEAD_GAP, 25]) == 120  # the AV is 395 m ahead
     assert only_bin(counts.joint[statistics.REAR_GAP, 25]) == 120
 

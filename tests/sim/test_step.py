@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.policy import NO_POLICY
-from cornerforge.geometry import lane_bits
 from cornerforge.ndd.model import NddModel
+from cornerforge.road.straight import lane_bits
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.advance import MILESTONE, OVER, advance, answer_as_bv
 from cornerforge.sim.av_kinds import built_in_av_decides
@@ -21,16 +21,7 @@ from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import TOLD, Setting
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, av_acts, begin_to_act, move_on
-from cornerforge.sim.world import (
-    AV_CRASH,
-    BV_CRASH,
-    COMPLETED,
-    NO_ACTION,
-    RUNNING,
-    TIME_UP,
-    World,
-    arrays_of,
-)
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, NO_ACTION, RUNNING, TIME_UP, World, arrays_of
 from cornerforge.types import Odd
 
 KEEP_SPEED = 22

@@ -69,6 +69,8 @@ def case(number: int) -> Case:
             time_limit=round(rng.uniform(3.0, 30.0), 1),
             max_speed=round(rng.uniform(30.0, 45.0), 1),
         )
+    if number % 3 == 0:
+        odd = replace(odd, truck_share=0.3, motorcycle_share=0.2)
     av = av_named(rng.choice(["idm-mobil", "idm-mobil-d2rl"]))
     av = replace(
         av,

@@ -19,6 +19,7 @@ from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import REALS, SERIES, Field
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres
 from cornerforge.sim.avoid_cases import (
     CaseScratch,
@@ -28,7 +29,6 @@ from cornerforge.sim.avoid_cases import (
     allocate_ways_out,
     search_cases,
 )
-from cornerforge.sim.world import road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
 
 __all__ = [

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.geometry import lane_centre
-from cornerforge.sim.world import RoadNumbers, World
+from cornerforge.road.straight import RoadNumbers, along, lane_centre
+from cornerforge.sim.world import World
 
 __all__ = ["top_view"]
 
@@ -44,9 +44,10 @@ def top_view(worlds: World, b: int, road: RoadNumbers) -> NDArray[np.uint8]:
         inside = np.ones_like(dashed) if lane in (0, road.n_lanes) else dashed
         image[np.ix_(np.abs(y - edge) < _LINE, inside)] = _PAINT
     for i in range(int(state["n_vehicles"]) - 1, -1, -1):
-        if v["present"][i] and -_BEHIND - road.length < v["x"][i] - v["x"][0] < _AHEAD + road.length:
+        length = v["length"][i]
+        if v["present"][i] and -_BEHIND - length < along(v["x"][0], v["x"][i]) < _AHEAD + length:
             colour = _AV if i == 0 else _CONTROLLED if i == state["controlled"] else _OTHER
-            _draw_box(image, x, y, v[i], road, colour)
+            _draw_box(image, x, y, v[i], colour)
     return image
 
 
@@ -55,19 +56,19 @@ def _draw_box(
     x: NDArray[np.float64],
     y: NDArray[np.float64],
     vehicle: np.void,
-    road: RoadNumbers,
     colour: tuple[int, int, int],
 ) -> None:
-    reach = road.length
-    columns = np.flatnonzero(np.abs(x - vehicle["x"]) < reach)
+    length, width = vehicle["length"], vehicle["width"]
+    reach = 0.5 * (length + width)
+    columns = np.flatnonzero(np.abs(along(vehicle["x"], x)) < reach)
     rows = np.flatnonzero(np.abs(y - vehicle["y"]) < reach)
     if columns.size == 0 or rows.size == 0:
         return
-    dx, dy = np.meshgrid(x[columns] - vehicle["x"], y[rows] - vehicle["y"])
+    dx, dy = np.meshgrid(along(vehicle["x"], x[columns]), y[rows] - vehicle["y"])
     cosine, sine = math.cos(vehicle["heading"]), math.sin(vehicle["heading"])
-    along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
-    body = (np.abs(along) <= 0.5 * road.length) & (np.abs(across) <= 0.5 * road.width)
-    glass = body & (along > 0.1 * road.length) & (along < 0.25 * road.length) & (np.abs(across) < 0.4 * road.width)
+    forward, across = dx * cosine + dy * sine, dy * cosine - dx * sine
+    body = (np.abs(forward) <= 0.5 * length) & (np.abs(across) <= 0.5 * width)
+    glass = body & (forward > 0.1 * length) & (forward < 0.25 * length) & (np.abs(across) < 0.4 * width)
     part = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     part[body] = colour
     part[glass] = _GLASS

@@ -21,7 +21,7 @@ class AvContext:
         batch: Number of worlds B that are driven side by side; every view has so many rows.
         n_lanes: Lanes of the road, 0 is the rightmost.
         lane_width: [m].
-        vehicle_length, vehicle_width: Of every vehicle [m].
+        vehicle_length, vehicle_width: Of every car [m]; the view does not tell other classes (ODD `mixed`) from cars.
         max_speed: No vehicle is faster [m/s].
         lane_change_duration: Of an undisturbed lane change [s].
         interval: Between two decisions of the AV [s].

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_type
-from cornerforge.fields import CASES, REALS, SERIES, TRACKS, Field
+from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.library.schema import SCRIPTED_TRACKS, arrow_schema
 from cornerforge.sim.harvest import CASES as N_CASES
 from cornerforge.sim.harvest import EXACT, MARKS
@@ -72,6 +72,7 @@ def tables_of(
         "case_id": given["case_id"],
         "n_frames": pa.array(rows["n_frames"].copy()),
         "slot": _lists(h.slot, kept),
+        **{body.column.name: _lists(getattr(h, body.name), kept) for body in BODY},
         **{series.column.name: _lists(stored[series.name], numbers) for series in SERIES},
         "action": _lists(h.action, kept * decided),
         "critical_bv": _lists(h.critical_bv, decided),
@@ -166,6 +167,7 @@ def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Sc
         odd=odd,
         slot=slot,
         **{one.name: series(one.column) for one in SERIES},
+        **{body.name: values(body.column.name) for body in BODY if body.column.name in tracks.column_names},
         action=np.ascontiguousarray(values("action").reshape(shape).T),
         critical_bv=values("critical_bv"),
         log_prob_nde=values("decision_log_prob_nde"),
@@ -185,5 +187,7 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     """
     if "start" not in tracks.column_names:
         return None
-    fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False)
-    return Script(scenario.slot, scripted_start(fields.reshape(-1, len(START_FIELDS))), scenario.action)
+    fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
+    if fields.shape[1] == len(START_FIELDS) - len(BODY):  # early libraries, of cars
+        fields = np.hstack([fields, np.stack([scenario.length, scenario.width, scenario.kind], axis=1)])
+    return Script(scenario.slot, scripted_start(fields), scenario.action)

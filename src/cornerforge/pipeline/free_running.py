@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim import statistics
 from cornerforge.sim.runner import simulate_chunks, warm_up
-from cornerforge.sim.world import n_slots, road_numbers
+from cornerforge.sim.world import n_slots
 from cornerforge.types import METRES_PER_MILE, Odd
 
 __all__ = [

@@ -21,6 +21,7 @@ from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.output import config_hash
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.observe import budget_units
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import DriveChunk, default_threads, drive_chunk, warm_up
@@ -35,7 +36,7 @@ from cornerforge.sim.setting import (
     Setting,
     cast_of,
 )
-from cornerforge.sim.world import n_slots, numbers_of_av, road_numbers
+from cornerforge.sim.world import n_slots, numbers_of_av
 from cornerforge.types import Odd, odd_named
 from cornerforge.world_options import WorldKeywords, WorldOptions
 

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.avoidability import Avoidability
 from cornerforge.errors import InputError
+from cornerforge.geometry import Box
 from cornerforge.ndd.drawing import BLUE, GREEN, GREY, ORANGE, new_figure
-from cornerforge.types import FRAME_S, Odd, Scenario
+from cornerforge.road.straight import along
+from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["avoidance_figure"]
 
@@ -82,23 +84,25 @@ def _draw_road(
                       linestyle="-" if edge else (0, (8, 6)), zorder=1)  # fmt: skip
     for j in range(scenario.slot.size - 1, -1, -1):
         seen = scenario.present[first : last + 1, j]
-        x = scenario.x[first : last + 1, j] - x_contact - pace * t
+        x = along(x_contact, scenario.x[first : last + 1, j]) - pace * t
         if not seen[-1] or abs(float(x[-1])) > _AHEAD_M:
             continue
         colour = BLUE if j == 0 else ORANGE if j == partner else GREY
         label = {0: "AV, as recorded", partner: "whom it touched"}.get(j)
         panel.plot(x[seen], scenario.y[first : last + 1, j][seen], color=colour, linewidth=1.2, alpha=0.9, zorder=2,
                    label=label)  # fmt: skip
-        _box(panel, float(x[-1]), float(scenario.y[last, j]), float(scenario.heading[last, j]), odd, colour)
+        pose = float(x[-1]), float(scenario.y[last, j]), float(scenario.heading[last, j])
+        _box(panel, Box(*pose, scenario.length[j], scenario.width[j]), colour)
     witness = answer.witness
     if witness is not None:
         w = FRAME_S * np.arange(len(witness.x)) - witness.begin_s
-        x = witness.x - x_contact - pace * w
+        x = along(x_contact, witness.x) - pace * w
         until = w <= 1e-9
         panel.plot(x[until], witness.y[until], color=GREEN, linewidth=1.6, linestyle="--", zorder=3,
                    label="AV, on the way out (dot: its begin)")  # fmt: skip
         k = int(np.flatnonzero(until)[-1])
-        _box(panel, float(x[k]), float(witness.y[k]), float(witness.heading[k]), odd, GREEN, dashed=True)
+        pose = float(x[k]), float(witness.y[k]), float(witness.heading[k])
+        _box(panel, Box(*pose, scenario.length[0], scenario.width[0]), GREEN, dashed=True)
         panel.plot(x[:1], witness.y[:1], marker="o", color=GREEN, markersize=5, zorder=4)
     panel.set_xlim(-_AHEAD_M, _AHEAD_M)
     panel.set_ylim(-0.5, odd.n_lanes * odd.lane_width + 0.5)
@@ -108,10 +112,10 @@ def _draw_road(
     panel.set_ylabel("across the road [m]", fontsize=9)
 
 
-def _box(panel: Any, x: float, y: float, heading: float, odd: Odd, colour: str, *, dashed: bool = False) -> None:
-    c, s = np.cos(heading), np.sin(heading)
-    ends = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [0.5 * odd.vehicle_length, 0.5 * odd.vehicle_width]
-    corners = ends @ np.array([[c, s], [-s, c]]) + [x, y]
+def _box(panel: Any, box: Box, colour: str, *, dashed: bool = False) -> None:
+    c, s = np.cos(box.heading), np.sin(box.heading)
+    ends = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [0.5 * box.length, 0.5 * box.width]
+    corners = ends @ np.array([[c, s], [-s, c]]) + [box.x, box.y]
     panel.fill(*corners.T, facecolor="none" if dashed else colour, edgecolor=colour, alpha=1.0 if dashed else 0.55,
                linewidth=1.8 if dashed else 1.0, linestyle="--" if dashed else "-", zorder=3)  # fmt: skip
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.report.judged import WayOut
 from cornerforge.report.risk import lane_ttc, plane_ttc
-from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Scenario
+from cornerforge.road.straight import along
+from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, CLASSES, FRAME_S, Scenario
 
 __all__ = ["case_data", "load_scenarios"]
 
@@ -67,8 +68,6 @@ def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -
         "frames": n_frames - first,
         "lanes": scenario.odd.n_lanes,
         "laneWidth": scenario.odd.lane_width,
-        "length": scenario.odd.vehicle_length,
-        "width": scenario.odd.vehicle_width,
         "maxSpeed": scenario.odd.max_speed,
         "vehicles": [_vehicle(scenario, column, near[:, column], first) for column in columns],
         "wayOut": None if way_out is None else _ghost(scenario, way_out, first),
@@ -84,7 +83,7 @@ def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -
 
 def _near(scenario: Scenario, first: int) -> NDArray[np.bool_]:
     """Present and in sight of the AV, shape (T, N); False before frame `first`. The partner is always in sight."""
-    distance = np.abs(np.where(scenario.present, scenario.x, np.inf) - scenario.x[:, :1])
+    distance = np.abs(along(scenario.x[:, :1], np.where(scenario.present, scenario.x, np.inf)))
     near = scenario.present & (distance <= SIGHT_M)
     partner = _partner(scenario)
     for column in (0,) if partner is None else (0, partner):
@@ -106,8 +105,11 @@ def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: in
     start = scenario.x[0, 0]
     return {
         "slot": int(scenario.slot[column]),
+        "kind": CLASSES[scenario.kind[column]].name,
+        "length": round(float(scenario.length[column]), 3),
+        "width": round(float(scenario.width[column]), 3),
         "from": rows.start - first,
-        "x": _rounded(scenario.x[rows, column] - start),
+        "x": _rounded(along(start, scenario.x[rows, column])),
         "y": _rounded(scenario.y[rows, column]),
         "v": _rounded(scenario.speed[rows, column]),
         "h": _rounded(scenario.heading[rows, column], 4),
@@ -124,8 +126,10 @@ def _ghost(scenario: Scenario, way_out: WayOut, first: int) -> dict[str, Any] | 
     if len(way_out.x[rows]) < 2:
         return None
     return {
+        "length": round(float(scenario.length[0]), 3),
+        "width": round(float(scenario.width[0]), 3),
         "from": max(begin - first, 0),
-        "x": _rounded(way_out.x[rows] - scenario.x[0, 0]),
+        "x": _rounded(along(scenario.x[0, 0], way_out.x[rows])),
         "y": _rounded(way_out.y[rows]),
         "v": _rounded(way_out.speed[rows]),
         "h": _rounded(way_out.heading[rows], 4),

@@ -162,7 +162,6 @@ def example_pictures(data: Data, *, name: str, of: str) -> list[Picture]:
 def _draw_example(panel: Any, example: Data) -> None:
     from matplotlib.patches import Polygon
 
-    size = example["length"], example["width"]
     for edge in range(example["lanes"] + 1):
         is_outer = edge in (0, example["lanes"])
         panel.axhline(edge * example["lane_width"], color=GREY, linewidth=1.2 if is_outer else 0.8,
@@ -171,11 +170,11 @@ def _draw_example(panel: Any, example: Data) -> None:
         is_contact = moment["before"] == 0.0
         strength = 1.0 if is_contact else 0.75 - 0.18 * moment["before"]
         for other in moment["others"] if is_contact else []:
-            panel.add_patch(Polygon(_corners(other, *size), facecolor="#BBBBBB", edgecolor="none"))
+            panel.add_patch(Polygon(_corners(other), facecolor="#BBBBBB", edgecolor="none"))
         for key, colour in (("bv", ORANGE), ("av", BLUE)):
             if moment[key] is not None:
                 panel.add_patch(
-                    Polygon(_corners(moment[key], *size), facecolor=colour if is_contact else "none", edgecolor=colour,
+                    Polygon(_corners(moment[key]), facecolor=colour if is_contact else "none", edgecolor=colour,
                             alpha=0.85 if is_contact else strength, linewidth=1.2)
                 )  # fmt: skip
     paths = {key: [moment[key] for moment in example["moments"] if moment[key] is not None] for key in ("av", "bv")}
@@ -191,8 +190,8 @@ def _draw_example(panel: Any, example: Data) -> None:
     panel.set_title(f"{example['title']}\n{happened[:1].upper()}{happened[1:]}", fontsize=9, loc="left")
 
 
-def _corners(box: list[float], length: float, width: float) -> list[tuple[float, float]]:
-    x, y, heading = box
+def _corners(box: list[float]) -> list[tuple[float, float]]:
+    x, y, heading, length, width = box
     c, s = 0.5 * length * math.cos(heading), 0.5 * length * math.sin(heading)
     u, v = -0.5 * width * math.sin(heading), 0.5 * width * math.cos(heading)
     return [(x + c + u, y + s + v), (x - c + u, y - s + v), (x - c - u, y - s - v), (x + c - u, y + s - v)]

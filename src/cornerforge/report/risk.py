@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.metrics import bbd, ttc
+from cornerforge.road.straight import along
 from cornerforge.types import Scenario
 
 __all__ = ["contact_time", "lane_ttc", "plane_ttc"]
@@ -25,14 +26,15 @@ def lane_ttc(scenario: Scenario, partner: int) -> NDArray[np.float64]:
     Returns:
         Shape (T,), in [0, inf], never NaN: +inf where they share no lane, stand side by side, or do not close.
     """
-    odd = scenario.odd
-    dx, dy, dv = (a[:, partner] - a[:, 0] for a in (scenario.x, scenario.y, scenario.speed))
-    beside = np.abs(dy) < odd.vehicle_width
+    dx = along(scenario.x[:, 0], scenario.x[:, partner])
+    dy, dv = (a[:, partner] - a[:, 0] for a in (scenario.y, scenario.speed))
+    beside = np.abs(dy) < 0.5 * (scenario.width[0] + scenario.width[partner])
+    lengths = float(scenario.length[0]), float(scenario.length[partner])
     shared = beside | (scenario.target_lane[:, partner] == scenario.target_lane[:, 0])
     # Side by side in two lanes, one behind the other is not what is going to happen: the measure would say 0.
-    use = scenario.present[:, partner] & shared & (beside | (np.abs(dx) > odd.vehicle_length))
+    use = scenario.present[:, partner] & shared & (beside | (np.abs(dx) > 0.5 * sum(lengths)))
     result = np.full(len(dx), np.inf)
-    gap = bbd(np.zeros(int(use.sum())), np.abs(dx[use]), odd.vehicle_length, odd.vehicle_length)
+    gap = bbd(np.zeros(int(use.sum())), np.abs(dx[use]), *lengths)
     result[use] = ttc(gap, np.sign(dx[use]) * dv[use])
     return result
 
@@ -50,10 +52,10 @@ def plane_ttc(scenario: Scenario, partner: int) -> NDArray[np.float64]:
     x, y, speed, heading = (a[:, [0, partner]] for a in (scenario.x, scenario.y, scenario.speed, scenario.heading))
     # The recorded speed is the one along the road and the heading is the path's tangent, hence the lateral speed.
     lateral = speed * np.tan(heading)
-    offset = np.stack([x[:, 1] - x[:, 0], y[:, 1] - y[:, 0]], axis=1)
+    offset = np.stack([along(x[:, 0], x[:, 1]), y[:, 1] - y[:, 0]], axis=1)
     velocity = np.stack([speed[:, 1] - speed[:, 0], lateral[:, 1] - lateral[:, 0]], axis=1)
-    odd = scenario.odd
-    values = contact_time(offset, velocity, heading[:, 0], heading[:, 1], odd.vehicle_length, odd.vehicle_width)
+    lengths, widths = ((float(size[0]), float(size[partner])) for size in (scenario.length, scenario.width))
+    values = contact_time(offset, velocity, heading[:, 0], heading[:, 1], lengths, widths)
     return np.where(scenario.present[:, partner], values, np.inf)
 
 
@@ -62,8 +64,8 @@ def contact_time(
     velocity: NDArray[np.float64],
     heading_a: NDArray[np.float64],
     heading_b: NDArray[np.float64],
-    length: float,
-    width: float,
+    lengths: tuple[float, float],
+    widths: tuple[float, float],
 ) -> NDArray[np.float64]:
     """Time until two boxes touch if both keep their velocity and heading [s]: TTC in the plane.
 
@@ -75,21 +77,21 @@ def contact_time(
         velocity: Velocity of B minus that of A [m/s], shape (T, 2).
         heading_a: Of A, counter-clockwise [rad], shape (T,).
         heading_b: Of B, shape (T,).
-        length: Of both boxes [m].
-        width: Of both boxes [m].
+        lengths, widths: Of A and B [m].
 
     Returns:
         Shape (T,), in [0, inf]: 0 where the boxes overlap, +inf where they never touch, NaN where an input is NaN.
 
     Source: separating axes with linear motion (Eberly, "Dynamic Collision Detection Using Oriented Bounding Boxes").
 
-    >>> contact_time(np.array([[25.0, 0.0]]), np.array([[-5.0, 0.0]]), np.zeros(1), np.zeros(1), 5.0, 2.0)
+    >>> contact_time(np.array([[25.0, 0.0]]), np.array([[-5.0, 0.0]]), np.zeros(1), np.zeros(1), (5.0, 5.0), (2.0, 2.0))
     array([4.])
     """
     enter = np.full(len(offset), -np.inf)
     leave = np.full(len(offset), np.inf)
     for angle in (heading_a, heading_a + math.pi / 2, heading_b, heading_b + math.pi / 2):
-        reach = _half_extent(angle - heading_a, length, width) + _half_extent(angle - heading_b, length, width)
+        reach = _half_extent(angle - heading_a, lengths[0], widths[0])
+        reach = reach + _half_extent(angle - heading_b, lengths[1], widths[1])
         distance = offset[:, 0] * np.cos(angle) + offset[:, 1] * np.sin(angle)
         rate = velocity[:, 0] * np.cos(angle) + velocity[:, 1] * np.sin(angle)
         moving = np.abs(rate) > 1e-12

@@ -6,7 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.geometry import lane_centre, path_at, plan_path
+from cornerforge.geometry import path_at, plan_path
+from cornerforge.road.straight import lane_centre
 from cornerforge.sim.world import path_of
 from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import World
 
 __all__ = [
     "HIGHEST_COMMAND",

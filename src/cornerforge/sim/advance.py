@@ -228,7 +228,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     state.bv_has_answered = 0
     if _is_counted(step, keep):
         count_av(w, setting.road, keep.counts)
-        state.travel += count_states(w, step, setting.road, keep.counts, keep.census)
+        state.travel += count_states(w, step, keep.counts, keep.census)
     state.bv_crashes_before = state.bv_crashes
     if who.others != SCRIPTED:
         decide_bvs(w, action, lane, setting, s)
@@ -239,10 +239,10 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
 
 
 @inlined_kernel
-def _count_second(w: World, setting: Setting, keep: Keep) -> None:
+def _count_second(w: World, keep: Keep) -> None:
     """Count what the BVs chose in the second that is over."""
     if _is_counted(w.state[0].decisions - 1, keep):
-        count_choices(w, setting.road, keep.counts)
+        count_choices(w, keep.counts)
 
 
 @inlined_kernel
@@ -292,9 +292,9 @@ def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> i
                 else:
                     av_acts(w, command, lane, road)
             if move_on(w, substep, road, keep.recording):
-                _count_second(w, setting, keep)
+                _count_second(w, keep)
                 if keep.census.on:
                     keep.counts.totals[BV_TRAVEL_MM] += int(state.travel * 1000.0)
                 return OVER
         state.substep = 0
-        _count_second(w, setting, keep)
+        _count_second(w, keep)

@@ -11,6 +11,7 @@ from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.road.straight import ahead_by
 from cornerforge.sim.setting import LANE_CHANGER, POLICY, UNIFORM
 from cornerforge.sim.world import moment_of
 from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
@@ -58,7 +59,7 @@ def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
 def _swerve(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
     """Draw level a little behind the AV in the next lane, then change into its lane."""
     v = w.vehicles
-    dx = v[bv].x - v[0].x
+    dx = ahead_by(v, 0, bv)
     lanes_left = v[0].target_lane - v[bv].target_lane
     level = abs(dx + 1.0) < 3.0
     toward = 0 if lanes_left > 0 else 1

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
+from cornerforge.road.straight import driven
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.advance import NEVER, advance, answer_as_av, look_as_bv
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
@@ -226,9 +227,9 @@ def drive_on_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: 
         if not agents.chosen[b]:
             continue
         w = world_row(agents.worlds, b)
-        from_x = w.vehicles[0].x
+        before = driven(w.vehicles, 0, setting.road)
         answer_as_av(w, agents.command[b], ordered_lane(w, 0, agents.order[b], setting.road))
         advance(w, setting, s, keep, NEVER)
         agents.outcome[b] = w.state[0].outcome
-        agents.metres[b] = w.vehicles[0].x - from_x
+        agents.metres[b] = driven(w.vehicles, 0, setting.road) - before
         view_of_av(w, setting.road, s.av.found, agents.seen[b])

@@ -9,11 +9,12 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
-from cornerforge.geometry import lane_of
+from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
 from cornerforge.sim.neighbours import neighbours_in_lane
 
 if TYPE_CHECKING:
-    from cornerforge.sim.world import AvNumbers, RoadNumbers, World
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import AvNumbers, World
 
 __all__ = ["av_decide", "lead_acceleration", "must_give_way", "side_gain"]
 
@@ -33,8 +34,8 @@ def lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNum
         if lanes & (1 << lane):
             lead, _ = neighbours_in_lane(w, i, lane, road.lane_width, av.sees_intentions)
             if lead >= 0:
-                gap = v[lead].x - v[i].x - road.length
-                command = min(command, idm_acceleration(speed, gap, v[lead].speed - speed, av.idm))
+                room = gap(v, i, lead)
+                command = min(command, idm_acceleration(speed, room, v[lead].speed - speed, av.idm))
     return command
 
 
@@ -50,14 +51,14 @@ def side_gain(w: World, lane: int, acceleration_now: float, needed: float, road:
     rear_speed = speed
     rear_now = 0.0
     if lead >= 0:
-        lead_gap = v[lead].x - v[0].x - road.length
+        lead_gap = gap(v, 0, lead)
         lead_speed = v[lead].speed
     if av.mobil.politeness == 0.0:
         own_after = idm_acceleration(speed, lead_gap, lead_speed - speed, av.idm)
         if own_after - acceleration_now <= needed:
             return needed
     if rear >= 0:
-        rear_gap = v[0].x - v[rear].x - road.length
+        rear_gap = gap(v, rear, 0)
         rear_speed = v[rear].speed
         if av.mobil.politeness > 0.0:
             rear_now = lead_acceleration(w, rear, v[rear].lanes, road, av)
@@ -79,7 +80,7 @@ def must_give_way(w: World, road: RoadNumbers) -> bool:
         j = w.current[k]
         if j > 0 and v[j].target_lane == target:
             other = lane_of(v[j].y, road.lane_width)
-            if other != target and other != old and abs(v[j].x - v[0].x) < road.length + CONFLICT_GAP:
+            if other != target and other != old and abs(ahead_by(v, 0, j)) < half_lengths(v, 0, j) + CONFLICT_GAP:
                 return True
     return False
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel
-from cornerforge.geometry import lane_bits, lane_centre
+from cornerforge.road.straight import lane_bits, lane_centre
 from cornerforge.sim.av_view import VIEW_ROWS
 from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import World
 
 __all__ = ["AV_FEATURES_VERSION", "N_AV_FEATURES", "av_actions_allowed", "av_features", "av_order"]
 

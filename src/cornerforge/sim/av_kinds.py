@@ -14,7 +14,7 @@ from cornerforge.drivers.avs import AV_KINDS
 from cornerforge.drivers.mobil import NO_CHANGE, mobil_gain
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
-from cornerforge.geometry import lane_of
+from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
 from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
 from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
 from cornerforge.sim.av_view import view_of_av
@@ -22,8 +22,9 @@ from cornerforge.sim.neighbours import neighbours_in_lane
 from cornerforge.types import ACCELERATIONS
 
 if TYPE_CHECKING:
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import AvScratch
-    from cornerforge.sim.world import AvNumbers, RoadNumbers, World
+    from cornerforge.sim.world import AvNumbers, World
 
 __all__ = [
     "DECIDES_EVERY",
@@ -54,10 +55,10 @@ def _gaps(w: World, lane: int, road: RoadNumbers) -> tuple[float, float, float, 
     rear_gap = np.inf
     rear_speed = v[0].speed
     if lead >= 0:
-        lead_gap = v[lead].x - v[0].x - road.length
+        lead_gap = gap(v, 0, lead)
         lead_speed = v[lead].speed
     if rear >= 0:
-        rear_gap = v[0].x - v[rear].x - road.length
+        rear_gap = gap(v, rear, 0)
         rear_speed = v[rear].speed
     return lead_gap, lead_speed, rear_gap, rear_speed
 
@@ -102,12 +103,12 @@ def _comes_in_beside(w: World, road: RoadNumbers) -> int:
     v = w.vehicles
     lane = v[0].target_lane
     found = -1
-    nearest = road.length + BESIDE
+    nearest = np.inf
     for k in range(w.state[0].n_current):
         j = w.current[k]
         if j > 0 and v[j].target_lane == lane and lane_of(v[j].y, road.lane_width) != lane:
-            distance = abs(v[j].x - v[0].x)
-            if distance < nearest:
+            distance = abs(ahead_by(v, 0, j))
+            if distance < min(nearest, half_lengths(v, 0, j) + BESIDE):
                 nearest = distance
                 found = j
     return found
@@ -125,7 +126,7 @@ def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumber
     away = lane - 1 if lane_of(v[other].y, road.lane_width) > lane else lane + 1
     if v[0].duration == 0.0 and 0 <= away < road.n_lanes and not _is_refused(w, away, road, av):
         return command, away
-    if v[other].x >= v[0].x - 0.5 * road.length:
+    if ahead_by(v, 0, other) >= -0.5 * v[0].length:
         return min(command, -av.idm.max_braking), lane
     return (av.idm.max_acceleration if command >= 0.0 else command), lane
 

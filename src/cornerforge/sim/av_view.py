@@ -24,12 +24,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
+from cornerforge.road.straight import ahead_by, distance_left
 from cornerforge.sim.neighbours import SIGHT
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import World
 
 __all__ = ["AV_VIEW_VERSION", "VIEW_COLUMNS", "VIEW_ROWS", "view_of_av"]
 
@@ -45,11 +47,11 @@ def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
     v = w.vehicles
     count = 0
     for j in range(1, w.state[0].n_vehicles):
-        distance = abs(v[j].x - v[0].x)
+        distance = abs(ahead_by(v, 0, j))
         if v[j].present == 0 or distance >= SIGHT:
             continue
         place = count
-        while place > 0 and abs(v[found[place - 1]].x - v[0].x) > distance:
+        while place > 0 and abs(ahead_by(v, 0, found[place - 1])) > distance:
             if place < found.size:
                 found[place] = found[place - 1]
             place -= 1
@@ -76,12 +78,12 @@ def view_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArr
     for row in range(1 + _nearest_along(w, found)):
         j = 0 if row == 0 else found[row - 1]
         out[row, 0] = 1.0
-        out[row, 1] = v[j].x - v[0].x
+        out[row, 1] = ahead_by(v, 0, j)
         out[row, 2] = v[j].y - v[0].y
         out[row, 3] = v[j].speed
         out[row, 4] = v[j].lateral_speed
         out[row, 5] = v[j].acceleration
         out[row, 6] = v[j].target_lane
         out[row, 7] = 1.0 if v[j].duration > 0.0 else 0.0
-    out[0, 1] = road.av_start + road.test_length - v[0].x
+    out[0, 1] = distance_left(v, 0, road)
     out[0, 2] = v[0].y

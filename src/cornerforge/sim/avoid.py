@@ -20,7 +20,8 @@ from cornerforge.types import FRAME_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import World
 
 __all__ = [
     "BRAKING",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.geometry import lane_centre
+from cornerforge.road.straight import lane_centre
 from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.braking import lateral_plan
 from cornerforge.sim.step import move_vehicle
@@ -20,7 +20,8 @@ from cornerforge.types import FRAME_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.world import RoadNumbers
+    from cornerforge.road.straight import RoadNumbers
+
 
 __all__ = ["allocate_rows", "continue_recording", "take_over"]
 

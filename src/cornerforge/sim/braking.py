@@ -14,16 +14,16 @@ from cornerforge._checks import check_number
 from cornerforge._elementary import atan
 from cornerforge._jit import kernel
 from cornerforge.errors import InputError
-from cornerforge.geometry import Box, boxes_overlap, lane_centre, path_at, plan_path
+from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
+from cornerforge.road.straight import lane_centre, road_numbers
 from cornerforge.sim.step import allocate_recording
-from cornerforge.sim.world import road_numbers
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.geometry import Path
-    from cornerforge.sim.world import RoadNumbers
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.types import Scenario
 
 __all__ = ["Braking", "avoidable_by_braking", "is_avoidable", "lateral_plan", "manoeuvre_begin"]

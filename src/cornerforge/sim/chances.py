@@ -14,7 +14,7 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.naturalistic import accept_chance, following_row, free_row, lane_change_base
-from cornerforge.geometry import lane_of
+from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.drivers.naturalistic import NddTables
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import World
 
 __all__ = [
     "MAX_SETS",
@@ -86,12 +87,10 @@ def side_chance(
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
     chance = base
     if lead >= 0:
-        gap = v[lead].x - v[i].x - road.length
-        accept = accept_chance(tables.lc_accept, 0, gap, v[lead].speed - v[i].speed)
+        accept = accept_chance(tables.lc_accept, 0, gap(v, i, lead), v[lead].speed - v[i].speed)
         chance *= overlook + (1.0 - overlook) * accept
     if rear >= 0:
-        gap = v[i].x - v[rear].x - road.length
-        accept = accept_chance(tables.lc_accept, 1, gap, v[i].speed - v[rear].speed)
+        accept = accept_chance(tables.lc_accept, 1, gap(v, rear, i), v[i].speed - v[rear].speed)
         chance *= overlook + (1.0 - overlook) * accept
     return chance
 
@@ -125,7 +124,7 @@ def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> flo
 @inlined_kernel
 def _add_cumulative(
     v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
-    road: RoadNumbers, tables: NddTables, p: NDArray[np.float64],
+    tables: NddTables, p: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Add to p[2:] `weight` times the distribution function of slot i's acceleration for a given rounding.
 
@@ -136,9 +135,9 @@ def _add_cumulative(
         row = free_row(v[i].speed)
         rows = (row, row, row)
     else:
-        first = _row_behind(v, i, leads[0], rounding, road)
-        second = _row_behind(v, i, leads[1], rounding, road) if leads[1] >= 0 else first
-        third = _row_behind(v, i, leads[2], rounding, road) if leads[2] >= 0 else first
+        first = _row_behind(v, i, leads[0], rounding)
+        second = _row_behind(v, i, leads[1], rounding) if leads[1] >= 0 else first
+        third = _row_behind(v, i, leads[2], rounding) if leads[2] >= 0 else first
         rows = (first, second, third)
     a_total = 0.0
     b_total = 0.0
@@ -151,10 +150,9 @@ def _add_cumulative(
 
 
 @kernel
-def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float, road: RoadNumbers) -> int:
+def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float) -> int:
     """Row of the tables for slot i behind a lead."""
-    gap = v[lead].x - v[i].x - road.length
-    row: int = following_row(v[i].speed, gap, v[lead].speed - v[i].speed, rounding)
+    row: int = following_row(v[i].speed, gap(v, i, lead), v[lead].speed - v[i].speed, rounding)
     return row
 
 
@@ -189,13 +187,13 @@ def _wishes(
         road, tables: Constants.
     """
     v = w.vehicles
-    gap = np.inf
+    room = np.inf
     rate = 0.0
     for j in leads:
-        if j >= 0 and v[j].x - v[i].x - road.length < gap:
-            gap = v[j].x - v[i].x - road.length
+        if j >= 0 and gap(v, i, j) < room:
+            room = gap(v, i, j)
             rate = v[j].speed - v[i].speed
-    base = lane_change_base(tables, v[i].speed, gap, rate)
+    base = lane_change_base(tables, v[i].speed, room, rate)
     left = 0.0
     right = 0.0
     if base > 0.0:
@@ -245,14 +243,14 @@ def _may_start(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
 
 
 @inlined_kernel
-def _somebody_may_start(w: World, i: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> bool:
+def _somebody_may_start(w: World, i: int, lane: int, av_lane: int, tables: NddTables) -> bool:
     """Can anything start into `lane` that slot i does not accept for sure? Mostly not, and the rest is spared."""
     v = w.vehicles
     for j in range(w.state[0].n_vehicles):
-        dx = v[j].x - v[i].x
+        dx = ahead_by(v, i, j)
         if dx < 0.0 or dx >= SIGHT or (dx == 0.0 and j <= i) or not _may_start(v, j, lane, av_lane):
             continue
-        if accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed) < 1.0:
+        if accept_chance(tables.lc_accept, 0, gap(v, i, j), v[j].speed - v[i].speed) < 1.0:
             return True
     return False
 
@@ -278,7 +276,7 @@ def _find_starters(
         j = order[ahead]
         if v[j].present == 0:
             continue
-        if v[j].x - v[c.slot[n - 1]].x >= SIGHT:
+        if ahead_by(v, c.slot[n - 1], j) >= SIGHT:
             break
         if not _may_start(v, j, lane, av_lane):
             continue
@@ -288,10 +286,10 @@ def _find_starters(
         matters = False
         for k in range(n):
             m = c.slot[k]
-            dx = v[j].x - v[m].x
+            dx = ahead_by(v, m, j)
             accepts = 1.0
             if dx < SIGHT and (k == 0 or (m > 0 and v[m].duration == 0.0)):
-                accepts = accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[m].speed)
+                accepts = accept_chance(tables.lc_accept, 0, gap(v, m, j), v[j].speed - v[m].speed)
             c.accepts[k, n] = accepts
             matters = matters or accepts < 1.0
         if matters:
@@ -415,16 +413,16 @@ def action_probabilities(
             _rounding_limit(v, i, leads[0], low),
             min(_rounding_limit(v, i, leads[1], low), _rounding_limit(v, i, leads[2], low)),
         )
-        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, road, tables, p)
+        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, tables, p)
         low = high
     if v[i].duration == 0.0:
         lane = v[i].target_lane
         left, right = _wishes(w, i, leads, overlook, road, tables)
         p[0] = left
         p[1] = right
-        if left > 0.0 and _somebody_may_start(w, i, lane + 1, av_lane, road, tables):
+        if left > 0.0 and _somebody_may_start(w, i, lane + 1, av_lane, tables):
             p[0] = left * _goes_chance(w, i, lane + 1, overlook_conflict, av_lane, road, tables, c)
-        if right > 0.0 and _somebody_may_start(w, i, lane - 1, av_lane, road, tables):
+        if right > 0.0 and _somebody_may_start(w, i, lane - 1, av_lane, tables):
             p[1] = right * _goes_chance(w, i, lane - 1, overlook_conflict, av_lane, road, tables, c)
     else:
         back = 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1

@@ -21,7 +21,7 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     sample_row,
 )
-from cornerforge.geometry import lane_of
+from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
 from cornerforge.sim.chances import return_chance, side_chance
@@ -35,9 +35,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import AvNumbers, RoadNumbers, World
+    from cornerforge.sim.world import AvNumbers, World
 
 __all__ = ["decide_bvs"]
 
@@ -66,9 +67,7 @@ def _drawn(tables: NddTables, action: int) -> int:
 
 
 @inlined_kernel
-def _worst_follow(
-    w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64, rounding: float
-) -> tuple[int, float, float]:
+def _worst_follow(w: World, rank: int, tables: NddTables, word: uint64, rounding: float) -> tuple[int, float, float]:
     """Acceleration of the vehicle at a rank behind its leads in all lanes that it occupies.
 
     One random word, and one random rounding of the range rate, serve all leads, so the index is the smallest of the
@@ -88,20 +87,17 @@ def _worst_follow(
     nearest_rate = 0.0
     for other in range(rank + 1, state.n_vehicles):
         j = order[other]
-        dx = v[j].x - v[i].x
-        if dx >= SIGHT:
+        if ahead_by(v, i, j) >= SIGHT:
             break
         if v[j].present == 0 or v[j].lanes & wanted == 0:
             continue
-        gap = dx - road.length
+        room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
-        later = _draw_later(tables, following_row(v[i].speed, gap, rate, rounding), word)
-        if action < 0:
-            nearest_gap = gap
+        later = _draw_later(tables, following_row(v[i].speed, room, rate, rounding), word)
+        if room < nearest_gap:
+            nearest_gap = room
             nearest_rate = rate
-            action = later
-        else:
-            action = min(_drawn(tables, action), _drawn(tables, later))
+        action = later if action < 0 else min(_drawn(tables, action), _drawn(tables, later))
         wanted &= ~v[j].lanes
         if wanted == 0:
             break
@@ -111,18 +107,15 @@ def _worst_follow(
 
 
 @inlined_kernel
-def _follow(
-    w: World, i: int, lead: int, road: RoadNumbers, tables: NddTables, word: uint64, rounding: float
-) -> tuple[int, float, float]:
+def _follow(w: World, i: int, lead: int, tables: NddTables, word: uint64, rounding: float) -> tuple[int, float, float]:
     """`_worst_follow` for slot i that occupies one lane, in which `lead` is the next ahead, -1 for none."""
     v = w.vehicles
     speed = v[i].speed
-    dx = v[lead].x - v[i].x if lead >= 0 else np.inf
-    if dx >= SIGHT:
+    if lead < 0 or ahead_by(v, i, lead) >= SIGHT:
         return _draw_later(tables, free_row(speed), word), np.inf, 0.0
-    gap = dx - road.length
+    room = gap(v, i, lead)
     rate = v[lead].speed - speed
-    return _draw_later(tables, following_row(speed, gap, rate, rounding), word), gap, rate
+    return _draw_later(tables, following_row(speed, room, rate, rounding), word), room, rate
 
 
 @inlined_kernel
@@ -138,9 +131,9 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
     i = order[rank]
     if v[i].lanes == 1 << v[i].target_lane:
         lead = s.front[v[i].target_lane]
-        action, gap, rate = _follow(w, i, lead, road, tables, words[1, i], uniform(words[3, i]))
+        action, gap, rate = _follow(w, i, lead, tables, words[1, i], uniform(words[3, i]))
     else:
-        action, gap, rate = _worst_follow(w, rank, road, tables, words[1, i], uniform(words[3, i]))
+        action, gap, rate = _worst_follow(w, rank, tables, words[1, i], uniform(words[3, i]))
     if v[i].duration == 0.0:
         draw = uniform(words[0, i])
         if draw >= 2.0 * tables.lc_most:  # nine times in ten this spares the look-up of what it wants
@@ -190,13 +183,13 @@ def _gives_way(w: World, i: int, target: int, av_lane: int, setting: Setting, s:
     """
     v = w.vehicles
     state = w.state[0]
-    road, tables = setting.road, setting.tables
+    tables = setting.tables
     chance = 1.0
     for j in range(state.n_vehicles):
-        dx = v[j].x - v[i].x
+        dx = ahead_by(v, i, j)
         if dx < 0.0 or dx >= SIGHT or j == i or (dx == 0.0 and j < i) or not _starts_into(v, j, target, av_lane):
             continue
-        chance = min(chance, accept_chance(tables.lc_accept, 0, dx - road.length, v[j].speed - v[i].speed))
+        chance = min(chance, accept_chance(tables.lc_accept, 0, gap(v, i, j), v[j].speed - v[i].speed))
     if chance >= 1.0:
         return False
     waits: bool = uniform(s.words[2, i]) >= tables.overlook_conflict + (1.0 - tables.overlook_conflict) * chance
@@ -269,7 +262,7 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
     v = w.vehicles
     order = w.order
     state = w.state[0]
-    road, tables = setting.road, setting.tables
+    tables = setting.tables
     for rank in range(state.n_vehicles - 1, -1, -1):
         i = order[rank]
         if i == 0 or v[i].present == 0 or i == state.controlled or v[i].action < 0 or v[i].action > 1:
@@ -278,5 +271,5 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
             continue
         target = v[i].target_lane + 1 - 2 * v[i].action
         if _gives_way(w, i, target, av_lane, setting, s):
-            action, _, _ = _worst_follow(w, rank, road, tables, s.words[1, i], uniform(s.words[3, i]))
+            action, _, _ = _worst_follow(w, rank, tables, s.words[1, i], uniform(s.words[3, i]))
             v[i].action = _drawn(tables, action)

@@ -10,6 +10,7 @@ import numpy as np
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.road.straight import gap
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.advance import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.av import av_decide
@@ -26,10 +27,10 @@ from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.drive_bv import Transitions
     from cornerforge.sim.keep import Keep
     from cornerforge.sim.scratch import AvScratch, Scratch
-    from cornerforge.sim.world import RoadNumbers
 
 __all__ = [
     "AV_DECISIONS",
@@ -85,9 +86,9 @@ def _nearness(w: World, time_gap: float, road: RoadNumbers) -> float:
         if v[0].lanes & (1 << lane):
             lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, 1)
             if lead >= 0:
-                worst = max(worst, _lack(v[lead].x - v[0].x - road.length, v[0].speed, time_gap))
+                worst = max(worst, _lack(gap(v, 0, lead), v[0].speed, time_gap))
             if rear >= 0 and v[0].duration > 0.0 and lane == v[0].target_lane:
-                worst = max(worst, _lack(v[0].x - v[rear].x - road.length, v[rear].speed, time_gap))
+                worst = max(worst, _lack(gap(v, rear, 0), v[rear].speed, time_gap))
     return worst
 
 

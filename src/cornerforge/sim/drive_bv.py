@@ -12,6 +12,7 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_GUIDE, block, uniform
+from cornerforge.road.straight import ahead_by
 from cornerforge.sim.advance import BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.judge import judge_crash
@@ -21,16 +22,7 @@ from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.sim.setting import SWERVE, UNIFORM
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, forget_frames
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import (
-    AV_CRASH,
-    BV_CRASH,
-    RUNNING,
-    World,
-    allocate_worlds,
-    moment_of,
-    world_of,
-    world_row,
-)
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, RUNNING, World, allocate_worlds, moment_of, world_of, world_row
 from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -207,7 +199,7 @@ def _reward_of(
         _drive_again(history, b, w, setting, s)
         strikes, avoidable = judge_crash(history.world, history.keep.recording, setting, reward.braking)
     else:
-        strikes = av_strikes(w.vehicles[0], w.vehicles[w.state[0].slot_b], setting.road)
+        strikes = av_strikes(w.vehicles, 0, w.state[0].slot_b)
     return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0
 
 
@@ -228,7 +220,7 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
     """Get behind the AV, then accelerate as hard as allowed; -1 where that is no help."""
     v = w.vehicles
     lanes_left = v[0].target_lane - v[bv].target_lane
-    behind = v[0].x - v[bv].x
+    behind = ahead_by(v, bv, 0)
     if lanes_left == 0 and behind > 0.0:
         for a in range(N_ACTIONS - 1, FIRST_ACCELERATION - 1, -1):
             if allowed[a]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, REALS
+from cornerforge.road.straight import ahead_by, half_lengths, half_widths
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import write_outcome
 from cornerforge.sim.setting import POLICY, cast_index
@@ -22,10 +23,11 @@ from cornerforge.types import FRAME_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.keep import Decisions, Keep, Outcomes
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = [
     "MAX_ACCELERATION",
@@ -87,7 +89,7 @@ class Harvest(NamedTuple):
         history: float32 (C, 128).
         reals: float32 (5, .), `fields.REALS`, stored vehicle by vehicle, NaN where absent.
         target_lane: int8, -1 where absent; present: bool; likewise.
-        slot: int16, slots of the stored vehicles.
+        slot: int16, slots of the stored vehicles; kind: int8, their classes; length, width: float64, their sizes [m].
         action: int8, decisions of the stored vehicles, vehicle by vehicle.
         critical_bv, critical_bv_action, log_prob: per decision: index into the case's slots, action, ln P.
         exact: float64, the real series of all vehicles, frame by frame, 0 where absent: what a digest covers.
@@ -102,6 +104,9 @@ class Harvest(NamedTuple):
     target_lane: NDArray[np.int8]
     present: NDArray[np.bool_]
     slot: NDArray[np.int16]
+    kind: NDArray[np.int8]
+    length: NDArray[np.float64]
+    width: NDArray[np.float64]
     action: NDArray[np.int8]
     critical_bv: NDArray[np.int16]
     critical_bv_action: NDArray[np.int8]
@@ -135,6 +140,9 @@ def allocate_harvest(cases: int, slots: int, max_decisions: int) -> Harvest:
         target_lane=np.empty(numbers, dtype=np.int8),
         present=np.empty(numbers, dtype=np.bool_),
         slot=np.empty(cases * slots, dtype=np.int16),
+        kind=np.empty(cases * slots, dtype=np.int8),
+        length=np.empty(cases * slots),
+        width=np.empty(cases * slots),
         action=np.empty(cases * decided, dtype=np.int8),
         critical_bv=np.empty(cases * max_decisions, dtype=np.int16),
         critical_bv_action=np.empty(cases * max_decisions, dtype=np.int8),
@@ -194,17 +202,17 @@ def _peaks(recording: NDArray[np.void], frame: int, i: int) -> tuple[float, floa
 
 
 @kernel
-def _min_ttc(recording: NDArray[np.void], frame: int, n: int, length: float, width: float) -> float:
+def _min_ttc(recording: NDArray[np.void], frame: int, n: int, bodies: NDArray[np.void]) -> float:
     """Smallest TTC [s] of the AV before contact with vehicles in its path; NaN if never closing."""
     shortest = math.inf
     for t in range(frame):
         av = recording[t, 0]
         for j in range(1, n):
             other = recording[t, j]
-            if other.present == 0 or abs(other.y - av.y) >= width:
+            if other.present == 0 or abs(other.y - av.y) >= half_widths(bodies, 0, j):
                 continue
-            dx = other.x - av.x
-            gap = abs(dx) - length
+            dx = ahead_by(recording[t], 0, j)
+            gap = abs(dx) - half_lengths(bodies, 0, j)
             rate = other.speed - av.speed
             rate = rate if dx > 0.0 else -rate
             if gap <= 0.0:
@@ -215,7 +223,9 @@ def _min_ttc(recording: NDArray[np.void], frame: int, n: int, length: float, wid
 
 
 @kernel
-def _keep_labels(end: Recorded, recording: NDArray[np.void], road: RoadNumbers, h: Harvest) -> None:
+def _keep_labels(
+    end: Recorded, recording: NDArray[np.void], bodies: NDArray[np.void], road: RoadNumbers, h: Harvest
+) -> None:
     """What the contact looked like, and what AV and partner did to the physics."""
     frame = end.contact
     partner = end.partner
@@ -229,7 +239,7 @@ def _keep_labels(end: Recorded, recording: NDArray[np.void], road: RoadNumbers, 
     row.bv_speed_mps = bv.speed
     row.impact_speed_difference_mps = bv.speed - av.speed
     row.relative_heading_rad = (bv.heading - av.heading + math.pi) % (2.0 * math.pi) - math.pi
-    row.relative_lon_m = bv.x - av.x
+    row.relative_lon_m = ahead_by(recording[frame], 0, partner)
     row.relative_lat_m = bv.y - av.y
     lane = math.floor(av.y / road.lane_width)
     row.av_lane = lane
@@ -251,7 +261,7 @@ def _keep_labels(end: Recorded, recording: NDArray[np.void], road: RoadNumbers, 
         or across > MAX_LATERAL_ACCELERATION + TOLERANCE
         or bv_across > MAX_LATERAL_ACCELERATION + TOLERANCE
     )
-    row.min_ttc_s = _min_ttc(recording, frame, end.vehicles, road.length, road.width)
+    row.min_ttc_s = _min_ttc(recording, frame, end.vehicles, bodies)
 
 
 @kernel
@@ -290,7 +300,7 @@ def _find_near(
     for t in range(end.frames):
         for i in range(1, n):
             cell = recording[t, i]
-            if near[i] < 0 and cell.present and abs(cell.x - recording[t, 0].x) <= near_m:
+            if near[i] < 0 and cell.present and abs(ahead_by(recording[t], 0, i)) <= near_m:
                 near[i] = _NEAR
     kept = 0
     for i in range(n):
@@ -308,14 +318,19 @@ def _action(recording: NDArray[np.void], decisions: Decisions, k: int, i: int) -
 
 
 @kernel
-def _keep_decisions(end: Recorded, recording: NDArray[np.void], decisions: Decisions, h: Harvest) -> None:
-    """Actions of the stored vehicles, and what the critical BV's were worth."""
+def _keep_decisions(
+    end: Recorded, recording: NDArray[np.void], decisions: Decisions, bodies: NDArray[np.void], h: Harvest
+) -> None:
+    """Class, size and actions of the stored vehicles, and what the critical BV's actions were worth."""
     filled = h.filled
     row = h.rows[filled[CASES]]
     near = h.near
     for i in range(end.vehicles):
         if near[i] >= 0:
             h.slot[filled[SLOTS]] = i
+            h.kind[filled[SLOTS]] = bodies[i].kind
+            h.length[filled[SLOTS]] = bodies[i].length
+            h.width[filled[SLOTS]] = bodies[i].width
             filled[SLOTS] += 1
             for k in range(end.decisions):
                 h.action[filled[ACTIONS]] = _action(recording, decisions, k, i)
@@ -398,7 +413,7 @@ def _keep_exact(end: Recorded, recording: NDArray[np.void], decisions: Decisions
 @kernel
 def keep_case(
     name: CaseName, end: Recorded, near_m: float, road: RoadNumbers, recording: NDArray[np.void], decisions: Decisions,
-    h: Harvest,
+    bodies: NDArray[np.void], h: Harvest,
 ) -> None:  # fmt: skip
     """Store a recorded crash of the AV behind those that are there: the one way in which cases are made.
 
@@ -409,6 +424,7 @@ def keep_case(
             BVs; infinite: all.
         road: Of the recording.
         recording, decisions: Of the test.
+        bodies: Class and size of each vehicle, records with the fields of `fields.BODY`.
         h: Where the case goes; there must be room.
     """
     row = h.rows[h.filled[CASES]]
@@ -419,9 +435,9 @@ def keep_case(
     row.n_decisions = end.decisions
     row.n_frames = end.frames
     row.n_kept = _find_near(end, near_m, recording, decisions, h.near)
-    _keep_labels(end, recording, road, h)
+    _keep_labels(end, recording, bodies, road, h)
     _keep_history(end, recording, h)
-    _keep_decisions(end, recording, decisions, h)
+    _keep_decisions(end, recording, decisions, bodies, h)
     _keep_tracks(end, recording, h)
     _keep_exact(end, recording, decisions, h)
     h.filled[CASES] += 1
@@ -435,7 +451,7 @@ def keep_driven(w: World, setting: Setting, keep: Keep, h: Harvest) -> None:
     policy = cast_index(state.seed, state.test, n_policies) if n_policies > 0 else 0
     name = CaseName(state.seed, state.test, policy)
     end = Recorded(state.frame + 1, -(-state.frame // SUBSTEPS), state.n_vehicles, state.frame, state.slot_b)
-    keep_case(name, end, NEAR_M, setting.road, keep.recording, keep.decisions, h)
+    keep_case(name, end, NEAR_M, setting.road, keep.recording, keep.decisions, w.vehicles, h)
 
 
 class Buffers(NamedTuple):

@@ -28,7 +28,7 @@ def judge_crash(w: World, recording: NDArray[np.void], setting: Setting, braking
     """Did the AV strike, and could it have avoided the crash by braking? Of a recorded test that ended in its crash."""
     state = w.state[0]
     partner = state.slot_b
-    strikes = av_strikes(w.vehicles[0], w.vehicles[partner], setting.road)
+    strikes = av_strikes(w.vehicles, 0, partner)
     return strikes, is_avoidable(recording, state.n_vehicles, state.frame, partner, setting.road, braking)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.road.straight import driven
 from cornerforge.sim.statistics import NOBODY_COUNTED, Census, Counts, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_recording
 from cornerforge.types import N_ACTIONS
@@ -16,9 +17,10 @@ from cornerforge.types import N_ACTIONS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import ChoiceScratch
     from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = [
     "Decisions",
@@ -133,7 +135,7 @@ def write_outcome(w: World, out: Outcomes, k: int, road: RoadNumbers) -> None:
     out.slot_b[k] = state.slot_b
     out.bv_crashes[k] = state.bv_crashes
     out.decisions[k] = state.decisions
-    out.distance[k] = w.vehicles[0].x - road.av_start
+    out.distance[k] = driven(w.vehicles, 0, road)
 
 
 @kernel

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
-from cornerforge.geometry import lane_of
+from cornerforge.road.straight import ahead_by, lane_of
 from cornerforge.sim.world import NO_VEHICLE, UNKNOWN
 
 if TYPE_CHECKING:
@@ -25,9 +25,9 @@ def _known_neighbours(w: World, lane: int) -> tuple[int, int]:
     v = w.vehicles
     lead = w.av_lead[lane]
     rear = w.av_rear[lane]
-    if lead >= 0 and v[lead].x - v[0].x >= SIGHT:
+    if lead >= 0 and ahead_by(v, 0, lead) >= SIGHT:
         lead = NO_VEHICLE
-    if rear >= 0 and v[0].x - v[rear].x >= SIGHT:
+    if rear >= 0 and ahead_by(v, rear, 0) >= SIGHT:
         rear = NO_VEHICLE
     return lead, rear
 
@@ -52,7 +52,7 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
         j = w.current[k]
         if j == i:
             continue
-        dx = v[j].x - v[i].x
+        dx = ahead_by(v, i, j)
         if dx > best_lead or -dx > best_rear:
             continue
         if sees_intentions:
@@ -79,7 +79,7 @@ def nearest_bv(w: World) -> int:
     best_squared = np.inf
     for j in range(1, state.n_vehicles):
         if v[j].present:
-            dx = v[j].x - v[0].x
+            dx = ahead_by(v, 0, j)
             dy = v[j].y - v[0].y
             squared = dx * dx + dy * dy
             if squared < best_squared:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.geometry import lane_centre
+from cornerforge.road.straight import ahead_by, distance_left, half_lengths, lane_centre
 from cornerforge.sim.chances import action_probabilities
 from cornerforge.types import N_ACTIONS
 
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.drivers.naturalistic import NddTables
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.chances import StarterScratch
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = [
     "N_OBSERVATION",
@@ -57,11 +58,11 @@ def _nearest_others(w: World, bv: int, found: NDArray[np.int64]) -> int:
     for j in range(1, state.n_vehicles):
         if j == bv or v[j].present == 0:
             continue
-        distance = abs(v[j].x - v[bv].x) + abs(v[j].y - v[bv].y)
+        distance = abs(ahead_by(v, bv, j)) + abs(v[j].y - v[bv].y)
         place = count
         while place > 0:
             before = found[place - 1]
-            if abs(v[before].x - v[bv].x) + abs(v[before].y - v[bv].y) <= distance:
+            if abs(ahead_by(v, bv, before)) + abs(v[before].y - v[bv].y) <= distance:
                 break
             if place < _N_OTHERS:
                 found[place] = before
@@ -93,8 +94,8 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     v = w.vehicles
     for k in range(N_OBSERVATION):
         out[k] = 0.0
-    dx = v[bv].x - v[0].x
-    out[0] = (road.av_start + road.test_length - v[0].x) / 400.0
+    dx = ahead_by(v, 0, bv)
+    out[0] = distance_left(v, 0, road) / 400.0
     out[1] = (v[0].speed - 30.0) / 10.0
     out[2] = (v[0].y - lane_centre(v[0].target_lane, road.lane_width)) / 4.0
     out[3] = v[0].lateral_speed / 2.0
@@ -111,7 +112,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     out[14] = (v[bv].y - v[0].y) / 4.0
     out[15] = (v[bv].speed - v[0].speed) / 10.0
     out[16] = v[bv].target_lane - v[0].target_lane
-    out[17] = 1.0 if abs(dx) < road.length else 0.0
+    out[17] = 1.0 if abs(dx) < half_lengths(v, 0, bv) else 0.0
     out[18] = 1.0 if v[bv].duration > 0.0 else 0.0
     out[19] = 1.0 if v[0].duration > 0.0 else 0.0
     left = w.state[0].budget_left
@@ -119,7 +120,7 @@ def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out:
     for k in range(_nearest_others(w, bv, found)):
         j = found[k]
         place = N_OWN + _PER_OTHER * k
-        out[place] = _clip((v[j].x - v[bv].x) / 50.0, 3.0)
+        out[place] = _clip(ahead_by(v, bv, j) / 50.0, 3.0)
         out[place + 1] = (v[j].y - v[bv].y) / 4.0
         out[place + 2] = (v[j].speed - v[bv].speed) / 10.0
         out[place + 3] = v[j].target_lane - v[bv].target_lane

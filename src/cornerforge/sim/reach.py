@@ -10,28 +10,33 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
+from cornerforge.road.straight import ahead_by, half_lengths, half_widths
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.world import NO_VEHICLE, UNKNOWN, all_current, forget_av_neighbours
 
 if TYPE_CHECKING:
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import Scratch
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = ["bound_motion", "choose_current", "find_pairs"]
 
 _ROUNDING = 0.01
 """Added to bounds of motion [m], far more than rounding errors."""
+_SWING = 2.5
+"""Half a length [m] whose swinging out in a turn the other bounds have room for; longer bodies get more."""
 _UNSURE = 1
 """Mark of a vehicle that may leave its lane or the road within the second."""
 
 
 @inlined_kernel
 def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
-    """Upper bound of the sideways movement of slot i within the coming second [m]."""
+    """Upper bound of the sideways movement of slot i, and of a long body's ends, within the coming second [m]."""
     v = w.vehicles
     if i > 0 and v[i].duration == 0.0:
         return 0.0
-    return road.lane_width if road.lane_change_duration >= 2.0 else 2.0 * road.lane_width
+    swing: float = max(0.0, 0.5 * v[i].length - _SWING)
+    return swing + (road.lane_width if road.lane_change_duration >= 2.0 else 2.0 * road.lane_width)
 
 
 @inlined_kernel
@@ -71,15 +76,18 @@ def find_pairs(w: World, road: RoadNumbers, s: Scratch) -> None:
         if v[i].present == 0:
             continue
         reach = _lateral_reach(w, i, road)
-        limit = road.length + 1.0 + max(0.0, s.most[i] - least)
+        limit = 0.5 * (v[i].length + road.longest) + 1.0 + max(0.0, s.most[i] - least)
         for other in range(rank + 1, n):
             j = order[other]
-            dx = v[j].x - v[i].x
+            dx = ahead_by(v, i, j)
             if dx > limit:
                 break
-            if v[j].present == 0 or dx > road.length + 1.0 + max(0.0, s.most[i] - s.least[j]):
+            if v[j].present == 0 or dx > half_lengths(v, i, j) + 1.0 + max(0.0, s.most[i] - s.least[j]):
                 continue
-            if abs(v[j].y - v[i].y) < road.width + 1.0 + reach + _lateral_reach(w, j, road) and found < w.pair_a.size:
+            if (
+                abs(v[j].y - v[i].y) < half_widths(v, i, j) + 1.0 + reach + _lateral_reach(w, j, road)
+                and found < w.pair_a.size
+            ):
                 w.pair_a[found] = min(i, j)
                 w.pair_b[found] = max(i, j)
                 found += 1
@@ -114,7 +122,7 @@ def _bound_av_neighbours(w: World, s: Scratch, road: RoadNumbers) -> None:
     for j in range(1, w.state[0].n_vehicles):
         lane = v[j].target_lane
         if v[j].present and s.is_watched[j] != _UNSURE and v[j].lanes == 1 << lane:
-            dx = v[j].x - v[0].x
+            dx = ahead_by(v, 0, j)
             if dx > _falls_back(s, j):
                 s.ahead[lane] = min(s.ahead[lane], dx + _gains(s, j))
             elif -dx > _gains(s, j):
@@ -125,7 +133,7 @@ def _bound_av_neighbours(w: World, s: Scratch, road: RoadNumbers) -> None:
 def _is_seen(w: World, j: int, s: Scratch, road: RoadNumbers) -> bool:
     """Can vehicle j be the AV's nearest one ahead or behind in some lane within the coming second?"""
     v = w.vehicles
-    dx = v[j].x - v[0].x
+    dx = ahead_by(v, 0, j)
     nearest = dx - _falls_back(s, j)
     farthest = dx + _gains(s, j)
     lane = v[j].target_lane
@@ -146,7 +154,7 @@ def _note_av_neighbour(w: World, j: int, s: Scratch) -> None:
     """
     v = w.vehicles
     lane = v[j].target_lane
-    dx = v[j].x - v[0].x
+    dx = ahead_by(v, 0, j)
     nearest = w.av_lead if dx > 0.0 else w.av_rear
     if -_gains(s, j) <= dx <= _falls_back(s, j) or nearest[lane] != NO_VEHICLE:
         w.av_lead[lane] = UNKNOWN

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.fields import FRAME_FIELDS, REALS, SERIES
+from cornerforge.fields import BODY, FRAME_FIELDS, REALS, SERIES
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.harvest import Harvest, Recorded, keep_driven
 from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, World, allocate_worlds, n_slots, world_of
+from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, World, allocate_worlds, n_slots, world_of
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
 __all__ = ["Recorder", "recording_of", "scenario_digest", "scenario_of"]
@@ -80,8 +80,8 @@ class Recorder:
         keep_driven(self._world, self._setting, self._keep, harvest)
 
 
-def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisions]:
-    """The way back from `scenario_of`: how far the recording goes, and the two of it, for `harvest.keep_case`.
+def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisions, NDArray[np.void]]:
+    """The way back from `scenario_of`, for `harvest.keep_case`: how far it goes, frames, decisions and bodies.
 
     What the scenario does not know is NaN (shortfall) or 0 (probability under a policy).
 
@@ -112,7 +112,10 @@ def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisi
         unknown if scenario.shortfall is None else np.ascontiguousarray(scenario.shortfall, dtype=np.float64),
         np.zeros(decided),
     )
-    return Recorded(shape[0], decided, shape[1], contact, int(found[0])), recording, decisions
+    bodies = np.zeros(shape[1], dtype=VEHICLE)
+    for body in BODY:
+        bodies[body.name] = getattr(scenario, body.name)
+    return Recorded(shape[0], decided, shape[1], contact, int(found[0])), recording, decisions, bodies
 
 
 def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, seed: int, test: int) -> Scenario:
@@ -147,5 +150,6 @@ def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, see
         log_prob_nde=decisions.log_prob[:decided].copy(),
         crash=crash,
         shortfall=decisions.shortfall[:decided].copy(),
+        **{body.name: world.vehicles[body.name][:n].astype(body.recorded) for body in BODY},
         **columns,
     )

@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from cornerforge._checks import check_number
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import kernel
 from cornerforge.errors import UnknownNameError
+from cornerforge.road.straight import ahead_by
 from cornerforge.sim.braking import Braking
 
 if TYPE_CHECKING:
-    from cornerforge.sim.world import RoadNumbers
+    import numpy as np
+    from numpy.typing import NDArray
 
 __all__ = ["REWARDS", "Reward", "RewardNumbers", "av_strikes", "is_paid", "reward_named", "reward_numbers"]
 
@@ -84,18 +86,22 @@ def reward_numbers(name: str, delay_s: float = 1.0, deceleration_mps2: float = 8
     return RewardNumbers(reward_named(name).code, Braking(float(delay), float(deceleration)))
 
 
-class _Axes(NamedTuple):
-    """Directions of the two boxes: cosine and sine of the AV's heading, then of the other's."""
+class _Boxes(NamedTuple):
+    """The two boxes: cosine and sine of the AV's heading, then of the other's; lengths and widths [m]."""
 
     ca: float
     sa: float
     cb: float
     sb: float
+    length_a: float
+    width_a: float
+    length_b: float
+    width_b: float
 
 
 @kernel
 def _separation(
-    axis: tuple[float, float], apart: tuple[float, float], speed: tuple[float, float], boxes: _Axes, road: RoadNumbers
+    axis: tuple[float, float], apart: tuple[float, float], speed: tuple[float, float], boxes: _Boxes
 ) -> tuple[float, float]:
     """How long ago an axis closed [s], inf if it does not close, and how far the boxes overlap on it [m].
 
@@ -103,9 +109,10 @@ def _separation(
     """
     ax, ay = axis
     distance = apart[0] * ax + apart[1] * ay
-    ca, sa, cb, sb = boxes
-    reach = 0.5 * road.length * (abs(ax * ca + ay * sa) + abs(ax * cb + ay * sb))
-    reach += 0.5 * road.width * (abs(ay * ca - ax * sa) + abs(ay * cb - ax * sb))
+    reach = 0.5 * boxes.length_a * abs(ax * boxes.ca + ay * boxes.sa)
+    reach += 0.5 * boxes.length_b * abs(ax * boxes.cb + ay * boxes.sb)
+    reach += 0.5 * boxes.width_a * abs(ay * boxes.ca - ax * boxes.sa)
+    reach += 0.5 * boxes.width_b * abs(ay * boxes.cb - ax * boxes.sb)
     overlap = reach - abs(distance)
     rate = speed[0] * ax + speed[1] * ay
     closing = abs(rate) if distance == 0.0 else -math.copysign(rate, rate * distance)
@@ -114,24 +121,27 @@ def _separation(
 
 
 @kernel
-def av_strikes(av: Any, other: Any, road: RoadNumbers) -> bool:
+def av_strikes(v: NDArray[np.void], i: int, j: int) -> bool:
     """Does the AV's front take part in the first contact? The geometry of `analysis.contact`, for one crash.
 
     Both boxes are moved back along their velocities to the moment at which they touched; the axis of separation that
     closed last is that of the contact.
 
     Args:
-        av, other: Vehicles with x, y [m], speed along the road [m/s] and heading [rad] in the first frame of overlap.
-        road: Constants.
+        v: Vehicles with x, y [m], speed along the road [m/s], heading [rad], length and width [m], in the first frame
+            of overlap.
+        i, j: Which of them is the AV, and which the other.
     """
+    av, other = v[i], v[j]
     sa, ca = sin_cos(av.heading)
     sb, cb = sin_cos(other.heading)
     path_speed = av.speed / ca if ca > 0.5 else av.speed  # as in `analysis.contact`: the speed is along the road
     other_path_speed = other.speed / cb if cb > 0.5 else other.speed
     vx = other_path_speed * cb - path_speed * ca
     vy = other_path_speed * sb - path_speed * sa
-    dx = other.x - av.x
+    dx = ahead_by(v, i, j)
     dy = other.y - av.y
+    boxes = _Boxes(ca, sa, cb, sb, av.length, av.width, other.length, other.width)
     best_since = math.inf
     best_overlap = math.inf
     facing = 0.0
@@ -144,7 +154,7 @@ def av_strikes(av: Any, other: Any, road: RoadNumbers) -> bool:
             ax, ay = -sa, ca
         else:
             ax, ay = -sb, cb
-        since, overlap = _separation((ax, ay), (dx, dy), (vx, vy), _Axes(ca, sa, cb, sb), road)
+        since, overlap = _separation((ax, ay), (dx, dy), (vx, vy), boxes)
         if since < best_since or (best_since == math.inf and since == math.inf and overlap < best_overlap):
             best_since = since
             best_overlap = overlap

@@ -41,7 +41,7 @@ equally likely). Recordings have it where a vehicle is absent, and there it says
 
 START_FIELDS = (
     "x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration",
-    "c0", "c1", "c2", "c3", "c4", "c5", "target_lane", "lanes",
+    "c0", "c1", "c2", "c3", "c4", "c5", "target_lane", "lanes", "length", "width", "kind",
 )  # fmt: skip
 """Fields of `world.VEHICLE` that make a start. The others follow: whoever starts is present, has decided nothing yet,
 and holds its acceleration from there on."""

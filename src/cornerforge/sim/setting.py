@@ -15,7 +15,8 @@ from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
 
 if TYPE_CHECKING:
     from cornerforge.drivers.naturalistic import NddTables
-    from cornerforge.sim.world import AvNumbers, RoadNumbers
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import AvNumbers
 
 __all__ = [
     "ADVERSARIES",

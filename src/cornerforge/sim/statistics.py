@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.road.straight import ahead_by, gap, half_lengths
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
 
 if TYPE_CHECKING:
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.road.straight import RoadNumbers
+    from cornerforge.sim.world import World
 
 __all__ = [
     "EVERYBODY",
@@ -192,7 +194,7 @@ def _nearest_lead(w: World, rank: int) -> int:
     i = w.order[rank]
     for other in range(rank + 1, w.state[0].n_vehicles):
         j = w.order[other]
-        if v[j].x - v[i].x >= SIGHT:
+        if ahead_by(v, i, j) >= SIGHT:
             return -1
         if v[j].present and v[j].lanes & v[i].lanes:
             return int(j)
@@ -220,7 +222,7 @@ def _count_following(counts: Counts, speed: float, gap: float, rate: float) -> N
 
 
 @inlined_kernel
-def count_states(w: World, time: int, road: RoadNumbers, counts: Counts, census: Census) -> float:
+def count_states(w: World, time: int, counts: Counts, census: Census) -> float:
     """Count the states of the BVs of a census at decision time `time` [s], and remember them for `count_choices`.
 
     Returns:
@@ -246,14 +248,14 @@ def count_states(w: World, time: int, road: RoadNumbers, counts: Counts, census:
         _count(counts, 0, v[i].speed)
         seen.as_what = _FREE
         lead = _nearest_lead(w, rank)
-        if lead >= 0 and v[lead].x - v[i].x - road.length <= _FOLLOWING_GAP:
+        if lead >= 0 and gap(v, i, lead) <= _FOLLOWING_GAP:
             seen.as_what = _FOLLOWING
-            _count_following(counts, v[i].speed, v[lead].x - v[i].x - road.length, v[lead].speed - v[i].speed)
+            _count_following(counts, v[i].speed, gap(v, i, lead), v[lead].speed - v[i].speed)
     return travel
 
 
 @kernel
-def _count_accepted(w: World, i: int, target: int, road: RoadNumbers, counts: Counts) -> None:
+def _count_accepted(w: World, i: int, target: int, counts: Counts) -> None:
     """Count the gaps ahead and behind in lane `target` that slot i had when it began to change there."""
     seen = w.seen
     bit = 1 << target
@@ -262,17 +264,17 @@ def _count_accepted(w: World, i: int, target: int, road: RoadNumbers, counts: Co
     for j in range(w.state[0].n_vehicles):
         if j == i or seen[j].lanes & bit == 0:
             continue
-        dx = seen[j].x - seen[i].x
+        dx = ahead_by(seen, i, j)
         if dx > 0.0:
-            lead_gap = min(lead_gap, dx - road.length)
+            lead_gap = min(lead_gap, dx - half_lengths(w.vehicles, i, j))
         else:
-            rear_gap = min(rear_gap, -dx - road.length)
+            rear_gap = min(rear_gap, -dx - half_lengths(w.vehicles, i, j))
     _count_joint(counts, LEAD_GAP, seen[i].speed, min(lead_gap, 1e6))
     _count_joint(counts, REAR_GAP, seen[i].speed, min(rear_gap, 1e6))
 
 
 @kernel
-def count_choices(w: World, road: RoadNumbers, counts: Counts) -> None:
+def count_choices(w: World, counts: Counts) -> None:
     """Count what the BVs that `count_states` counted chose then, and which of them crashed in the second since.
 
     A lane change holds the speed: it counts as acceleration 0. `crashes_before`: state.bv_crashes before the second;
@@ -292,7 +294,7 @@ def count_choices(w: World, road: RoadNumbers, counts: Counts) -> None:
         else:
             counts.totals[LANE_CHANGES] += 1
             if w.seen[i].lanes & (1 << v[i].target_lane) == 0:
-                _count_accepted(w, i, v[i].target_lane, road, counts)
+                _count_accepted(w, i, v[i].target_lane, counts)
         _count(counts, 4, acceleration)
         row = FOLLOWING_ACCELERATION if w.seen[i].as_what == _FOLLOWING else FREE_ACCELERATION
         _count_joint(counts, row, w.seen[i].speed, acceleration)
@@ -315,6 +317,6 @@ def count_av(w: World, road: RoadNumbers, counts: Counts) -> None:
     counts.totals[AV_STATES] += 1
     lead, rear = neighbours_in_lane(w, 0, v[0].target_lane, road.lane_width, 1)
     if lead >= 0:
-        _count_pair(counts, 0, v[lead].x - v[0].x - road.length, v[lead].speed - v[0].speed)
+        _count_pair(counts, 0, gap(v, 0, lead), v[lead].speed - v[0].speed)
     if rear >= 0:
-        _count_pair(counts, 1, v[0].x - v[rear].x - road.length, v[0].speed - v[rear].speed)
+        _count_pair(counts, 1, gap(v, rear, 0), v[0].speed - v[rear].speed)

@@ -9,7 +9,8 @@ import numpy as np
 from cornerforge._elementary import atan
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import FRAME_FIELDS
-from cornerforge.geometry import Box, boxes_overlap, lane_bits, lane_centre, path_at
+from cornerforge.geometry import Box, boxes_overlap, path_at
+from cornerforge.road.straight import distance_left, go_along, go_further, lane_bits, lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.setting import BUILT_IN
@@ -29,9 +30,10 @@ from cornerforge.types import ACCELERATIONS, FRAME_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = [
     "SUBSTEPS",
@@ -70,14 +72,15 @@ def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) ->
     a = v[i].acceleration
     after = start + a * held
     if after < 0.0:
-        v[i].x = v[i].x_held - 0.5 * start * start / a
+        go_along(v, i, -0.5 * start * start / a)
         after = 0.0
     elif after > road.max_speed:
         until = (road.max_speed - start) / a
-        v[i].x = v[i].x_held + 0.5 * (start + road.max_speed) * until + road.max_speed * (held - until)
+        go_along(v, i, 0.5 * (start + road.max_speed) * until)
+        go_further(v, i, road.max_speed * (held - until))
         after = road.max_speed
     else:
-        v[i].x = v[i].x_held + 0.5 * (start + after) * held
+        go_along(v, i, 0.5 * (start + after) * held)
     v[i].speed = after
     if v[i].duration == 0.0:
         return
@@ -94,18 +97,18 @@ def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) ->
         v[i].lateral_speed = lateral_speed * pace
         if after > 0.0:
             v[i].heading = atan(v[i].lateral_speed / after)
-    v[i].lanes = lane_bits(v[i].y, 0.5 * road.width, v[i].target_lane, road.lane_width)
+    v[i].lanes = lane_bits(v[i].y, 0.5 * v[i].width, v[i].target_lane, road.lane_width)
 
 
 @inlined_kernel
-def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
+def _touch(w: World, a: int, b: int) -> bool:
     """Are both vehicles there, and do their boxes overlap?"""
     v = w.vehicles
     if v[a].present == 0 or v[b].present == 0:
         return False
     return boxes_overlap(
-        Box(v[a].x, v[a].y, v[a].heading, road.length, road.width),
-        Box(v[b].x, v[b].y, v[b].heading, road.length, road.width),
+        Box(v[a].x, v[a].y, v[a].heading, v[a].length, v[a].width),
+        Box(v[b].x, v[b].y, v[b].heading, v[b].length, v[b].width),
     )
 
 
@@ -126,7 +129,7 @@ def _drop_absent(w: World) -> None:
 
 
 @inlined_kernel
-def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
+def _check_contacts(w: World, frame: int) -> bool:
     """Look for contacts at this frame; returns True when one ends the test.
 
     A crash of the AV goes before all others, then one of the controlled BV. Only if neither happens are BVs that crash
@@ -139,7 +142,7 @@ def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
         is_av = a == 0
         if not is_av and (state.outcome != RUNNING or (state.controlled != a and state.controlled != b)):
             continue
-        if state.outcome != AV_CRASH and _touch(w, a, b, road):
+        if state.outcome != AV_CRASH and _touch(w, a, b):
             state.outcome = AV_CRASH if is_av else BV_CRASH
             state.slot_a = a
             state.slot_b = b
@@ -152,7 +155,7 @@ def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
     for k in range(state.n_pairs):
         a = w.pair_a[k]
         b = w.pair_b[k]
-        if a > 0 and _touch(w, a, b, road):
+        if a > 0 and _touch(w, a, b):
             state.bv_crashes += 1
             w.vehicles[a].present = 0
             w.vehicles[b].present = 0
@@ -234,8 +237,8 @@ def move_on(w: World, substep: int, road: RoadNumbers, recording: NDArray[np.voi
     frame = first_frame + substep + 1
     record_frame(w, frame - 1, recording)
     _move(w, substep, road)
-    ends = _check_contacts(w, frame, road)
-    if not ends and w.vehicles[0].x >= road.av_start + road.test_length:
+    ends = _check_contacts(w, frame)
+    if not ends and distance_left(w.vehicles, 0, road) <= 0.0:
         state.outcome = COMPLETED
         state.frame = frame
         ends = True

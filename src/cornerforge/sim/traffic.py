@@ -5,23 +5,29 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge._philox import PURPOSE_INITIAL, block, normal_pair, uniform
+from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
-from cornerforge.geometry import lane_centre
+from cornerforge.road.straight import half_lengths, lane_centre
 from cornerforge.sim.setting import critical_of
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, all_current
+from cornerforge.types import CAR, CLASSES, MOTORCYCLE, TRUCK
 
 if TYPE_CHECKING:
     from numpy import uint64
 
     from cornerforge.drivers.naturalistic import InitialNumbers
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.setting import Setting
-    from cornerforge.sim.world import RoadNumbers, World
+    from cornerforge.sim.world import World
 
 __all__ = ["clear_world", "reset_world"]
 
+_LENGTHS = np.array([user.length for user in CLASSES])
+_WIDTHS = np.array([user.width for user in CLASSES])
 _MAX_TRIES = 200
 """So many refused draws of a neighbour, and there is none within the free gap."""
 
@@ -75,8 +81,29 @@ def _draw_neighbour(w: World, speed: float, ahead: bool, initial: InitialNumbers
 
 
 @inlined_kernel
+def _join(w: World, road: RoadNumbers) -> bool:
+    """Give the next free slot a class and a size; False when there is none left. `_place` makes it one of the world."""
+    state = w.state[0]
+    slot = state.n_vehicles
+    if slot >= w.vehicles.size:
+        return False
+    kind = CAR
+    if slot > 0 and road.truck_share + road.motorcycle_share > 0.0:
+        draw = uniform(block(state.seed, state.test, slot, 0, PURPOSE_CLASS)[0])
+        if draw < road.truck_share:
+            kind = TRUCK
+        elif draw < road.truck_share + road.motorcycle_share:
+            kind = MOTORCYCLE
+    v = w.vehicles[slot]
+    v.kind = kind
+    v.length = road.length if kind == CAR else _LENGTHS[kind]
+    v.width = road.width if kind == CAR else _WIDTHS[kind]
+    return True
+
+
+@inlined_kernel
 def _place(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> None:
-    """Put one more vehicle on the road."""
+    """Put the vehicle that has joined on the road."""
     v = w.vehicles
     slot = w.state[0].n_vehicles
     speed = min(speed, road.max_speed)
@@ -98,25 +125,35 @@ def _place(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> No
 
 
 @kernel
-def _fill_ahead(w: World, x: float, speed: float, lane: int, road: RoadNumbers, initial: InitialNumbers) -> None:
-    """Chain vehicles ahead of (x, speed) up to the end of the traffic."""
+def _fill_ahead(w: World, x: float, speed: float, lane: int, before: float, setting: Setting) -> None:
+    """Chain vehicles ahead of one at x with `speed` that is `before` [m] long, up to the end of the traffic."""
+    road, initial = setting.road, setting.tables.initial
     while True:
         gap, speed = _draw_neighbour(w, speed, True, initial)
-        x += road.length + gap
-        if x > road.traffic_length or w.state[0].n_vehicles >= w.vehicles.size:
+        if not _join(w, road):
+            return
+        length = w.vehicles[w.state[0].n_vehicles].length
+        x += 0.5 * (before + length) + gap
+        if x > road.traffic_length:
             return
         _place(w, x, lane, speed, road)
+        before = length
 
 
 @kernel
-def _fill_behind(w: World, x: float, speed: float, lane: int, road: RoadNumbers, initial: InitialNumbers) -> None:
-    """Chain vehicles behind (x, speed) back to the begin of the traffic."""
+def _fill_behind(w: World, x: float, speed: float, lane: int, before: float, setting: Setting) -> None:
+    """Chain vehicles behind one at x with `speed` that is `before` [m] long, back to the begin of the traffic."""
+    road, initial = setting.road, setting.tables.initial
     while True:
         gap, speed = _draw_neighbour(w, speed, False, initial)
-        x -= road.length + gap
-        if x < 0.0 or w.state[0].n_vehicles >= w.vehicles.size:
+        if not _join(w, road):
+            return
+        length = w.vehicles[w.state[0].n_vehicles].length
+        x -= 0.5 * (before + length) + gap
+        if x < 0.0:
             return
         _place(w, x, lane, speed, road)
+        before = length
 
 
 @kernel
@@ -164,19 +201,22 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     state.budget_left = critical_of(seed, test, setting.who)[2]
     av_lane = min(road.n_lanes - 1, math.floor(uniform(_next_words(w)[0]) * road.n_lanes))
     speed = min(_draw_speed(w, initial), road.max_speed)
+    _join(w, road)
     _place(w, road.av_start, av_lane, speed, road)
 
     # The lead's speed decides the AV's desired gap, so the first link of the AV's chain is drawn here.
     gap, lead_speed = _draw_neighbour(w, speed, True, initial)
-    x = road.av_start + road.length + max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
+    _join(w, road)
+    gap = max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
+    x = road.av_start + half_lengths(w.vehicles, 0, 1) + gap
     if x <= road.traffic_length:
         _place(w, x, av_lane, lead_speed, road)
-        _fill_ahead(w, x, lead_speed, av_lane, road, initial)
-    _fill_behind(w, road.av_start, speed, av_lane, road, initial)
+        _fill_ahead(w, x, lead_speed, av_lane, w.vehicles[1].length, setting)
+    _fill_behind(w, road.av_start, speed, av_lane, road.length, setting)
     for lane in range(road.n_lanes):
         if lane != av_lane:
             start = uniform(_next_words(w)[0])
-            _fill_ahead(w, -initial.free_gap_low * start, _draw_speed(w, initial), lane, road, initial)
+            _fill_ahead(w, -initial.free_gap_low * start, _draw_speed(w, initial), lane, road.length, setting)
     for i in range(state.n_vehicles):
         w.order[i] = i
     all_current(w)

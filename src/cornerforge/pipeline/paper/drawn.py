@@ -6,6 +6,7 @@ from typing import Any
 
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import mechanism_of
+from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["drawn_case", "number_of_cases"]
@@ -18,7 +19,7 @@ def drawn_case(scenario: Scenario) -> dict[str, Any]:
     """A crash at 3, 2, 1 and 0 s before contact (as far as it goes back), its mechanism, what happened, and the road.
 
     Each of `moments` holds the boxes `av`, `bv` (of the crash; None where it was not there) and `others` near the AV as
-    [x ahead of the AV, y, heading] in m and rad.
+    [x ahead of the AV, y, heading, length, width] in m and rad.
     """
     moments = [moment for moment in _SHOWN_S if moment <= _contact_time(scenario)]
     return {
@@ -26,8 +27,6 @@ def drawn_case(scenario: Scenario) -> dict[str, Any]:
         "happened": what_happened(scenario),
         "lanes": scenario.odd.n_lanes,
         "lane_width": scenario.odd.lane_width,
-        "length": scenario.odd.vehicle_length,
-        "width": scenario.odd.vehicle_width,
         "moments": [{"before": moment, **_boxes(scenario, moment)} for moment in moments],
     }
 
@@ -53,9 +52,11 @@ def _boxes(scenario: Scenario, before: float) -> dict[str, Any]:
         int(slot): [
             round(float(value), 4)
             for value in (
-                scenario.x[frame, column] - scenario.x[frame, 0],
+                along(scenario.x[frame, 0], scenario.x[frame, column]),
                 scenario.y[frame, column],
                 scenario.heading[frame, column],
+                scenario.length[column],
+                scenario.width[column],
             )
         ]
         for column, slot in enumerate(scenario.slot)

@@ -29,7 +29,7 @@ const player = (() => {
     if (low < 0 || high >= vehicle.x.length || vehicle.x[low] === null || vehicle.x[high] === null) return null;
     const mix = (values) => values[low] * (1 - part) + values[high] * part;
     const [x, y, v, h] = ["x", "y", "v", "h"].map((key) => mix(vehicle[key]));
-    return { x, y, v, h, lane: vehicle.lane[low] };
+    return { x, y, v, h, lane: vehicle.lane[low], length: vehicle.length, width: vehicle.width };
   }
 
   const decision = (item, frame) => Math.min(Math.floor((item.first + frame + 1e-6) / 10), item.critical.length - 1);
@@ -39,9 +39,9 @@ const player = (() => {
     return k < 0 ? -1 : item.critical[k];
   }
 
-  function corners(box, item) {
+  function corners(box) {
     const c = Math.cos(box.h), s = Math.sin(box.h);
-    const along = item.length / 2, across = item.width / 2;
+    const along = box.length / 2, across = box.width / 2;
     return [[along, across], [-along, across], [-along, -across], [along, -across]].map(
       ([a, b]) => [box.x + a * c - b * s, box.y + a * s + b * c]);
   }
@@ -116,8 +116,8 @@ const player = (() => {
     }
   }
 
-  function drawVehicle(g, view, item, box, colour, outlined) {
-    const length = item.length * view.scale, width = item.width * view.scale;
+  function drawVehicle(g, view, box, colour, outlined) {
+    const length = box.length * view.scale, width = box.width * view.scale;
     g.save();
     g.translate(view.px(box.x), view.py(box.y));
     g.rotate(-box.h);
@@ -132,8 +132,8 @@ const player = (() => {
   }
 
   // The AV on its way out: an outline, since it is not what happened.
-  function drawWayOut(g, view, item, box) {
-    const length = item.length * view.scale, width = item.width * view.scale;
+  function drawWayOut(g, view, box) {
+    const length = box.length * view.scale, width = box.width * view.scale;
     g.save();
     g.translate(view.px(box.x), view.py(box.y));
     g.rotate(-box.h);
@@ -148,7 +148,7 @@ const player = (() => {
   function drawTarget(g, view, item, box, colour) {
     const goal = (box.lane + 0.5) * item.laneWidth;
     if (box.lane < 0 || Math.abs(goal - box.y) < 0.25) return;
-    const nose = box.x + item.length / 2;
+    const nose = box.x + box.length / 2;
     const [x0, y0, x1, y1] = [view.px(nose), view.py(box.y), view.px(nose + 7), view.py(goal)];
     g.strokeStyle = colour;
     g.fillStyle = colour;
@@ -166,8 +166,8 @@ const player = (() => {
     g.fill();
   }
 
-  function drawLabel(g, view, item, box, label, below, strong) {
-    const reach = (item.width / 2) * view.scale + Math.abs(Math.sin(box.h)) * (item.length / 2) * view.scale;
+  function drawLabel(g, view, box, label, below, strong) {
+    const reach = (box.width / 2) * view.scale + Math.abs(Math.sin(box.h)) * (box.length / 2) * view.scale;
     const y = view.py(box.y) + (below ? reach + 14 : -reach - 5);
     g.font = `${strong ? "600 13px" : "11px"} system-ui, sans-serif`;
     g.textAlign = "center";
@@ -179,8 +179,8 @@ const player = (() => {
     g.fillText(label, view.px(box.x), y);
   }
 
-  function drawContact(g, view, item, a, b) {
-    const area = commonArea(corners(a, item), corners(b, item));
+  function drawContact(g, view, a, b) {
+    const area = commonArea(corners(a), corners(b));
     if (area.length < 3) return;
     g.fillStyle = colours.contact;
     g.beginPath();
@@ -215,12 +215,12 @@ const player = (() => {
     for (const i of order) {
       const colour = colourOf(item, i, critical);
       if (detail) drawTarget(g, view, item, boxes[i], i === 0 || i === item.partner ? colours.paint : colour);
-      drawVehicle(g, view, item, boxes[i], colour, i === critical);
+      drawVehicle(g, view, boxes[i], colour, i === critical);
     }
     const wayOut = detail && item.wayOut ? at(item.wayOut, frame) : null;
-    if (wayOut) drawWayOut(g, view, item, wayOut);
+    if (wayOut) drawWayOut(g, view, wayOut);
     if (item.crash !== null && frame >= item.crash && item.partner > 0 && boxes[item.partner]) {
-      drawContact(g, view, item, boxes[0], boxes[item.partner]);
+      drawContact(g, view, boxes[0], boxes[item.partner]);
     }
     if (detail && view.scale > 5) {
       const partner = item.partner > 0 ? boxes[item.partner] : null;
@@ -230,7 +230,7 @@ const player = (() => {
         const pair = i === 0 || i === item.partner;
         // The two that meet carry their labels on the sides turned away from each other.
         const below = pair && partner ? (i === 0) === boxes[0].y < partner.y : false;
-        drawLabel(g, view, item, box, pair ? `${name} ${box.v.toFixed(1)} m/s` : box.v.toFixed(1), below, pair);
+        drawLabel(g, view, box, pair ? `${name} ${box.v.toFixed(1)} m/s` : box.v.toFixed(1), below, pair);
       }
     }
   }
@@ -249,7 +249,7 @@ const player = (() => {
       before: show(before, "s"),
       av: show(av.v, "m/s"),
       bv: show(bv && bv.v, "m/s"),
-      gap: show(bv && Math.abs(bv.x - av.x) - item.length, "m"),
+      gap: show(bv && Math.abs(bv.x - av.x) - (bv.length + av.length) / 2, "m"),
       ttc: item.ttc[frame] === null ? "∞" : show(item.ttc[frame], "s", 2),
       plane: item.ttcPlane[frame] === null ? "∞" : show(item.ttcPlane[frame], "s", 2),
       critical: k >= 0 && item.critical[k] > 0 ? `BV ${item.vehicles[item.critical[k]].slot}: ${item.action[k] || "–"}` : "–",

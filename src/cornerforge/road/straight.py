@@ -1,0 +1,169 @@
+"""A straight road: parallel lanes of one width, numbered from 0 at the right edge (y = 0); x grows with the traffic.
+
+The scalar kernels take record arrays of vehicles (`sim.world.VEHICLE`, or frames of a recording) and slots, so that a
+road on which x is no straight line can ask a vehicle for more. `along` is their face for NumPy arrays.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from cornerforge.types import Odd
+
+__all__ = [
+    "RoadNumbers",
+    "ahead_by",
+    "along",
+    "distance_left",
+    "driven",
+    "gap",
+    "go_along",
+    "go_further",
+    "half_lengths",
+    "half_widths",
+    "lane_bits",
+    "lane_centre",
+    "lane_of",
+    "road_numbers",
+]
+
+
+class RoadNumbers(NamedTuple):
+    """`Odd` as kernels take it; units as there. length, width: of a car; longest: of the longest class on this road."""
+
+    n_lanes: int
+    lane_width: float
+    length: float
+    width: float
+    max_speed: float
+    lane_change_duration: float
+    max_lateral_acceleration: float
+    test_length: float
+    max_decisions: int
+    av_start: float
+    traffic_length: float
+    av_substeps: int
+    truck_share: float
+    motorcycle_share: float
+    longest: float
+
+
+def road_numbers(odd: Odd) -> RoadNumbers:
+    """Constants of an ODD for the kernels."""
+    return RoadNumbers(
+        odd.n_lanes,
+        odd.lane_width,
+        odd.vehicle_length,
+        odd.vehicle_width,
+        odd.max_speed,
+        odd.lane_change_duration,
+        odd.max_lateral_acceleration,
+        odd.test_length,
+        int(np.ceil(odd.time_limit)),
+        odd.av_start,
+        odd.traffic_length,
+        odd.av_substeps,
+        odd.truck_share,
+        odd.motorcycle_share,
+        max(length for length, _ in odd.sizes_on_road),
+    )
+
+
+# Lanes
+
+
+@inlined_kernel
+def lane_of(y: float, lane_width: float) -> int:
+    """Index of the lane that holds y [m]; negative or too large beyond the road's edges."""
+    return math.floor(y / lane_width)
+
+
+@inlined_kernel
+def lane_centre(lane: int, lane_width: float) -> float:
+    """Lateral position [m] of a lane's centre."""
+    return (lane + 0.5) * lane_width
+
+
+@inlined_kernel
+def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) -> int:
+    """Lanes that a vehicle occupies, as a bit mask: those its body touches and the one it changes to.
+
+    A heading widens a car's body by less than 0.3 m in a lane change of 2.5 s and more; that is left out.
+    """
+    low = lane_of(y - half_width, lane_width)
+    high = lane_of(y + half_width, lane_width)
+    bits = 1 << target_lane
+    if low >= 0:
+        bits |= 1 << low
+    if high >= 0:
+        bits |= 1 << high
+    return bits
+
+
+# Along the road
+
+
+@inlined_kernel
+def ahead_by(v: NDArray[np.void], i: int, j: int) -> float:
+    """How far the centre of vehicle j is ahead of that of vehicle i [m]; negative: behind."""
+    distance: float = v[j].x - v[i].x
+    return distance
+
+
+def along(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
+    """How far `end` is ahead of `start`, both positions along the road [m]; for NumPy arrays and for numbers."""
+    return np.subtract(end, start)
+
+
+@inlined_kernel
+def half_lengths(v: NDArray[np.void], i: int, j: int) -> float:
+    """Half of both vehicles' lengths together [m]: so far apart their centres are when bumper touches bumper."""
+    half: float = 0.5 * (v[i].length + v[j].length)
+    return half
+
+
+@inlined_kernel
+def half_widths(v: NDArray[np.void], i: int, j: int) -> float:
+    """Half of both vehicles' widths together [m]."""
+    half: float = 0.5 * (v[i].width + v[j].width)
+    return half
+
+
+@inlined_kernel
+def gap(v: NDArray[np.void], rear: int, lead: int) -> float:
+    """Room from the front bumper of `rear` to the rear bumper of `lead` [m]; negative: they stand side by side."""
+    return ahead_by(v, rear, lead) - half_lengths(v, rear, lead)
+
+
+@inlined_kernel
+def go_along(v: NDArray[np.void], i: int, distance: float) -> None:
+    """Put vehicle i so far [m] from where it was when its acceleration began (`x_held`)."""
+    v[i].x = v[i].x_held + distance
+
+
+@inlined_kernel
+def go_further(v: NDArray[np.void], i: int, distance: float) -> None:
+    """Put vehicle i so far [m] ahead of where it is."""
+    v[i].x = v[i].x + distance
+
+
+@inlined_kernel
+def driven(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
+    """How far vehicle i is from where the AV starts [m]."""
+    distance: float = v[i].x - road.av_start
+    return distance
+
+
+@inlined_kernel
+def distance_left(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
+    """How far vehicle i has to drive to where a test ends [m]; 0 or less: it is there."""
+    distance: float = road.av_start + road.test_length - v[i].x
+    return distance
