@@ -14,10 +14,11 @@ from measuring import Series, interleave, table
 
 from cornerforge.adversary.config import preset_named
 from cornerforge.adversary.policy_file import Policy
+from cornerforge.execution import default_threads
 from cornerforge.pipeline import analyse, generate
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.pipeline.train import learn
-from cornerforge.sim.runner import default_threads, simulate, warm_up
+from cornerforge.sim.runner import simulate, warm_up
 
 __all__ = ["EndToEnd", "Sizes", "measure_end_to_end", "render"]
 

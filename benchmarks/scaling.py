@@ -12,8 +12,9 @@ from typing import Any
 from measuring import Series, interleave, on_one_core, table
 from worlds import SEED, driven_seconds, mean_bvs, with_bvs
 
+from cornerforge.execution import default_threads
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.sim.runner import default_threads, simulate, simulate_chunks, warm_up
+from cornerforge.sim.runner import simulate, simulate_chunks, warm_up
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import allocate_worlds, world_of

@@ -17,6 +17,7 @@ import numpy as np
 from cornerforge._philox import PURPOSE_DECIDE, blocks, uniform
 from cornerforge.drivers.naturalistic import following_row, free_row, sample_row
 from cornerforge.drivers.policy import best_action, q_values
+from cornerforge.road.straight import distance_left
 from cornerforge.sim.actions import apply_action
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.decide import decide_bvs
@@ -114,8 +115,8 @@ def _timed_substeps(
         _move(w, substep, road)
         since = _lap(ns, MOVE, since, clock)
         frame = first_frame + substep + 1
-        ends = _check_contacts(w, frame, road)
-        if not ends and v[0].x >= road.av_start + road.test_length:
+        ends = _check_contacts(w, frame)
+        if not ends and distance_left(v, 0, road) <= 0.0:
             state.outcome = COMPLETED
             state.frame = frame
             ends = True

@@ -11,8 +11,9 @@ from measuring import Series, interleave, on_one_core, ratio, table
 from worlds import SEED, driven_seconds, with_bvs
 from yardstick import COMPILER, FLAGS, Yardstick, compiler_version, has_compiler, same_outcomes
 
+from cornerforge.execution import default_threads
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.sim.runner import default_threads, drive_chunk, warm_up
+from cornerforge.sim.runner import drive_chunk, warm_up
 
 __all__ = ["AIM", "Comparison", "compare", "render"]
 

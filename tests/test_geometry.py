@@ -184,8 +184,10 @@ def test_boxes_of_two_sizes_overlap_as_their_polygons_do(seed: int) -> None:
         ]
         if area[0] == 0.0 and area[1] > 0.0:
             continue
-        touches = geometry.boxes_overlap(geometry.Box(*a, *sizes[0]), geometry.Box(*b, *sizes[1]))
+        touches = geometry.boxes_overlap(geometry.Box._make((*a, *sizes[0])), geometry.Box._make((*b, *sizes[1])))
         assert touches == (area[0] > 0.0)
-        assert touches == geometry.boxes_overlap(geometry.Box(*b, *sizes[1]), geometry.Box(*a, *sizes[0]))
+        assert touches == geometry.boxes_overlap(
+            geometry.Box._make((*b, *sizes[1])), geometry.Box._make((*a, *sizes[0]))
+        )
         found.append(touches)
     assert 400 < sum(found) < 1600

@@ -282,8 +282,8 @@ def test_figures_of_a_library_count_every_case_and_can_be_drawn(swerving: Bench)
         contact = example["moments"][-1]
         assert contact["before"] == 0.0
         assert contact["bv"] is not None
-        av, bv = (Box(*pose, length + 0.01, width + 0.01) for *pose, length, width in (contact["av"], contact["bv"]))
-        assert boxes_overlap(av, bv)
+        larger = [Box._make(contact[who])._replace(length=5.01, width=2.01) for who in ("av", "bv")]
+        assert boxes_overlap(*larger)
 
 
 def test_shares_of_kinds_are_those_of_all_cases(swerving: Bench) -> None:

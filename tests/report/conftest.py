@@ -94,7 +94,7 @@ def crash_scenario(test: int, kind: str) -> Scenario:
     while contact is None:
         scenes, lane, begin = _drive_all(rng, kind)
         contact = _first_contact(scenes)
-    cut = {name: values[: contact + 1].copy() for name, values in scenes.items()}
+    cut: dict[str, Any] = {name: values[: contact + 1].copy() for name, values in scenes.items()}
     n_frames, n = cut["x"].shape
     present = np.ones((n_frames, n), dtype=np.bool_)
     present[: n_frames // 2, 5] = False  # this one comes into the stored range late

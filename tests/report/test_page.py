@@ -114,7 +114,7 @@ def test_only_the_scripts_of_the_page_may_run(run_folder: Path) -> None:
 
 def _box(vehicle: dict[str, Any], frame: int, less: float = 0.0) -> Box:
     pose = (vehicle[key][frame - vehicle["from"]] for key in ("x", "y", "h"))
-    return Box(*pose, vehicle["length"] - less, vehicle["width"] - less)
+    return Box._make((*pose, vehicle["length"] - less, vehicle["width"] - less))
 
 
 def _touches(case: dict[str, Any], frame: int) -> bool:

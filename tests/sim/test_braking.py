@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,7 +64,13 @@ def drive(*movers: Mover) -> Scenario:
         for j in range(1, len(movers)):
             if boxes_overlap(*(Box(x[f, i], y[f, i], heading[f, i], 5.0, 2.0) for i in (0, j))):
                 n = f + 1
-                columns = {"x": x, "y": y, "speed": speed, "heading": heading, "acceleration": acceleration}
+                columns: dict[str, Any] = {
+                    "x": x,
+                    "y": y,
+                    "speed": speed,
+                    "heading": heading,
+                    "acceleration": acceleration,
+                }
                 decided = -(-f // 10)
                 return Scenario(
                     seed=0, test=0, odd=ODD, slot=np.arange(len(movers), dtype=np.int16), target_lane=lane[:n],

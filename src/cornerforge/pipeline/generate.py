@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from typing import Any, Unpack
 
 import numpy as np
@@ -17,6 +16,7 @@ import pyarrow as pa
 from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
+from cornerforge.execution import Rooms, in_order
 from cornerforge.library import CaseLibrary
 from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
@@ -72,54 +72,36 @@ class _Harvest:
         self._seed = seed
         self._threads = threads
         self._policies = [policy_hash(policy) for policy in run.policies]
-        self._idle: SimpleQueue[Harvester] = SimpleQueue()
-        self._recorders: SimpleQueue[tuple[Recorder, CaseRoom]] = SimpleQueue()
+        self._harvesters = Rooms(lambda: Harvester(run.setting, run.slots, self._policies))
+        self._recorders = Rooms(self._recorder)
         self.pool = ThreadPoolExecutor(threads)
         self.extra = extra_columns(with_policy=bool(self._policies))
 
+    def _recorder(self) -> tuple[Recorder, CaseRoom]:
+        cases = CaseRoom(self._run.slots, int(self._run.setting.road.max_decisions), self._policies)
+        return self._run.recorder(), cases
+
     def _foreign(self, first: int, count: int) -> Harvested:
         """The same for a foreign AV: every crashed test is driven again, alone, with the answers that the AV gave."""
-        try:
-            recorder, cases = self._recorders.get_nowait()
-        except Empty:
-            # before the tests: the recorder has the AV's answers kept, for AVs that draw lots
-            recorder = self._run.recorder()
-            cases = CaseRoom(self._run.slots, int(self._run.setting.road.max_decisions), self._policies)
         run = self._run
-        outcomes, counts = run.drive(run.setting, run.slots, self._seed, first, count, self._counting)
-        for test in crashed_tests(first, outcomes):
-            recorder.keep(self._seed, test, cases.room())
-        harvested = harvested_of(first, outcomes, counts, cases)
-        self._recorders.put((recorder, cases))
-        return harvested
+        # lent before the tests: the recorder has the AV's answers kept, for AVs that draw lots
+        with self._recorders.lend() as (recorder, cases):
+            outcomes, counts = run.drive(run.setting, run.slots, self._seed, first, count, self._counting)
+            for test in crashed_tests(first, outcomes):
+                recorder.keep(self._seed, test, cases.room())
+            return harvested_of(first, outcomes, counts, cases)
 
     def _one(self, first: int, count: int) -> Harvested:
         if self._run.foreign is not None:
             return self._foreign(first, count)
-        try:
-            harvester = self._idle.get_nowait()
-        except Empty:
-            harvester = Harvester(self._run.setting, self._run.slots, self._policies)
-        harvested = harvester.harvest(self._seed, first, count, counting=self._counting)
-        self._idle.put(harvester)
-        return harvested
+        with self._harvesters.lend() as harvester:
+            return harvester.harvest(self._seed, first, count, counting=self._counting)
 
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Ranges of tests with their cases. Results do not depend on the number of threads or the ranges' size."""
         # Of an adversary most tests are cases, and cases fill memory; natural crashes are rare.
         chunk = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
-        starts = iter(range(first, first + tests, chunk))
-        pending: deque[Future[Harvested]] = deque()
-        try:
-            while True:
-                while len(pending) < 2 * self._threads and (start := next(starts, None)) is not None:
-                    pending.append(self.pool.submit(self._one, start, min(chunk, first + tests - start)))
-                if not pending:
-                    return
-                yield pending.popleft().result()
-        finally:
-            for future in pending:
-                future.cancel()
+        return in_order(self._one, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
 
     def __enter__(self) -> _Harvest:
         return self

@@ -15,6 +15,7 @@ from cornerforge.drivers.avs import AvModel, av_hash, av_named
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.execution import default_threads
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.recorder import ForeignRecorder
@@ -24,7 +25,7 @@ from cornerforge.pipeline.output import config_hash
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.observe import budget_units
 from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.runner import DriveChunk, default_threads, drive_chunk, warm_up
+from cornerforge.sim.runner import DriveChunk, drive_chunk, warm_up
 from cornerforge.sim.setting import (
     ADVERSARIES,
     BUILT_IN,

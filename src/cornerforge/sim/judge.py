@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
 from cornerforge._jit import kernel
+from cornerforge.execution import in_order
 from cornerforge.sim.braking import Braking, is_avoidable
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import Keep, keep_whole_test
@@ -92,10 +90,14 @@ def judge_crashes(
     Raises:
         InputError: `threads` is out of range.
     """
-    check_integer("threads", threads, low=1, high=1024)
     numbers = np.array(tests, dtype=np.int64)
-    chunks = [numbers[k : k + _CHUNK] for k in range(0, numbers.size, _CHUNK)] or [numbers]
-    with ThreadPoolExecutor(threads) as pool:
-        parts = list(pool.map(lambda chunk: _judge_chunk(setting, slots, seed, chunk, braking), chunks))
-    judged = np.concatenate(parts)
+
+    def judge(first: int, count: int) -> NDArray[np.bool_]:
+        return _judge_chunk(setting, slots, seed, numbers[first : first + count], braking)
+
+    judged = np.zeros((numbers.size, 2), dtype=np.bool_)
+    done = 0
+    for part in in_order(judge, 0, numbers.size, chunk=_CHUNK, threads=threads):
+        judged[done : done + len(part)] = part
+        done += len(part)
     return judged[:, 0], judged[:, 1]

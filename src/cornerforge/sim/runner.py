@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
-from collections import deque
 from collections.abc import Callable, Generator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from cornerforge._checks import check_integer
+from cornerforge.execution import in_order
 from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
@@ -25,7 +23,6 @@ __all__ = [
     "Tally",
     "census_of",
     "crashed_tests",
-    "default_threads",
     "drive_chunk",
     "simulate",
     "simulate_chunks",
@@ -92,11 +89,6 @@ class Tally:
         self.counts.add(counts)
 
 
-def default_threads() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def drive_chunk(
     setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | Census
 ) -> tuple[Outcomes, Counts]:
@@ -143,24 +135,11 @@ def simulate_chunks(
     Results do not depend on `threads` or `chunk`. `counting` and `drive` are as in `simulate`. Closing the iterator
     early drops what was not yet yielded.
     """
-    check_integer("threads", threads, low=1, high=1024)
-    check_integer("chunk", chunk, low=1)
-    starts = iter(range(first, first + tests, chunk))
-    pending: deque[tuple[int, Future[tuple[Outcomes, Counts]]]] = deque()
-    with ThreadPoolExecutor(threads) as pool:
-        try:
-            while True:
-                while len(pending) < 2 * threads and (start := next(starts, None)) is not None:
-                    count = min(chunk, first + tests - start)
-                    pending.append((start, pool.submit(drive, setting, slots, seed, start, count, counting)))
-                if not pending:
-                    return
-                start, future = pending.popleft()
-                out, counts = future.result()
-                yield start, out, counts
-        finally:
-            for _, future in pending:
-                future.cancel()
+
+    def work(start: int, count: int) -> tuple[int, Outcomes, Counts]:
+        return start, *drive(setting, slots, seed, start, count, counting)
+
+    return in_order(work, first, tests, chunk=chunk, threads=threads)
 
 
 def simulate(
