@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from cornerforge.analysis.fault import Faults, assign_fault
 from cornerforge.analysis.measures import MEASURES, Impact, measure_cases
-from cornerforge.analysis.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.errors import InputError
 from cornerforge.library.record import case_record
 from cornerforge.metrics import injury_probability
+from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.types import ODDS, Crash, Scenario
 
 DT = 0.1
@@ -205,8 +205,8 @@ def test_a_batch_is_its_cases_one_by_one_and_its_blocks(all_seeds: list[int]) ->
 
 def from_library(scenarios: list[Scenario]) -> Recordings:
     records = [case_record(scenario, trajectory_digest="0" * 64) for scenario in scenarios]
-    slots = np.array([record.case["bv_slot"] for record in records])
-    return recordings_of_tracks(pa.concat_tables([r.tracks for r in records]), slots, scenarios[0].odd)
+    cases, tracks = (pa.concat_tables(tables) for tables in ([r.cases for r in records], [r.tracks for r in records]))
+    return recordings_of_tracks(cases, tracks, scenarios[0].odd)
 
 
 @given(st.lists(seeds, min_size=1, max_size=5, unique=True))
@@ -246,14 +246,22 @@ def test_columns_are_documented_and_end_in_their_unit() -> None:
 
 def test_no_cases_no_values() -> None:
     recordings = recordings_of_scenarios([braking_lead()])
-    parts = ("n_frames", "n_vehicles", "partner", "x", "y", "speed", "heading", "present")
-    nothing = replace(recordings, case_ids=(), **{name: getattr(recordings, name)[:0] for name in parts})
+    nothing = Recordings._make(values[:0] for values in recordings)
     assert {values.size for values in measure_cases(nothing).values()} == {0}
 
 
 def test_tracks_without_the_partner_are_refused() -> None:
-    tracks = case_record(braking_lead()).tracks
-    with pytest.raises(InputError, match="Case 5:0: its crash partner, slot 9, is not among its vehicles"):
-        recordings_of_tracks(tracks, np.array([9]), ODDS["default"])
-    with pytest.raises(InputError, match="2 crash partners for 1 tracks"):
-        recordings_of_tracks(tracks, np.array([1, 1]), ODDS["default"])
+    record = case_record(braking_lead())
+    cases, tracks, odd = record.cases, record.tracks, ODDS["default"]
+
+    def changed(name: str, value: object) -> pa.Table:
+        place = cases.schema.get_field_index(name)
+        return cases.set_column(place, cases.schema.field(name), pa.array([value], cases.schema.field(name).type))
+
+    with pytest.raises(InputError, match="Case 5:0: its crash partner is not among its vehicles"):
+        measure_cases(recordings_of_tracks(changed("bv_slot", 9), tracks, odd))
+    for time in (5.0, None):
+        with pytest.raises(InputError, match="Case 5:0: its contact is not in the recording"):
+            measure_cases(recordings_of_tracks(changed("crash_time_s", time), tracks, odd))
+    with pytest.raises(InputError, match="2 cases and 1 trajectories are not of the same cases"):
+        recordings_of_tracks(pa.concat_tables([cases, cases]), tracks, odd)

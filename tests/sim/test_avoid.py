@@ -16,6 +16,7 @@ from reference.world import Vehicle
 from cornerforge.analysis.avoidability import Avoidability, AvoidParams, avoidability
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
+from cornerforge.recordings import Trajectories, bodies_in
 from cornerforge.sim.avoid import Manoeuvres
 from cornerforge.sim.avoid_check import drive_way_out
 from cornerforge.sim.avoid_motion import allocate_rows
@@ -319,10 +320,11 @@ def test_a_plan_that_does_nothing_is_caught_at_the_recorded_contact() -> None:
     goes_on = Manoeuvres(np.zeros(1), 5, 0, 0, 8.0, 0, 0, road, road)
     nothing, lane = np.zeros(8), np.ones(8, dtype=np.int64)
     track = np.zeros((41, 4))
-    assert drive_way_out(frames, 2, last - 20, nothing, lane, goes_on, allocate_rows(2), track) == last
+    test = Trajectories(frames, bodies_in(ODD, 2), 2)
+    assert drive_way_out(test, last - 20, nothing, lane, goes_on, allocate_rows(2), track) == last
     np.testing.assert_allclose(track[:20, 0], scenario.x[last - 20 : last, 0])
     brake = np.full(8, -8.0)
-    assert drive_way_out(frames, 2, last - 30, brake, lane, goes_on, allocate_rows(2), track) == -1
+    assert drive_way_out(test, last - 30, brake, lane, goes_on, allocate_rows(2), track) == -1
 
 
 def test_witnesses_keep_clear_of_everybody(random_crashes: list[Traffic]) -> None:

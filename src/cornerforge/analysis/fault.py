@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
-from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
+from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.fields import Field
 from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
+from cornerforge.recordings import Recordings
 from cornerforge.types import FRAME_S
 
 __all__ = ["FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "pair_margins"]
@@ -252,7 +253,7 @@ def _block_faults(recordings: Recordings, rules: RssRules) -> Faults:
     blame = np.maximum(np.maximum(safe_lon, safe_lat), first)
     from_start = np.maximum(safe_lon, safe_lat) < first
     by_lon, by_lat = safe_lon >= safe_lat, safe_lat >= safe_lon
-    rows = np.arange(len(recordings))
+    rows = np.arange(recordings.n_cases)
     av_behind = motion.x[BV, rows, blame] > motion.x[AV, rows, blame]
     side = np.sign(motion.y[BV, rows, blame] - motion.y[AV, rows, blame])
     broken = [

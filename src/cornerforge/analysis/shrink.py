@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_crashes
 from cornerforge.analysis.ddmin import ddmin
 from cornerforge.errors import InputError
+from cornerforge.recordings import bodies_in
 from cornerforge.sim.scripted import NATURAL, Ending, Script, ScriptDriver
 from cornerforge.types import FRAME_S, Odd, Scenario
 
@@ -97,7 +98,7 @@ class Reproducer:
         self._odd = odd
         self._most = driver.max_decisions
         self.ending = driver.drive(script)
-        kind = self._kind(self.ending)
+        kind = self._kind(script, self.ending)
         if kind is None:
             raise InputError("This does not end in a crash of the AV; only such cases can be made smaller.")
         self.kind = kind
@@ -105,19 +106,21 @@ class Reproducer:
             if not self.is_lost(script):
                 break
 
-    def _kind(self, ending: Ending) -> tuple[int, int, int] | None:
+    def _kind(self, script: Script, ending: Ending) -> tuple[int, int, int] | None:
         if ending.pose is None:
             return None
         # Rounded as the library stores it, so that an analysis of the library sees the same type.
         pose = ending.pose.astype(np.float32)[None]
-        found = classify_crashes(pose, self._odd.vehicle_length, self._odd.vehicle_width)
+        bodies = bodies_in(self._odd, script.slot.size)
+        pair = bodies[[0, int(np.flatnonzero(script.slot == ending.partner)[0])]][None]
+        found = classify_crashes(pose, pair["length"], pair["width"])
         return ending.partner, int(found.code[0]), int(found.striker[0])
 
     def crashes_alike(self, script: Script) -> bool:
         """Does it end in the same crash, no later, and without more crashes between BVs than the case has?"""
         ending = self._driver.drive(script)
         is_no_more = ending.frame <= self.ending.frame and ending.bv_crashes <= self.ending.bv_crashes
-        return is_no_more and self._kind(ending) == self.kind
+        return is_no_more and self._kind(script, ending) == self.kind
 
     def is_lost(self, script: Script) -> bool:
         """Would the AV crash, with anybody and in any way, with natural drivers from this start on?"""

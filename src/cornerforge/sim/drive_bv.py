@@ -205,7 +205,7 @@ def _reward_of(
     avoidable = False
     if reward.code == AVOIDABLE:
         _drive_again(history, b, w, setting, s)
-        strikes, avoidable = judge_crash(history.world, history.keep.recording, setting, reward.braking)
+        strikes, avoidable = judge_crash(history.world, history.keep.recording, setting, reward.braking, s)
     else:
         strikes = av_strikes(w.vehicles[0], w.vehicles[w.state[0].slot_b], setting.road)
     return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0

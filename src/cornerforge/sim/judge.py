@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge._jit import kernel
+from cornerforge.recordings import Trajectories
 from cornerforge.sim.braking import Braking, is_avoidable
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import Keep, keep_whole_test
@@ -24,12 +25,18 @@ _CHUNK = 256
 
 
 @kernel
-def judge_crash(w: World, recording: NDArray[np.void], setting: Setting, braking: Braking) -> tuple[bool, bool]:
+def judge_crash(
+    w: World, recording: NDArray[np.void], setting: Setting, braking: Braking, s: Scratch
+) -> tuple[bool, bool]:
     """Did the AV strike, and could it have avoided the crash by braking? Of a recorded test that ended in its crash."""
     state = w.state[0]
     partner = state.slot_b
     strikes = av_strikes(w.vehicles[0], w.vehicles[partner], setting.road)
-    return strikes, is_avoidable(recording, state.n_vehicles, state.frame, partner, setting.road, braking)
+    for i in range(state.n_vehicles):
+        s.bodies[i].length = setting.road.length
+        s.bodies[i].width = setting.road.width
+    test = Trajectories(recording, s.bodies, state.n_vehicles)
+    return strikes, is_avoidable(test, state.frame, partner, setting.road, braking)
 
 
 @kernel
@@ -51,7 +58,7 @@ def _judge_range(
         judged[k, 0] = False
         judged[k, 1] = False
         if w.state[0].outcome == AV_CRASH:
-            judged[k, 0], judged[k, 1] = judge_crash(w, keep.recording, setting, braking)
+            judged[k, 0], judged[k, 1] = judge_crash(w, keep.recording, setting, braking, s)
         forget_frames(keep.recording, w.state[0].frame + 1, keep.recording.shape[1])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.drivers.policy import PolicyNumbers
+from cornerforge.recordings import BODY_FIELDS
 from cornerforge.sim.av_features import N_AV_FEATURES
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.chances import StarterScratch, allocate_starter_scratch
@@ -55,6 +56,7 @@ class Scratch(NamedTuple):
         least, most: How far a slot drives within the second at least and at most, (N,) [m].
         is_watched: Marks of `reach.choose_current`, (N,).
         ahead, behind: How far off the AV's nearest vehicle of each lane is at most, (MAX_LANES,) [m].
+        bodies: Who drives in a test that is judged, (N,) of `recordings.BODY_FIELDS`.
         av: For the AV.
         choice: For the adversary.
     """
@@ -66,6 +68,7 @@ class Scratch(NamedTuple):
     is_watched: NDArray[np.int64]
     ahead: NDArray[np.float64]
     behind: NDArray[np.float64]
+    bodies: NDArray[np.void]
     av: AvScratch
     choice: ChoiceScratch
 
@@ -81,6 +84,7 @@ def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
         is_watched=np.zeros(slots, dtype=np.int64),
         ahead=np.zeros(MAX_LANES),
         behind=np.zeros(MAX_LANES),
+        bodies=np.zeros(slots, dtype=BODY_FIELDS),
         av=AvScratch(
             found=np.zeros(VIEW_ROWS - 1, dtype=np.int64),
             seen=np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
