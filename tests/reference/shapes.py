@@ -34,7 +34,8 @@ class Box:
 
     def overlaps(self, other: Box) -> bool:
         """Two convex shapes are apart when their shadows on the normal of some side are; touching is apart."""
-        if math.hypot(other.x - self.x, other.y - self.y) >= math.hypot(self.length, self.width):
+        reach = 0.5 * (math.hypot(self.length, self.width) + math.hypot(other.length, other.width))
+        if math.hypot(other.x - self.x, other.y - self.y) >= reach:
             return False
         mine, theirs = self.corners(), other.corners()
         for box in (self, other):
