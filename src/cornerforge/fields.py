@@ -18,6 +18,7 @@ __all__ = [
     "CASE_ROW",
     "FRAME_FIELDS",
     "HISTORY_SHAPE",
+    "PARTNER",
     "REALS",
     "SERIES",
     "SHORTFALL",
@@ -134,6 +135,13 @@ SHORTFALL: tuple[Field, ...] = (
 )  # fmt: skip
 """What the critical BV's actions were worth to natural drivers (ADR 12); libraries of early versions may lack it."""
 
+PARTNER: tuple[Field, ...] = (
+    Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle."),
+    Field("bv_length_m", "float64", "m", "Length of the crash partner; null: an early library, of cars."),
+    Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null."),
+)
+"""Class and size of the crash partner; libraries of early versions lack it."""
+
 CASES: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
     Field("seed", "int64", "", "Seed of the run."),
@@ -164,6 +172,7 @@ CASES: tuple[Field, ...] = (
         "[second 0..15 before contact][AV, partner][x, y, speed, heading], flat; NaN before the test began.",
     ),
     *SHORTFALL,
+    *PARTNER,
 )  # fmt: skip
 """Columns of a library's cases, one row a case."""
 

@@ -52,6 +52,25 @@ def test_planted_kinds_are_found() -> None:
     assert result.crash_types.names == [expected[k] for k in kind.tolist()]
 
 
+def test_crash_types_take_each_vehicles_own_size() -> None:
+    ids, history, kind = crashes(60, kinds=(1, 2))
+    away = np.where(kind == 1, 5.75, -5.75)  # half of what a truck is longer
+    trucks = history.copy()
+    trucks[:, :, 1, 0] += away[:, None]
+    length = np.tile([5.0, 16.5], (60, 1))
+    cars = analyse(ids, history).crash_types.names
+    found = analyse(ids, trucks, vehicle_length=length, vehicle_width=np.tile([2.0, 2.55], (60, 1)))
+    assert found.crash_types.names == cars
+    trucks[:7, 5:] = np.nan  # shorter cases are left out together with their sizes
+    length[:7, 1] = 5.0
+    kept = analyse(
+        ids, trucks, steps=6, vehicle_length=length, vehicle_width=np.tile([2.0, 2.55], (60, 1)), short="exclude"
+    )
+    assert kept.crash_types.names == cars[7:]
+    with pytest.raises(InputError, match="m apart at the contact"):
+        analyse(ids, trucks)
+
+
 def test_planted_outliers_are_rare_and_farthest_first() -> None:
     ids, history, _ = crashes(600)
     history[100, 1:, 1, 0] -= 60.0

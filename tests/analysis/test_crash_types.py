@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from reference.shapes import Box as ShapeBox
 
 from cornerforge.analysis import CRASH_TYPES, STRIKERS, classify_crashes
-from cornerforge.analysis.contact import FRONT, REAR, SIDE, find_contact
+from cornerforge.analysis.contact import FRONT, REAR, SIDE, Contact, find_contact
 from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap
 
@@ -133,6 +135,127 @@ def test_exchanging_the_vehicles_exchanges_the_roles(pose: np.ndarray) -> None:
     one, other = classify_crashes(pose), classify_crashes(pose[:, ::-1])
     assert other.code[0] == {1: 2, 2: 1}.get(one.code[0], one.code[0])
     assert other.striker[0] == {0: 1, 1: 0}.get(one.striker[0], one.striker[0])
+
+
+CAR, TRUCK, MOTORCYCLE = (5.0, 2.0), (16.5, 2.55), (2.2, 0.8)
+"""Length and width [m]."""
+
+# name: (AV, BV) as [x, y, speed, heading in degrees], the BV's size, sectors of both, type code, striker
+OF_TWO_SIZES: dict[str, tuple[list[float], list[float], tuple[float, float], tuple[int, int], int, str]] = {
+    # bumper meets bumper where the centres are 2.5 + 8.25 = 10.75 m apart, or 2.5 + 1.1 = 3.6 m
+    "into a truck's rear": ([0, 2, 30, 0], [10.4, 2, 20, 0], TRUCK, (FRONT, REAR), 1, "av"),
+    "hit by a truck from behind": ([0, 2, 20, 0], [-10.4, 2, 30, 0], TRUCK, (REAR, FRONT), 2, "bv"),
+    "into a motorcycle's rear": ([0, 2, 30, 0], [3.3, 2, 20, 0], MOTORCYCLE, (FRONT, REAR), 1, "av"),
+    "hit by a motorcycle from behind": ([0, 2, 20, 0], [-3.3, 2.5, 30, 0], MOTORCYCLE, (REAR, FRONT), 2, "bv"),
+    # side meets side where they are 1 + 1.275 = 2.275 m apart, or 1 + 0.4 = 1.4 m
+    "a truck moves into the AV": ([0, 2, 30, 0], [5, 4.05, 30, -4], TRUCK, (SIDE, SIDE), 4, "bv"),
+    "the AV moves into a truck beside it": ([0, 2, 30, 4], [-4, 4.3, 30, 0], TRUCK, (SIDE, SIDE), 4, "av"),
+    "a motorcycle moves into the AV": ([0, 2, 30, 0], [1, 3.4, 30, -4], MOTORCYCLE, (SIDE, SIDE), 4, "bv"),
+    # the motorcycle has been beside it for 1.3 / 5 s and closes sideways at 30 tan 4 deg = 2.1 m/s for 0.05 / 2.1 s
+    "the AV moves into a motorcycle that it overtakes": (
+        [0, 2, 30, 4], [2.0, 3.41, 25, 0], MOTORCYCLE, (SIDE, SIDE), 4, "av",
+    ),
+    "into a truck's side, 7 m behind its centre": ([0, 2, 20, 0], [3.4, 9, 5, 90], TRUCK, (FRONT, SIDE), 5, "av"),
+    "into a motorcycle's side": ([0, 2, 20, 0], [2.7, 2, 5, 90], MOTORCYCLE, (FRONT, SIDE), 5, "av"),
+    "a truck strikes broadside": ([0, 2, 5, 0], [0, 11.1, 20, -90], TRUCK, (SIDE, FRONT), 5, "bv"),
+    "a truck from the front": ([0, 2, 20, 0], [10.4, 3, 20, 180], TRUCK, (FRONT, FRONT), 3, "mutual"),
+}  # fmt: skip
+
+
+def sizes_of(bv: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths and widths of one case: a car and the other."""
+    return np.array([[CAR[0], bv[0]]]), np.array([[CAR[1], bv[1]]])
+
+
+@pytest.mark.parametrize("name", OF_TWO_SIZES)
+def test_contacts_of_two_sizes_by_hand_their_mirror_images_and_with_roles_exchanged(name: str) -> None:
+    av, bv, size, sectors, code, striker = OF_TWO_SIZES[name]
+    pose, (length, width) = as_pose(av, bv), sizes_of(size)
+    assert ShapeBox.overlaps(*moved_back(pose, length, width, 0.0))
+    for image in (pose, mirrored(pose)):
+        contact, found = find_contact(image, length, width), classify_crashes(image, length, width)
+        assert (contact.av_sector[0], contact.bv_sector[0]) == sectors
+        assert (found.code.tolist(), STRIKERS[found.striker[0]]) == ([code], striker)
+    other = classify_crashes(pose[:, ::-1], length[:, ::-1], width[:, ::-1])
+    assert other.code.tolist() == [{1: 2, 2: 1}.get(code, code)]
+    assert STRIKERS[other.striker[0]] == {"av": "bv", "bv": "av"}.get(striker, striker)
+
+
+def test_of_two_sizes_each_is_its_own_vehicles() -> None:
+    """Negative control: with the sizes exchanged, or both a car's, some of these contacts are others, or none."""
+    others = []
+    for av, bv, size, *_, code, _ in OF_TWO_SIZES.values():
+        pose, (length, width) = as_pose(av, bv), sizes_of(size)
+        for wrong in ((length[:, ::-1], width[:, ::-1]), CAR):
+            try:
+                others.append(classify_crashes(pose, *wrong).code[0] != code)
+            except InputError:
+                others.append(True)
+    assert sum(others) >= len(OF_TWO_SIZES) // 2
+
+
+def moved_back(pose: np.ndarray, length: np.ndarray, width: np.ndarray, seconds: float) -> list[ShapeBox]:
+    """Both boxes so long before, each along its path."""
+    boxes = []
+    for who in (0, 1):
+        x, y, speed, heading = pose[0, who].tolist()
+        back = seconds * speed
+        place = x - back, y - back * math.tan(heading)
+        boxes.append(ShapeBox(*place, heading, float(length[0, who]), float(width[0, who])))
+    return boxes
+
+
+def touched_before(pose: np.ndarray, length: np.ndarray, width: np.ndarray) -> float | None:
+    """How long ago the boxes began to overlap [s], by halving, 0 to 0.1; None: longer ago, or they do not overlap."""
+    together, apart = 0.0, 0.1
+    here, before = moved_back(pose, length, width, together), moved_back(pose, length, width, apart)
+    if not here[0].overlaps(here[1]) or before[0].overlaps(before[1]):
+        return None
+    for _ in range(50):
+        middle = 0.5 * (together + apart)
+        if ShapeBox.overlaps(*moved_back(pose, length, width, middle)):
+            together = middle
+        else:
+            apart = middle
+    return apart
+
+
+def test_the_normal_parts_both_polygons_at_the_moment_at_which_they_touched(seed: int) -> None:
+    """The referee moves polygons back until they are apart, and looks at where their corners lie along the normal."""
+    rng = np.random.default_rng(seed)
+    checked = 0
+    for _ in range(10_000):
+        sizes = np.array([CAR, TRUCK, MOTORCYCLE])[rng.integers(0, 3, size=2)]
+        av = [rng.uniform(0.0, 500.0), rng.uniform(0.0, 12.0), rng.uniform(0.0, 40.0), rng.uniform(-50.0, 50.0)]
+        bv = [av[0] + rng.uniform(-12.0, 12.0), av[1] + rng.uniform(-6.0, 6.0), rng.uniform(0.0, 40.0), 0.0]
+        pose = as_pose(av, bv)
+        length, width = sizes[None, :, 0], sizes[None, :, 1]
+        since = touched_before(pose, length, width)
+        if since is None:
+            continue
+        normal = find_contact(pose, length, width).normal[0]
+        boxes = moved_back(pose, length, width, since)
+        before, now = np.array([boxes[1].x - boxes[0].x, boxes[1].y - boxes[0].y]), pose[0, 1, :2] - pose[0, 0, :2]
+        turned = pose[0, :, 3] + np.array([[0.0], [0.5 * math.pi]])
+        axes = np.stack([np.cos(turned), np.sin(turned)], axis=-1)
+        if (np.sign(axes @ before) != np.sign(axes @ now)).any():
+            continue  # one has passed the other's centre within 0.1 s
+        corners_av, corners_bv = (np.array(box.corners()) @ normal for box in boxes)
+        assert corners_av.max() <= corners_bv.min() + 1e-6
+        checked += 1
+    assert checked >= 250
+
+
+def test_one_number_is_everybodys_size_and_shapes_are_checked() -> None:
+    pose = np.concatenate([as_pose(av, bv) for av, bv, *_ in CONTACTS.values()])
+    ones = np.ones((len(pose), 2))
+    one, other = find_contact(pose, 5.0, 2.0), find_contact(pose, 5.0 * ones, 2.0 * ones)
+    for name in Contact.__dataclass_fields__:
+        assert np.array_equal(getattr(one, name), getattr(other, name)), name
+    with pytest.raises(InputError, match=r"vehicle_length has shape \(2,\)"):
+        find_contact(pose, np.array([5.0, 5.0]), 2.0)
+    with pytest.raises(InputError, match=r"vehicle_width = 0\.0"):
+        find_contact(pose, 5.0, 0.0 * ones)
 
 
 @given(st.lists(contacts(), min_size=2, max_size=5))

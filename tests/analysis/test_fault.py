@@ -13,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.analysis.fault import FAULT_COLUMNS, FAULTS, RULES, Duties, Faults, RssRules, assign_fault
-from cornerforge.analysis.recordings import Recordings, pair_motion, recordings_of_scenarios
+from cornerforge.analysis.pair import pair_motion
 from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap
+from cornerforge.recordings import Recordings, recordings_of_scenarios
 from cornerforge.types import ODDS, Crash, Scenario
 
 DT = 0.1
@@ -380,18 +381,27 @@ pairs = st.builds(lambda seed: random_pair(np.random.default_rng(seed)), st.inte
 def recorded(*all_pairs: Pair) -> Recordings:
     n = len(all_pairs)
     flat = [np.concatenate([pair[k].T.ravel() for pair in all_pairs]) for k in range(4)]
+    frames = np.array([len(pair[0]) for pair in all_pairs])
     return Recordings(
-        case_ids=tuple(f"0:{k}" for k in range(n)),
-        n_frames=np.array([len(pair[0]) for pair in all_pairs]),
-        n_vehicles=np.full(n, 2),
+        seed=np.zeros(n, np.int64),
+        test=np.arange(n),
+        frames=frames,
+        vehicles=np.full(n, 2),
+        at=2 * (np.cumsum(frames) - frames),
+        vehicle_at=2 * np.arange(n),
+        last=frames - 1,
         partner=np.ones(n, np.int64),
+        slot=np.tile(np.arange(2, dtype=np.int16), n),
+        kind=np.zeros(2 * n, np.int8),
+        length=np.full(2 * n, 5.0),
+        width=np.full(2 * n, 2.0),
         x=flat[0],
         y=flat[1],
         speed=flat[2],
         heading=flat[3],
+        acceleration=np.zeros(flat[0].size),
+        target_lane=np.ones(flat[0].size, np.int8),
         present=np.ones(flat[0].size, np.bool_),
-        length=5.0,
-        width=2.0,
     )
 
 
@@ -464,12 +474,7 @@ def test_columns_are_documented_and_say_what_the_arrays_say() -> None:
 
 def test_no_cases_no_faults() -> None:
     recordings = recordings_of_scenarios([CASES["both enter one gap at once"][0]()])
-    nothing = replace(
-        recordings,
-        case_ids=(),
-        **{name: getattr(recordings, name)[:0] for name in ("n_frames", "n_vehicles", "partner", "present")},
-        **{name: getattr(recordings, name)[:0] for name in ("x", "y", "speed", "heading")},
-    )
+    nothing = Recordings._make(values[:0] for values in recordings)
     assert assign_fault(nothing).counts() == dict.fromkeys(FAULTS, 0)
 
 

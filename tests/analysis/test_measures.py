@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from cornerforge.analysis.fault import Faults, assign_fault
 from cornerforge.analysis.measures import MEASURES, Impact, measure_cases
-from cornerforge.analysis.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.errors import InputError
 from cornerforge.library.record import case_record
 from cornerforge.metrics import injury_probability
+from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.types import ODDS, Crash, Scenario
 
 DT = 0.1
@@ -137,6 +137,69 @@ def test_encroachment_at_constant_speeds_is_the_headway_on_entering() -> None:
     assert found["pet_s"] == pytest.approx([(50.0 - 11.0 - 5.0) / 30.0])
 
 
+TRUCK, MOTORCYCLE = (16.5, 2.55), (2.2, 0.8)
+"""Length and width [m]."""
+
+
+def as_class(scenario: Scenario, vehicle: int, size: tuple[float, float]) -> Recordings:
+    """The recording of a scenario in which one vehicle has another size."""
+    recordings = recordings_of_scenarios([scenario])
+    length, width = recordings.length.copy(), recordings.width.copy()
+    length[vehicle], width[vehicle] = size
+    return recordings._replace(length=length, width=width)
+
+
+def moved(scenario: Scenario, vehicle: int, distance: float) -> Scenario:
+    x = scenario.x.copy()
+    x[:, vehicle] += distance
+    return replace(scenario, x=x)
+
+
+@pytest.mark.parametrize("size", [TRUCK, MOTORCYCLE])
+def test_a_lead_of_another_length_with_its_rear_where_a_cars_is_gives_the_same(size: tuple[float, float]) -> None:
+    scenario = braking_lead()
+    further = moved(scenario, 1, 0.5 * (size[0] - 5.0))
+    car, other = measure(scenario), measure_cases(as_class(further, 1, size))
+    for name, values in car.items():
+        if name in (
+            "min_rss_margin_m",
+            "rss_margin_1s_m",
+        ):  # across the road they lack half of both widths, and what is theirs as cars
+            assert other[name] == pytest.approx([values[0] + 2.0 - 0.5 * (2.0 + size[1])])
+        else:
+            assert other[name] == pytest.approx(values, nan_ok=True, abs=1e-9), name
+    faults, others = assign_fault(recordings_of_scenarios([scenario])), assign_fault(as_class(further, 1, size))
+    assert (others.fault, others.rule, others.violation_s) == (faults.fault, faults.rule, faults.violation_s)
+    # Negative control: as a car the motorcycle overlaps before the contact, and the truck's rear is not touched at all.
+    if size == MOTORCYCLE:
+        assert measure(further)["min_bbd_front_m"] == pytest.approx([1.12 - 1.4])
+    else:
+        with pytest.raises(InputError, match="m apart at the contact"):
+            measure(further)
+
+
+def test_encroachment_is_that_of_bumpers() -> None:
+    # As above, with a truck of a car's width and its rear where the car's was; then with the AV as a truck: its front.
+    scenario = from_the_right(50.0)
+    truck = as_class(moved(scenario, 1, 5.75), 1, (16.5, 2.0))
+    assert measure_cases(truck)["pet_s"] == pytest.approx(measure(scenario)["pet_s"])
+    long_av = as_class(moved(scenario, 0, -5.75), 0, (16.5, 2.0))
+    assert measure_cases(long_av)["pet_s"] == pytest.approx(measure(scenario)["pet_s"])
+
+
+@pytest.mark.parametrize(
+    ("size", "apart", "gap"),
+    [(MOTORCYCLE, 1.39, 16.4), (MOTORCYCLE, 1.41, None), (TRUCK, 2.27, 9.25), (TRUCK, 2.28, None)],
+)
+def test_in_the_path_is_who_overlaps_sideways_with_its_own_width(
+    size: tuple[float, float], apart: float, gap: float | None
+) -> None:
+    # Sideways they overlap below 1 + 0.4 = 1.4 m and 1 + 1.275 = 2.275 m; 20 m ahead, 3.6 and 10.75 m are vehicle.
+    frame: list[Row] = [(0.0, 6.0, 25.0, 0.0), (-4.6, 6.0, 30.0, 0.0), (20.0, 6.0 - apart, 25.0, 0.0)]
+    found = measure_cases(as_class(scenario_of([frame, frame]), 2, size))
+    assert found["min_bbd_front_m"] == pytest.approx([math.nan if gap is None else gap], nan_ok=True)
+
+
 def test_short_recordings_have_no_second_before() -> None:
     frame: list[Row] = [(0.0, 6.0, 25.0, 0.0), (4.6, 6.0, 20.0, 0.0)]
     found = measure(scenario_of([frame]))
@@ -205,8 +268,8 @@ def test_a_batch_is_its_cases_one_by_one_and_its_blocks(all_seeds: list[int]) ->
 
 def from_library(scenarios: list[Scenario]) -> Recordings:
     records = [case_record(scenario, trajectory_digest="0" * 64) for scenario in scenarios]
-    slots = np.array([record.case["bv_slot"] for record in records])
-    return recordings_of_tracks(pa.concat_tables([r.tracks for r in records]), slots, scenarios[0].odd)
+    cases, tracks = (pa.concat_tables(tables) for tables in ([r.cases for r in records], [r.tracks for r in records]))
+    return recordings_of_tracks(cases, tracks, scenarios[0].odd)
 
 
 @given(st.lists(seeds, min_size=1, max_size=5, unique=True))
@@ -246,14 +309,22 @@ def test_columns_are_documented_and_end_in_their_unit() -> None:
 
 def test_no_cases_no_values() -> None:
     recordings = recordings_of_scenarios([braking_lead()])
-    parts = ("n_frames", "n_vehicles", "partner", "x", "y", "speed", "heading", "present")
-    nothing = replace(recordings, case_ids=(), **{name: getattr(recordings, name)[:0] for name in parts})
+    nothing = Recordings._make(values[:0] for values in recordings)
     assert {values.size for values in measure_cases(nothing).values()} == {0}
 
 
 def test_tracks_without_the_partner_are_refused() -> None:
-    tracks = case_record(braking_lead()).tracks
-    with pytest.raises(InputError, match="Case 5:0: its crash partner, slot 9, is not among its vehicles"):
-        recordings_of_tracks(tracks, np.array([9]), ODDS["default"])
-    with pytest.raises(InputError, match="2 crash partners for 1 tracks"):
-        recordings_of_tracks(tracks, np.array([1, 1]), ODDS["default"])
+    record = case_record(braking_lead())
+    cases, tracks, odd = record.cases, record.tracks, ODDS["default"]
+
+    def changed(name: str, value: object) -> pa.Table:
+        place = cases.schema.get_field_index(name)
+        return cases.set_column(place, cases.schema.field(name), pa.array([value], cases.schema.field(name).type))
+
+    with pytest.raises(InputError, match="Case 5:0: its crash partner is not among its vehicles"):
+        measure_cases(recordings_of_tracks(changed("bv_slot", 9), tracks, odd))
+    for time in (5.0, None):
+        with pytest.raises(InputError, match="Case 5:0: its contact is not in the recording"):
+            measure_cases(recordings_of_tracks(changed("crash_time_s", time), tracks, odd))
+    with pytest.raises(InputError, match="2 cases and 1 trajectories are not of the same cases"):
+        recordings_of_tracks(pa.concat_tables([cases, cases]), tracks, odd)

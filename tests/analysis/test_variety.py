@@ -45,6 +45,16 @@ def test_cells_of_crashes_by_hand() -> None:
     ]
 
 
+def test_cells_take_each_vehicles_own_size() -> None:
+    av = [0.0, 2.0, 30.0, 0.0]
+    pose = np.array([[av, [10.4, 2.0, 20.0, 0.0]], [av, [1.0, 3.35, 30.0, -0.1]]])  # a truck's rear, a motorcycle
+    length, width = np.array([[5.0, 16.5], [5.0, 2.2]]), np.array([[2.0, 2.55], [2.0, 0.8]])
+    index, names = crash_cells(pose, vehicle_length=length, vehicle_width=width)
+    assert [names[k] for k in index] == ["rear-end by AV | front | av", "sideswipe | left | bv"]
+    with pytest.raises(InputError, match="case 0 are"):
+        crash_cells(pose)
+
+
 def test_entropy_by_hand() -> None:
     found = variety_of(np.array([0] * 6 + [1] * 2), NAMES)
     assert found.entropy == pytest.approx(-(0.75 * math.log(0.75) + 0.25 * math.log(0.25)))

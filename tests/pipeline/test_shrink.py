@@ -26,7 +26,6 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
 from cornerforge.sim.world import numbers_of_av
-from cornerforge.types import Odd
 
 SIZES = ("vehicles", "decisions", "seconds", "deviating_actions")
 
@@ -38,13 +37,13 @@ def shrunk(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tu
     return out, pipeline.shrink(swerve_library, "all", out=out)
 
 
-def whole_script(library: Path, case_id: str) -> tuple[ScriptDriver, Odd, Script]:
+def whole_script(library: Path, case_id: str) -> tuple[ScriptDriver, Script]:
     """A case of a library of tests as a script."""
     run = experiment_of(CaseLibrary.open(library))
     driver = ScriptDriver(run.setting, run.odd)
     seed, test = map(int, case_id.split(":"))
     scenario = run.recorder().record(seed, test)
-    return driver, run.odd, Script(scenario.slot, driver.start_of_test(seed, test), scenario.action)
+    return driver, Script(scenario.slot, driver.start_of_test(seed, test), scenario.action)
 
 
 def ids_of(library: Path) -> list[str]:
@@ -107,8 +106,8 @@ def test_no_vehicle_second_or_deviating_action_can_go(swerve_library: Path, shru
     small = CaseLibrary.open(out)
     tried = 0
     for row in said["cases"]:
-        driver, odd, whole = whole_script(swerve_library, row["case"])
-        case = Reproducer(driver, odd, whole)
+        driver, whole = whole_script(swerve_library, row["case"])
+        case = Reproducer(driver, whole)
         script = small.scenario(row["case"]).script
         assert script is not None
         assert case.cause == row["cause"]
@@ -154,7 +153,7 @@ def test_a_replay_of_another_script_is_noticed(shrunk: tuple[Path, Any], monkeyp
 # --- whose driving makes the crash ---
 
 
-def road(av: dict[str, float], *vehicles: tuple[float, float]) -> tuple[ScriptDriver, Odd, Script]:
+def road(av: dict[str, float], *vehicles: tuple[float, float]) -> tuple[ScriptDriver, Script]:
     """An AV that never changes lanes, in the middle lane, and BVs (x, speed) in it too; all hold their speed."""
     run = experiment()
     model = av_named("idm-mobil")
@@ -165,12 +164,12 @@ def road(av: dict[str, float], *vehicles: tuple[float, float]) -> tuple[ScriptDr
         values = {"x": x, "y": 6.0, "speed": speed, "target_lane": 1, "lanes": 2, "length": 5.0, "width": 2.0}
         row[:] = [values.get(name, 0.0) for name in START_FIELDS]
     slots = np.arange(len(vehicles), dtype=np.int16)
-    return driver, run.odd, Script(slots, scripted_start(fields), np.full((9, len(vehicles)), 22, dtype=np.int8))
+    return driver, Script(slots, scripted_start(fields), np.full((9, len(vehicles)), 22, dtype=np.int8))
 
 
 def test_a_crash_that_nobody_could_help_keeps_its_window() -> None:
-    driver, odd, script = road({}, (240.0, 38.0), (275.0, 0.0), (900.0, 30.0))
-    small = shrink_script(driver, odd, script)
+    driver, script = road({}, (240.0, 38.0), (275.0, 0.0), (900.0, 30.0))
+    small = shrink_script(driver, script)
     assert (small.cause, small.crash_type, small.striker) == (NOBODY, "rear-end by AV", "av")
     assert (small.after.vehicles, small.after.deviating_actions) == (2, 0)
     assert small.after.decisions == small.before.decisions
@@ -178,13 +177,13 @@ def test_a_crash_that_nobody_could_help_keeps_its_window() -> None:
 
 def test_a_crash_that_a_natural_driver_avoids_is_the_avs() -> None:
     """An AV that cannot brake runs into a slower lead; the window begins where a natural driver still helps it."""
-    driver, odd, script = road({"max_braking": 0.3}, (240.0, 30.0), (300.0, 22.0), (900.0, 30.0))
+    driver, script = road({"max_braking": 0.3}, (240.0, 30.0), (300.0, 22.0), (900.0, 30.0))
     long = replace(script, action=np.full((20, 3), 22, dtype=np.int8))
-    small = shrink_script(driver, odd, long)
+    small = shrink_script(driver, long)
     assert (small.cause, small.crash_type) == (AV, "rear-end by AV")
     assert small.after.vehicles == 2
     assert small.after.decisions < small.before.decisions
-    case = Reproducer(driver, odd, long)
+    case = Reproducer(driver, long)
     for decisions in range(1, len(small.script.action)):
         later = driver.later(small.script, decisions)
         assert later is not None
@@ -192,19 +191,19 @@ def test_a_crash_that_a_natural_driver_avoids_is_the_avs() -> None:
 
 
 def test_a_bv_that_brakes_for_nothing_is_the_cause() -> None:
-    driver, odd, script = road({"max_braking": 2.0, "time_gap": 0.5}, (240.0, 30.0), (260.0, 30.0), (200.0, 30.0))
+    driver, script = road({"max_braking": 2.0, "time_gap": 0.5}, (240.0, 30.0), (260.0, 30.0), (200.0, 30.0))
     action = script.action.copy()
     action[2:, 1] = 2
-    small = shrink_script(driver, odd, replace(script, action=action))
+    small = shrink_script(driver, replace(script, action=action))
     assert (small.cause, small.crash_type, small.after.vehicles) == (BVS, "rear-end by AV", 2)
     assert 0 < small.after.deviating_actions <= 7
     assert (small.script.action[:, 1] >= 2).all()
 
 
 def test_only_crashes_of_the_av_can_be_shrunk() -> None:
-    driver, odd, script = road({}, (240.0, 30.0), (340.0, 30.0))
+    driver, script = road({}, (240.0, 30.0), (340.0, 30.0))
     with pytest.raises(InputError, match="does not end in a crash of the AV"):
-        shrink_script(driver, odd, script)
+        shrink_script(driver, script)
 
 
 # --- the library ---

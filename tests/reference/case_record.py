@@ -78,6 +78,9 @@ def _at_contact(scenario: Scenario, frame: int, partner: int) -> dict[str, Scala
     lanes = [math.floor(side / scenario.odd.lane_width) for side in y]
     return {
         "bv_slot": int(scenario.slot[partner]),
+        "bv_kind": int(scenario.kind[partner]),
+        "bv_length_m": float(scenario.length[partner]),
+        "bv_width_m": float(scenario.width[partner]),
         "av_speed_mps": speed[0],
         "bv_speed_mps": speed[1],
         "impact_speed_difference_mps": speed[1] - speed[0],

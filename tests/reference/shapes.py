@@ -34,7 +34,7 @@ class Box:
 
     def overlaps(self, other: Box) -> bool:
         """Two convex shapes are apart when their shadows on the normal of some side are; touching is apart."""
-        reach = (math.hypot(self.length, self.width) + math.hypot(other.length, other.width)) / 2.0
+        reach = 0.5 * (math.hypot(self.length, self.width) + math.hypot(other.length, other.width))
         if math.hypot(other.x - self.x, other.y - self.y) >= reach:
             return False
         mine, theirs = self.corners(), other.corners()

@@ -11,16 +11,18 @@ from hand_built import setting_of
 from hypothesis import given
 from hypothesis import strategies as st
 from reference.avoid import Actions, Traffic, has_way_out
+from reference.shapes import Box as ShapeBox
 from reference.world import Vehicle
 
-from cornerforge.analysis.avoidability import Avoidability, AvoidParams, avoidability
+from cornerforge.analysis.avoidability import Avoidability, AvoidParams, _labels, _search, avoidability
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
+from cornerforge.recordings import Recordings, Trajectories, bodies_in, recordings_of_scenarios, unpack
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim.avoid import Manoeuvres
+from cornerforge.sim.avoid import BRAKING, Manoeuvres
 from cornerforge.sim.avoid_check import drive_way_out
 from cornerforge.sim.avoid_motion import allocate_rows
-from cornerforge.sim.braking import avoidable_by_braking
+from cornerforge.sim.braking import Braking, avoidable_by_braking, is_avoidable
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
 from cornerforge.sim.step import allocate_recording
@@ -75,15 +77,16 @@ def drive(*movers: Mover, frames: int = 90) -> Traffic | None:
     return None if last < 0 else drive(*movers, frames=last + TAIL + 1)
 
 
-def scenario_of(traffic: Traffic) -> Scenario:
-    """What was recorded of it."""
+def scenario_of(traffic: Traffic, partner: int | None = None) -> Scenario:
+    """What was recorded of it; `partner` is whom the AV touched, None: who overlaps it."""
     rows = traffic.rows[: traffic.last + 1]
 
     def column(name: str) -> np.ndarray:
         return np.array([[getattr(vehicle, name) for vehicle in row] for row in rows])
 
     n, end = len(rows[0]), rows[-1]
-    partner = next(i for i in range(1, n) if end[0].box().overlaps(end[i].box()))
+    if partner is None:
+        partner = next(i for i in range(1, n) if end[0].box().overlaps(end[i].box()))
     decided = -(-traffic.last // 10)
     acceleration = column("acceleration")
     acceleration[-1] = acceleration[-2]
@@ -320,10 +323,11 @@ def test_a_plan_that_does_nothing_is_caught_at_the_recorded_contact() -> None:
     goes_on = Manoeuvres(np.zeros(1), 5, 0, 0, 8.0, 0, 0, road, road)
     nothing, lane = np.zeros(8), np.ones(8, dtype=np.int64)
     track = np.zeros((41, 4))
-    assert drive_way_out(frames, 2, last - 20, nothing, lane, goes_on, allocate_rows(2), track) == last
+    test = Trajectories(frames, bodies_in(ODD, 2), 2)
+    assert drive_way_out(test, last - 20, nothing, lane, goes_on, allocate_rows(2), track) == last
     np.testing.assert_allclose(track[:20, 0], scenario.x[last - 20 : last, 0])
     brake = np.full(8, -8.0)
-    assert drive_way_out(frames, 2, last - 30, brake, lane, goes_on, allocate_rows(2), track) == -1
+    assert drive_way_out(test, last - 30, brake, lane, goes_on, allocate_rows(2), track) == -1
 
 
 def test_witnesses_keep_clear_of_everybody(random_crashes: list[Traffic]) -> None:
@@ -344,6 +348,69 @@ def test_witnesses_keep_clear_of_everybody(random_crashes: list[Traffic]) -> Non
         assert np.all(np.abs(np.diff(witness.y, 2) / 0.01)[steady] <= BOUND + 0.1)
         checked += 1
     assert checked >= 10
+
+
+SWIFT = Odd(name="swift", lane_change_duration=2.5)
+CAR, TRUCK = (5.0, 2.0), (16.5, 2.55)
+
+
+def cut_in(ahead: float, size: tuple[float, float]) -> Recordings:
+    """Of the given size, `ahead` m before the AV, it changes from the left into the AV's lane at 1 s; all at 30 m/s.
+
+    The contact is the first overlap of both boxes, by the reference's polygons.
+    """
+    av, bv = now = [Vehicle(0, 200.0, 6.0, 30.0, 1, {1}), Vehicle(1, 200.0 + ahead, 10.0, 30.0, 2, {2})]
+    rows: list[list[Vehicle]] = []
+    for vehicle in now:
+        vehicle.hold(0.0)
+    while True:
+        if len(rows) == 10:
+            bv.change_lane(1, SWIFT)
+        rows.append([copy(vehicle) for vehicle in now])
+        if ShapeBox(av.x, av.y, av.heading, *CAR).overlaps(ShapeBox(bv.x, bv.y, bv.heading, *size)):
+            break
+        for vehicle in now:
+            vehicle.move(SWIFT)
+    scenario = replace(scenario_of(Traffic(ODD, rows, len(rows) - 1), partner=1), odd=SWIFT)
+    recordings = recordings_of_scenarios([scenario])
+    length, width = recordings.length.copy(), recordings.width.copy()
+    length[1], width[1] = size
+    return recordings._replace(length=length, width=width)
+
+
+def by_braking(recordings: Recordings) -> tuple[bool, str, float]:
+    """Does braking at 8 m/s2 at once help (`is_avoidable`); the search's label, and its latest moment to brake.
+
+    The last is in seconds from the begin of the manoeuvre, at 1 s.
+    """
+    params = AvoidParams(lane_changes=0)
+    found = _search(recordings, SWIFT, params, threads=1)
+    assert found.begin.tolist() == [10]
+    assert (found.touched < 0).all()
+    n, last = int(recordings.vehicles[0]), int(recordings.last[0])
+    test = Trajectories(allocate_recording(last + 1, n), bodies_in(SWIFT, n), n)
+    unpack(recordings, 0, test.frames, test.bodies)
+    at_once = bool(is_avoidable(test, last, 1, road_numbers(SWIFT), Braking(0.0, 8.0)))
+    return at_once, _labels(found, params)[0], 0.1 * (int(found.moment[0, BRAKING]) - 10)
+
+
+def test_a_truck_that_cuts_in_blocks_the_way_that_a_car_leaves_free() -> None:
+    """Its centre is 1 m ahead: the AV must fall back by 5 - 1 = 4 m behind a car, by 10.75 - 1 = 9.75 m behind a truck.
+
+    At 8 m/s2 that takes 1 and 1.56 s. In a lane change of 2.5 s a car overlaps the AV sideways after 1.25 s; its tail,
+    which swings by 2.5 m times 0.1 rad, 0.1 s later. The truck at 1.5 s is 1.27 m beside, turned by 0.092 rad; the AV's
+    front, 7.5 m behind its centre, is 1.27 - 1.28 + 7.5 * 0.092 = 0.68 m from its side, where 1 m is the AV itself. A
+    truck with its rear where the car's is, 5.75 m further ahead, leaves the car's way free.
+    """
+    at_once, label, moment = by_braking(cut_in(1.0, CAR))
+    assert (at_once, label) == (True, "by braking")
+    assert 0.1 <= moment <= 0.4
+    at_once, label, moment = by_braking(cut_in(1.0, TRUCK))
+    assert (at_once, label) == (False, "unavoidable")
+    assert moment < 0.0
+    at_once, label, moment = by_braking(cut_in(6.75, TRUCK))
+    assert (at_once, label) == (True, "by braking")
+    assert moment >= 0.1
 
 
 def test_never_unavoidable_where_the_reward_says_avoidable(model: NddModel, seed: int) -> None:

@@ -126,8 +126,8 @@ def analyse(
     *,
     steps: int = 1,
     seed: int = 0,
-    vehicle_length: float = 5.0,
-    vehicle_width: float = 2.0,
+    vehicle_length: float | NDArray[np.floating] = 5.0,
+    vehicle_width: float | NDArray[np.floating] = 2.0,
     short: ShortCases = "pad",
 ) -> Analysis:
     """Find typical and rare cases and the types of crash.
@@ -138,8 +138,8 @@ def analyse(
             crash, shape (S, 16, 2, 4); k = 0 is the first frame of contact; NaN where the test had not begun.
         steps: Seconds before the crash that the features look at, 1 to 15.
         seed: Of the subsample and the starts of K-means, 0 to 2^32 - 1.
-        vehicle_length: Of both vehicles [m].
-        vehicle_width: Of both vehicles [m].
+        vehicle_length: Of AV and crash partner [m], one number or shape (S, 2).
+        vehicle_width: Likewise.
         short: What happens to cases shorter than `steps`: "pad" or "exclude" (see `crash_features`).
 
     Raises:
@@ -154,7 +154,11 @@ def analyse(
     if len(features.kept) == 0:
         raise InputError(f"No case lasts {steps} s; ask for fewer steps, or pad short cases.")
     with clock.stage("crash_types"):
-        crash_types = classify_crashes(history[features.kept, 0], vehicle_length, vehicle_width)
+        kept = features.kept
+        length, width = (
+            size[kept] if isinstance(size, np.ndarray) else size for size in (vehicle_length, vehicle_width)
+        )
+        crash_types = classify_crashes(history[kept, 0], length, width)
     found = group_features(features.values, seed=seed)
     own = clock.seconds()
     total = {"total": own.pop("total")}

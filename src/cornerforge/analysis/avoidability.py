@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
-from cornerforge.fields import REALS, SERIES, Field
+from cornerforge.fields import REALS, Field
+from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres
 from cornerforge.sim.avoid_cases import (
     CaseScratch,
-    RecordedCrashes,
     WaysOut,
     allocate_case_scratch,
     allocate_ways_out,
@@ -192,18 +192,11 @@ def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoid
             or a value of a present vehicle is not finite.
     """
     params = params or AvoidParams()
-    name = f"{scenario.seed}:{scenario.test}"
-    if scenario.crash is None or scenario.crash.slot_a != 0:
-        raise InputError(f"Test {name} holds no crash of the AV; only such can be avoidable.")
-    recordings, problems = _checked(
-        np.array([scenario.x.shape[0]]), np.array([scenario.slot.size]), scenario.slot,
-        np.array([scenario.crash.time]), np.array([scenario.crash.slot_b]),
-        [np.ascontiguousarray(getattr(scenario, each).T).ravel() for each in REALS],
-        np.ascontiguousarray(scenario.target_lane.T).ravel(), np.ascontiguousarray(scenario.present.T).ravel(),
-        scenario.odd,
-    )  # fmt: skip
-    if problems[0] is not None:
-        raise InputError(f"Test {name}: {problems[0]}.")
+    recordings = recordings_of_scenarios([scenario])
+    (name,) = recordings.case_ids
+    problem = _problem(recordings, -1, scenario.odd)
+    if problem is not None:
+        raise InputError(f"Test {name}: {problem}.")
     out = _search(recordings, scenario.odd, params, threads=1)
     _check_witnesses([name], out)
     return _answer(recordings, out, params)
@@ -229,29 +222,16 @@ def avoidability_table(
     """
     check_integer("threads", threads, low=1, high=1024)
     params = params or AvoidParams()
-    ids = cases.column("case_id").to_pylist()
-    if ids != tracks.column("case_id").to_pylist():
-        raise InputError(
-            f"{len(ids)} cases and {len(tracks)} trajectories are not of the same cases in the same order."
-        )
-    if not ids:
+    recordings = recordings_of_tracks(cases, tracks, odd)
+    if not recordings.n_cases:
         return AVOIDABILITY_SCHEMA.empty_table()
-    tracks = tracks.combine_chunks()
-    slots = tracks.column("slot").combine_chunks()
-    recordings, problems = _checked(
-        tracks.column("n_frames").to_numpy().astype(np.int64),
-        slots.value_lengths().to_numpy().astype(np.int64),
-        _flat(tracks, "slot"),
-        cases.column("crash_time_s").to_numpy(),
-        cases.column("bv_slot").to_numpy(),
-        [_flat(tracks, series.column.name) for series in SERIES if series.name in REALS],
-        _flat(tracks, "target_lane"),
-        _flat(tracks, "present"),
-        odd,
-    )
+    bv_slot = cases.column("bv_slot").to_pylist()
+    problems = [_problem(block, bv_slot[c], odd) for c, block in enumerate(recordings.blocks(1))]
+    judged = np.array([problem is None for problem in problems])
+    recordings = recordings._replace(partner=np.where(judged, recordings.partner, 0))
     out = _search(recordings, odd, params, threads)
-    _check_witnesses(ids, out)
-    return _table(ids, problems, recordings, out, params)
+    _check_witnesses(recordings.case_ids, out)
+    return _table(problems, recordings, out, params)
 
 
 def avoidability_of_library(
@@ -270,51 +250,22 @@ def avoidability_of_library(
 _SPEED_TOLERANCE = 1e-3
 
 
-def _flat(tracks: pa.Table, name: str) -> NDArray[Any]:
-    values: NDArray[Any] = tracks.column(name).combine_chunks().flatten().to_numpy(zero_copy_only=False)
-    return values
-
-
-def _checked(
-    frames: NDArray[np.int64], vehicles: NDArray[np.int64], slot: NDArray[Any], crash_time: NDArray[np.float64],
-    bv_slot: NDArray[Any], values: Sequence[NDArray[Any]], target_lane: NDArray[Any], present: NDArray[Any], odd: Odd,
-) -> tuple[RecordedCrashes, list[str | None]]:  # fmt: skip
-    """The crashes as the kernel takes them, and what keeps each from being judged, if anything (partner 0 then)."""
-    sizes = frames * vehicles
-    at = np.cumsum(sizes) - sizes
-    slot_at = np.cumsum(vehicles) - vehicles
-    there = present.astype(np.bool_)
-    finite = np.logical_and.reduce([np.isfinite(each) for each in values]) | ~there
-    speed = values[REALS.index("speed")]
-    possible = ((speed >= -_SPEED_TOLERANCE) & (speed <= odd.max_speed + _SPEED_TOLERANCE)) | ~there
-    last = np.full(frames.size, -1, dtype=np.int64)
-    known = np.isfinite(crash_time)
-    last[known] = np.rint(crash_time[known] / FRAME_S)
-    partner = np.zeros(frames.size, dtype=np.int64)
-    problems: list[str | None] = []
-    for c, (n_frames, n, begin) in enumerate(zip(frames.tolist(), vehicles.tolist(), at.tolist(), strict=True)):
-        found = np.flatnonzero(slot[slot_at[c] : slot_at[c] + n] == bv_slot[c])
-        contact, seen = int(last[c]), there[begin : begin + n_frames * n].reshape(n, n_frames)
-        problem = None
-        if found.size != 1 or found[0] == 0:
-            problem = f"slot {bv_slot[c]}, which the AV touched, is not in the recording"
-        elif not 0 <= contact < n_frames or not seen[[0, found[0]], contact].all():
-            problem = f"its contact at {crash_time[c]} s is not in the recording of {n_frames} frames"
-        elif not seen[0, : contact + 1].all():
-            problem = f"the AV is absent at {FRAME_S * int(np.argmin(seen[0])):.1f} s, before the contact"
-        elif not finite[begin : begin + n_frames * n].all():
-            problem = "a value of a vehicle that is present is not finite"
-        elif not possible[begin : begin + n_frames * n].all():
-            problem = f"a speed is outside [0, {odd.max_speed}] m/s"
-        else:
-            partner[c] = found[0]
-        problems.append(problem)
-    x, y, speed, heading, acceleration = (np.ascontiguousarray(each, dtype=np.float64) for each in values)
-    lanes, marks = np.ascontiguousarray(target_lane, dtype=np.int8), np.ascontiguousarray(present, dtype=np.uint8)
-    recordings = RecordedCrashes(
-        frames, vehicles, at, last, partner, x, y, speed, heading, acceleration, target_lane=lanes, present=marks
-    )
-    return recordings, problems
+def _problem(case: Recordings, bv_slot: int, odd: Odd) -> str | None:
+    """What keeps one case, whose crash partner has slot `bv_slot`, from being judged; None: nothing."""
+    frames, last, partner = int(case.frames[0]), int(case.last[0]), int(case.partner[0])
+    there = case.present.reshape(-1, frames)
+    speed = case.speed[case.present]
+    if partner == 0:
+        return f"slot {bv_slot}, which the AV touched, is not in the recording"
+    if not 0 <= last < frames or not there[[0, partner], last].all():
+        return f"its contact at {FRAME_S * last:.1f} s is not in the recording of {frames} frames"
+    if not there[0, : last + 1].all():
+        return f"the AV is absent at {FRAME_S * int(np.argmin(there[0])):.1f} s, before the contact"
+    if not all(np.isfinite(getattr(case, name)[case.present]).all() for name in REALS):
+        return "a value of a vehicle that is present is not finite"
+    if speed.min() < -_SPEED_TOLERANCE or speed.max() > odd.max_speed + _SPEED_TOLERANCE:
+        return f"a speed is outside [0, {odd.max_speed}] m/s"
+    return None
 
 
 def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
@@ -338,10 +289,10 @@ def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
     )
 
 
-def _search(recordings: RecordedCrashes, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
+def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
     """All cases, in a pool of threads that each take a few at a time."""
     manoeuvres = _manoeuvres(odd, params)
-    n = recordings.frames.size
+    n = recordings.n_cases
     out = allocate_ways_out(manoeuvres, n)
     room = int(recordings.frames.max()), int(recordings.vehicles.max())
     idle: queue.SimpleQueue[CaseScratch] = queue.SimpleQueue()
@@ -385,7 +336,7 @@ def _seconds(frames: NDArray[np.int64], known: NDArray[np.bool_]) -> list[float 
     return [round(n * FRAME_S, 1) if there else None for n, there in zip(frames.tolist(), known.tolist(), strict=True)]
 
 
-def _answer(recordings: RecordedCrashes, out: WaysOut, params: AvoidParams) -> Avoidability:
+def _answer(recordings: Recordings, out: WaysOut, params: AvoidParams) -> Avoidability:
     last, moment = int(recordings.last[0]), out.moment[0]
     braking, steering, latest = _seconds(last - moment, moment >= 0)
     begin = round((last - int(out.begin[0])) * FRAME_S, 1)
@@ -415,15 +366,13 @@ def _lists(values: NDArray[Any], lengths: NDArray[np.int64], kind: pa.DataType) 
     return pa.ListArray.from_arrays(pa.array(offsets), flat, mask=pa.array(lengths == 0))
 
 
-def _table(
-    ids: list[str], problems: list[str | None], recordings: RecordedCrashes, out: WaysOut, params: AvoidParams
-) -> pa.Table:
+def _table(problems: list[str | None], recordings: Recordings, out: WaysOut, params: AvoidParams) -> pa.Table:
     judged = np.array([problem is None for problem in problems])
     known = out.moment >= 0
     before = recordings.last[:, None] - out.moment
     frames = np.where(out.steps > 0, out.steps * round(params.decision_s / FRAME_S) + 1, 0)
     columns = [
-        pa.array(ids),
+        pa.array(recordings.case_ids),
         pa.array([label if ok else None for label, ok in zip(_labels(out, params), judged, strict=True)]),
         pa.array(problems, type=pa.string()),
         pa.array(_seconds(recordings.last - out.begin, judged), type=pa.float64()),

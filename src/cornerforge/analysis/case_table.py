@@ -15,7 +15,6 @@ from cornerforge._arrow import arrow_field, arrow_type
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
-from cornerforge.analysis.recordings import recordings_of_tracks
 from cornerforge.analysis.value import (
     PARTS,
     Value,
@@ -25,6 +24,7 @@ from cornerforge.analysis.value import (
     value_of,
 )
 from cornerforge.fields import SHORTFALL, Field
+from cornerforge.recordings import recordings_of_tracks
 from cornerforge.types import Odd
 
 __all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_of"]
@@ -87,7 +87,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         A part for each shard, in order.
     """
     for cases, tracks in shards:
-        recordings = recordings_of_tracks(tracks, cases.column("bv_slot").to_numpy(), reading.odd)
+        recordings = recordings_of_tracks(cases, tracks, reading.odd)
         columns: dict[str, Any] = dict(measure_cases(recordings)) | assign_fault(recordings).columns()
         wanted = pc.is_in(cases.column("case_id"), value_set=pa.array(sorted(reading.look_at), pa.string()))
         witnesses = avoidability_table(

@@ -49,27 +49,24 @@ class Contact:
     normal: NDArray[np.float64]
 
 
-def find_contact(pose: NDArray[np.floating], length: float, width: float) -> Contact:
+def find_contact(
+    pose: NDArray[np.floating], length: float | NDArray[np.floating], width: float | NDArray[np.floating]
+) -> Contact:
     """Find the faces of first contact from the poses at the first frame of overlap.
 
     Args:
         pose: [x m, y m, speed along the road m/s, heading rad] of the AV (0) and the BV (1), shape (S, 2, 4), finite.
-        length: Of both boxes [m].
-        width: Of both boxes [m].
+        length: Of the boxes [m], one number or shape (S, 2), each 0.1 to 50.
+        width: Likewise.
 
     Raises:
-        InputError: The shape is wrong, a value is not finite, or two boxes are more than 0.1 m apart.
+        InputError: A shape is wrong, a value is not finite or out of range, or two boxes are more than 0.1 m apart.
     """
     if pose.ndim != 3 or pose.shape[1:] != (2, 4):
         raise InputError(f"pose has shape {pose.shape}; allowed: (cases, 2, 4).")
     check_finite("pose", pose)
-    half = (
-        np.array(
-            [check_number("vehicle_length", length, low=0.1, high=50.0, unit="m")] * 2
-            + [check_number("vehicle_width", width, low=0.1, high=50.0, unit="m")] * 2
-        )
-        / 2.0
-    )
+    half_length = _halves("vehicle_length", length, len(pose))
+    half_width = _halves("vehicle_width", width, len(pose))
     values = pose.astype(np.float64)
     place, speed, heading = values[..., :2], values[..., 2], values[..., 3]
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=-1)
@@ -80,7 +77,7 @@ def find_contact(pose: NDArray[np.floating], length: float, width: float) -> Con
     # order of the axes: both boxes' lengths before both widths, so that a contact corner on corner counts as lengthwise
     axes = np.concatenate([forward, left], axis=1)
     offset = place[:, 1] - place[:, 0]
-    touching = _touching_axis(offset, velocity[:, 1] - velocity[:, 0], axes, half)
+    touching = _touching_axis(offset, velocity[:, 1] - velocity[:, 0], axes, half_length, half_width)
     axis = np.take_along_axis(axes, touching[:, None, None], axis=1)[:, 0]
     side = np.sign(_dot(offset, axis))[:, None]
     sectors = _sectors(side * axis, forward)
@@ -95,17 +92,30 @@ def find_contact(pose: NDArray[np.floating], length: float, width: float) -> Con
     )
 
 
+def _halves(name: str, size: float | NDArray[np.floating], cases: int) -> NDArray[np.float64]:
+    """Half of a length or width, checked, shape (S, 2)."""
+    sizes = np.asarray(size, np.float64)
+    if sizes.shape not in ((), (cases, 2)):
+        raise InputError(f"{name} has shape {sizes.shape}; allowed: one number, or ({cases}, 2) as there are cases.")
+    for value in np.unique(sizes).tolist():
+        check_number(name, value, low=0.1, high=50.0, unit="m")
+    return np.broadcast_to(0.5 * sizes, (cases, 2))
+
+
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1], np.float64)
 
 
 def _touching_axis(
-    offset: NDArray[np.float64], velocity: NDArray[np.float64], axes: NDArray[np.float64], half: NDArray[np.float64]
+    offset: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    half_length: NDArray[np.float64],
+    half_width: NDArray[np.float64],
 ) -> NDArray[np.intp]:
     """Index 0..3 of the axis that closed last, shape (S,); without relative motion that of the shallowest overlap."""
     apart = _dot(offset[:, None], axes)
-    reach = half[0] * sum(np.abs(_dot(axes, axes[:, [i]])) for i in (0, 1))
-    reach = reach + half[2] * sum(np.abs(_dot(axes, axes[:, [i]])) for i in (2, 3))
+    reach = _shadow(half_length, axes, axes[:, :2]) + _shadow(half_width, axes, axes[:, 2:])
     overlap = reach - np.abs(apart)
     gap = -overlap.min(axis=1)
     if (gap > _TOUCH_TOLERANCE_M).any():
@@ -119,6 +129,16 @@ def _touching_axis(
     np.divide(np.maximum(overlap, 0.0), closing, out=since, where=closing > 1e-6)
     axis = np.where(np.isfinite(since).any(axis=1), since.argmin(axis=1), overlap.argmin(axis=1))
     return np.asarray(axis, np.intp)
+
+
+def _shadow(
+    half: NDArray[np.float64], axes: NDArray[np.float64], sides: NDArray[np.float64]
+) -> NDArray[np.float64]:  # fmt: skip
+    """What one side of both boxes, half of it given, adds to their reach on each axis [m], shape (S, 4)."""
+    av, bv = (np.abs(_dot(axes, sides[:, [i]])) for i in (0, 1))
+    # The sum of half times share, so written that equal boxes give the bits of half * (av + bv).
+    mean, difference = (0.5 * (half[:, :1] + sign * half[:, 1:]) for sign in (1.0, -1.0))
+    return np.asarray(mean * (av + bv) + difference * (av - bv), np.float64)
 
 
 def _sectors(towards_bv: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.int8]:

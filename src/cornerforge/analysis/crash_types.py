@@ -59,7 +59,9 @@ class CrashTypes:
         return {name: int((self.striker == index).sum()) for index, name in enumerate(STRIKERS)}
 
 
-def classify_crashes(pose: NDArray[np.floating], length: float = 5.0, width: float = 2.0) -> CrashTypes:
+def classify_crashes(
+    pose: NDArray[np.floating], length: float | NDArray[np.floating] = 5.0, width: float | NDArray[np.floating] = 2.0
+) -> CrashTypes:
     """Classify crashes by which faces met first and how the headings stood.
 
     In this order: headings more than 140 degrees apart: head-on. A front or rear met a rear or front with headings less
@@ -71,11 +73,12 @@ def classify_crashes(pose: NDArray[np.floating], length: float = 5.0, width: flo
     Args:
         pose: [x m, y m, speed m/s, heading rad] of the AV (0) and the BV (1) in the first frame of contact,
             shape (S, 2, 4).
-        length: Of both vehicles [m].
-        width: Of both vehicles [m].
+        length: Of the vehicles [m], one number or shape (S, 2), each 0.1 to 50.
+        width: Likewise.
 
     Raises:
-        InputError: The shape is wrong, a value is not finite, or two boxes do not touch (by more than 0.1 m).
+        InputError: A shape is wrong, a value is not finite or out of range, or two boxes do not touch (by more than
+            0.1 m).
 
     An AV at 30 m/s that is 0.5 m deep in the rear of a BV at 20 m/s:
     >>> classify_crashes(np.array([[[0.0, 2.0, 30.0, 0.0], [4.5, 2.0, 20.0, 0.0]]])).names

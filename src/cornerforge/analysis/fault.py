@@ -23,9 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
-from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
+from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.fields import Field
 from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
+from cornerforge.recordings import Recordings
+from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S
 
 __all__ = ["FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "pair_margins"]
@@ -187,7 +189,7 @@ def pair_margins(motion: PairMotion, rules: RssRules) -> tuple[NDArray[np.float6
 
     Below 0 is unsafe; overlap always is.
     """
-    dx = motion.x[BV] - motion.x[AV]
+    dx = along(motion.x[AV], motion.x[BV])
     av, bv, v_av, v_bv = rules.av, rules.bv, motion.speed[AV], motion.speed[BV]
     behind = rss_longitudinal(v_av, v_bv, av.response_time, av.max_acceleration, av.min_braking, bv.max_braking)
     ahead = rss_longitudinal(v_bv, v_av, bv.response_time, bv.max_acceleration, bv.min_braking, av.max_braking)
@@ -252,7 +254,7 @@ def _block_faults(recordings: Recordings, rules: RssRules) -> Faults:
     blame = np.maximum(np.maximum(safe_lon, safe_lat), first)
     from_start = np.maximum(safe_lon, safe_lat) < first
     by_lon, by_lat = safe_lon >= safe_lat, safe_lat >= safe_lon
-    rows = np.arange(len(recordings))
+    rows = np.arange(recordings.n_cases)
     av_behind = motion.x[BV, rows, blame] > motion.x[AV, rows, blame]
     side = np.sign(motion.y[BV, rows, blame] - motion.y[AV, rows, blame])
     broken = [

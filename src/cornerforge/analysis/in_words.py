@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cornerforge.analysis.mechanism import MECHANISMS, crash_frame, lane_changes_before, mechanism_of
+from cornerforge.recordings import bodies_of
+from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["avoidance_in_words", "case_in_words", "what_happened"]
@@ -37,8 +39,9 @@ def _lane_change(scenario: Scenario, frame: int, mover: int, other: int) -> str:
     """The mover changes lanes towards the other."""
     change = lane_changes_before(scenario, frame, mover)[0]
     start = change.start
-    ahead = scenario.x[start, mover] - scenario.x[start, other]
-    gap = abs(ahead) - scenario.odd.vehicle_length
+    ahead = float(along(scenario.x[start, other], scenario.x[start, mover]))
+    length = bodies_of(scenario)["length"]
+    gap = abs(ahead) - 0.5 * (length[mover] + length[other])
     who, whom = ("AV", "BV") if mover == 0 else ("BV", "AV")
     side = "right" if change.side > 0 else "left"
     if gap < 0.0:

@@ -4,7 +4,8 @@ Definitions of the single measures stand in `metrics/`; the columns are document
 `library/schema.py`. NaN stands for null: there is no such value.
 
 In the AV's path is who overlaps it sideways, boxes taken as parallel to the road, in any frame before the contact.
-"Level" is who neither is ahead by a vehicle's length nor behind by one. The partner is the vehicle that the AV touches.
+"Level" is who neither is ahead by half of both lengths together nor behind by it. The partner is the vehicle that the
+AV touches.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_number
 from cornerforge.analysis.contact import find_contact
 from cornerforge.analysis.fault import RssRules, pair_margins
-from cornerforge.analysis.recordings import AV, BV, PairMotion, Recordings, pair_motion
+from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.fields import Field
 from cornerforge.metrics.delta_v import FRICTION, delta_v
 from cornerforge.metrics.drac import drac
@@ -27,6 +28,8 @@ from cornerforge.metrics.pet import pet
 from cornerforge.metrics.rss import rss_longitudinal, rss_margin
 from cornerforge.metrics.thw import thw
 from cornerforge.metrics.ttc import ttc
+from cornerforge.recordings import Recordings
+from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S
 
 __all__ = ["MEASURES", "Impact", "measure_cases"]
@@ -95,6 +98,8 @@ _SECOND = round(1.0 / FRAME_S)
 class Impact:
     """What is assumed of an impact: as given, perfectly plastic between equal masses that rub along each other.
 
+    A vehicle's class and size do not change its mass.
+
     Attributes:
         av_mass: Relative to `bv_mass`, in any unit.
         bv_mass: In the same unit.
@@ -144,12 +149,12 @@ def measure_cases(
 
 def _in_path(recordings: Recordings, rules: RssRules) -> dict[str, NDArray[np.float64]]:
     """Worst values over all frames before the contact and all vehicles in the AV's path."""
-    entry, of_av, case = _entries_in_path(recordings)
+    entry, of_av, case, half_lengths = _entries_in_path(recordings)
     r = recordings
-    dx = r.x[entry].astype(np.float64) - r.x[of_av]
+    dx = along(r.x[of_av], r.x[entry].astype(np.float64))
     ahead = dx > 0.0
     own, other = r.speed[of_av].astype(np.float64), r.speed[entry].astype(np.float64)
-    distance = np.abs(dx) - r.length
+    distance = np.abs(dx) - half_lengths
     av, bv = rules.av, rules.bv
     found: dict[str, NDArray[np.float64]] = {}
     for side, chosen in (("front", np.flatnonzero(ahead)), ("rear", np.flatnonzero(~ahead))):
@@ -159,7 +164,7 @@ def _in_path(recordings: Recordings, rules: RssRules) -> dict[str, NDArray[np.fl
         safe = rss_longitudinal(
             v, v_lead, follower.response_time, follower.max_acceleration, follower.min_braking, leader.max_braking
         )
-        worst = _Worst(case[chosen], len(r))
+        worst = _Worst(case[chosen], r.n_cases)
         found[f"min_bbd_{side}_m"] = worst.least(bbd)
         found[f"min_ttc_{side}_s"] = _null_if_infinite(worst.least(ttc(bbd, v_lead - v)))
         found[f"min_thw_{side}_s"] = _null_if_infinite(worst.least(thw(bbd, v)))
@@ -170,20 +175,24 @@ def _in_path(recordings: Recordings, rules: RssRules) -> dict[str, NDArray[np.fl
 
 def _entries_in_path(
     recordings: Recordings,
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Entries of others in the AV's path before contact, entries of the AV at the same frames, and cases, ascending."""
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Entries of others in the AV's path before contact, ascending; the AV's at the same frames, cases, half lengths.
+
+    The last is half of both vehicles' lengths together [m].
+    """
     r = recordings
-    frames = np.repeat(r.n_frames, r.n_vehicles)
+    frames = np.repeat(r.frames, r.vehicles)
     begin = np.cumsum(frames) - frames
-    of_case = np.repeat(np.arange(len(r)), r.n_vehicles)
-    to_av = begin - np.repeat(r.start[:-1], r.n_vehicles)  # from a vehicle's series back to that of its case's AV
+    of_case = np.repeat(np.arange(r.n_cases), r.vehicles)
+    av = r.vehicle_at[of_case]
+    vehicle = np.repeat(np.arange(frames.size), frames)
     entry = np.arange(r.x.size)
-    of_av = entry - np.repeat(to_av, frames)
-    chosen = r.present & (np.abs(r.y - r.y[of_av]) < r.width)
-    chosen[of_av == entry] = False
-    chosen[begin + frames - 1] = False
+    of_av = entry - (begin - r.at[of_case])[vehicle]  # from a vehicle's series back to that of its case's AV
+    chosen = r.present & (np.abs(r.y - r.y[of_av]) < (0.5 * (r.width[av] + r.width))[vehicle])
+    chosen &= (of_av != entry) & (entry < (begin + r.last[of_case])[vehicle])
     found = np.flatnonzero(chosen)
-    return found, of_av[found], np.repeat(of_case, frames)[found]
+    who = vehicle[found]
+    return found, of_av[found], of_case[who], (0.5 * (r.length[av] + r.length))[who]
 
 
 class _Worst:
@@ -226,8 +235,8 @@ def _of_pair(motion: PairMotion, rules: RssRules) -> dict[str, NDArray[np.float6
     if column < 0:
         return found | {"rss_margin_1s_m": nothing, "bbd_1s_m": nothing, "ttc_1s_s": nothing}
     known = motion.recorded[:, column]
-    dx = motion.x[BV, :, column] - motion.x[AV, :, column]
-    bbd = np.abs(dx) - motion.length
+    dx = along(motion.x[AV, :, column], motion.x[BV, :, column])
+    bbd = np.abs(dx) - motion.half_lengths
     rate = (motion.speed[BV, :, column] - motion.speed[AV, :, column]) * np.sign(dx)
     found["rss_margin_1s_m"] = margin[:, column]
     found["bbd_1s_m"] = np.where(known, bbd, np.nan)
@@ -240,15 +249,16 @@ def _encroachment(motion: PairMotion) -> NDArray[np.float64]:
 
     Who never overlaps the other sideways as parallel boxes met it with a corner, side by side.
     """
-    apart = (np.abs(motion.y[BV] - motion.y[AV]) >= motion.width) & motion.recorded
+    apart = (np.abs(motion.y[BV] - motion.y[AV]) >= motion.half_widths[:, None]) & motion.recorded
     n, contact = apart.shape[0], apart.shape[1] - 1
     rows = np.arange(n)
     last_apart = np.where(apart, np.arange(contact + 1), -1).max(axis=1)
     entered = np.minimum(last_apart + 1, contact)
-    dx = motion.x[BV, rows, entered] - motion.x[AV, rows, entered]
+    dx = along(motion.x[AV, rows, entered], motion.x[BV, rows, entered])
     front = np.where(dx > 0.0, BV, AV)
-    mark = motion.x[front, rows, entered] - 0.5 * motion.length
-    bumper = np.where((front == BV)[:, None], motion.x[AV], motion.x[BV]) + 0.5 * motion.length
+    mark = along(0.5 * motion.length[front, rows], motion.x[front, rows, entered])
+    behind = 1 - front
+    bumper = along(-0.5 * motion.length[behind, rows][:, None], motion.x[behind, rows])
     past = (bumper >= mark[:, None]) & (np.arange(contact + 1) >= entered[:, None])
     reached = np.where(past.any(axis=1), past.argmax(axis=1), contact)
     before = np.maximum(reached - 1, entered)
@@ -263,13 +273,13 @@ def _encroachment(motion: PairMotion) -> NDArray[np.float64]:
 def _at_contact(motion: PairMotion, impact: Impact) -> dict[str, NDArray[np.float64]]:
     """Speeds, directions and severity of the impact, from the velocities in the contact's frame."""
     heading = motion.heading[:, :, -1]
-    along = motion.speed[:, :, -1]  # that along the road; a heading is the direction of the path
-    velocity = np.stack([along, along * np.tan(heading)], axis=-1)
+    lengthwise = motion.speed[:, :, -1]  # that along the road; a heading is the direction of the path
+    velocity = np.stack([lengthwise, lengthwise * np.tan(heading)], axis=-1)
     relative = velocity[BV] - velocity[AV]
     between = np.abs((heading[BV] - heading[AV] + math.pi) % (2.0 * math.pi) - math.pi)
     found = {"impact_speed_mps": np.hypot(relative[:, 0], relative[:, 1]), "impact_angle_rad": between}
-    pose = np.stack([motion.x[:, :, -1], motion.y[:, :, -1], along, heading], axis=-1).swapaxes(0, 1)
-    normal = find_contact(pose, motion.length, motion.width).normal
+    pose = np.stack([motion.x[:, :, -1], motion.y[:, :, -1], lengthwise, heading], axis=-1).swapaxes(0, 1)
+    normal = find_contact(pose, motion.length.T, motion.width.T).normal
     apart = (relative * normal).sum(axis=1)
     closing = np.maximum(0.0, -apart)
     slide = relative - apart[:, None] * normal  # of the BV along the AV's face, which friction pulls with it

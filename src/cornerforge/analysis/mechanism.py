@@ -18,13 +18,17 @@ overlap laterally and it went towards the other. Both at once under 3 or 4: the 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
+from cornerforge.analysis.crash_types import CrashTypes, classify_crashes
 from cornerforge.errors import InputError
+from cornerforge.recordings import bodies_of
+from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = [
@@ -34,6 +38,7 @@ __all__ = [
     "Mechanism",
     "contact_pose",
     "crash_frame",
+    "crash_types_of",
     "lane_changes_before",
     "mechanism_of",
 ]
@@ -132,6 +137,23 @@ def contact_pose(scenario: Scenario) -> NDArray[np.float64]:
     return np.stack([values[frame, pair] for values in columns], axis=-1).astype(np.float64)
 
 
+def crash_types_of(scenarios: Sequence[Scenario]) -> CrashTypes:
+    """Type and striker of the AV's crash in each of S scenarios, at least one.
+
+    Raises:
+        InputError: There is no crash of the AV, or a recording does not hold its contact.
+    """
+    pose = np.stack([contact_pose(scenario) for scenario in scenarios])
+    pairs = np.stack([_pair_of(scenario) for scenario in scenarios])
+    return classify_crashes(pose, pairs["length"], pairs["width"])
+
+
+def _pair_of(scenario: Scenario) -> NDArray[np.void]:
+    """Class and size of the AV and its partner, shape (2,) of `recordings.BODY_FIELDS`."""
+    _, partner = crash_frame(scenario)
+    return bodies_of(scenario)[[0, partner]]
+
+
 def mechanism_of(scenario: Scenario) -> Mechanism:
     """Say how the AV's crash came about; the module's text states the rules.
 
@@ -162,8 +184,8 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
 
 
 def _contact_kind(scenario: Scenario) -> str:
-    odd = scenario.odd
-    faces = find_contact(contact_pose(scenario)[None], odd.vehicle_length, odd.vehicle_width)
+    pair = _pair_of(scenario)[None]
+    faces = find_contact(contact_pose(scenario)[None], pair["length"], pair["width"])
     av, bv = int(faces.av_sector[0]), int(faces.bv_sector[0])
     if (av, bv) == (FRONT, REAR):
         return "rear-end by AV"
@@ -207,7 +229,8 @@ def _came_from_outside(scenario: Scenario, change: LaneChange, mover: int, other
     """Did the mover, when its lane change began, stand clear of the other laterally and turn towards it?"""
     start = change.start
     towards = (scenario.y[start, other] - scenario.y[start, mover]) * change.side
-    return bool(scenario.present[start, other] and towards >= scenario.odd.vehicle_width)
+    width = bodies_of(scenario)["width"]
+    return bool(scenario.present[start, other] and towards >= 0.5 * (width[mover] + width[other]))
 
 
 def _of_contact(
@@ -235,16 +258,17 @@ def _braked(scenario: Scenario, frame: int, column: int) -> bool:
 
 def _follows_bv_crash(scenario: Scenario, frame: int) -> bool:
     """Did two BVs that touched vanish (so the simulator clears a BV-BV crash) within 5 s before and 100 m of the AV?"""
-    odd = scenario.odd
+    bodies = bodies_of(scenario)
     first = max(1, frame - round(_FOLLOW_UP_S * _FRAMES_PER_SECOND))
-    reach = odd.vehicle_length + odd.max_speed * FRAME_S  # what closing at full speed adds within the last frame
-    beside = odd.vehicle_width + 1.0
+    closed = scenario.odd.max_speed * FRAME_S  # what closing at full speed adds within the last frame
     for t in range(first, frame + 1):
         gone = np.flatnonzero(scenario.present[t - 1, 1:] & ~scenario.present[t, 1:]) + 1
         x, y = scenario.x[t - 1, gone], scenario.y[t - 1, gone]
+        length, width = bodies["length"][gone], bodies["width"][gone]
+        reach, beside = 0.5 * (length[:, None] + length) + closed, 0.5 * (width[:, None] + width) + 1.0
         touched = (np.abs(x[:, None] - x) < reach) & (np.abs(y[:, None] - y) < beside)
         np.fill_diagonal(touched, val=False)
-        near = np.abs(x - scenario.x[t - 1, 0]) <= _FOLLOW_UP_M
+        near = np.abs(along(scenario.x[t - 1, 0], x)) <= _FOLLOW_UP_M
         if (touched.any(axis=1) & near).any():
             return True
     return False

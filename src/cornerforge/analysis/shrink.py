@@ -12,7 +12,7 @@ from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_cra
 from cornerforge.analysis.ddmin import ddmin
 from cornerforge.errors import InputError
 from cornerforge.sim.scripted import NATURAL, Ending, Script, ScriptDriver
-from cornerforge.types import FRAME_S, Odd, Scenario
+from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "Reproducer", "Shrunk", "Size", "shrink"]
 
@@ -79,7 +79,6 @@ class Reproducer:
 
     Args:
         driver: Drives scripts.
-        odd: Its ODD.
         script: The whole case, ending in a crash of the AV.
 
     Attributes:
@@ -92,12 +91,11 @@ class Reproducer:
         InputError: The script does not end in a crash of the AV.
     """
 
-    def __init__(self, driver: ScriptDriver, odd: Odd, script: Script) -> None:
+    def __init__(self, driver: ScriptDriver, script: Script) -> None:
         self._driver = driver
-        self._odd = odd
         self._most = driver.max_decisions
         self.ending = driver.drive(script)
-        kind = self._kind(self.ending)
+        kind = self._kind(script, self.ending)
         if kind is None:
             raise InputError("This does not end in a crash of the AV; only such cases can be made smaller.")
         self.kind = kind
@@ -105,19 +103,20 @@ class Reproducer:
             if not self.is_lost(script):
                 break
 
-    def _kind(self, ending: Ending) -> tuple[int, int, int] | None:
+    def _kind(self, script: Script, ending: Ending) -> tuple[int, int, int] | None:
         if ending.pose is None:
             return None
         # Rounded as the library stores it, so that an analysis of the library sees the same type.
         pose = ending.pose.astype(np.float32)[None]
-        found = classify_crashes(pose, self._odd.vehicle_length, self._odd.vehicle_width)
+        pair = script.start[[0, int(np.flatnonzero(script.slot == ending.partner)[0])]][None]
+        found = classify_crashes(pose, pair["length"], pair["width"])
         return ending.partner, int(found.code[0]), int(found.striker[0])
 
     def crashes_alike(self, script: Script) -> bool:
         """Does it end in the same crash, no later, and without more crashes between BVs than the case has?"""
         ending = self._driver.drive(script)
         is_no_more = ending.frame <= self.ending.frame and ending.bv_crashes <= self.ending.bv_crashes
-        return is_no_more and self._kind(ending) == self.kind
+        return is_no_more and self._kind(script, ending) == self.kind
 
     def is_lost(self, script: Script) -> bool:
         """Would the AV crash, with anybody and in any way, with natural drivers from this start on?"""
@@ -135,7 +134,7 @@ class Reproducer:
         return is_settled and self.crashes_alike(script) and not self.is_lost(script)
 
 
-def shrink(driver: ScriptDriver, odd: Odd, script: Script, *, seed: int = 0, test: int = 0) -> Shrunk:
+def shrink(driver: ScriptDriver, script: Script, *, seed: int = 0, test: int = 0) -> Shrunk:
     """Make a crash of the AV as small as it gets.
 
     In turn, until nothing changes: leave out vehicles; start later; let BVs do the naturalistic model's likeliest
@@ -144,7 +143,6 @@ def shrink(driver: ScriptDriver, odd: Odd, script: Script, *, seed: int = 0, tes
 
     Args:
         driver: Drives scripts.
-        odd: Its ODD.
         script: The case; it ends in a crash of the AV.
         seed, test: What the scenario of the result is named after.
 
@@ -153,7 +151,7 @@ def shrink(driver: ScriptDriver, odd: Odd, script: Script, *, seed: int = 0, tes
     """
     first = driver.drives
     whole, chances = driver.record(script, seed=seed, test=test)
-    case = Reproducer(driver, odd, script)
+    case = Reproducer(driver, script)
     search = _Search(driver, case)
     small = _cut(script, case.ending.frame)
     while True:

@@ -70,8 +70,8 @@ def crash_cells(
     pose: NDArray[np.floating],
     *,
     avoidable: NDArray[np.bool_] | None = None,
-    vehicle_length: float = 5.0,
-    vehicle_width: float = 2.0,
+    vehicle_length: float | NDArray[np.floating] = 5.0,
+    vehicle_width: float | NDArray[np.floating] = 2.0,
 ) -> tuple[NDArray[np.intp], tuple[str, ...]]:
     """The cell of each crash: its type, the side of the AV that was touched, and who struck (or avoidability).
 
@@ -79,7 +79,7 @@ def crash_cells(
         pose: [x m, y m, speed m/s, heading rad] of the AV (0) and the crash partner (1) at first contact, shape
             (S, 2, 4).
         avoidable: Whether the AV could have avoided it, shape (S,); it takes the place of who struck.
-        vehicle_length, vehicle_width: Of both vehicles [m].
+        vehicle_length, vehicle_width: Of the vehicles [m], one number or shape (S, 2).
 
     Returns:
         Index of each crash's cell, shape (S,), and the names of all cells.

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from cornerforge._arrow import arrow_field
 from cornerforge.errors import InputError
-from cornerforge.fields import SHORTFALL
+from cornerforge.fields import PARTNER, SHORTFALL
 from cornerforge.library.manifest import Shard, StoredFile, replace_file, shard_names
 from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import EXTRA_TYPES
@@ -173,9 +173,10 @@ class ShardReader:
             return None
         there = pq.read_schema(pa.BufferReader(content)).names
         wanted = None if columns is None else list(columns)
-        if all(field.name in there for field in SHORTFALL):
+        if all(field.name in there for field in (*SHORTFALL, *PARTNER)):
             return pq.read_table(pa.BufferReader(content), columns=wanted)
-        return _with_shortfall(pq.read_table(pa.BufferReader(content)), wanted)
+        table = _with_partner(_with_shortfall(pq.read_table(pa.BufferReader(content))))
+        return table if wanted is None else table.select(wanted)
 
     def tracks(self, shard: Shard) -> pq.ParquetFile | None:
         """A shard's trajectories, or None if the file is damaged.
@@ -194,11 +195,23 @@ class ShardReader:
         warnings.warn(f"{self._folder / name} {fault}; what it holds is left out.", DamagedShardWarning, stacklevel=3)
 
 
-def _with_shortfall(table: pa.Table, columns: Sequence[str] | None) -> pa.Table:
+def _with_partner(table: pa.Table) -> pa.Table:
+    """The cases of an early library with the columns `PARTNER`: cars, of the ODD's size."""
+    for field in PARTNER:
+        if field.name not in table.column_names:
+            kind = arrow_field(field).type
+            values = pa.array([0] * table.num_rows, kind) if field is PARTNER[0] else pa.nulls(table.num_rows, kind)
+            table = table.append_column(arrow_field(field), values)
+    return table
+
+
+def _with_shortfall(table: pa.Table) -> pa.Table:
     """The cases of an early library with the columns `SHORTFALL`; null where it says nothing of them.
 
     Its `shortfall_nats`, if any, is that of the possible actions, even where another was impossible.
     """
+    if all(field.name in table.column_names for field in SHORTFALL):
+        return table
     whole, possible, count = SHORTFALL
     unknown = pa.nulls(table.num_rows, pa.float64())
     known = table.column(whole.name).combine_chunks() if whole.name in table.column_names else unknown
@@ -208,7 +221,7 @@ def _with_shortfall(table: pa.Table, columns: Sequence[str] | None) -> pa.Table:
         if field.name in table.column_names:
             table = table.drop_columns([field.name])
         table = table.append_column(arrow_field(field), values)
-    return table if columns is None else table.select(list(columns))
+    return table
 
 
 def _arrow_bytes(path: Path) -> pa.Buffer:

@@ -397,6 +397,15 @@ class CaseLibrary:
         flat = np.concatenate(chunks) if chunks else np.empty(0)
         return table.column("case_id").to_pylist(), flat.astype(np.float64).reshape(-1, *HISTORY_SHAPE)
 
+    def sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lengths and widths [m] of the AV and its crash partner, (S, 2) each, in the order of `history`."""
+        table = self.scalars(["bv_length_m", "bv_width_m"])
+        found = []
+        for name, of_car in (("bv_length_m", self.odd.vehicle_length), ("bv_width_m", self.odd.vehicle_width)):
+            partner = table.column(name).fill_null(of_car).to_numpy()
+            found.append(np.stack([np.full(partner.size, of_car), partner], axis=1))
+        return found[0], found[1]
+
     def query(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
         """Answer one SELECT over the table `cases`; see `query.run_sql`.
 

@@ -84,14 +84,8 @@ def analyse(
         open_output(Path(out), identity, resume=True)
     progress("analyse", 0, len(cases))
     ids, history = cases.history()
-    found = analyse_history(
-        ids,
-        history,
-        steps=steps,
-        seed=seed,
-        vehicle_length=cases.odd.vehicle_length,
-        vehicle_width=cases.odd.vehicle_width,
-    )
+    length, width = cases.sizes()
+    found = analyse_history(ids, history, steps=steps, seed=seed, vehicle_length=length, vehicle_width=width)
     summary = found.to_json()
     drawn = _draw(found.case_ids, looks, seed)
     chosen = drawn | _outstanding(found) if looks != 0 else drawn

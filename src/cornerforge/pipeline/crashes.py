@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cornerforge.analysis.crash_types import CRASH_TYPES, classify_crashes
-from cornerforge.analysis.mechanism import MECHANISMS, contact_pose, mechanism_of
+from cornerforge.analysis.crash_types import CRASH_TYPES
+from cornerforge.analysis.mechanism import MECHANISMS, crash_types_of, mechanism_of
 from cornerforge.foreign.recorder import ScriptedSeconds
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates.attention import action_chances, oversight
@@ -64,8 +64,8 @@ class NaturalCrashes:
         """
         scenario = self._recorder.record(self._seed, test)
         mechanism = mechanism_of(scenario)
-        odd, setting = self._run.odd, self._run.setting
-        kind = classify_crashes(contact_pose(scenario)[None], odd.vehicle_length, odd.vehicle_width).names[0]
+        setting = self._run.setting
+        kind = crash_types_of([scenario]).names[0]
         assert scenario.crash is not None  # mechanism_of has looked
         foreign = self._run.foreign
         step = None if foreign is None else ScriptedSeconds(foreign, self._run.slots)

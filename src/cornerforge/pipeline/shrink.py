@@ -172,7 +172,7 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
             stored = source.scenario(case_id)
             seed, test = stored.scenario.seed, stored.scenario.test
             script = _script(stored, _check_same(stored, again), driver)
-            small = shrink_script(driver, run.odd, script, seed=seed, test=test)
+            small = shrink_script(driver, script, seed=seed, test=test)
             loose.append(_record(small))
             if len(loose) == _SHARD_CASES or time.monotonic() - committed_at >= _COMMIT_SECONDS:
                 commit()

@@ -18,7 +18,6 @@ from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
-from cornerforge.types import Odd
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["VARIETY_TESTS", "variety"]
@@ -91,7 +90,9 @@ def _refuse_idle(given: dict[str, Any], usual: dict[str, Any]) -> None:
             raise InputError(f"{name} = {value!r} has no effect on libraries; give it with --policy FILE.")
 
 
-def _row(name: str, tests: int, crashes: int, pose: NDArray[np.float64], odd: Odd, seed: int) -> dict[str, Any]:
+def _row(
+    name: str, tests: int, crashes: int, pose: NDArray[np.float64], size: tuple[NDArray[np.float64], ...], seed: int
+) -> dict[str, Any]:
     from cornerforge.analysis.variety import crash_cells, variety_of
 
     low, high = binomial_interval(crashes, tests) if tests else (0.0, 1.0)
@@ -104,26 +105,29 @@ def _row(name: str, tests: int, crashes: int, pose: NDArray[np.float64], odd: Od
     }
     if len(pose) == 0:
         return row | dict.fromkeys(("cases", "filled"), 0) | {"entropy": None, "effective": None, "cells": {}}
-    cell, names = crash_cells(pose, vehicle_length=odd.vehicle_length, vehicle_width=odd.vehicle_width)
+    cell, names = crash_cells(pose, vehicle_length=size[0], vehicle_width=size[1])
     return row | variety_of(cell, names, seed=seed).to_json()
 
 
 def _library_row(path: Path, seed: int) -> dict[str, Any]:
     library = CaseLibrary.open(path)
     history = library.history()[1]
-    return _row(str(path), library.tests, library.crashes, history[:, 0], library.odd, seed)
+    return _row(str(path), library.tests, library.crashes, history[:, 0], library.sizes(), seed)
 
 
 def _generated_row(
     run: Experiment, name: str, tests: int, seed: int, threads: int, progress: Progress
 ) -> dict[str, Any]:
-    poses = []
+    poses, sizes = [], []
     for done, harvested in harvest_tests(run, seed, VARIETY_TESTS, tests, threads):
         flat = harvested.cases.column("history").combine_chunks().flatten().to_numpy()
         poses.append(flat.reshape(-1, *HISTORY_SHAPE)[:, 0].astype(np.float64))
+        sizes.append(np.stack([harvested.cases.column(f"bv_{side}_m").to_numpy() for side in ("length", "width")]))
         progress(f"variety ({name})", done, tests)
-    pose = np.concatenate(poses)
-    return _row(name, tests, len(pose), pose, run.odd, seed)
+    pose, partner = np.concatenate(poses), np.concatenate(sizes, axis=1)
+    of_car = (run.odd.vehicle_length, run.odd.vehicle_width)
+    size = tuple(np.stack([np.full(len(pose), car), bv], axis=1) for car, bv in zip(of_car, partner, strict=True))
+    return _row(name, tests, len(pose), pose, size, seed)
 
 
 def variety_text(result: dict[str, Any]) -> str:

@@ -5,12 +5,13 @@ What counts as a way out, which sequences are tried and why none is lost: docs/a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import Box, boxes_overlap, path_at
+from cornerforge.recordings import box_in
 from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.avoid_motion import allocate_rows, take_over
 from cornerforge.sim.step import move_vehicle
@@ -20,6 +21,7 @@ from cornerforge.types import FRAME_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.recordings import Trajectories
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
@@ -56,7 +58,7 @@ _ODD = np.uint64(0x9E3779B97F4A7C15)
 _SHIFT = np.uint64(29)
 _MASK = np.uint64(_SLOTS - 1)
 
-OBSTACLE = np.dtype([("x", "f8"), ("y", "f8"), ("heading", "f8")])
+OBSTACLE = np.dtype([("x", "f8"), ("y", "f8"), ("heading", "f8"), ("length", "f8"), ("width", "f8")])
 
 
 class Manoeuvres(NamedTuple):
@@ -155,11 +157,18 @@ def stopping_frames(max_speed: float, deceleration: float) -> int:
     return int(np.ceil(max_speed / deceleration / FRAME_S)) + 1
 
 
+@inlined_kernel
+def _diagonal(bodies: NDArray[np.void], i: int) -> float:
+    """Of vehicle i's box [m]."""
+    length, width = bodies[i].length, bodies[i].width
+    diagonal: float = np.sqrt(length * length + width * width)
+    return diagonal
+
+
 @kernel
-def _gather_near(
-    frames: NDArray[np.void], n: int, moment: int, end: int, m: Manoeuvres, road: RoadNumbers, s: SearchScratch
-) -> None:
+def _gather_near(test: Trajectories, moment: int, end: int, m: Manoeuvres, road: RoadNumbers, s: SearchScratch) -> None:
     """List for each frame after `moment` whom the AV can meet there at all, however it brakes or accelerates."""
+    frames, bodies = test.frames, test.bodies
     x, speed = frames[moment, 0].x, frames[moment, 0].speed
     slowest = speed
     fastest = speed
@@ -170,7 +179,10 @@ def _gather_near(
     for k in range(m.accelerations.size):
         hardest = min(hardest, m.accelerations[k])
         quickest = max(quickest, m.accelerations[k])
-    reach = np.sqrt(road.length * road.length + road.width * road.width)
+    largest = 0.0
+    for j in range(1, test.n):
+        largest = max(largest, _diagonal(bodies, j))
+    reach = 0.5 * (_diagonal(bodies, 0) + largest)
     for f in range(moment + 1, end + 1):
         # the speed at the frame's end while braking, at its end while accelerating: bounds, not the motion itself
         slowest = max(0.0, slowest + hardest * _DT)
@@ -178,11 +190,13 @@ def _gather_near(
         behind += slowest * _DT
         ahead += fastest * _DT
         found = 0
-        for j in range(1, n):
+        for j in range(1, test.n):
             if frames[f, j].present and behind - reach < frames[f, j].x < ahead + reach:
                 s.near[f, found].x = frames[f, j].x
                 s.near[f, found].y = frames[f, j].y
                 s.near[f, found].heading = frames[f, j].heading
+                s.near[f, found].length = bodies[j].length
+                s.near[f, found].width = bodies[j].width
                 found += 1
         s.n_near[f] = found
 
@@ -223,7 +237,7 @@ def _is_new(s: SearchScratch, k: int) -> bool:
 
 
 @inlined_kernel
-def _drives_clear(s: SearchScratch, k: int, f0: int, m: Manoeuvres, road: RoadNumbers) -> bool:
+def _drives_clear(s: SearchScratch, k: int, body: Any, f0: int, m: Manoeuvres, road: RoadNumbers) -> bool:
     """Move row k from frame f0 to the next decision; False as soon as somebody touches it."""
     v = s.rows.vehicles
     for i in range(1, m.every + 1):
@@ -231,19 +245,18 @@ def _drives_clear(s: SearchScratch, k: int, f0: int, m: Manoeuvres, road: RoadNu
         for c in range(s.n_near[f0 + i]):
             o = s.near[f0 + i, c]
             if boxes_overlap(
-                Box(v[k].x, v[k].y, v[k].heading, road.length, road.width),
-                Box(o.x, o.y, o.heading, road.length, road.width),
+                Box(v[k].x, v[k].y, v[k].heading, body.length, body.width),
+                Box(o.x, o.y, o.heading, o.length, o.width),
             ):
                 return False
     return True
 
 
 @inlined_kernel
-def _can_stop(
-    s: SearchScratch, k: int, frames: NDArray[np.void], n: int, end: int, m: Manoeuvres, road: RoadNumbers
-) -> bool:
+def _can_stop(s: SearchScratch, k: int, test: Trajectories, end: int, m: Manoeuvres, road: RoadNumbers) -> bool:
     """Can the AV of row k, at frame `end`, stop without touching anybody who is ahead of it then?"""
     v = s.rows.vehicles
+    frames, body = test.frames, test.bodies[0]
     v[k + 1] = v[k]
     x = v[k].x
     hold(v, k + 1, -m.stopping)
@@ -251,13 +264,12 @@ def _can_stop(
     while v[k + 1].speed > 0.0:
         f += 1
         move_vehicle(v, k + 1, (f - end) * _DT, road)
-        for j in range(1, n):
+        for j in range(1, test.n):
             if (
                 frames[f, j].present
                 and frames[end, j].x > x
                 and boxes_overlap(
-                    Box(v[k + 1].x, v[k + 1].y, v[k + 1].heading, road.length, road.width),
-                    Box(frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width),
+                    Box(v[k + 1].x, v[k + 1].y, v[k + 1].heading, body.length, body.width), box_in(test, f, j)
                 )
             ):
                 return False
@@ -294,14 +306,13 @@ def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, ro
 
 
 @kernel
-def _find_way_out(
-    frames: NDArray[np.void], n: int, last: int, moment: int, kind: int, m: Manoeuvres, s: SearchScratch
-) -> int:
+def _find_way_out(test: Trajectories, last: int, moment: int, kind: int, m: Manoeuvres, s: SearchScratch) -> int:
     """Depth first through all sequences of decisions, each state once; returns NONE, FOUND or GAVE_UP.
 
     Row 0 holds the AV at `moment`. After FOUND the rows 1 .. steps hold it after each decision's period.
     """
     evasive = m.evasive
+    body = test.bodies[0]
     steps = -((moment - last - m.horizon) // m.every)
     s.counts[0] = 0
     s.counts[1] += 1
@@ -316,7 +327,7 @@ def _find_way_out(
             continue
         s.choice[k] += 1
         frame = moment + k * m.every
-        if not _decides(s, k, choice, kind, m, evasive) or not _drives_clear(s, k + 1, frame, m, evasive):
+        if not _decides(s, k, choice, kind, m, evasive) or not _drives_clear(s, k + 1, body, frame, m, evasive):
             continue
         if k + 1 < steps:
             if _is_new(s, k + 1):
@@ -325,9 +336,7 @@ def _find_way_out(
             if 2 * s.counts[0] > _SLOTS:
                 s.counts[2] += s.counts[0]
                 return GAVE_UP
-        elif (kind != STEERING or s.changes[k + 1] > 0) and _can_stop(
-            s, k + 1, frames, n, frame + m.every, m, evasive
-        ):  # fmt: skip
+        elif (kind != STEERING or s.changes[k + 1] > 0) and _can_stop(s, k + 1, test, frame + m.every, m, evasive):
             s.counts[2] += s.counts[0]
             return FOUND
     s.counts[2] += s.counts[0]
@@ -347,15 +356,13 @@ def _note_plan(s: SearchScratch, kind: int, moment: int, steps: int, plans: Plan
 
 @kernel
 def latest_ways_out(
-    frames: NDArray[np.void], n: int, last: int, since: int, earliest: int, m: Manoeuvres, s: SearchScratch,
-    plans: Plans,
-) -> int:  # fmt: skip
+    test: Trajectories, last: int, since: int, earliest: int, m: Manoeuvres, s: SearchScratch, plans: Plans
+) -> int:
     """Find the last moment from which there is a way out, of each kind, going back frame by frame from the contact.
 
     Args:
-        frames: Recording with its continuation (`continue_recording`) until `stopping_frames` after the end of the
-            last decision's period, (frames, slots) of `fields.FRAME_FIELDS`.
-        n: Number of vehicles.
+        test: Recording with its continuation (`continue_recording`) until `stopping_frames` after the end of the last
+            decision's period.
         last: Frame of the contact.
         since: First moment at which braking and steering are tried alone.
         earliest: First moment to look at, at least 0; before `since` only as long as there is no way out at all.
@@ -373,12 +380,12 @@ def latest_ways_out(
         plans.steps[kind] = 0
     for moment in range(last - 1, earliest - 1, -1):
         steps = -((moment - last - m.horizon) // m.every)
-        _gather_near(frames, n, moment, moment + steps * m.every, m, m.road, s)
-        take_over(s.rows, 0, frames, moment, 0, 0.0, m.road)
+        _gather_near(test, moment, moment + steps * m.every, m, m.road, s)
+        take_over(s.rows, 0, test.frames, moment, 0, 0.0, m.road)
         for kind in range(KINDS):
             if plans.moment[kind] >= 0 or (kind != COMBINED and moment < since):
                 continue
-            result = _find_way_out(frames, n, last, moment, kind, m, s)
+            result = _find_way_out(test, last, moment, kind, m, s)
             if result == GAVE_UP:
                 gave_up = 1
             elif result == FOUND:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import kernel
+from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, unpack
 from cornerforge.sim.avoid import (
     COMBINED,
     KINDS,
@@ -29,40 +30,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CaseScratch",
-    "RecordedCrashes",
     "WaysOut",
     "allocate_case_scratch",
     "allocate_ways_out",
     "search_cases",
 ]
-
-
-class RecordedCrashes(NamedTuple):
-    """C recorded crashes, one after the other in flat arrays; vehicle i of a case at frame t at `at + i * frames + t`.
-
-    Attributes:
-        frames: Number of frames, int64 (C,).
-        vehicles: Number of vehicles, the AV first, int64 (C,).
-        at: Where a case begins in the arrays of values, int64 (C,).
-        last: Frame of the contact, int64 (C,).
-        partner: Which vehicle the AV touched, int64 (C,); 0 where the case is not to be judged.
-        x, y, speed, heading, acceleration: As in `types.Scenario`, float32.
-        target_lane: int8.
-        present: uint8, 0 or 1.
-    """
-
-    frames: NDArray[np.int64]
-    vehicles: NDArray[np.int64]
-    at: NDArray[np.int64]
-    last: NDArray[np.int64]
-    partner: NDArray[np.int64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    heading: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
-    target_lane: NDArray[np.int8]
-    present: NDArray[np.uint8]
 
 
 class WaysOut(NamedTuple):
@@ -94,6 +66,7 @@ class CaseScratch(NamedTuple):
     """What `search_cases` works in; one serves one thread. `tail`: frames in which the fastest comes to a stop."""
 
     frames: NDArray[np.void]
+    bodies: NDArray[np.void]
     search: SearchScratch
     plans: Plans
     track: NDArray[np.float64]
@@ -111,6 +84,7 @@ def allocate_case_scratch(m: Manoeuvres, frames: int, vehicles: int) -> CaseScra
     longest = frames + m.horizon + m.every + tail
     return CaseScratch(
         allocate_recording(longest, vehicles),
+        np.zeros(vehicles, dtype=BODY_FIELDS),
         allocate_search(decisions, longest, vehicles),
         allocate_plans(decisions),
         np.zeros((decisions * m.every + 1, 4)),
@@ -134,28 +108,12 @@ def allocate_ways_out(m: Manoeuvres, cases: int) -> WaysOut:
     )
 
 
-@inlined_kernel
-def _unpack(r: RecordedCrashes, c: int, frames: NDArray[np.void]) -> None:
-    for i in range(r.vehicles[c]):
-        for t in range(r.frames[c]):
-            k = r.at[c] + i * r.frames[c] + t
-            cell = frames[t, i]
-            cell.present = r.present[k]
-            if r.present[k]:
-                cell.x = r.x[k]
-                cell.y = r.y[k]
-                cell.speed = r.speed[k]
-                cell.heading = r.heading[k]
-                cell.acceleration = r.acceleration[k]
-                cell.target_lane = r.target_lane[k]
-
-
 @kernel
-def search_cases(r: RecordedCrashes, first: int, stop: int, m: Manoeuvres, s: CaseScratch, out: WaysOut) -> None:
+def search_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: CaseScratch, out: WaysOut) -> None:
     """Search cases first .. stop - 1, and drive what is found (`avoid_check.drive_way_out`).
 
     Args:
-        r: The recordings.
+        r: The recordings; a case whose partner is 0 is left out.
         first, stop: Range of cases.
         m: What the AV may do.
         s: Scratch.
@@ -167,14 +125,15 @@ def search_cases(r: RecordedCrashes, first: int, stop: int, m: Manoeuvres, s: Ca
             continue
         n = r.vehicles[c]
         last = r.last[c]
-        _unpack(r, c, s.frames)
+        unpack(r, c, s.frames, s.bodies)
+        test = Trajectories(s.frames, s.bodies, n)
         out.begin[c] = manoeuvre_begin(s.frames, r.partner[c], last, road)
         until = last + m.horizon + m.every + s.tail
         continue_recording(s.frames, n, last, until, r.partner[c], m.only_partner, road, s.search.rows)
         earliest = max(0, last - m.lookback)
         s.search.counts[2] = 0
         since = max(earliest, out.begin[c])
-        out.gave_up[c] = latest_ways_out(s.frames, n, last, since, earliest, m, s.search, s.plans)
+        out.gave_up[c] = latest_ways_out(test, last, since, earliest, m, s.search, s.plans)
         out.states[c] = s.search.counts[2]
         for kind in range(KINDS):
             moment = s.plans.moment[kind]
@@ -183,8 +142,7 @@ def search_cases(r: RecordedCrashes, first: int, stop: int, m: Manoeuvres, s: Ca
             if moment < 0:
                 continue
             out.touched[c, kind] = drive_way_out(
-                s.frames, n, moment, s.plans.acceleration[kind, :steps], s.plans.lane[kind, :steps], m,
-                s.search.rows, s.track,
+                test, moment, s.plans.acceleration[kind, :steps], s.plans.lane[kind, :steps], m, s.search.rows, s.track,
             )  # fmt: skip
             if kind == COMBINED:
                 out.steps[c] = steps

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from cornerforge._jit import kernel
 from cornerforge.geometry import Box, boxes_overlap
+from cornerforge.recordings import box_in
 from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.avoid_motion import take_over
 from cornerforge.sim.step import move_vehicle
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from cornerforge.recordings import Trajectories
     from cornerforge.sim.avoid import Manoeuvres
     from cornerforge.sim.world import World
 
@@ -28,16 +30,15 @@ _DT = FRAME_S
 
 @kernel
 def drive_way_out(
-    frames: NDArray[np.void], n: int, moment: int, accelerations: NDArray[np.float64], lanes: NDArray[np.int64],
-    m: Manoeuvres, w: World, track: NDArray[np.float64],
+    test: Trajectories, moment: int, accelerations: NDArray[np.float64], lanes: NDArray[np.int64], m: Manoeuvres,
+    w: World, track: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Drive the AV by its decisions, then to a stop, among the others as they are in the frames.
 
     While the decisions last everybody counts; while it stops only who is ahead of it when it begins to.
 
     Args:
-        frames: Recording with its continuation, (frames, slots) of `fields.FRAME_FIELDS`.
-        n: Number of vehicles.
+        test: Recording with its continuation.
         moment: Frame of the first decision.
         accelerations: Held from each decision on [m/s2], (decisions,).
         lanes: Target lane from each decision on, (decisions,).
@@ -50,6 +51,7 @@ def drive_way_out(
         The first frame at which somebody touches the AV, or -1.
     """
     v = w.vehicles
+    frames, body = test.frames, test.bodies[0]
     every, stopping, road, evasive = m.every, m.stopping, m.road, m.evasive
     take_over(w, 0, frames, moment, 0, 0.0, road)
     end = moment + every * accelerations.size
@@ -62,11 +64,10 @@ def drive_way_out(
             track[f - moment, 2] = v[0].speed
             track[f - moment, 3] = v[0].heading
         if f > moment:
-            for j in range(1, n):
+            for j in range(1, test.n):
                 counts = frames[f, j].present != 0 and (f <= end or frames[end, j].x > x_end)
                 if counts and boxes_overlap(
-                    Box(v[0].x, v[0].y, v[0].heading, road.length, road.width),
-                    Box(frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width),
+                    Box(v[0].x, v[0].y, v[0].heading, body.length, body.width), box_in(test, f, j)
                 ):
                     return f
         if f == end:

@@ -15,6 +15,7 @@ from cornerforge._elementary import atan
 from cornerforge._jit import kernel
 from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
+from cornerforge.recordings import BODY_FIELDS, Trajectories, box_in, recordings_of_scenarios, unpack
 from cornerforge.road.straight import lane_centre, road_numbers
 from cornerforge.sim.step import allocate_recording
 from cornerforge.types import FRAME_S
@@ -154,9 +155,7 @@ def _across(path: Path, duration: float, clock: float, speed: float, y_end: floa
 
 
 @kernel
-def is_avoidable(
-    frames: NDArray[np.void], n: int, last: int, partner: int, road: RoadNumbers, braking: Braking
-) -> bool:
+def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers, braking: Braking) -> bool:
     """Would nobody have touched the AV, had it braked from `braking.delay` after the manoeuvre began until it stands?
 
     Up to the contact everybody else moves as recorded, and everybody counts, also who drives into the AV from behind.
@@ -165,13 +164,14 @@ def is_avoidable(
     on when it began to brake. False when the contact comes before the AV's reaction.
 
     Args:
-        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
-        n: Number of vehicles.
+        test: The recording.
         last: Frame of the contact.
         partner: Slot that the AV touched.
         road: Constants.
         braking: How the AV brakes.
     """
+    frames = test.frames
+    body = test.bodies[0]
     begin = manoeuvre_begin(frames, partner, last, road) + int(np.rint(braking.delay / _DT))
     if begin >= last:
         return False
@@ -195,10 +195,9 @@ def is_avoidable(
         clock += _DT * min(1.0, speed / _FULL_STEERING_SPEED)
         y, heading = _across(path, duration, clock, speed, centre)
         if f <= last:
-            for j in range(1, n):
+            for j in range(1, test.n):
                 if frames[f, j].present and boxes_overlap(
-                    Box(x, y, heading, road.length, road.width),
-                    Box(frames[f, j].x, frames[f, j].y, frames[f, j].heading, road.length, road.width),
+                    Box(x, y, heading, body.length, body.width), box_in(test, f, j)
                 ):
                     return False
         else:
@@ -208,8 +207,8 @@ def is_avoidable(
             other_clock += _DT * min(1.0, after / _FULL_STEERING_SPEED)
             other_y, other_heading = _across(other_path, other_duration, other_clock, after, other_centre)
             if boxes_overlap(
-                Box(x, y, heading, road.length, road.width),
-                Box(other_x, other_y, other_heading, road.length, road.width),
+                Box(x, y, heading, body.length, body.width),
+                Box(other_x, other_y, other_heading, test.bodies[partner].length, test.bodies[partner].width),
             ):
                 return False
         if f >= last and held >= stands_after:
@@ -233,16 +232,13 @@ def avoidable_by_braking(scenario: Scenario, *, delay_s: float = 1.0, decelerati
     """
     check_number("delay_s", delay_s, low=0.0, high=10.0, unit="s")
     check_number("deceleration_mps2", deceleration_mps2, low=0.1, high=20.0, unit="m/s2")
-    crash, name = scenario.crash, f"{scenario.seed}:{scenario.test}"
-    if crash is None or crash.slot_a != 0:
-        raise InputError(f"Test {name} holds no crash of the AV; only such can be avoidable.")
-    last = round(crash.time / FRAME_S)
-    columns = np.flatnonzero(scenario.slot == crash.slot_b)
-    if columns.size != 1 or last >= len(scenario.x) or not scenario.present[last, [0, columns[0]]].all():
-        raise InputError(f"Test {name}: its contact at {crash.time} s is not in the recording.")
-    frames = allocate_recording(*scenario.x.shape)
-    for field in frames.dtype.names or ():
-        frames[field] = np.where(scenario.present, getattr(scenario, field), 0)
+    recordings = recordings_of_scenarios([scenario])
+    last, partner = int(recordings.last[0]), int(recordings.partner[0])
+    test = Trajectories(
+        allocate_recording(*scenario.x.shape), np.zeros(scenario.slot.size, dtype=BODY_FIELDS), scenario.slot.size
+    )
+    unpack(recordings, 0, test.frames, test.bodies)
+    if not test.frames["present"][last, [0, partner]].all():
+        raise InputError(f"Test {recordings.case_ids[0]}: the AV or its crash partner is absent at the contact.")
     braking = Braking(float(delay_s), float(deceleration_mps2))
-    road = road_numbers(scenario.odd)
-    return bool(is_avoidable(frames, scenario.x.shape[1], last, int(columns[0]), road, braking))
+    return bool(is_avoidable(test, last, partner, road_numbers(scenario.odd), braking))

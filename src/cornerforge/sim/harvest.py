@@ -261,6 +261,9 @@ def _keep_labels(
         or across > MAX_LATERAL_ACCELERATION + TOLERANCE
         or bv_across > MAX_LATERAL_ACCELERATION + TOLERANCE
     )
+    row.bv_kind = bodies[partner].kind
+    row.bv_length_m = bodies[partner].length
+    row.bv_width_m = bodies[partner].width
     row.min_ttc_s = _min_ttc(recording, frame, end.vehicles, bodies)
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cornerforge._jit import kernel
 from cornerforge.execution import in_order
+from cornerforge.recordings import Trajectories
 from cornerforge.sim.braking import Braking, is_avoidable
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import Keep, keep_whole_test
@@ -27,7 +28,8 @@ def judge_crash(w: World, recording: NDArray[np.void], setting: Setting, braking
     state = w.state[0]
     partner = state.slot_b
     strikes = av_strikes(w.vehicles, 0, partner)
-    return strikes, is_avoidable(recording, state.n_vehicles, state.frame, partner, setting.road, braking)
+    test = Trajectories(recording, w.vehicles, state.n_vehicles)
+    return strikes, is_avoidable(test, state.frame, partner, setting.road, braking)
 
 
 @kernel

@@ -9,12 +9,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
-from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_crashes
-from cornerforge.analysis.mechanism import contact_pose
+from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS
+from cornerforge.analysis.mechanism import crash_types_of
 from cornerforge.drivers.avs import AVS, av_hash
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.counting import rate_summary, simulate_experiment
@@ -299,8 +297,7 @@ class Bench:
         types: Counter[str] = Counter()
         strikers: Counter[str] = Counter()
         if scenarios:
-            poses = np.stack([contact_pose(scenario) for scenario in scenarios])
-            found = classify_crashes(poses, run.odd.vehicle_length, run.odd.vehicle_width)
+            found = crash_types_of(scenarios)
             types, strikers = Counter(found.names), Counter(found.striker_counts())
         return {
             "typed": len(scenarios),

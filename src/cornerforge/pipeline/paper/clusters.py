@@ -45,9 +45,9 @@ def analysed(bench: Bench, adversary: Adversary) -> Analysed | None:
         return None
     library = filled.open()
     ids, history = library.history()
-    odd = library.odd
+    length, width = library.sizes()
     bench.progress(f"analyse ({adversary.key})", 0, 1)
-    found = analyse(ids, history, seed=bench.seed, vehicle_length=odd.vehicle_length, vehicle_width=odd.vehicle_width)
+    found = analyse(ids, history, seed=bench.seed, vehicle_length=length, vehicle_width=width)
     bench.progress(f"analyse ({adversary.key})", 1, 1)
     return Analysed(library, found)
 

@@ -1,0 +1,309 @@
+"""Recorded motion of many cases as one ragged table: flat arrays that kernels and NumPy code take alike.
+
+Made from a library's tables (`recordings_of_tracks`) or from scenarios in memory (`recordings_of_scenarios`), in which
+`fields.SERIES` names the series. A kernel that looks at one case has it unpacked into frames (`unpack`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel
+from cornerforge.errors import InputError
+from cornerforge.fields import BODY, SERIES
+from cornerforge.geometry import Box
+from cornerforge.types import FRAME_S, Odd, Scenario
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from numpy.typing import NDArray
+
+__all__ = [
+    "BODY_FIELDS",
+    "Recordings",
+    "Trajectories",
+    "bodies_in",
+    "bodies_of",
+    "box_in",
+    "recordings_of_scenarios",
+    "recordings_of_tracks",
+    "unpack",
+]
+
+BODY_FIELDS = np.dtype([(body.name, body.recorded.lstrip("<")) for body in BODY], align=True)
+"""What one vehicle is: its class, 0 for a car, and the size of its box [m]."""
+
+_OF_CASE = ("seed", "test", "frames", "vehicles", "at", "vehicle_at", "last", "partner")
+_OF_VEHICLE = ("slot", *(BODY_FIELDS.names or ()))
+_OF_FRAME = tuple(series.name for series in SERIES)
+
+
+class Recordings(NamedTuple):
+    """C cases one after the other, 0.1 s a frame.
+
+    What is of vehicle i of case c stands at `vehicle_at[c] + i`, the AV first; its state at frame t at
+    `at[c] + i * frames[c] + t`.
+
+    Attributes:
+        seed, test: Name of each case, int64, shape (C,).
+        frames: Frames of each case, int64, shape (C,).
+        vehicles: Vehicles of each case, int64, shape (C,).
+        at: Where the case's states begin, int64, shape (C,).
+        vehicle_at: Where its vehicles begin, int64, shape (C,).
+        last: Frame of the contact, int64, shape (C,); outside [0, frames) where the recording does not hold it.
+        partner: Which of the vehicles the AV touches first, int64, shape (C,); 0 where it is not among them.
+        slot: Name of each vehicle within its test, int16, shape (V,).
+        kind: Class of each vehicle, 0 for a car, int8, shape (V,).
+        length, width: Of each vehicle [m], float64, shape (V,).
+        x, y, speed, heading, acceleration: As in `types.Scenario`, float32 from libraries, else float64, shape (E,);
+            NaN where absent.
+        target_lane: As there, int8, shape (E,).
+        present: The vehicle exists, bool, shape (E,).
+    """
+
+    seed: NDArray[np.int64]
+    test: NDArray[np.int64]
+    frames: NDArray[np.int64]
+    vehicles: NDArray[np.int64]
+    at: NDArray[np.int64]
+    vehicle_at: NDArray[np.int64]
+    last: NDArray[np.int64]
+    partner: NDArray[np.int64]
+    slot: NDArray[np.int16]
+    kind: NDArray[np.int8]
+    length: NDArray[np.float64]
+    width: NDArray[np.float64]
+    x: NDArray[np.floating]
+    y: NDArray[np.floating]
+    speed: NDArray[np.floating]
+    heading: NDArray[np.floating]
+    acceleration: NDArray[np.floating]
+    target_lane: NDArray[np.int8]
+    present: NDArray[np.bool_]
+
+    @property
+    def n_cases(self) -> int:
+        """Number of cases (`len` is that of the tuple)."""
+        return self.frames.size
+
+    @property
+    def case_ids(self) -> tuple[str, ...]:
+        """Names of the cases, seed:test."""
+        return tuple(f"{seed}:{test}" for seed, test in zip(self.seed.tolist(), self.test.tolist(), strict=True))
+
+    def blocks(self, size: int) -> Iterator[Recordings]:
+        """The same cases in pieces of at most `size`, views, so that what is derived of them stays small."""
+        ends = np.append(self.at, self.x.size), np.append(self.vehicle_at, self.slot.size)
+        for first in range(0, self.n_cases, size):
+            after = min(first + size, self.n_cases)
+            cases = slice(first, after)
+            states, vehicles = (slice(int(end[first]), int(end[after])) for end in ends)
+            parts = [(_OF_CASE, cases), (_OF_VEHICLE, vehicles), (_OF_FRAME, states)]
+            block = Recordings(**{name: getattr(self, name)[rows] for names, rows in parts for name in names})
+            yield block._replace(at=block.at - states.start, vehicle_at=block.vehicle_at - vehicles.start)
+
+
+class Trajectories(NamedTuple):
+    """One recorded test as kernels look at it.
+
+    Attributes:
+        frames: (at least as many frames as are recorded, at least n) of `fields.FRAME_FIELDS`.
+        bodies: Who drives there, (at least n,), records with the fields of `BODY_FIELDS`.
+        n: Number of vehicles, the AV first.
+    """
+
+    frames: NDArray[np.void]
+    bodies: NDArray[np.void]
+    n: int
+
+
+@inlined_kernel
+def unpack(r: Recordings, c: int, frames: NDArray[np.void], bodies: NDArray[np.void]) -> None:
+    """Write case c into the first frames and slots of `frames`, and who drives there into `bodies`.
+
+    Args:
+        r: The cases.
+        c: Which one.
+        frames: (frames, slots) of `fields.FRAME_FIELDS`, with room for the case; who is absent keeps what stood there
+            but for `present`.
+        bodies: (slots,) of `BODY_FIELDS`.
+    """
+    for i in range(r.vehicles[c]):
+        body = bodies[i]
+        body.kind = r.kind[r.vehicle_at[c] + i]
+        body.length = r.length[r.vehicle_at[c] + i]
+        body.width = r.width[r.vehicle_at[c] + i]
+        for t in range(r.frames[c]):
+            k = r.at[c] + i * r.frames[c] + t
+            cell = frames[t, i]
+            cell.present = r.present[k]
+            if r.present[k]:
+                cell.x = r.x[k]
+                cell.y = r.y[k]
+                cell.speed = r.speed[k]
+                cell.heading = r.heading[k]
+                cell.acceleration = r.acceleration[k]
+                cell.target_lane = r.target_lane[k]
+
+
+@inlined_kernel
+def box_in(test: Trajectories, f: int, i: int) -> Box:
+    """The box of vehicle i at frame f."""
+    cell = test.frames[f, i]
+    body = test.bodies[i]
+    return Box(cell.x, cell.y, cell.heading, body.length, body.width)
+
+
+def bodies_in(odd: Odd, n: int) -> NDArray[np.void]:
+    """Classes and sizes of n cars on a road, shape (n,) of `BODY_FIELDS`."""
+    bodies = np.zeros(n, dtype=BODY_FIELDS)
+    bodies["length"], bodies["width"] = odd.vehicle_length, odd.vehicle_width
+    return bodies
+
+
+def bodies_of(scenario: Scenario) -> NDArray[np.void]:
+    """Classes and sizes of a scenario's vehicles, shape (N,) of `BODY_FIELDS`."""
+    return _bodies({body.name: getattr(scenario, body.name) for body in BODY})
+
+
+def _bodies(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.void]:
+    """Records of `BODY_FIELDS` from their columns."""
+    bodies = np.zeros(columns["kind"].size, dtype=BODY_FIELDS)
+    for name, values in columns.items():
+        bodies[name] = values
+    return bodies
+
+
+def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordings:
+    """Take the motion of cases out of a library's tables.
+
+    Args:
+        cases: One row a case; `case_id`, `crash_time_s` and `bv_slot` of `fields.CASES` are read.
+        tracks: `fields.TRACKS` of the same cases in the same order; without `fields.BODY`, as of early libraries, all
+            vehicles are cars.
+        odd: Road and rules of the library.
+
+    Raises:
+        InputError: The tables are not of the same cases, or a name is not seed:test.
+    """
+    ids = cases.column("case_id").to_pylist()
+    if ids != tracks.column("case_id").to_pylist():
+        raise InputError(
+            f"{len(ids)} cases and {len(tracks)} trajectories are not of the same cases in the same order."
+        )
+
+    def flat(name: str) -> NDArray[Any]:
+        return np.asarray(tracks.column(name).combine_chunks().flatten().to_numpy(zero_copy_only=False))
+
+    crash_time = cases.column("crash_time_s").to_numpy()
+    known = np.isfinite(crash_time)
+    last = np.full(len(ids), -1, dtype=np.int64)
+    last[known] = np.rint(crash_time[known] / FRAME_S)
+    slot = flat("slot")
+    is_sized = BODY[0].column.name in tracks.column_names
+    return _recordings(
+        names=_numbers_of(ids),
+        frames=tracks.column("n_frames").to_numpy().astype(np.int64),
+        vehicles=tracks.column("slot").combine_chunks().value_lengths().to_numpy().astype(np.int64),
+        last=last,
+        slot=slot,
+        bv_slot=cases.column("bv_slot").to_numpy(),
+        bodies=_bodies({body.name: flat(body.column.name) for body in BODY}) if is_sized else bodies_in(odd, slot.size),
+        states={series.name: flat(series.column.name) for series in SERIES},
+    )
+
+
+def recordings_of_scenarios(scenarios: Sequence[Scenario]) -> Recordings:
+    """The same from scenarios in memory, all of one ODD; what was recorded after the contact is left out.
+
+    Raises:
+        InputError: There is none, one holds no crash of the AV or does not hold its contact, or their ODDs differ.
+    """
+    if not scenarios:
+        raise InputError("There are no scenarios; give at least one.")
+    odd = scenarios[0].odd
+    names = np.array([(s.seed, s.test) for s in scenarios], dtype=np.int64)
+    slots, ends = [], []
+    for scenario in scenarios:
+        name = f"{scenario.seed}:{scenario.test}"
+        if scenario.crash is None or scenario.crash.slot_a != 0:
+            raise InputError(f"Test {name} holds no crash of the AV; only AV crashes are cases.")
+        if scenario.odd != odd:
+            raise InputError(
+                f"Test {name} is of another ODD than test {names[0, 0]}:{names[0, 1]}; give them one by one."
+            )
+        last = round(scenario.crash.time / FRAME_S)
+        if not 0 <= last < len(scenario.x):
+            raise InputError(f"Test {name}: its contact is not in the recording of {len(scenario.x)} frames.")
+        ends.append(last + 1)
+        slots.append(scenario.crash.slot_b)
+
+    def flat(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(s, name)[:end].T.ravel() for s, end in zip(scenarios, ends, strict=True)])
+
+    frames = np.array(ends, dtype=np.int64)
+    found = _recordings(
+        names=names,
+        frames=frames,
+        vehicles=np.array([s.slot.size for s in scenarios], dtype=np.int64),
+        last=frames - 1,
+        slot=np.concatenate([s.slot for s in scenarios]),
+        bv_slot=np.array(slots),
+        bodies=np.concatenate([bodies_of(s) for s in scenarios]),
+        states={name: flat(name) for name in _OF_FRAME},
+    )
+    if not found.partner.all():
+        wrong = int(np.argmin(found.partner))
+        raise InputError(
+            f"Test {found.case_ids[wrong]}: its crash partner, slot {slots[wrong]}, is not among its vehicles once."
+        )
+    return found
+
+
+def _numbers_of(case_ids: Sequence[str]) -> NDArray[np.int64]:
+    """Seed and test of each case, shape (C, 2)."""
+    numbers = np.empty((len(case_ids), 2), dtype=np.int64)
+    for row, name in enumerate(case_ids):
+        seed, _, test = name.partition(":")
+        try:
+            numbers[row] = int(seed), int(test)
+        except ValueError:
+            raise InputError(f"{name} is no name of a case; give seed:test, such as 1:204.") from None
+    return numbers
+
+
+def _recordings(
+    *,
+    names: NDArray[np.int64],
+    frames: NDArray[np.int64],
+    vehicles: NDArray[np.int64],
+    last: NDArray[np.int64],
+    slot: NDArray[np.int16],
+    bv_slot: NDArray[Any],
+    bodies: NDArray[np.void],
+    states: dict[str, NDArray[Any]],
+) -> Recordings:
+    """What both makers do: find where everything begins, and each case's crash partner, by its slot."""
+    sizes = frames * vehicles
+    vehicle_at = np.cumsum(vehicles) - vehicles
+    case = np.repeat(np.arange(frames.size), vehicles)
+    found = np.flatnonzero(slot == bv_slot[case])
+    once = found[np.bincount(case[found], minlength=frames.size)[case[found]] == 1]
+    partner = np.zeros(frames.size, dtype=np.int64)
+    partner[case[once]] = once - vehicle_at[case[once]]
+    return Recordings(
+        seed=names[:, 0].copy(),
+        test=names[:, 1].copy(),
+        frames=frames,
+        vehicles=vehicles,
+        at=np.cumsum(sizes) - sizes,
+        vehicle_at=vehicle_at,
+        last=last,
+        partner=partner,
+        slot=slot,
+        **{name: bodies[name].copy() for name in BODY_FIELDS.names or ()},
+        **states,
+    )
