@@ -13,7 +13,7 @@ from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.sim.setting import LANE_CHANGER, POLICY, UNIFORM
 from cornerforge.sim.world import moment_of
-from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACTION_ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,7 +47,7 @@ def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
     best = -1
     nearest = 0.0
     for a in range(FIRST_ACCELERATION, N_ACTIONS):
-        wished = abs(-4.0 + 0.2 * (a - FIRST_ACCELERATION) - acceleration)
+        wished = abs(ACTION_ACCELERATIONS[a] - acceleration)
         if allowed[a] and (best < 0 or wished < nearest):
             best = a
             nearest = wished
@@ -61,16 +61,16 @@ def _swerve(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
     dx = v[bv].x - v[0].x
     lanes_left = v[0].target_lane - v[bv].target_lane
     level = abs(dx + 1.0) < 3.0
-    toward = 0 if lanes_left > 0 else 1
+    toward = ACTION_LEFT if lanes_left > 0 else ACTION_RIGHT
     if abs(lanes_left) == 1 and level and allowed[toward]:
         return toward
     if abs(lanes_left) > 1 and allowed[toward]:
         return toward
     if lanes_left == 0 and v[bv].duration == 0.0 and abs(dx) > 10.0:
-        if allowed[0]:
-            return 0
-        if allowed[1]:
-            return 1
+        if allowed[ACTION_LEFT]:
+            return ACTION_LEFT
+        if allowed[ACTION_RIGHT]:
+            return ACTION_RIGHT
     return _nearest_allowed(0.4 * (-1.0 - dx) + 1.0 * (v[0].speed - v[bv].speed), allowed)
 
 
