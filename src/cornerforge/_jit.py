@@ -45,8 +45,8 @@ _OPTIONS: dict[str, Any] = {
 F = TypeVar("F", bound=Callable[..., object])
 
 _SOURCES = (
-    "_jit.py", "_kernel_*.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py", "drivers/*.py",
-    "sim/*.py", "analysis/density_grid.py",
+    "_jit.py", "_kernel_*.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py", "ndd/grids.py",
+    "drivers/*.py", "sim/*.py", "analysis/density_grid.py",
 )  # fmt: skip
 
 
