@@ -36,7 +36,7 @@ def test_the_hash_is_of_the_behaviour_not_of_the_name() -> None:
 
 
 def test_parameters_that_a_law_does_not_drive_by_are_refused() -> None:
-    """Else two AVs that differ in name only would have two sets of parameters, or two that differ would have one hash."""
+    """Else they could change how an AV drives and not its hash."""
     cautious, plain = av_named("rss-cautious"), av_named("idm-mobil")
     careful = dataclasses.replace(cautious.rss, response_time=0.6)
     assert av_hash(dataclasses.replace(cautious, rss=careful)) != av_hash(cautious)
