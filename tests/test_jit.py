@@ -17,7 +17,7 @@ import pytest
 
 import cornerforge._jit
 from cornerforge import _kernel_cache
-from cornerforge._jit import announce_compiling, inlined_kernel, kernel
+from cornerforge._jit import announce_compiling, inlined_kernel, kernel, kernel_by_code
 from cornerforge._kernel_cache import choose_folder
 
 CACHED = """
@@ -63,6 +63,20 @@ def _often(values):
 @kernel
 def _both(values):
     return _often(values)
+
+
+@kernel
+def _second(values):
+    return values[1]
+
+
+_CODES = {"doubled": 7, "seldom": 2, "second": 4}
+_by_code = kernel_by_code(_CODES, {"seldom": _seldom, "second": _second, "doubled": _first})
+
+
+@kernel
+def _asked(values, code):
+    return _by_code(code, values)
 
 
 def _versions(function: Any) -> tuple[int, int]:
@@ -122,6 +136,24 @@ def test_every_kernel_is_in_the_name_of_the_cache() -> None:
     defining = {path for path in package.rglob("*.py") if re.search(r"^@(inlined_)?kernel$", path.read_text(), re.M)}
     assert len(defining) > 20
     assert defining <= counted
+
+
+def test_a_code_finds_its_kernel() -> None:
+    values = np.array([3.0, 5.0, 11.0])
+    assert [_asked(values, _CODES[name]) for name in ("doubled", "seldom", "second")] == [7.0, 2.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("codes", "kernels", "named"),
+    [
+        (_CODES, {"seldom": _seldom, "second": _second}, "doubled: declared and without a kernel"),
+        ({"seldom": 2}, {"seldom": _seldom, "second": _second}, "second: .*a kernel that is not declared"),
+        ({"seldom": 2, "second": 2}, {"seldom": _seldom, "second": _second}, "the same code: .*second"),
+    ],
+)
+def test_a_forgotten_kernel_is_an_error_and_not_another_kernel(codes: Any, kernels: Any, named: str) -> None:
+    with pytest.raises(LookupError, match=named):
+        kernel_by_code(codes, kernels)
 
 
 def test_machine_code_is_kept_for_the_next_process(tmp_path: Path) -> None:

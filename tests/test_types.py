@@ -7,7 +7,20 @@ import numpy as np
 import pytest
 
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, N_ACTIONS, ODDS, Odd, Scenario, odd_named
+from cornerforge.types import (
+    ACCELERATIONS,
+    ACTION_ACCELERATIONS,
+    ACTION_HOLD,
+    ACTION_LEFT,
+    ACTION_RIGHT,
+    ACTION_SIDES,
+    ACTIONS,
+    N_ACTIONS,
+    ODDS,
+    Odd,
+    Scenario,
+    odd_named,
+)
 
 NUMBERS = [
     "lane_width",
@@ -29,6 +42,16 @@ def test_the_33_actions() -> None:
     assert [f"{a:.1f}" for a in ACCELERATIONS[[0, 1, 20, 30]]] == ["-4.0", "-3.8", "0.0", "2.0"]
     # each is the number that its decimal stands for, so that files and comparisons agree
     assert all(float(f"{a:.1f}") == a for a in ACCELERATIONS)
+
+
+def test_one_table_says_what_an_action_is() -> None:
+    assert [ACTIONS[k].name for k in (ACTION_LEFT, ACTION_RIGHT, 2, 3, ACTION_HOLD, 32)] == [
+        "change to the left", "change to the right", "-4.0 m/s²", "-3.8 m/s²", "+0.0 m/s²", "+2.0 m/s²",
+    ]  # fmt: skip
+    assert ACTION_SIDES.tolist() == [1, -1] + 31 * [0], "files hold the indices, so their order is for ever"
+    assert ACTION_ACCELERATIONS.tolist() == [0.0, 0.0, *ACCELERATIONS.tolist()]
+    assert ACTION_HOLD == 22
+    assert len({action.name for action in ACTIONS}) == N_ACTIONS
 
 
 @pytest.mark.parametrize("name", sorted(ODDS))

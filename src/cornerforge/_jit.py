@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -28,7 +28,7 @@ from cornerforge._kernel_parts import KernelDispatcher
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["announce_compiling", "cache_folder", "inlined_kernel", "kernel", "prefetch"]
+__all__ = ["announce_compiling", "cache_folder", "inlined_kernel", "kernel", "kernel_by_code", "prefetch"]
 
 _OPTIONS: dict[str, Any] = {
     "nopython": True,
@@ -46,7 +46,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 _SOURCES = (
     "_jit.py", "_kernel_*.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py", "recordings.py",
-    "drivers/*.py", "road/*.py", "sim/*.py", "analysis/density_grid.py",
+    "ndd/grids.py", "drivers/*.py", "road/*.py", "sim/*.py", "analysis/density_grid.py",
 )  # fmt: skip
 
 
@@ -94,6 +94,50 @@ def _compiled(function: F, options: dict[str, Any]) -> F:
         finally:
             numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
     return cast("F", dispatcher)
+
+
+def kernel_by_code(codes: Mapping[str, int], kernels: Mapping[str, Callable[..., object]]) -> Any:
+    """Make one inlined kernel of several: called with a code and more arguments, it calls the kernel of that code.
+
+    Args:
+        codes: What each name stands for; no two for the same.
+        kernels: One for each name. All take the same arguments and return the same types.
+
+    Raises:
+        LookupError: A name has no kernel, a kernel no name, or two names have one code. Without this, somebody else's
+            kernel would do the work.
+    """
+    if codes.keys() != kernels.keys():
+        missing = ", ".join(sorted(codes.keys() ^ kernels.keys()))
+        raise LookupError(f"{missing}: declared and without a kernel, or a kernel that is not declared.")
+    if len(set(codes.values())) < len(codes):
+        raise LookupError(f"Two have the same code: {dict(codes)}.")
+    *rest, last = sorted(kernels, key=codes.__getitem__)
+    return functools.reduce(
+        lambda others, name: _or(codes[name], kernels[name], others), rest, _whatever(kernels[last])
+    )
+
+
+def _whatever(function: Any) -> Any:
+    """A kernel that calls `function` for any code."""
+
+    @inlined_kernel
+    def call(code: int, *arguments: Any) -> Any:  # noqa: ARG001
+        return function(*arguments)
+
+    return call
+
+
+def _or(code_of_first: int, first: Any, others: Any) -> Any:
+    """A kernel that calls `first` for its code, else `others`."""
+
+    @inlined_kernel
+    def call(code: int, *arguments: Any) -> Any:
+        if code == code_of_first:
+            return first(*arguments)
+        return others(code, *arguments)
+
+    return call
 
 
 @contextmanager

@@ -7,6 +7,7 @@ Axes: x along the road, y to the left from the right road edge, headings counter
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +17,24 @@ from cornerforge.errors import UnknownNameError
 
 __all__ = [
     "ACCELERATIONS",
+    "ACCELERATION_STEP",
+    "ACTIONS",
+    "ACTION_ACCELERATIONS",
     "ACTION_HOLD",
     "ACTION_LEFT",
     "ACTION_RIGHT",
+    "ACTION_SIDES",
     "CAR",
     "CLASSES",
     "FIRST_ACCELERATION",
     "FRAME_S",
     "METRES_PER_MILE",
     "MOTORCYCLE",
+    "N_ACCELERATIONS",
     "N_ACTIONS",
     "ODDS",
     "TRUCK",
+    "Action",
     "Crash",
     "Odd",
     "RoadUser",
@@ -71,15 +78,46 @@ CAR, TRUCK, MOTORCYCLE = range(len(CLASSES))
 MAX_LANES = 6
 """Most lanes that an ODD may have."""
 
-N_ACTIONS = 33
-ACTION_LEFT = 0
-ACTION_RIGHT = 1
-FIRST_ACCELERATION = 2
-"""Index of the hardest braking. The indices below are lane changes, which hold the speed; all from there on are
-accelerations."""
-ACCELERATIONS: NDArray[np.float64] = np.round(np.arange(N_ACTIONS - FIRST_ACCELERATION) * 0.2 - 4.0, 1)
-"""Acceleration of action index FIRST_ACCELERATION + i [m/s2], shape (31,): -4.0, -3.8, ..., 2.0."""
-ACTION_HOLD = FIRST_ACCELERATION + 20
+ACCELERATION_STEP = 0.2
+"""Between two accelerations that a vehicle can choose [m/s2]."""
+
+
+class Action(NamedTuple):
+    """One of the things that a vehicle can decide to do for the next second.
+
+    Attributes:
+        name: What pages call it.
+        side: To which side it changes lanes: 1 left, -1 right, 0 not at all.
+        acceleration: What it holds [m/s2]; a lane change holds the speed.
+    """
+
+    name: str
+    side: int
+    acceleration: float
+
+
+ACTIONS: tuple[Action, ...] = (
+    Action("change to the left", 1, 0.0),
+    Action("change to the right", -1, 0.0),
+    *(Action(f"{a:+.1f} m/s²", 0, a) for a in np.round(np.arange(31) * ACCELERATION_STEP - 4.0, 1).tolist()),
+)
+"""All actions by their index: lane changes first, then accelerations -4.0, -3.8, ..., 2.0. Files hold these indices.
+
+The names below are made of this table. Kernels take the arrays: they can index them as they are.
+"""
+N_ACTIONS = len(ACTIONS)
+_SIDES = [action.side for action in ACTIONS]
+ACTION_SIDES: NDArray[np.int64] = np.array(_SIDES, dtype=np.int64)
+"""Side of each action: 1 left, -1 right, 0 keeps the lane, shape (33,)."""
+ACTION_ACCELERATIONS: NDArray[np.float64] = np.array([action.acceleration for action in ACTIONS])
+"""What each action holds [m/s2], shape (33,)."""
+ACTION_LEFT, ACTION_RIGHT = _SIDES.index(1), _SIDES.index(-1)
+FIRST_ACCELERATION = _SIDES.index(0)
+"""Index of the hardest braking. The indices below are lane changes; all from there on are accelerations."""
+ACCELERATIONS: NDArray[np.float64] = ACTION_ACCELERATIONS[FIRST_ACCELERATION:].copy()
+"""Acceleration of action index FIRST_ACCELERATION + i [m/s2], shape (31,)."""
+N_ACCELERATIONS = len(ACCELERATIONS)
+ACTION_HOLD = ACTIONS.index(Action("+0.0 m/s²", 0, 0.0))
 """Index of acceleration 0."""
 
 

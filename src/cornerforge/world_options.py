@@ -13,7 +13,19 @@ from typing import TYPE_CHECKING, TypedDict
 if TYPE_CHECKING:
     from cornerforge.ndd.model import NddModel
 
-__all__ = ["AvKeywords", "RoadKeywords", "WorldKeywords", "WorldOptions"]
+__all__ = [
+    "PLAIN_ADVERSARIES",
+    "REWARD_NAMES",
+    "AvKeywords",
+    "RoadKeywords",
+    "WorldKeywords",
+    "WorldOptions",
+]
+
+PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve")
+"""Adversaries that have learned nothing, as help names them; what they do stands in `sim.setting.ADVERSARIES`."""
+REWARD_NAMES = ("crash", "striking", "avoidable")
+"""Names of `sim.rewards.REWARDS`, which says what they pay for."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import pytest
 
 from cornerforge.drivers.avs import AV_KINDS, AVS, AvLaw, av_hash, av_named
 from cornerforge.drivers.idm import IdmParams
-from cornerforge.errors import UnknownNameError
+from cornerforge.errors import InputError, UnknownNameError
 
 
 @pytest.mark.parametrize("name", sorted(AVS))
@@ -33,6 +33,15 @@ def test_the_hash_is_of_the_behaviour_not_of_the_name() -> None:
     ]
     assert len({av_hash(model) for model in [av, *changed]}) == 4
     assert len({av_hash(model) for model in AVS.values()}) == len(AVS)
+
+
+def test_parameters_that_a_law_does_not_drive_by_are_refused() -> None:
+    """Else they could change how an AV drives and not its hash."""
+    cautious, plain = av_named("rss-cautious"), av_named("idm-mobil")
+    careful = dataclasses.replace(cautious.rss, response_time=0.6)
+    assert av_hash(dataclasses.replace(cautious, rss=careful)) != av_hash(cautious)
+    with pytest.raises(InputError, match=r"av\.rss is given, but an AV of kind plain does not drive by it"):
+        dataclasses.replace(plain, rss=careful)
 
 
 def test_a_law_without_its_facts_cannot_be_declared() -> None:

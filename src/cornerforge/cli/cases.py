@@ -25,6 +25,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
 from cornerforge.cli.program import app
+from cornerforge.world_options import PLAIN_ADVERSARIES
 
 __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "variety"]
 
@@ -35,7 +36,7 @@ def generate(
     policy: Annotated[
         list[str],
         typer.Option(
-            help="Policy file, or uniform, lane-changer, swerve. Given again: each test draws one of the policies.",
+            help=f"Policy file, or {', '.join(PLAIN_ADVERSARIES)}. Given again: each test draws one of the policies.",
             show_default=False,
         ),
     ],

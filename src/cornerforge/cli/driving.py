@@ -24,6 +24,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
 from cornerforge.cli.program import app
+from cornerforge.world_options import PLAIN_ADVERSARIES
 
 __all__ = ["avs", "check_av", "rate", "simulate"]
 
@@ -36,7 +37,7 @@ def simulate(
     bv: Annotated[
         list[str] | None,
         typer.Option(
-            help="Background vehicles: nde (default), idm, uniform, lane-changer, swerve, or a policy file; several "
+            help=f"Background vehicles: nde (default), idm, {', '.join(PLAIN_ADVERSARIES)}, or a policy file; several "
             "policies: each test draws one.",
             show_default=False,
         ),

@@ -20,6 +20,7 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import rate_text, run_command, yield_text
 from cornerforge.cli.program import app
+from cornerforge.world_options import REWARD_NAMES
 
 __all__ = ["train", "train_av"]
 
@@ -31,7 +32,7 @@ def train(
     world: World = None,
     preset: Annotated[str, typer.Option(help="fast or paper.")] = "fast",
     reward: Annotated[
-        str, typer.Option(help="Crashes that are paid for: crash (all), striking or avoidable.")
+        str, typer.Option(help=f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all.")
     ] = "crash",
     delay: Annotated[float, typer.Option(help="Seconds that the AV has to react, in avoidable.")] = 1.0,
     decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,

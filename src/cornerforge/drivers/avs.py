@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import astuple, dataclass, field
-from typing import NamedTuple
+from dataclasses import astuple, dataclass, field, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.drivers.rss import RssParams
-from cornerforge.errors import UnknownNameError
+from cornerforge.errors import InputError, UnknownNameError
 
 __all__ = ["AVS", "AV_KINDS", "AvLaw", "AvModel", "AvNetwork", "av_hash", "av_named"]
 
@@ -28,19 +28,22 @@ class AvLaw(NamedTuple):
             parameters. Too small a number gives wrong contacts.
         sees_everybody: It looks at more than its nearest neighbours in each lane; where that is forgotten, it looks at
             vehicles that stand where the second began.
+        parameters: Fields of `AvModel` that it drives by, besides IDM and MOBIL. `av_hash` covers them, and no other
+            law may be given them.
     """
 
     code: int
     hardest_braking: float | None
     strongest_acceleration: float | None
     sees_everybody: bool
+    parameters: tuple[str, ...]
 
 
 AV_KINDS = {
-    "plain": AvLaw(0, None, None, sees_everybody=False),
-    "watchful": AvLaw(1, None, None, sees_everybody=False),
-    "cautious": AvLaw(2, 12.0, 10.0, sees_everybody=False),
-    "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True),
+    "plain": AvLaw(0, None, None, sees_everybody=False, parameters=()),
+    "watchful": AvLaw(1, None, None, sees_everybody=False, parameters=()),
+    "cautious": AvLaw(2, 12.0, 10.0, sees_everybody=False, parameters=("rss",)),
+    "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True, parameters=("network",)),
 }
 """How an AV decides (docs/adr/0009-built-in-avs.md).
 
@@ -80,7 +83,7 @@ class AvModel:
         network: For the learned kind; None until its file is read (`pipeline.av_file`).
 
     Raises:
-        UnknownNameError: There is no such kind.
+        InputError: There is no such kind, or it does not drive by parameters that are given.
     """
 
     name: str
@@ -94,6 +97,17 @@ class AvModel:
 
     def __post_init__(self) -> None:
         check_in("av.kind", self.kind, tuple(AV_KINDS))
+        for own in (one for one in fields(self) if one.name not in _COMMON):
+            usual = own.default_factory() if callable(own.default_factory) else own.default
+            if own.name not in AV_KINDS[self.kind].parameters and getattr(self, own.name) != usual:
+                raise InputError(
+                    f"av.{own.name} is given, but an AV of kind {self.kind} does not drive by it; name it in the "
+                    "`parameters` of that law in AV_KINDS, or leave it out."
+                )
+
+
+_COMMON = ("name", "about", "idm", "mobil", "sees_intentions", "kind")
+"""Fields of `AvModel` that every kind has; the others are those of single kinds (`AvLaw.parameters`)."""
 
 
 _D2RL = IdmParams(
@@ -154,14 +168,19 @@ def av_named(name: str) -> AvModel:
     return AVS[name]
 
 
+def _numbers_of(parameters: Any) -> tuple[object, ...]:
+    """What decides about driving in the parameters of one law."""
+    if isinstance(parameters, AvNetwork):
+        weights = hashlib.sha256(parameters.weights.astype("<f4").tobytes()).hexdigest()
+        return (*astuple(parameters.shape), parameters.features_version, weights)
+    return () if parameters is None else astuple(parameters)
+
+
 def av_hash(model: AvModel) -> str:
     """SHA-256 (first 16 hex digits) over what decides how it drives; its name and description left out."""
     numbers: tuple[object, ...] = (*astuple(model.idm), *astuple(model.mobil), model.sees_intentions)
     if model.kind != "plain":  # the hash of a plain one is that of versions that knew no other
         numbers += (model.kind,)
-    if model.kind == "cautious":
-        numbers += astuple(model.rss)
-    if model.kind == "learned" and model.network is not None:
-        weights = hashlib.sha256(model.network.weights.astype("<f4").tobytes()).hexdigest()
-        numbers += (*astuple(model.network.shape), model.network.features_version, weights)
+    for name in AV_KINDS[model.kind].parameters:
+        numbers += _numbers_of(getattr(model, name))
     return hashlib.sha256(repr(numbers).encode()).hexdigest()[:16]

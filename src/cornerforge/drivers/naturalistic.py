@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID, Grid
+from cornerforge.types import N_ACCELERATIONS
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -33,15 +35,15 @@ __all__ = [
     "tables_of",
 ]
 
-N_ACCELERATIONS = 31
-MAX_TABLE_CLOSING = 10.0
+MAX_TABLE_CLOSING = -RANGE_RATE_GRID.low
 """Fastest closing on the grid [m/s]; see `table_row`."""
-MAX_TABLE_GAP = 115.5
+MAX_TABLE_GAP = GAP_GRID.upper
+"""Free flow begins here [m]."""
 NEAREST = 0.5
 """The rounding that takes the nearest column; lane-change tables, which are smooth, are looked up so."""
 FIRST_PROBE = 15
 """The column of `cut` where `sample_row` begins; it shares a cache line with most of those that it asks next."""
-_FIRST_FREE_ROW = 21 * 116 * 19
+_FIRST_FREE_ROW = SPEED_GRID.bins * GAP_GRID.bins * RANGE_RATE_GRID.bins
 _LAST_WORD = np.uint64(0xFFFFFFFE)
 
 
@@ -113,21 +115,23 @@ def tables_of(model: NddModel) -> NddTables:
     )
 
 
-@kernel
-def _clamp(value: int, low: int, high: int) -> int:
-    return max(low, min(high, value))
+@inlined_kernel
+def _index(grid: Grid, value: float, rounding: float) -> int:
+    """Number of the nearest point for a `rounding` of 0.5; outside the grid of an end. As `Grid.place`."""
+    place = math.floor(value / grid.step + rounding) - int(grid.low / grid.step)
+    return max(0, min(grid.bins - 1, place))
 
 
 @kernel
 def speed_index(speed: float) -> int:
     """Nearest row of the speed grid; speeds outside 20..40 m/s take the end rows."""
-    return _clamp(math.floor(speed + 0.5) - 20, 0, 20)
+    return _index(SPEED_GRID, speed, NEAREST)
 
 
 @kernel
 def gap_index(gap: float) -> int:
     """Nearest row of the gap grid; gaps outside 0..115 m take the end rows."""
-    return _clamp(math.floor(gap + 0.5), 0, 115)
+    return _index(GAP_GRID, gap, NEAREST)
 
 
 @kernel
@@ -139,7 +143,7 @@ def range_rate_index(range_rate: float, rounding: float) -> int:
         rounding: In [0, 1): added before cutting down. 0.5 takes the nearest column; a uniform random number takes the
             upper one with the chance of the rate's fraction.
     """
-    return _clamp(math.floor(range_rate + rounding) + 10, 0, 18)
+    return _index(RANGE_RATE_GRID, range_rate, rounding)
 
 
 @inlined_kernel
@@ -172,7 +176,7 @@ def following_row(speed: float, gap: float, range_rate: float, rounding: float) 
     gap_row, rate_row = table_row(gap, range_rate, rounding)
     if gap_row < 0:
         return free_row(speed)
-    return (speed_index(speed) * 116 + gap_row) * 19 + rate_row
+    return (speed_index(speed) * GAP_GRID.bins + gap_row) * RANGE_RATE_GRID.bins + rate_row
 
 
 @inlined_kernel

@@ -119,7 +119,7 @@ class AdversaryEnv(_SingleEnv):
         av: Name of the built-in AV under test.
         odd, lanes, model: The world, as for `simulate`.
         bounded: The mask forbids what the naturalistic model calls impossible (paper, equation 12).
-        reward: One of `sim.rewards.REWARDS`: crash (the paper's), striking or avoidable.
+        reward: One of `sim.rewards.REWARDS`.
         delay: For `avoidable`: the AV's time to react [s], 0 to 10.
         render_mode: None or "rgb_array".
 
@@ -158,7 +158,7 @@ class DrivingEnv(_SingleEnv):
     1 for a crash.
 
     Args:
-        bv: The others: "nde", "idm", a plain adversary ("uniform", "lane-changer", "swerve"), or a policy file.
+        bv: The others: "nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.
         odd, lanes, model: The world, as for `simulate`.
         bounded: A plain adversary does only what the naturalistic model calls possible; a policy brings its own answer.
         actions: "discrete", one of 33, or "box", two numbers (`spaces.av_commands`).

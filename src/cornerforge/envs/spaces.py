@@ -11,7 +11,7 @@ from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.observe import N_OBSERVATION, N_OWN
-from cornerforge.types import ACCELERATIONS, N_ACTIONS, Odd
+from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS, Odd
 
 __all__ = [
     "adversary_observations",
@@ -57,7 +57,7 @@ def driving_observations(odd: Odd) -> spaces.Box:
 
 
 def one_of_33() -> spaces.Discrete:
-    """The action set of all BVs: 0 left, 1 right (both hold the speed), 2 to 32 accelerations -4.0 to 2.0 m/s2."""
+    """The action set of all BVs, `types.ACTIONS`: two lane changes, which hold the speed, and 31 accelerations."""
     return spaces.Discrete(N_ACTIONS)
 
 
@@ -88,5 +88,4 @@ def av_commands(actions: NDArray[np.generic], *, box: bool) -> tuple[NDArray[np.
         held = np.where(wish[:, 0] < 0.0, -LOWEST_COMMAND, HIGHEST_COMMAND) * wish[:, 0]
         return held, ((wish[:, 1] > _LANE_ORDER_FROM).astype(np.int64) - (wish[:, 1] < -_LANE_ORDER_FROM))
     index = actions.astype(np.int64)
-    held = np.where(index >= 2, ACCELERATIONS[np.maximum(index - 2, 0)], 0.0)
-    return held, np.where(index == 0, 1, np.where(index == 1, -1, 0))
+    return ACTION_ACCELERATIONS[index], ACTION_SIDES[index]

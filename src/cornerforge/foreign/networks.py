@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.foreign.interface import Av
-from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
+from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS
 
 __all__ = ["BLOCK", "LANE_ORDER_FROM", "NetworkAv", "answers_of_actions", "answers_of_numbers"]
 
@@ -17,14 +17,12 @@ BLOCK = 64
 an answer does not depend on how many worlds are driven side by side."""
 LANE_ORDER_FROM = 1.0 / 3.0
 """A network's second number beyond this is a lane order."""
-_HELD = np.concatenate([[0.0, 0.0], ACCELERATIONS])
 
 
 def answers_of_actions(values: NDArray[np.floating]) -> NDArray[np.float64]:
     """Answers (B, 2) of the best of 33 values per row (B, 33); NaN where a value is NaN."""
     best = np.argmax(values, axis=1)
-    order = (best == ACTION_LEFT).astype(np.float64) - (best == ACTION_RIGHT)
-    answers = np.stack([_HELD[best], order], axis=1)
+    answers = np.stack([ACTION_ACCELERATIONS[best], ACTION_SIDES[best]], axis=1)
     answers[np.isnan(values).any(axis=1)] = np.nan
     return answers
 

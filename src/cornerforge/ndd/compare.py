@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.grids import GAP_GRID, SPEED_GRID
 from cornerforge.ndd.lane_observations import LaneObservations, observe_lane_changes
 from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.predictors import Predictor, law_predictor, table_predictor
@@ -37,7 +38,7 @@ __all__ = ["SimulatedQuantity", "SimulatedTraffic", "compare_decisions", "compar
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SLOWEST = 19.5
+SLOWEST = SPEED_GRID.lower
 """Speed from which the model's tables hold [m/s]."""
 FREE_RUNNING_SHARE = 0.9
 """Only where at least this share of a file is that fast are its speeds those of free-running traffic."""
@@ -48,11 +49,11 @@ FEWEST_GAPS = 30
 """Of accepted gaps."""
 FEWEST_MILES = 20.0
 TTC_LIMITS = (3.0, 5.0, 10.0, 20.0)
-SPEED_BANDS = (10.0, 15.0, 19.5, 22.0, 25.0, 30.0, 40.5)
+SPEED_BANDS = (10.0, 15.0, SLOWEST, 22.0, 25.0, 30.0, SPEED_GRID.upper)
 """Borders of the bands of speed within which predictions are compared [m/s]."""
 STEADY = 0.5
 """Range rates up to this [m/s] are neither closing nor opening."""
-_FREE_GAP = 115.5
+_FREE_GAP = GAP_GRID.upper
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def compare_traffic(
 
 def _states(decisions: Decisions, traffic: SimulatedTraffic) -> dict[str, Result]:
     """All that is told by states alone."""
-    fast = decisions.where((decisions.speed >= SLOWEST) & (decisions.speed < 40.5))
+    fast = decisions.where((decisions.speed >= SLOWEST) & (decisions.speed < SPEED_GRID.upper))
     share = fast.size / max(decisions.size, 1)
     why = _too_few(np.unique(fast.vehicle).size, fast.size, f"at {SLOWEST} m/s and above ({share:.1%} of the file)")
     follows = fast.gap <= _FREE_GAP

@@ -22,13 +22,14 @@ from cornerforge.ndd.ivbss_lane_change import LAST_AXIS, Cells, cells_of, reduce
 from cornerforge.ndd.ivbss_rows import checked_cumulative, checked_rows
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
 from cornerforge.ndd.tables import file_sha256
+from cornerforge.types import N_ACCELERATIONS
 
 __all__ = ["ImportReport", "import_arrays"]
 
 Floats = NDArray[np.float64]
 
-_FOLLOWING = (SPEEDS.size, GAPS.size, RANGE_RATES.size, 31)
-_PUBLISHED = (GAPS.size, RANGE_RATES.size, SPEEDS.size, 31)
+_FOLLOWING = (SPEEDS.size, GAPS.size, RANGE_RATES.size, N_ACCELERATIONS)
+_PUBLISHED = (GAPS.size, RANGE_RATES.size, SPEEDS.size, N_ACCELERATIONS)
 _STATES = GAPS.size * RANGE_RATES.size
 _ATTRIBUTION = "IVBSS (UMTRI), arrays published with Feng et al. 2021 (doi:10.1038/s41467-021-21007-8) and 2023"
 _LICENCE = "as stated by the publisher of the arrays; not checked"
@@ -122,7 +123,7 @@ def import_arrays(
 def _accelerations(path: Path, own: NDArray[np.float32], role: str) -> tuple[NDArray[np.float32], Mapping[str, int]]:
     """The table of `path` on our axes, its empty rows filled with ours."""
     array = load_array(path)
-    shapes = (_PUBLISHED, _FOLLOWING) if role == "following" else ((SPEEDS.size, 31),)
+    shapes = (_PUBLISHED, _FOLLOWING) if role == "following" else ((SPEEDS.size, N_ACCELERATIONS),)
     if array.shape not in shapes:
         wanted = " or ".join(str(shape) for shape in shapes)
         raise FileFormatError(f"{path} has shape {array.shape}; expected {wanted}.")

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState
 
 __all__ = ["fit_gaps", "fit_speeds", "gap_law", "speed_law"]
@@ -33,7 +34,7 @@ def _phi(z: Floats) -> Floats:
 
 def speed_law(initial: InitialState) -> Floats:
     """P(speed) on the grid, shape (21,): the normal, cut to [speed_low, speed_high]."""
-    edges = np.clip(np.append(SPEEDS - 0.5, SPEEDS[-1] + 0.5), initial.speed_low, initial.speed_high)
+    edges = np.clip(SPEED_GRID.edges(), initial.speed_low, initial.speed_high)
     mass = np.diff(_phi((edges - initial.speed_mean) / initial.speed_sd))
     return np.asarray(mass / max(float(mass.sum()), _TINY))
 
@@ -45,11 +46,11 @@ def gap_law(initial: InitialState) -> Floats:
     faster than `speed_high`. A speed at which nothing is possible has a row of zeros.
     """
     speed, gap = SPEEDS[:, None], GAPS[None, 1:]
-    edges = np.log(np.append(GAPS[1:] - 0.5, GAPS[-1] + 0.5)[None, :] / speed / initial.time_gap_median)
+    edges = np.log(GAP_GRID.edges()[None, 1:] / speed / initial.time_gap_median)
     by_gap = np.diff(_phi(edges / initial.time_gap_sigma), axis=1)
     scale = (initial.rr_scale * (gap / 20.0) ** initial.rr_exponent)[..., None]
     centre = -(scale**2) / (2.0 * initial.speed_sd**2) * (speed[..., None] - initial.speed_mean)
-    rates = np.append(RANGE_RATES - 0.5, RANGE_RATES[-1] + 0.5)
+    rates = RANGE_RATE_GRID.edges()
     by_rate = np.diff(_phi((rates - centre) / scale), axis=2)
     mass = np.zeros((SPEEDS.size, GAPS.size, RANGE_RATES.size))
     mass[:, 1:] = by_gap[..., None] * by_rate

@@ -17,7 +17,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.types import ACCELERATIONS
+from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
 
 __all__ = [
     "FollowingLaw",
@@ -33,8 +33,7 @@ Floats = NDArray[np.float64]
 
 MIN_GAP = 0.5
 """Gaps are taken as at least this [m], so that a touching pair has a finite law."""
-_BIN = 0.2
-_EDGES: Floats = np.concatenate([[-np.inf], ACCELERATIONS[:-1] + _BIN / 2, [np.inf]])
+_EDGES: Floats = np.concatenate([[-np.inf], ACCELERATIONS[:-1] + ACCELERATION_STEP / 2, [np.inf]])
 _FLOOR = 1e-6
 """Log-likelihoods count a decision that a law calls (almost) impossible as this probability."""
 
@@ -130,7 +129,7 @@ def bin_index(acceleration: Floats) -> NDArray[np.int64]:
     >>> bin_index(np.array([-9.0, -0.09, 0.11, 5.0]))
     array([ 0, 20, 21, 30])
     """
-    nearest = np.rint((acceleration - ACCELERATIONS[0]) / _BIN)
+    nearest = np.rint((acceleration - ACCELERATIONS[0]) / ACCELERATION_STEP)
     return np.asarray(np.clip(nearest, 0, ACCELERATIONS.size - 1), dtype=np.int64)
 
 

@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from cornerforge._files import writing
 from cornerforge.errors import FileFormatError
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
+from cornerforge.types import N_ACCELERATIONS
 
 __all__ = [
     "GAPS",
@@ -36,13 +38,12 @@ __all__ = [
 ]
 
 SCHEMA_VERSION = 1
-SPEEDS: NDArray[np.float64] = np.arange(20.0, 41.0)
+SPEEDS: NDArray[np.float64] = SPEED_GRID.points()
 """Subject speed grid [m/s], shape (21,)."""
-GAPS: NDArray[np.float64] = np.arange(0.0, 116.0)
+GAPS: NDArray[np.float64] = GAP_GRID.points()
 """Bumper-to-bumper distance grid [m], shape (116,)."""
-RANGE_RATES: NDArray[np.float64] = np.arange(-10.0, 9.0)
+RANGE_RATES: NDArray[np.float64] = RANGE_RATE_GRID.points()
 """Range rate grid [m/s], lead minus subject, shape (19,)."""
-_N_ACCELERATIONS = 31
 
 
 @dataclass(frozen=True)
@@ -125,13 +126,14 @@ class NddModel:
                 raise FileFormatError(f"Model number {name} = {getattr(self, name)} is no probability.")
 
 
+_PLACES = (GAPS.size, RANGE_RATES.size)
 _SHAPES = {
-    "following": (21, 116, 19, _N_ACCELERATIONS),
-    "free": (21, _N_ACCELERATIONS),
-    "lc_base": (21,),
-    "lc_desire": (116, 19),
-    "lc_accept_lead": (116, 19),
-    "lc_accept_rear": (116, 19),
+    "following": (SPEEDS.size, *_PLACES, N_ACCELERATIONS),
+    "free": (SPEEDS.size, N_ACCELERATIONS),
+    "lc_base": (SPEEDS.size,),
+    "lc_desire": _PLACES,
+    "lc_accept_lead": _PLACES,
+    "lc_accept_rear": _PLACES,
 }
 _NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict")
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law
 from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.scores import grid_place, table_probabilities
@@ -100,5 +101,5 @@ def raw_table_predictor(training: Decisions) -> Predictor:
 def _state(d: Decisions) -> NDArray[np.int64]:
     """One number for each state of the grid, shape (n,)."""
     _, gap, range_rate, _, is_free = grid_place(d)
-    speed = np.floor(d.speed + 0.5).astype(np.int64)
-    return np.asarray((speed * 117 + np.where(is_free, 116, gap)) * 19 + range_rate)
+    place = SPEED_GRID.nearest(d.speed) * (GAP_GRID.bins + 1) + np.where(is_free, GAP_GRID.bins, gap)
+    return np.asarray(place * RANGE_RATE_GRID.bins + range_rate)

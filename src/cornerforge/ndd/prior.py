@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cornerforge.ndd.laws import MIN_GAP, LogLaw, bin_probabilities
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS
-from cornerforge.types import ACCELERATIONS
+from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
 
 __all__ = ["SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior", "support"]
 
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 SUPPORT_SD = 5.0
 """Accelerations farther than this many standard deviations from the centre are impossible; 3 forbid 2 % of real."""
-_HALF_BIN = 0.1 + 1e-9
+_HALF_BIN = ACCELERATION_STEP / 2 + 1e-9
 """From halfway between two accelerations to either [m/s2]."""
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.ndd.drawing import inline, new_figure, page, png_of, table
+from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
 from cornerforge.types import ACCELERATIONS
 
@@ -190,7 +191,7 @@ def _map(panel: Any, counts: NDArray[np.int64], grid: NDArray[np.float64], label
     mesh = panel.pcolormesh(
         SPEEDS, grid, shown, norm=LogNorm(1.0, max(float(counts.max(initial=1)), 10.0)), shading="nearest"
     )
-    panel.set_xlim(SPEEDS[0] - 0.5, SPEEDS[-1] + 0.5)
+    panel.set_xlim(SPEED_GRID.lower, SPEED_GRID.upper)
     panel.set_ylim(grid[0] - 0.5, grid[-1] + 0.5)
     panel.set_xlabel("speed [m/s]", fontsize=9)
     panel.set_ylabel(label, fontsize=9)

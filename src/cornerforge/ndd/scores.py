@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.laws import FollowingLaw, bin_index, log_likelihood
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.ndd.model import RANGE_RATES, NddModel
 from cornerforge.types import ACCELERATIONS
 
 __all__ = ["grid_place", "held_out_scores", "table_log_likelihood", "table_probabilities"]
@@ -19,7 +20,7 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 _FLOOR = 1e-6
-_SLOWEST = float(SPEEDS[0]) - 0.5
+_FASTEST_CLOSING = -RANGE_RATE_GRID.low
 
 
 def grid_place(decisions: Decisions) -> tuple[Ints, Ints, Ints, Bools, Bools]:
@@ -32,15 +33,13 @@ def grid_place(decisions: Decisions) -> tuple[Ints, Ints, Ints, Bools, Bools]:
         Index of speed, gap and range rate (clipped to the grid), whether the speed lies on the grid (19.5 to 40.5 m/s),
         and whether it is free flow (no leader, or beyond 115.5 m); each of shape (n,).
     """
-    closing = np.maximum(-decisions.range_rate, 10.0)
+    closing = np.maximum(-decisions.range_rate, _FASTEST_CLOSING)
     gap = decisions.gap
-    gap = np.where(gap > 4.0, 4.0 + (gap - 4.0) * (10.0 / closing) ** 2, gap)
-    is_free = gap > GAPS[-1] + 0.5
-    speed_index = np.floor(decisions.speed + 0.5).astype(np.int64) - 20
-    gap_index = np.floor(np.where(is_free, 0.0, gap) + 0.5).astype(np.int64)
-    rate_index = np.floor(decisions.range_rate + 0.5).astype(np.int64) + 10
-    on_grid = (decisions.speed >= _SLOWEST) & (decisions.speed < SPEEDS[-1] + 0.5)
-    return np.clip(speed_index, 0, 20), np.clip(gap_index, 0, 115), np.clip(rate_index, 0, 18), on_grid, is_free
+    gap = np.where(gap > 4.0, 4.0 + (gap - 4.0) * (_FASTEST_CLOSING / closing) ** 2, gap)
+    is_free = gap > GAP_GRID.upper
+    speed, gap_index = SPEED_GRID.place(decisions.speed), GAP_GRID.place(np.where(is_free, 0.0, gap))
+    on_grid = (decisions.speed >= SPEED_GRID.lower) & (decisions.speed < SPEED_GRID.upper)
+    return speed, gap_index, RANGE_RATE_GRID.place(decisions.range_rate), on_grid, is_free
 
 
 def table_probabilities(model: NddModel, decisions: Decisions) -> NDArray[np.float64]:

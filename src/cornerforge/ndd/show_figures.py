@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import MissingExtraError
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
 from cornerforge.ndd.ivbss_initial import gap_law, speed_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.ndd.show import (
@@ -29,7 +30,7 @@ Floats = NDArray[np.float64]
 
 _DPI = 110
 _TTC = (3.0, 5.0, 10.0, 20.0)
-_EXTENT = (RANGE_RATES[0] - 0.5, RANGE_RATES[-1] + 0.5, GAPS[0] - 0.5, GAPS[-1] + 0.5)
+_EXTENT = (RANGE_RATE_GRID.lower, RANGE_RATE_GRID.upper, GAP_GRID.lower, GAP_GRID.upper)
 
 
 def require_matplotlib() -> None:
@@ -138,7 +139,7 @@ def _support(model: NddModel) -> Any:
     possible = (model.following > 0).sum(axis=-1).astype(np.float64)
     return _three_maps(
         "Following: what is possible at all", possible, "accelerations with a probability above 0, of 31",
-        cmap="cividis", vmin=1.0, vmax=31.0,
+        cmap="cividis", vmin=1.0, vmax=float(ACCELERATIONS.size),
     )  # fmt: skip
 
 

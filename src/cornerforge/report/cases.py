@@ -14,7 +14,7 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.report.judged import WayOut
 from cornerforge.report.risk import lane_ttc, plane_ttc
 from cornerforge.road.straight import along
-from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, CLASSES, FRAME_S, Scenario
+from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
 __all__ = ["case_data", "load_scenarios"]
 
@@ -148,11 +148,7 @@ def _action(scenario: Scenario, k: int) -> str:
     """What the critical BV decided, in words."""
     column = int(scenario.critical_bv[k])
     index = int(scenario.action[k, column]) if column >= 0 else -1
-    if index < 0:
-        return ""
-    if index in (ACTION_LEFT, ACTION_RIGHT):
-        return "change to the left" if index == ACTION_LEFT else "change to the right"
-    return f"{ACCELERATIONS[index - 2]:+.1f} m/s²"
+    return ACTIONS[index].name if index >= 0 else ""
 
 
 def _probability(scenario: Scenario, k: int) -> float | None:

@@ -9,7 +9,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at, plan_path
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.world import path_of
-from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N_ACCELERATIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,7 +28,8 @@ __all__ = [
     "start_lane_change",
 ]
 
-_LAST_PLACE = N_ACTIONS - FIRST_ACCELERATION - 1
+_HARDEST = float(ACCELERATIONS[0])
+_PLACES_PER_MPS2 = round(1.0 / ACCELERATION_STEP)
 LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
 """What an AV outside the kernels can make of its vehicle [m/s2]: commands are cut to this."""
 
@@ -85,18 +86,18 @@ def ordered_lane(w: World, i: int, side: int, road: RoadNumbers) -> int:
 @inlined_kernel
 def nearest_action(acceleration: float) -> int:
     """Index of the action whose acceleration is nearest to a wish [m/s2]; of two equally near the larger."""
-    place = math.floor((acceleration + 4.0) * 5.0 + 0.5)
-    return FIRST_ACCELERATION + max(0, min(_LAST_PLACE, place))
+    place = math.floor((acceleration - _HARDEST) * _PLACES_PER_MPS2 + 0.5)
+    return FIRST_ACCELERATION + max(0, min(N_ACCELERATIONS - 1, place))
 
 
 @inlined_kernel
 def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
-    """Carry out an action index for slot i: 0 left, 1 right (speed held, see `ordered_lane`), 2.. acceleration."""
+    """Carry out an action for slot i: an acceleration, or a lane change (speed held, see `ordered_lane`)."""
     v = w.vehicles
     if action >= FIRST_ACCELERATION:
         hold(v, i, accelerations[action - FIRST_ACCELERATION])
         return
     hold(v, i, 0.0)
-    target = ordered_lane(w, i, 1 - 2 * action, road)
+    target = ordered_lane(w, i, ACTION_SIDES[action], road)
     if target != v[i].target_lane:
         start_lane_change(w, i, target, road)

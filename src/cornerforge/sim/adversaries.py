@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cornerforge._elementary import exp, log
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
 from cornerforge._philox import PURPOSE_ACT, PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.road.straight import ahead_by
-from cornerforge.sim.setting import LANE_CHANGER, POLICY, UNIFORM
+from cornerforge.sim.setting import ADVERSARIES
 from cornerforge.sim.world import moment_of
-from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACTION_ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
+    from numpy import uint64
     from numpy.typing import NDArray
 
     from cornerforge.drivers.policy import PolicyNumbers
     from cornerforge.sim.scratch import ChoiceScratch
     from cornerforge.sim.world import World
+
+    Words = tuple[uint64, uint64, uint64, uint64]
 
 __all__ = ["choose_action", "sample_action"]
 
@@ -48,7 +51,7 @@ def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
     best = -1
     nearest = 0.0
     for a in range(FIRST_ACCELERATION, N_ACTIONS):
-        wished = abs(-4.0 + 0.2 * (a - FIRST_ACCELERATION) - acceleration)
+        wished = abs(ACTION_ACCELERATIONS[a] - acceleration)
         if allowed[a] and (best < 0 or wished < nearest):
             best = a
             nearest = wished
@@ -56,23 +59,56 @@ def _nearest_allowed(acceleration: float, allowed: NDArray[np.bool_]) -> int:
 
 
 @inlined_kernel
-def _swerve(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
+def _policy(_w: World, _bv: int, _words: Words, policy: PolicyNumbers, s: ChoiceScratch) -> int:
+    """The action of the largest Q."""
+    q_values(policy, s.observation, s.layers, s.q)
+    return best_action(s.q, s.allowed)
+
+
+@inlined_kernel
+def _uniform(_w: World, _bv: int, words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
+    """Any allowed action, one as likely as another."""
+    return _pick_allowed(s.allowed, 0, N_ACTIONS, uniform(words[1]))
+
+
+@inlined_kernel
+def _lane_changer(_w: World, _bv: int, words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
+    """Two times in three an allowed lane change, else an allowed acceleration."""
+    draw = uniform(words[1])
+    if uniform(words[0]) < 2.0 / 3.0:
+        change = _pick_allowed(s.allowed, 0, FIRST_ACCELERATION, draw)
+        if change >= 0:
+            return change
+    rest = _pick_allowed(s.allowed, FIRST_ACCELERATION, N_ACTIONS, draw)
+    # In a running change that every attentive driver would break off, turning back is all that is left.
+    return rest if rest >= 0 else _pick_allowed(s.allowed, 0, N_ACTIONS, draw)
+
+
+@inlined_kernel
+def _swerve(w: World, bv: int, _words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
     """Draw level a little behind the AV in the next lane, then change into its lane."""
     v = w.vehicles
+    allowed = s.allowed
     dx = ahead_by(v, 0, bv)
     lanes_left = v[0].target_lane - v[bv].target_lane
     level = abs(dx + 1.0) < 3.0
-    toward = 0 if lanes_left > 0 else 1
+    toward = ACTION_LEFT if lanes_left > 0 else ACTION_RIGHT
     if abs(lanes_left) == 1 and level and allowed[toward]:
         return toward
     if abs(lanes_left) > 1 and allowed[toward]:
         return toward
     if lanes_left == 0 and v[bv].duration == 0.0 and abs(dx) > 10.0:
-        if allowed[0]:
-            return 0
-        if allowed[1]:
-            return 1
+        if allowed[ACTION_LEFT]:
+            return ACTION_LEFT
+        if allowed[ACTION_RIGHT]:
+            return ACTION_RIGHT
     return _nearest_allowed(0.4 * (-1.0 - dx) + 1.0 * (v[0].speed - v[bv].speed), allowed)
+
+
+_RULES = {"policy": _policy, "uniform": _uniform, "lane-changer": _lane_changer, "swerve": _swerve}
+"""What each adversary but nobody does. All take the world, the BV's slot, four random words of this decision, the
+network and scratch, with the mask and the observation in it, and return an allowed action."""
+_rule_of: Any = kernel_by_code({name: code for name, code in ADVERSARIES.items() if name != "nobody"}, _RULES)
 
 
 @inlined_kernel
@@ -82,28 +118,17 @@ def choose_action(w: World, bv: int, kind: int, epsilon: float, policy: PolicyNu
     Args:
         w: The world.
         bv: Slot of the controlled BV.
-        kind: One of ADVERSARIES' values but 0.
+        kind: One of ADVERSARIES' values but that of nobody.
         epsilon: Chance of a uniformly drawn allowed action instead.
-        policy: The network, used by kind 1 only.
+        policy: The network, for the adversary of that name.
         s: Scratch.
     """
     state = w.state[0]
     words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_EXPLORE)
-    draw = uniform(words[1])
-    if kind == UNIFORM or (epsilon > 0.0 and uniform(words[0]) < epsilon):
-        return _pick_allowed(s.allowed, 0, N_ACTIONS, draw)
-    if kind == POLICY:
-        q_values(policy, s.observation, s.layers, s.q)
-        return best_action(s.q, s.allowed)
-    if kind == LANE_CHANGER:
-        if uniform(words[0]) < 2.0 / 3.0:
-            change = _pick_allowed(s.allowed, 0, FIRST_ACCELERATION, draw)
-            if change >= 0:
-                return change
-        rest = _pick_allowed(s.allowed, FIRST_ACCELERATION, N_ACTIONS, draw)
-        # In a running change that every attentive driver would break off, turning back is all that is left.
-        return rest if rest >= 0 else _pick_allowed(s.allowed, 0, N_ACTIONS, draw)
-    return _swerve(w, bv, s.allowed)
+    if epsilon > 0.0 and uniform(words[0]) < epsilon:
+        return _uniform(w, bv, words, policy, s)
+    action: int = _rule_of(kind, w, bv, words, policy, s)
+    return action
 
 
 @kernel

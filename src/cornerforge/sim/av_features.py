@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from cornerforge._jit import inlined_kernel
 from cornerforge.road.straight import lane_bits, lane_centre
 from cornerforge.sim.av_view import VIEW_ROWS
-from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -98,19 +98,19 @@ def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) 
     for a in range(N_ACTIONS):
         allowed[a] = True
     lane = v[0].target_lane
-    allowed[0] = lane + 1 < road.n_lanes
-    allowed[1] = lane > 0
+    allowed[ACTION_LEFT] = lane + 1 < road.n_lanes
+    allowed[ACTION_RIGHT] = lane > 0
     if v[0].duration > 0.0:
         if v[0].c0 < lane_centre(lane, road.lane_width):
-            allowed[0] = False
+            allowed[ACTION_LEFT] = False
         else:
-            allowed[1] = False
+            allowed[ACTION_RIGHT] = False
 
 
 @inlined_kernel
 def av_order(w: World, action: int, accelerations: NDArray[np.float64]) -> tuple[float, int]:
-    """Acceleration [m/s2] and target lane of the AV for an allowed action: 0 left, 1 right (speed held), 2.. those."""
+    """Acceleration [m/s2] and target lane of the AV for an allowed action; a lane change holds the speed."""
     lane = w.vehicles[0].target_lane
     if action >= FIRST_ACCELERATION:
         return accelerations[action - FIRST_ACCELERATION], lane
-    return 0.0, lane + 1 - 2 * action
+    return 0.0, lane + ACTION_SIDES[action]

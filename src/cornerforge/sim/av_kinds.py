@@ -5,11 +5,11 @@ What each does and why is in docs/adr/0009-built-in-avs.md.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
 from cornerforge.drivers.avs import AV_KINDS
 from cornerforge.drivers.mobil import NO_CHANGE, mobil_gain
 from cornerforge.drivers.policy import best_action, q_values
@@ -35,12 +35,7 @@ BESIDE = 2.0
 """A vehicle is beside the AV when their boxes overlap lengthwise, or would if one were this much longer [m]."""
 DECIDES_EVERY = 5
 """Substeps (0.1 s) between two decisions of the learned AV."""
-_PLAIN, _WATCHFUL, _CAUTIOUS, _LEARNED = (
-    AV_KINDS["plain"].code,
-    AV_KINDS["watchful"].code,
-    AV_KINDS["cautious"].code,
-    AV_KINDS["learned"].code,
-)
+_PLAIN, _CAUTIOUS = AV_KINDS["plain"].code, AV_KINDS["cautious"].code
 _ACCELERATIONS = ACCELERATIONS
 _SIDES = (1, -1)
 
@@ -132,7 +127,7 @@ def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumber
 
 
 @kernel
-def _watchful(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
+def _watchful(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
     """IDM and MOBIL that looks again while it changes lanes, and evades who comes in beside it."""
     v = w.vehicles
     command, lane = av_decide(w, road, av)
@@ -160,7 +155,7 @@ def _rss_command(w: World, road: RoadNumbers, av: AvNumbers) -> float:
 
 
 @kernel
-def _cautious(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
+def _cautious(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
     """Keeps RSS distances: brakes when they are violated, changes lanes where both neighbours leave them."""
     v = w.vehicles
     command = _rss_command(w, road, av)
@@ -197,13 +192,16 @@ def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScra
     return av_order(w, best_action(s.q, s.allowed), _ACCELERATIONS)
 
 
+_DECISIONS = {"watchful": _watchful, "cautious": _cautious, "learned": _learned}
+"""What each law but the plain one does. All take the world, the substep (0 to 9), road, AV and scratch, and return an
+acceleration [m/s2] and a target lane; they change nothing but the scratch."""
+_decision_of: Any = kernel_by_code({name: law.code for name, law in AV_KINDS.items() if name != "plain"}, _DECISIONS)
+
+
 @kernel
 def _decides_otherwise(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
-    if av.kind == _WATCHFUL:
-        return _watchful(w, road, av)
-    if av.kind == _CAUTIOUS:
-        return _cautious(w, road, av)
-    return _learned(w, substep, road, av, s)
+    command, lane = _decision_of(av.kind, w, substep, road, av, s)
+    return command, lane
 
 
 @inlined_kernel

@@ -16,7 +16,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.naturalistic import accept_chance, following_row, free_row, lane_change_base
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACCELERATIONS, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,7 +126,7 @@ def _add_cumulative(
     v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
     tables: NddTables, p: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Add to p[2:] `weight` times the distribution function of slot i's acceleration for a given rounding.
+    """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
 
     The smallest of several look-ups by one word has the largest of their distribution functions.
     """
@@ -142,7 +142,7 @@ def _add_cumulative(
     a_total = 0.0
     b_total = 0.0
     c_total = 0.0
-    for a in range(N_ACTIONS - FIRST_ACCELERATION):
+    for a in range(N_ACCELERATIONS):
         a_total += tables.p[rows[0], a]
         b_total += tables.p[rows[1], a]
         c_total += tables.p[rows[2], a]
@@ -418,16 +418,16 @@ def action_probabilities(
     if v[i].duration == 0.0:
         lane = v[i].target_lane
         left, right = _wishes(w, i, leads, overlook, road, tables)
-        p[0] = left
-        p[1] = right
+        p[ACTION_LEFT] = left
+        p[ACTION_RIGHT] = right
         if left > 0.0 and _somebody_may_start(w, i, lane + 1, av_lane, tables):
-            p[0] = left * _goes_chance(w, i, lane + 1, overlook_conflict, av_lane, road, tables, c)
+            p[ACTION_LEFT] = left * _goes_chance(w, i, lane + 1, overlook_conflict, av_lane, road, tables, c)
         if right > 0.0 and _somebody_may_start(w, i, lane - 1, av_lane, tables):
-            p[1] = right * _goes_chance(w, i, lane - 1, overlook_conflict, av_lane, road, tables, c)
+            p[ACTION_RIGHT] = right * _goes_chance(w, i, lane - 1, overlook_conflict, av_lane, road, tables, c)
     else:
-        back = 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
+        back = ACTION_LEFT if lane_of(v[i].y, road.lane_width) > v[i].target_lane else ACTION_RIGHT
         p[back] = return_chance(w, i, overlook, road, tables)
-    keep = (1.0 - p[0] - p[1]) / p[N_ACTIONS - 1]
+    keep = (1.0 - p[ACTION_LEFT] - p[ACTION_RIGHT]) / p[N_ACTIONS - 1]
     for a in range(N_ACTIONS - 1, FIRST_ACCELERATION, -1):
         p[a] = keep * (p[a] - p[a - 1])
     p[FIRST_ACCELERATION] = keep * p[FIRST_ACCELERATION]

@@ -11,7 +11,7 @@ from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.road.straight import ahead_by, distance_left, half_lengths, lane_centre
 from cornerforge.sim.chances import action_probabilities
-from cornerforge.types import N_ACTIONS
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -161,13 +161,13 @@ def allowed_actions(
     for a in range(N_ACTIONS):
         allowed[a] = True
     lane = v[bv].target_lane
-    allowed[0] = lane + 1 < road.n_lanes
-    allowed[1] = lane > 0
+    allowed[ACTION_LEFT] = lane + 1 < road.n_lanes
+    allowed[ACTION_RIGHT] = lane > 0
     if v[bv].duration > 0.0:
         if v[bv].c0 < lane_centre(lane, road.lane_width):
-            allowed[0] = False
+            allowed[ACTION_LEFT] = False
         else:
-            allowed[1] = False
+            allowed[ACTION_RIGHT] = False
     if bounded:
         action_probabilities(w, bv, True, v[0].target_lane, road, tables, c, p)
         for a in range(N_ACTIONS):

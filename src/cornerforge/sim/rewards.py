@@ -1,17 +1,17 @@
 """For which crashes the adversary is paid: a registry of named rewards, and the kernel that knows them.
 
-One more reward: an entry in `REWARDS`, a line in `is_paid`, a test, a row in docs/adr/0011-rewards.md.
+One more reward: an entry in `REWARDS`, a rule in `_RULES`, a test, a row in docs/adr/0011-rewards.md.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cornerforge._checks import check_number
 from cornerforge._elementary import sin_cos
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
 from cornerforge.errors import UnknownNameError
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim.braking import Braking
@@ -163,7 +163,37 @@ def av_strikes(v: NDArray[np.void], i: int, j: int) -> bool:
     return facing >= _FACING
 
 
+@inlined_kernel
+def _every_crash(_strikes: bool, _avoidable: bool) -> bool:
+    return True
+
+
+@inlined_kernel
+def _that_strikes(strikes: bool, _avoidable: bool) -> bool:
+    return strikes
+
+
+@inlined_kernel
+def _that_was_avoidable(_strikes: bool, avoidable: bool) -> bool:
+    return avoidable
+
+
+_RULES: dict[str, Any] = {"crash": _every_crash, "striking": _that_strikes, "avoidable": _that_was_avoidable}
+"""Which crashes of the AV each reward pays for, by whether the AV strikes and whether braking would have avoided it."""
+_rule_of: Any = kernel_by_code({name: reward.code for name, reward in REWARDS.items()}, _RULES)
+
+
+for _name, _rule in _RULES.items():
+    _asks = any(_rule.py_func(strikes, True) != _rule.py_func(strikes, False) for strikes in (False, True))
+    if _asks and REWARDS[_name].code != AVOIDABLE:  # else it would be told "no" each time
+        raise LookupError(
+            f'Reward "{_name}" asks whether braking would have avoided the crash, which is found out for "avoidable" '
+            "only; name its code in `_reward_of` of sim/drive_bv.py, and here."
+        )
+
+
 @kernel
 def is_paid(code: int, strikes: bool, avoidable: bool) -> bool:
     """Does a crash of the AV give +1 under a reward?"""
-    return code == CRASH or (code == STRIKING and strikes) or (code == AVOIDABLE and avoidable)
+    paid: bool = _rule_of(code, strikes, avoidable)
+    return paid

@@ -1,0 +1,71 @@
+"""The grids that the naturalistic model's tables stand on: those of the published IVBSS arrays (Feng et al. 2021).
+
+Lane-change tables (desire, acceptance) stand on gap and range rate too.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["GAP_GRID", "RANGE_RATE_GRID", "SPEED_GRID", "Grid"]
+
+
+class Grid(NamedTuple):
+    """Evenly spaced points. A value belongs to the nearest; one beyond the ends to the outermost.
+
+    Attributes:
+        low: The lowest point, a whole number of steps.
+        step: Between two points.
+        bins: How many there are.
+    """
+
+    low: float
+    step: float
+    bins: int
+
+    @property
+    def lower(self) -> float:
+        """Where the cell of the lowest point begins, half a step below it."""
+        return self.low - 0.5 * self.step
+
+    @property
+    def upper(self) -> float:
+        """Where the cell of the highest point ends, half a step above it."""
+        return self.low + (self.bins - 0.5) * self.step
+
+    def points(self) -> NDArray[np.float64]:
+        """All points, rising, shape (bins,)."""
+        return np.asarray(self.low + self.step * np.arange(self.bins), np.float64)
+
+    def edges(self) -> NDArray[np.float64]:
+        """Borders of the points' cells, shape (bins + 1,)."""
+        return np.asarray(self.lower + self.step * np.arange(self.bins + 1), np.float64)
+
+    def nearest(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Number of the nearest point of each finite value, in whatever shape; of two equally near the upper.
+
+        It goes on beyond the ends, below 0 too; `place` does not.
+
+        >>> SPEED_GRID.nearest(np.array([18.0, 20.5, 41.0]))
+        array([-2,  1, 21])
+        """
+        return np.floor(values / self.step + 0.5).astype(np.int64) - round(self.low / self.step)
+
+    def place(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The same, cut to the grid.
+
+        >>> SPEED_GRID.place(np.array([18.0, 20.5, 41.0]))
+        array([ 0,  1, 20])
+        """
+        return np.clip(self.nearest(values), 0, self.bins - 1)
+
+
+SPEED_GRID = Grid(20.0, 1.0, 21)
+"""Subject speed [m/s]."""
+GAP_GRID = Grid(0.0, 1.0, 116)
+"""Bumper-to-bumper distance to the lead [m]."""
+RANGE_RATE_GRID = Grid(-10.0, 1.0, 19)
+"""Range rate [m/s], lead minus subject; negative is closing."""

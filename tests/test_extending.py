@@ -1,0 +1,274 @@
+"""A stranger extends cornerforge: each recipe of CONTRIBUTING.md is followed in a copy, in the files that it names.
+
+The copy lies outside `src/` and is started as a program of its own, with machine code of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cornerforge.sim.rewards import REWARDS
+from cornerforge.sim.setting import ADVERSARIES
+from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "cornerforge"
+Recipe = dict[str, list[tuple[str, str]]]
+"""By file: each old text, which the file holds once, and the new text in its place; of a new file, all of it."""
+
+METRIC: Recipe = {
+    "metrics/mttc.py": [
+        (
+            "",
+            '''"""Modified time to collision."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cornerforge.metrics._inputs import matching_arrays
+
+__all__ = ["mttc"]
+
+
+def mttc(bbd: ArrayLike, range_rate: ArrayLike, acceleration: ArrayLike) -> NDArray[np.float64]:
+    """Time until contact if both vehicles kept their accelerations [s]; `acceleration` is lead minus subject."""
+    gap, rate, change = matching_arrays(bbd=bbd, range_rate=range_rate, acceleration=acceleration)
+    root = np.sqrt(np.maximum(rate * rate - 2.0 * change * gap, 0.0))
+    meets = (gap > 0.0) & (rate * rate >= 2.0 * change * gap) & (root - rate > 0.0)
+    return np.where(gap <= 0.0, 0.0, np.divide(2.0 * gap, root - rate, out=np.full(gap.shape, np.inf), where=meets))
+''',
+        )
+    ],
+    "metrics/__init__.py": [
+        (
+            "from cornerforge.metrics.pet import",
+            "from cornerforge.metrics.mttc import mttc\nfrom cornerforge.metrics.pet import",
+        ),
+        ('    "pet",\n', '    "mttc",\n    "pet",\n'),
+    ],
+}  # fmt: skip
+AV_LAW: Recipe = {
+    "drivers/avs.py": [
+        ("AV_KINDS = {\n", 'AV_KINDS = {\n    "gentle": AvLaw(4, 0.5, None, sees_everybody=False, parameters=()),\n'),
+        (
+            '        AvModel("idm-mobil-d2rl"',
+            '        AvModel("gentle", "brakes with 0.5 m/s2 at most", IdmParams(), MobilParams(), kind="gentle"),\n'
+            '        AvModel("idm-mobil-d2rl"',
+        ),
+    ],
+    "sim/av_kinds.py": [
+        (
+            '_DECISIONS = {"watchful"',
+            '''@kernel
+def _gentle(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
+    """The IDM with a weak foot."""
+    return max(-0.5, lead_acceleration(w, 0, w.vehicles[0].lanes, road, av)), w.vehicles[0].target_lane
+
+
+_DECISIONS = {"gentle": _gentle, "watchful"''',
+        )
+    ],
+}  # fmt: skip
+REWARD: Recipe = {
+    "sim/rewards.py": [
+        ("REWARDS = {\n", 'REWARDS = {\n    "struck": Reward(3, "a crash in which the AV is struck"),\n'),
+        (
+            "_RULES: dict[str, Any] = {",
+            """@inlined_kernel
+def _that_is_struck(strikes: bool, _avoidable: bool) -> bool:
+    return not strikes
+
+
+_RULES: dict[str, Any] = {"struck": _that_is_struck, """,
+        ),
+    ],
+    "world_options.py": [('REWARD_NAMES = ("crash",', 'REWARD_NAMES = ("crash", "struck",')],
+}
+ADVERSARY: Recipe = {
+    "sim/setting.py": [
+        ("SWERVE, TOLD = range(6)", "SWERVE, TOLD, BRAKER = range(7)"),
+        ('"swerve": SWERVE}', '"swerve": SWERVE, "braker": BRAKER}'),
+    ],
+    "sim/adversaries.py": [
+        (
+            '_RULES = {"policy": _policy,',
+            '''@inlined_kernel
+def _braker(_w: World, _bv: int, _words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
+    """The hardest braking that is allowed."""
+    return _nearest_allowed(-9.0, s.allowed)
+
+
+_RULES = {"braker": _braker, "policy": _policy,''',
+        )
+    ],
+    "world_options.py": [('PLAIN_ADVERSARIES = ("uniform",', 'PLAIN_ADVERSARIES = ("uniform", "braker",')],
+}
+RECIPES = {
+    "Add a metric": METRIC, "Add an AV law": AV_LAW, "Add a reward": REWARD, "Add an adversary": ADVERSARY,
+}  # fmt: skip
+
+USE = """
+import contextlib, io, json
+from dataclasses import replace
+from cornerforge import avs, simulate
+from cornerforge.adversary.config import preset_named
+from cornerforge.cli import main
+from cornerforge.metrics import mttc
+from cornerforge.pipeline.setting import experiment
+from cornerforge.pipeline.train import learn
+
+def help_of(command):
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
+        main([command, "--help"])
+    return said.getvalue()
+
+def driven(**world):
+    result = simulate(tests=200, threads=1, **world)
+    return {name: result[name] for name in ("av_crashes", "digest")}
+
+def trained(reward):
+    # It explores all the time, so all rewards see the same tests.
+    config = replace(preset_named("fast"), reward=reward, decisions=6000, replay_start=5000, epsilon_end=1.0)
+    result = learn(experiment(av="gentle"), config, seed=3, threads=1)[1]
+    paid = sum(point.tests * point.paid_per_test for point in result.curve if point.tests)
+    return {"updates": result.updates, "paid": paid}
+
+print(json.dumps({
+    "mttc": mttc([20.0, 20.0, -1.0], [-5.0, 0.0, 5.0], [0.0, -1.0, 0.0]).tolist(),
+    "avs": [av["name"] for av in avs()["avs"]],
+    "help": {command: help_of(command) for command in ("simulate", "generate", "train")},
+    "idm-mobil": driven(bv="swerve"),
+    "gentle": driven(bv="swerve", av="gentle"),
+    "braker": driven(bv="braker", av="gentle"),
+    "trained": {reward: trained(reward) for reward in ("crash", "striking", "struck")},
+}))
+"""
+
+
+def apply(recipe: Recipe, package: Path) -> None:
+    for name, changes in recipe.items():
+        path = package / name
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        for old, new in changes:
+            assert text.count(old) == 1, f"{name} does not hold this once: {old}"
+            text = text.replace(old, new)
+        path.write_text(text, encoding="utf-8")
+
+
+def python(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
+    """Run code with the package that lies in a folder, and with machine code kept there."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "machine-code")}
+    return subprocess.run(
+        [sys.executable, "-B", "-c", code], capture_output=True, text=True, check=False, env=environment,
+        cwd=folder,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a copy of the package that holds all four extensions."""
+    folder = tmp_path_factory.mktemp("scratch")
+    shutil.copytree(PACKAGE, folder / "cornerforge", ignore=shutil.ignore_patterns("__pycache__"))
+    for recipe in RECIPES.values():
+        apply(recipe, folder / "cornerforge")
+    return folder
+
+
+def section(title: str) -> str:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    found = re.search(rf"^## {title}\n(.*?)(?=^## )", text, re.M | re.S)
+    assert found is not None, f"CONTRIBUTING.md has no section {title}"
+    return found.group(1)
+
+
+@pytest.mark.parametrize("title", RECIPES)
+def test_contributing_names_the_files_that_an_extension_touches(title: str) -> None:
+    said = re.match(r"\s*Files below `src/cornerforge/`: (.*?)\n\n", section(title), re.S)
+    assert said is not None
+    named = re.findall(r"`([\w/]+\.py)`", said.group(1))
+    assert set(named) == set(RECIPES[title])
+    assert 2 <= len(named) <= 3
+    assert [name for name in named if not (PACKAGE / name).exists()] == re.findall(
+        r"`([\w/]+\.py)` \(new\)", said.group(1)
+    )
+    for name in re.findall(r"`([\w/]+\.py)`", section(title)):
+        assert name in named or (PACKAGE / name).exists() or (ROOT / name).exists(), f"{name} is not there"
+
+
+def test_help_names_what_there_is() -> None:
+    assert {"nobody", "policy", *PLAIN_ADVERSARIES} == set(ADVERSARIES)
+    assert set(REWARD_NAMES) == set(REWARDS)
+
+
+FORGOTTEN: dict[str, tuple[str, str, str, str]] = {
+    "how hard a law brakes": (
+        "drivers/avs.py", "AvLaw(4, 0.5, None,", "AvLaw(code=4, strongest_acceleration=None,", "hardest_braking",
+    ),
+    "how far a law looks": ("drivers/avs.py", "0.5, None, sees_everybody=False", "0.5, None", "sees_everybody"),
+    "what a law drives by": (
+        "drivers/avs.py", "0.5, None, sees_everybody=False, parameters=()", "0.5, None, sees_everybody=False",
+        "parameters",
+    ),
+    "what a law does": ("sim/av_kinds.py", '"gentle": _gentle, ', "", "gentle: declared and without a kernel"),
+    "a code of its own": ("drivers/avs.py", "AvLaw(4,", "AvLaw(2,", "Two have the same code: .*'gentle': 2"),
+    "what a reward pays for": (
+        "sim/rewards.py", '"struck": _that_is_struck, ', "", "struck: declared and without a kernel",
+    ),
+    "where a reward is judged": (
+        "sim/rewards.py", "return not strikes", "return not _avoidable", '"struck" asks .* sim/drive_bv.py',
+    ),
+    "what an adversary does": (
+        "sim/adversaries.py", '"braker": _braker, ', "", "braker: declared and without a kernel",
+    ),
+}  # fmt: skip
+"""What can be forgotten: file, text, the text without it, and what the error says."""
+
+
+def test_what_is_forgotten_is_an_error_that_names_it(scratch: Path, tmp_path: Path) -> None:
+    """At import, so whatever the stranger starts first tells it."""
+    copy = tmp_path / "cornerforge"
+    shutil.copytree(scratch / "cornerforge", copy)
+    load = "import cornerforge.sim.rewards, cornerforge.sim.av_kinds, cornerforge.sim.adversaries"
+    done = python(tmp_path, load)
+    assert done.returncode == 0, done.stderr
+    for what, (name, text, without, error) in FORGOTTEN.items():
+        whole = (copy / name).read_text(encoding="utf-8")
+        apply({name: [(text, without)]}, tmp_path / "cornerforge")
+        done = python(tmp_path, load)
+        assert done.returncode == 1, what
+        assert re.search(error, done.stderr.splitlines()[-1]), f"{what}: {done.stderr}"
+        (copy / name).write_text(whole, encoding="utf-8")
+
+
+def test_the_four_extensions_work(scratch: Path) -> None:
+    done = python(scratch, USE)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+
+    assert found["mttc"] == [4.0, pytest.approx(40.0**0.5), 0.0]
+
+    assert "gentle" in found["avs"]
+    assert found["gentle"]["digest"] != found["idm-mobil"]["digest"]
+    assert found["idm-mobil"]["av_crashes"] > 0
+
+    assert found["braker"]["digest"] != found["gentle"]["digest"]
+    assert found["braker"]["av_crashes"] > 0, "it brakes with 0.5 m/s2, whoever brakes before it"
+    assert all("braker" in found["help"][command] for command in ("simulate", "generate"))
+
+    assert "struck" in found["help"]["train"]
+    assert found["trained"]["struck"]["updates"] > 0
+    paid = {reward: result["paid"] for reward, result in found["trained"].items()}
+    assert min(paid.values()) > 0.5
+    assert paid["struck"] + paid["striking"] == pytest.approx(paid["crash"]), "a crash of either kind, never of both"
