@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
-from cornerforge.drivers.idm import IdmParams
-from cornerforge.drivers.mobil import MobilParams
-from cornerforge.drivers.policy import NetworkShape
-from cornerforge.drivers.rss import RssParams
+from cornerforge.drivers.idm import IdmNumbers, IdmParams
+from cornerforge.drivers.mobil import MobilNumbers, MobilParams
+from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers
+from cornerforge.drivers.rss import RssNumbers, RssParams
 from cornerforge.errors import InputError, UnknownNameError
 
-__all__ = ["AVS", "AV_KINDS", "AvLaw", "AvModel", "AvNetwork", "av_hash", "av_named"]
+__all__ = ["AVS", "AV_KINDS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "av_hash", "av_named", "numbers_of_av"]
 
 
 class AvLaw(NamedTuple):
@@ -155,6 +155,53 @@ AVS: dict[str, AvModel] = {
     )
 }
 """All built-in AVs."""
+
+
+class AvNumbers(NamedTuple):
+    """The AV under test as kernels take it.
+
+    Attributes:
+        idm, mobil: Parameters of the built-in AV.
+        sees_intentions: 1 if it takes a vehicle that is entering a lane for one that is in it, and gives way to one
+            that enters its own target lane; 0 for the plain model that goes by lane centres.
+        kind: Code of its law.
+        rss, network: Of the cautious and the learned kind.
+        hardest_braking, strongest_acceleration: It never commands more [m/s2].
+        sees_everybody: 1 if it looks at more than its nearest neighbours in each lane.
+    """
+
+    idm: IdmNumbers
+    mobil: MobilNumbers
+    sees_intentions: int
+    kind: int
+    rss: RssNumbers
+    network: PolicyNumbers
+    hardest_braking: float
+    strongest_acceleration: float
+    sees_everybody: int
+
+
+def numbers_of_av(model: AvModel) -> AvNumbers:
+    """Constants of a built-in AV for the kernels; a learned AV without its network drives nowhere but can be built."""
+    law = AV_KINDS[model.kind]
+    network = NO_POLICY
+    if model.network is not None:
+        s = model.network.shape
+        network = PolicyNumbers(model.network.weights, s.n_inputs, s.n_shared, s.n_stream, s.width)
+    return AvNumbers(
+        IdmNumbers(*astuple(model.idm)),
+        MobilNumbers(*astuple(model.mobil)),
+        int(model.sees_intentions),
+        law.code,
+        RssNumbers(*astuple(model.rss)),
+        network,
+        hardest_braking=model.idm.max_braking if law.hardest_braking is None else law.hardest_braking,
+        strongest_acceleration=model.idm.max_acceleration
+        if law.strongest_acceleration is None
+        else law.strongest_acceleration,
+        # A polite AV asks how its follower would drive, hence sees through other vehicles' eyes too.
+        sees_everybody=int(law.sees_everybody or model.mobil.politeness > 0.0),
+    )
 
 
 def av_named(name: str) -> AvModel:

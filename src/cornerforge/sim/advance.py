@@ -22,7 +22,7 @@ from cornerforge.sim.setting import LIKELIEST, NOBODY, OUTSIDE, POLICY, SCRIPTED
 from cornerforge.sim.statistics import BV_TRAVEL_MM, count_av, count_choices, count_states
 from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
-from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -115,7 +115,7 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
     action = _likeliest(w, 0, v[0].target_lane, setting, s.choice)
     if action >= FIRST_ACCELERATION:
         return _ACCELERATIONS[action - FIRST_ACCELERATION], v[0].target_lane
-    return 0.0, v[0].target_lane + 1 - 2 * action
+    return 0.0, v[0].target_lane + ACTION_SIDES[action]
 
 
 @inlined_kernel

@@ -28,7 +28,7 @@ from cornerforge.sim.chances import return_chance, side_chance
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
 from cornerforge.sim.world import NO_VEHICLE, moment_of
-from cornerforge.types import FIRST_ACCELERATION
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -145,11 +145,11 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
             if lane + 1 < road.n_lanes:
                 left = side_chance(w, i, lane + 1, base, tables.overlook, road, tables)
                 if draw < left:
-                    return 0
+                    return ACTION_LEFT
             if lane > 0 and draw < left + side_chance(w, i, lane - 1, base, tables.overlook, road, tables):
-                return 1
+                return ACTION_RIGHT
     elif uniform(words[0, i]) < return_chance(w, i, tables.overlook, road, tables):
-        return 0 if lane_of(v[i].y, road.lane_width) > v[i].target_lane else 1
+        return ACTION_LEFT if lane_of(v[i].y, road.lane_width) > v[i].target_lane else ACTION_RIGHT
     return action
 
 
@@ -170,7 +170,8 @@ def _starts_into(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
         return False
     if j == 0:
         return av_lane == lane
-    starts: bool = 0 <= v[j].action <= 1 and v[j].target_lane + 1 - 2 * v[j].action == lane
+    action = v[j].action
+    starts: bool = 0 <= action < FIRST_ACCELERATION and v[j].target_lane + ACTION_SIDES[action] == lane
     return starts
 
 
@@ -265,11 +266,11 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
     tables = setting.tables
     for rank in range(state.n_vehicles - 1, -1, -1):
         i = order[rank]
-        if i == 0 or v[i].present == 0 or i == state.controlled or v[i].action < 0 or v[i].action > 1:
+        if i == 0 or v[i].present == 0 or i == state.controlled or v[i].action < 0 or v[i].action >= FIRST_ACCELERATION:
             continue
         if v[i].duration > 0.0:  # it turns back, because others are in the way
             continue
-        target = v[i].target_lane + 1 - 2 * v[i].action
+        target = v[i].target_lane + ACTION_SIDES[v[i].action]
         if _gives_way(w, i, target, av_lane, setting, s):
             action, _, _ = _worst_follow(w, rank, tables, s.words[1, i], uniform(s.words[3, i]))
             v[i].action = _drawn(tables, action)

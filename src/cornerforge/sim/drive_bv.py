@@ -23,7 +23,7 @@ from cornerforge.sim.setting import SWERVE, UNIFORM
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, forget_frames
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, RUNNING, World, allocate_worlds, moment_of, world_of, world_row
-from cornerforge.types import FIRST_ACCELERATION, N_ACTIONS
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -225,7 +225,7 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
         for a in range(N_ACTIONS - 1, FIRST_ACCELERATION - 1, -1):
             if allowed[a]:
                 return a
-    toward = 0 if lanes_left > 0 else 1
+    toward = ACTION_LEFT if lanes_left > 0 else ACTION_RIGHT
     if abs(lanes_left) == 1 and behind > 5.0 and allowed[toward]:
         return toward
     return -1

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.ndd.grids import GAP_GRID
 from cornerforge.road.straight import ahead_by, gap, half_lengths
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
@@ -83,7 +84,7 @@ JOINT_SPEEDS = 41
 TTC_LIMITS = (3.0, 4.0, 5.0, 10.0, 15.0, 20.0)
 _N_BINS = 2400
 _N_JOINT_BINS = 240
-_FOLLOWING_GAP = 115.5
+_FOLLOWING_GAP = GAP_GRID.upper
 _ACCELERATIONS = ACCELERATIONS
 _GRIDS = TRAFFIC + EXPOSURE + JOINT
 _LOW = np.array([g.low for g in _GRIDS])

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.drivers.avs import AV_KINDS, AvModel
-from cornerforge.drivers.idm import IdmNumbers, IdmParams
-from cornerforge.drivers.mobil import MobilNumbers, MobilParams
-from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
-from cornerforge.drivers.rss import RssNumbers
+from cornerforge.drivers.avs import AvModel, AvNumbers, numbers_of_av
+from cornerforge.drivers.idm import IdmParams
+from cornerforge.drivers.mobil import MobilParams
 from cornerforge.geometry import Path
 from cornerforge.types import CAR, CLASSES, MAX_LANES, Odd
 
@@ -168,30 +165,6 @@ and whether it is counted as following, as free, or not at all."""
 _PAIRS_PER_SLOT = 8
 
 
-class AvNumbers(NamedTuple):
-    """The AV under test as kernels take it.
-
-    Attributes:
-        idm, mobil: Parameters of the built-in AV.
-        sees_intentions: 1 if it takes a vehicle that is entering a lane for one that is in it, and gives way to one
-            that enters its own target lane; 0 for the plain model that goes by lane centres.
-        kind: Code of its law.
-        rss, network: Of the cautious and the learned kind.
-        hardest_braking, strongest_acceleration: It never commands more [m/s2].
-        sees_everybody: 1 if it looks at more than its nearest neighbours in each lane.
-    """
-
-    idm: IdmNumbers
-    mobil: MobilNumbers
-    sees_intentions: int
-    kind: int
-    rss: RssNumbers
-    network: PolicyNumbers
-    hardest_braking: float
-    strongest_acceleration: float
-    sees_everybody: int
-
-
 def n_slots(odd: Odd) -> int:
     """Vehicle slots per world: the AV and what fits on the road at the shortest spacings of the initial model."""
     return 1 + odd.n_lanes * int(np.ceil(odd.traffic_length / 40.0))
@@ -200,29 +173,6 @@ def n_slots(odd: Odd) -> int:
 def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> AvNumbers:
     """Constants of a plain AV, IDM and MOBIL, for the kernels."""
     return numbers_of_av(AvModel("", "", idm, mobil, sees_intentions))
-
-
-def numbers_of_av(model: AvModel) -> AvNumbers:
-    """Constants of a built-in AV for the kernels; a learned AV without its network drives nowhere but can be built."""
-    law = AV_KINDS[model.kind]
-    network = NO_POLICY
-    if model.network is not None:
-        s = model.network.shape
-        network = PolicyNumbers(model.network.weights, s.n_inputs, s.n_shared, s.n_stream, s.width)
-    return AvNumbers(
-        IdmNumbers(*astuple(model.idm)),
-        MobilNumbers(*astuple(model.mobil)),
-        int(model.sees_intentions),
-        law.code,
-        RssNumbers(*astuple(model.rss)),
-        network,
-        hardest_braking=model.idm.max_braking if law.hardest_braking is None else law.hardest_braking,
-        strongest_acceleration=model.idm.max_acceleration
-        if law.strongest_acceleration is None
-        else law.strongest_acceleration,
-        # A polite AV asks how its follower would drive, hence sees through other vehicles' eyes too.
-        sees_everybody=int(law.sees_everybody or model.mobil.politeness > 0.0),
-    )
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
