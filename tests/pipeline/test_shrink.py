@@ -139,7 +139,7 @@ def test_shrunk_cases_are_cases_like_any_other(shrunk: tuple[Path, Any]) -> None
     assert replayed["cases"] == len(said["cases"])
     one = said["cases"][0]
     assert pipeline.replay(out, one["case"])["crash_time_s"] == one["after"]["seconds"]
-    assert pipeline.analyse(out)["cases"] == len(said["cases"])
+    assert pipeline.analyse(out).cases == len(said["cases"])
     rows = pipeline.query(out, "select count(*), max(n_vehicles - source_n_vehicles) < 1 from cases")["rows"]
     assert rows == [[len(said["cases"]), True]]
 

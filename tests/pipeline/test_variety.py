@@ -23,7 +23,7 @@ def test_a_librarys_row_counts_its_cases(swerve_library: Path, tmp_path: Path) -
     assert (row["cases"], row["tests"], row["av_crashes"]) == (60, library.tests, 60)
     assert sum(row["cells"].values()) == 60
     assert row["filled"] == len(row["cells"]) > 1
-    types = pipeline.analyse(swerve_library)["crash_types"]
+    types = pipeline.analyse(swerve_library).crash_types
     by_type = dict.fromkeys(types, 0)
     for cell, n in row["cells"].items():
         by_type[cell.split(" | ")[0]] += n

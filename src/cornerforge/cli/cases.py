@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -25,6 +25,9 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
 from cornerforge.cli.program import app
+
+if TYPE_CHECKING:
+    from cornerforge.results import Analysed
 
 __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "variety"]
 
@@ -58,7 +61,7 @@ def generate(
             policy=policy, cases=cases, out=out, resume=resume, acting=acting, seed=seed, threads=threads,
             progress=bars, **world,
         ),
-        lambda r: "\n".join([rate_text(r, f"{r['cases']:,} cases in {r['library']}"), *fault_text(r)]),
+        lambda r: "\n".join([rate_text(r, f"{r.cases:,} cases in {r.library}"), *fault_text(r.av_faults)]),
         as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
@@ -86,20 +89,17 @@ def analyse(
     """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        share = 100.0 * sum(r["explained_variance"])
+    def text(r: Analysed) -> str:
+        share = 100.0 * sum(r.explained_variance)
         lines = [
-            f"{r['cases']:,} cases, {len(r['features'])} features, {share:.0f} % of variance in two components; "
-            f"majority {r['majority']:,}, minority {r['minority']:,}",
-            "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r["crash_types"].items()),
+            f"{r.cases:,} cases, {len(r.features)} features, {share:.0f} % of variance in two components; "
+            f"majority {r.majority:,}, minority {r.minority:,}",
+            "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r.crash_types.items()),
         ]
-        lines += [
-            f"Cluster {c['id']} ({c['group']}, {c['size']:,} cases): typical {', '.join(c['typical'])}"
-            for c in r["clusters"]
-        ]
-        lines.append("Rare: " + (", ".join(r["rare"]) or "none"))
+        lines += [f"Cluster {c.id} ({c.group}, {c.size:,} cases): typical {', '.join(c.typical)}" for c in r.clusters]
+        lines.append("Rare: " + (", ".join(r.rare) or "none"))
         lines += judgement_text(r)
-        return "\n".join([*lines, *([r["note"]] if "note" in r else [])])
+        return "\n".join(lines if r.note is None else [*lines, r.note])
 
     run_command(
         lambda bars: pipeline.analyse(

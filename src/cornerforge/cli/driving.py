@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -24,6 +24,9 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
 from cornerforge.cli.program import app
+
+if TYPE_CHECKING:
+    from cornerforge.results import Simulated
 
 __all__ = ["avs", "check_av", "rate", "simulate"]
 
@@ -56,25 +59,24 @@ def simulate(
 ) -> None:
     """Drive tests and count crashes; they are stored only with --out."""
     from cornerforge import pipeline
+    from cornerforge.results import Quantity
 
     drivers = [*(bv or []), *map(str, policy or [])] or ["nde"]
 
-    def text(r: dict[str, Any]) -> str:
+    def text(r: Simulated) -> str:
         lines = [
             rate_text(r, f"{world['av']}, {' + '.join(drivers)}"),
-            f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
-            f"{speed_text(r['tests_per_second'])} tests/s, {speed_text(r['world_steps_per_second'])} world-steps/s; "
-            f"digest {r['digest'][:16]}",
-            *fault_text(r),
+            f"{r.av_crashes:,} AV crashes, {r.bv_crashes:,} crashes between BVs; "
+            f"{speed_text(r.tests_per_second)} tests/s, {speed_text(r.world_steps_per_second)} world-steps/s; "
+            f"digest {r.digest[:16]}",
+            *fault_text(r.av_faults),
         ]
-        for name, d in r.get("distributions", {}).items():
-            if isinstance(d, dict) and d.get("n"):
-                q = "  ".join(f"{v:g}" for v in d["quantiles"].values())
-                lines.append(
-                    f"{name:>14} [{d['unit']}]: mean {d['mean']:.3f}, sd {d['sd']:.3f}; 1 5 25 50 75 95 99 %: {q}"
-                )
+        for name, d in () if r.distributions is None else vars(r.distributions).items():
+            if isinstance(d, Quantity) and d.n:
+                q = "  ".join(f"{v:g}" for v in d.quantiles.values())
+                lines.append(f"{name:>14} [{d.unit}]: mean {d.mean:.3f}, sd {d.sd:.3f}; 1 5 25 50 75 95 99 %: {q}")
             else:
-                lines.append(f"{name:>14}: {d}")
+                lines.append(f"{name:>14}: {'none' if isinstance(d, Quantity) else d}")
         return "\n".join(lines)
 
     run_command(
@@ -116,7 +118,9 @@ def rate(
             method=method, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, seed=seed,
             threads=threads, progress=bars, **world,
         ),
-        lambda r: "\n".join([rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r), *crashes_text(r)]),
+        lambda r: "\n".join(
+            [rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r.av_faults), *crashes_text(r)]
+        ),
         as_json=as_json, quiet=quiet,
     )  # fmt: skip
 

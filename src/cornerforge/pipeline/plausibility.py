@@ -20,6 +20,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
 from cornerforge.rates import binomial_interval
+from cornerforge.results import as_json
 from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import allocate_decisions, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
@@ -129,7 +130,7 @@ def _one(
         "decisions": result.decisions,
         "seconds": round(result.seconds, 3),
         "policy_hash": policy_hash(policy),
-        **evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress),
+        **as_json(evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)),
         **_likelihood(hostile, tests, seed, threads, progress),
     }
     write_json(done, found)

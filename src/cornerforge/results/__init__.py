@@ -1,0 +1,64 @@
+"""What verbs return: frozen dataclasses whose fields say their unit and meaning, and are the keys of `--json`.
+
+A field's name is its key, and the order of fields is that of the keys; a class that is made of others has the fields of
+the last of its bases first. What `--json` prints is made of them by `as_json`, docs/results-json.md by
+`results_markdown`.
+"""
+
+from __future__ import annotations
+
+from cornerforge.results.analysis import Analysed, Avoidability, Cluster, ClusterChoice, Coverage, TopCase, ValueFound
+from cornerforge.results.driving import (
+    BvMilesEstimate,
+    CrashCircumstances,
+    Distributions,
+    Filled,
+    NaturalRate,
+    Quantity,
+    Simulated,
+)
+from cornerforge.results.learning import Baseline, Learned, LearnedPolicy, Trained, TrainedAv
+from cornerforge.results.rates import Rate, Yield
+from cornerforge.results.stating import as_json, from_json, results_markdown
+from cornerforge.results.whole import RunDone, RunTrained
+
+__all__ = [
+    "VERBS",
+    "Analysed",
+    "Avoidability",
+    "Baseline",
+    "BvMilesEstimate",
+    "Cluster",
+    "ClusterChoice",
+    "Coverage",
+    "CrashCircumstances",
+    "Distributions",
+    "Filled",
+    "Learned",
+    "LearnedPolicy",
+    "NaturalRate",
+    "Quantity",
+    "Rate",
+    "RunDone",
+    "RunTrained",
+    "Simulated",
+    "TopCase",
+    "Trained",
+    "TrainedAv",
+    "ValueFound",
+    "Yield",
+    "as_json",
+    "from_json",
+    "results_markdown",
+]
+
+VERBS: dict[str, type] = {
+    "run": RunDone,
+    "simulate": Simulated,
+    "rate": NaturalRate,
+    "train": Trained,
+    "train-av": TrainedAv,
+    "generate": Filled,
+    "analyse": Analysed,
+}
+"""Commands, and the classes of their results."""
