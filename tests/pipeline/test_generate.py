@@ -26,7 +26,7 @@ from cornerforge.errors import CornerForgeError, FileFormatError, InputError, Ou
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.setting import experiment
-from cornerforge.results import as_json
+from cornerforge.results import Queried, Replayed, as_json
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.setting import cast_index
 
@@ -233,14 +233,14 @@ def test_an_adversary_too_weak_is_said_so(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_every_case_happens_again(swerve_library: Path) -> None:
     found = pipeline.replay(swerve_library, "all", check=True)
-    assert found == {"case": "all", "crash_time_s": None, "identical": True, "cases": 60, "differ": []}
+    assert found == Replayed(case="all", crash_time_s=None, identical=True, cases=60, differ=())
 
 
 def test_a_policys_cases_happen_again(some_policy: Path, tmp_path: Path) -> None:
     """The library keeps policy and model beside it, so it can be moved and played elsewhere."""
     pipeline.generate(policy=some_policy, cases=3, out=tmp_path / "library", odd="paper", seed=2)
     (tmp_path / "library").rename(tmp_path / "moved")
-    assert pipeline.replay(tmp_path / "moved", "all", check=True)["identical"] is True
+    assert pipeline.replay(tmp_path / "moved", "all", check=True).identical is True
 
 
 def more_policies(folder: Path, n: int, **changes: object) -> list[Path]:
@@ -270,7 +270,7 @@ def test_a_mixture_says_which_policy_drove_and_happens_again(tmp_path: Path) -> 
     assert all(value < 0.0 for value in column(library, "log_prob_policy"))  # type: ignore[operator]
     for path in policies:
         path.unlink()
-    assert pipeline.replay(library, "all", check=True)["identical"] is True
+    assert pipeline.replay(library, "all", check=True).identical is True
     one = {name: CaseLibrary.open(library).identity[name] for name in ("policies", "acting", "bv", "budget")}
     assert one == {"policies": 3, "acting": "softmax:0.2", "bv": "policy", "budget": None}
 
@@ -311,7 +311,7 @@ def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
     assert all(0.0 <= value <= budget for value in shortfall)  # type: ignore[operator]
     assert max(shortfall) > 0.8 * budget  # type: ignore[type-var, operator]
     assert set(column(tmp_path / "library", "n_implausible")) == {0}
-    assert pipeline.replay(tmp_path / "library", "all", check=True)["identical"] is True
+    assert pipeline.replay(tmp_path / "library", "all", check=True).identical is True
 
 
 def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
@@ -325,15 +325,15 @@ def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
 def test_one_case(swerve_library: Path) -> None:
     case = table(swerve_library).slice(7, 1).to_pylist()[0]
     found = pipeline.replay(swerve_library, case["case_id"])
-    assert found == {"case": case["case_id"], "crash_time_s": case["crash_time_s"], "identical": None}
-    assert pipeline.replay(swerve_library, case["case_id"], check=True)["identical"] is True
+    assert as_json(found) == {"case": case["case_id"], "crash_time_s": case["crash_time_s"], "identical": None}
+    assert pipeline.replay(swerve_library, case["case_id"], check=True).identical is True
 
 
 @pytest.mark.parametrize(("name", "begin"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml")])
 def test_a_case_as_a_picture(swerve_library: Path, tmp_path: Path, name: str, begin: bytes) -> None:
     case = table(swerve_library)["case_id"][7].as_py()
     place = tmp_path / "new" / name
-    assert pipeline.replay(swerve_library, case, picture=place)["picture"] == str(place)
+    assert pipeline.replay(swerve_library, case, picture=place).picture == str(place)
     first = place.read_bytes()
     assert first.startswith(begin)
     with pytest.raises(OutputError, match="exists already"):
@@ -361,8 +361,8 @@ def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) ->
     scenario = Recorder(run.setting, run.odd).record(5, test)
     library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
     found = pipeline.replay(tmp_path / "library", "all", check=True)
-    assert (found["identical"], found["differ"]) == (False, [f"5:{test}"])
-    assert "note" in found  # the identity says nothing of the code, so it may have been another
+    assert (found.identical, found.differ) == (False, (f"5:{test}",))
+    assert found.note is not None  # the identity says nothing of the code, so it may have been another
 
 
 def test_unknown_case_and_unknown_library(swerve_library: Path, tmp_path: Path) -> None:
@@ -442,14 +442,14 @@ def test_a_library_of_a_newer_schema_is_refused(swerve_library: Path, tmp_path: 
 
 
 def test_query_answers_in_plain_values(swerve_library: Path) -> None:
-    assert pipeline.query(swerve_library, "select count(*) as n from cases") == {"columns": ["n"], "rows": [[60]]}
+    assert pipeline.query(swerve_library, "select count(*) as n from cases") == Queried(columns=("n",), rows=((60,),))
     rows = pipeline.query(
         swerve_library,
         "select 1.5, 'nan'::double, 'inf'::float, date '2021-02-06', null, true, [1, 2], {'a': 0.5}, 2::hugeint, 'x'",
-    )["rows"]
-    assert rows == [[1.5, None, None, "2021-02-06", None, True, [1, 2], {"a": 0.5}, 2, "x"]]
+    ).rows
+    assert rows == ((1.5, None, None, "2021-02-06", None, True, [1, 2], {"a": 0.5}, 2, "x"),)
     everything = pipeline.query(swerve_library, "select * from cases order by test")
-    assert len(json.loads(json.dumps(everything, allow_nan=False))["rows"]) == 60
+    assert len(json.loads(json.dumps(as_json(everything), allow_nan=False))["rows"]) == 60
 
 
 @pytest.mark.parametrize(

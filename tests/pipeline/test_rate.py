@@ -57,7 +57,7 @@ def test_rate_counts_what_simulate_counts(world: dict[str, Any], tmp_path: Path)
     assert len(library) == found.av_crashes == library.crashes
     assert library.tests == 6_000
     replayed = cornerforge.replay(tmp_path / "r" / "library", "all", check=True)
-    assert replayed["identical"]
+    assert replayed.identical
 
 
 def test_resuming_gives_what_an_unbroken_run_gives(world: dict[str, Any], tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
     tests = stopped_at["tests"] + 1_000
     resumed = cornerforge.rate(**world, max_tests=tests, target_rhw=0.001, out=out, resume=True)
     assert untimed(resumed) == untimed(cornerforge.rate(**world, max_tests=tests, target_rhw=0.001))
-    assert cornerforge.replay(out / "library", "all", check=True)["identical"]
+    assert cornerforge.replay(out / "library", "all", check=True).identical
 
 
 def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -27,7 +27,7 @@ from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_t
 from cornerforge.cli.program import app
 
 if TYPE_CHECKING:
-    from cornerforge.results import Analysed
+    from cornerforge.results import Analysed, Queried, Replayed
 
 __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "variety"]
 
@@ -156,13 +156,13 @@ def replay(
     """Drive a case again from its seed."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        verdict = {None: "driven again", True: "identical", False: "NOT identical"}[r["identical"]]
-        if "cases" in r:
-            differ = f"; different: {', '.join(r['differ'][:10])}" if r["differ"] else ""
-            return f"{r['cases']:,} cases: {verdict}{differ}"
-        drawn = f"; picture: {r['picture']}" if "picture" in r else ""
-        return f"Case {r['case']}: {verdict}; crash at {r['crash_time_s']} s{drawn}"
+    def text(r: Replayed) -> str:
+        verdict = {None: "driven again", True: "identical", False: "NOT identical"}[r.identical]
+        if r.cases is not None:
+            differ = f"; different: {', '.join(r.differ[:10])}" if r.differ else ""
+            return f"{r.cases:,} cases: {verdict}{differ}"
+        drawn = "" if r.picture is None else f"; picture: {r.picture}"
+        return f"Case {r.case}: {verdict}; crash at {r.crash_time_s} s{drawn}"
 
     result = run_command(
         lambda bars: pipeline.replay(
@@ -170,9 +170,9 @@ def replay(
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
-    if result["identical"] is False:
-        if "note" in result:
-            typer.echo(result["note"], err=True)
+    if result.identical is False:
+        if result.note is not None:
+            typer.echo(result.note, err=True)
         raise typer.Exit(EXIT_GATE)
 
 
@@ -192,8 +192,8 @@ def query(
     """Ask a library, or an analysis, in SQL (table `cases`, key `case_id`)."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        return "\n".join("\t".join(map(str, row)) for row in [r["columns"], *r["rows"]])
+    def text(r: Queried) -> str:
+        return "\n".join("\t".join(map(str, row)) for row in [r.columns, *r.rows])
 
     run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -26,7 +26,7 @@ from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command
 from cornerforge.cli.program import app
 
 if TYPE_CHECKING:
-    from cornerforge.results import Simulated
+    from cornerforge.results import AvChecked, Simulated
 
 __all__ = ["avs", "check_av", "rate", "simulate"]
 
@@ -139,7 +139,7 @@ def avs(
 
     run_command(
         lambda bars: pipeline.avs(),  # noqa: ARG005
-        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet, out=out,
+        lambda r: "\n".join(f"{a.name:<20}{a.about}" for a in r.avs), as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
 
@@ -161,14 +161,14 @@ def check_av(
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        lines = [f"{c['verdict']:<5}{c['name']}: {c['found']}" for c in r["checks"]]
+    def text(r: AvChecked) -> str:
+        lines = [f"{c.verdict:<5}{c.name}: {c.found}" for c in r.checks]
         lines += [
-            f"speed, {s['worlds']:>4} worlds: {speed_text(s['calls_per_second'])} calls/s, "
-            f"{speed_text(s['decisions_per_second'])} decisions/s"
-            for s in r["speed"]
+            f"speed, {s.worlds:>4} worlds: {speed_text(s.calls_per_second)} calls/s, "
+            f"{speed_text(s.decisions_per_second)} decisions/s"
+            for s in r.speed
         ]
-        return "\n".join([f"{r['av']} ({r['kind']}, {r['hash']})", *lines])
+        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
 
     result = run_command(
         lambda bars: pipeline.check_av(
@@ -176,5 +176,5 @@ def check_av(
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
-    if not result["passed"]:
+    if not result.passed:
         raise typer.Exit(EXIT_GATE)
