@@ -147,7 +147,7 @@ def _mechanisms(pairs: Sequence[tuple[Setting, Entry]]) -> str:
         if total[name]
     ]
     rows += [
-        [f"*{text}*", *(_share(t["crash_circumstances"][key], n) for t, n in zip(tables, whole, strict=True))]
+        [f"*{text}*", *(_share(getattr(t["crash_circumstances"], key), n) for t, n in zip(tables, whole, strict=True))]
         for key, text in _CIRCUMSTANCES.items()
     ]
     note = (

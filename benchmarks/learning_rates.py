@@ -59,13 +59,13 @@ def main() -> int:
     for rate in given.rate:
         policy, result = learn(run, at_rate(rate, given.decisions), seed=given.seed, threads=1)
         found = evaluate(experiment(policy=policy), tests=given.tests, seed=given.seed)
-        low, high = found["interval95"]
+        low, high = found.interval95
         row = [
             f"{rate:g}",
             f"{result.updates:,}",
             f"{result.updates * rate / _PAPERS_RATE:.1e}",
             *(f"{share:.3f}" for share, _ in in_tenths(result.curve, result.decisions)),
-            f"{found['crashes_per_test']:.3f} ({low:.3f} to {high:.3f})",
+            f"{found.crashes_per_test:.3f} ({low:.3f} to {high:.3f})",
         ]
         print(f"| {' | '.join(row)} |", flush=True)  # a rate takes long: none is lost when the next is stopped
     return 0

@@ -40,5 +40,5 @@ save_policy(policy_of_sb3(agent), path)
 
 for driver in (str(path), "uniform", "swerve"):
     rate = cornerforge.simulate(bv=driver, tests=2000)
-    low, high = rate["interval95"]
-    print(f"{Path(driver).stem}: {rate['crashes_per_test']:.3f} crashes per test ({low:.3f} to {high:.3f})")
+    low, high = rate.interval95
+    print(f"{Path(driver).stem}: {rate.crashes_per_test:.3f} crashes per test ({low:.3f} to {high:.3f})")

@@ -89,8 +89,8 @@ def test_the_policy_file_drives(small_dqn: DQN, tmp_path: Path) -> None:
     path = tmp_path / "dqn.safetensors"
     save_policy(policy_of_sb3(small_dqn), path)
     driven = simulate(bv=str(path), tests=64)
-    assert driven["tests"] == 64
-    assert driven["digest"] != simulate(bv="nde", tests=64)["digest"]
+    assert driven.tests == 64
+    assert driven.digest != simulate(bv="nde", tests=64).digest
 
 
 def test_networks_of_another_kind_are_named() -> None:
@@ -139,6 +139,6 @@ def test_dqn_learns_to_make_the_av_crash(
     monkeypatch.setattr(sys, "argv", [str(example), "60000", str(path)])
     runpy.run_path(str(example), run_name="__main__")
     capsys.readouterr()
-    low = simulate(bv=str(path), tests=2000, seed=1)["interval95"][0]
-    high = simulate(bv="uniform", tests=2000, seed=1)["interval95"][1]
+    low = simulate(bv=str(path), tests=2000, seed=1).interval95[0]
+    high = simulate(bv="uniform", tests=2000, seed=1).interval95[1]
     assert low > 2.0 * high

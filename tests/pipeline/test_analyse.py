@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +20,25 @@ from cornerforge.analysis.measures import MEASURES
 from cornerforge.analysis.value import PARTS
 from cornerforge.errors import InputError, OutputError
 from cornerforge.fields import SHORTFALL
+from cornerforge.results import Analysed, as_json
 
 
 @pytest.fixture(scope="module")
-def analysed(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+def analysed(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Analysed, Path]:
     out = tmp_path_factory.mktemp("analysed") / "out"
     return pipeline.analyse(swerve_library, out=out, avoidability=40, seed=3, threads=2), out
 
 
-def test_every_case_has_its_row(analysed: tuple[dict[str, Any], Path]) -> None:
+def test_every_case_has_its_row(analysed: tuple[Analysed, Path]) -> None:
     summary, out = analysed
     cases, points = pq.read_table(out / "cases.parquet"), pq.read_table(out / "points.parquet")
     assert cases.column("case_id").to_pylist() == points.column("case_id").to_pylist()
-    assert cases.num_rows == summary["cases"]
+    assert cases.num_rows == summary.cases
     wanted = {column.name for column in (*MEASURES, *FAULT_COLUMNS, *SHORTFALL, *VALUE_COLUMNS)}
     assert wanted <= set(cases.column_names)
     for name in wanted:
         assert (cases.schema.field(name).metadata or {}).get(b"meaning"), f"{name} says what it is"
-    assert sum(summary["fault"].values()) == sum(summary["fault_rules"].values()) == summary["cases"]
+    assert sum(summary.fault.values()) == sum(summary.fault_rules.values()) == summary.cases
     speed, of_av, of_bv = (
         cases.column(name).to_numpy() for name in ("impact_speed_mps", "av_delta_v_mps", "bv_delta_v_mps")
     )
@@ -45,17 +47,18 @@ def test_every_case_has_its_row(analysed: tuple[dict[str, Any], Path]) -> None:
 
 
 def test_drawn_cases_make_the_shares_and_outstanding_ones_are_looked_at_too(
-    analysed: tuple[dict[str, Any], Path],
+    analysed: tuple[Analysed, Path],
 ) -> None:
     summary, out = analysed
-    seen = summary["avoidability"]
-    assert seen["cases"] == sum(seen["labels"].values()) == 40
-    ways = 40 - seen["labels"]["unavoidable"] - seen["labels"]["undecided"]
-    assert seen["avoidable_share"] == ways / 40
-    assert seen["interval95"][0] <= ways / 40 <= seen["interval95"][1]
+    seen = summary.avoidability
+    assert seen is not None
+    assert seen.cases == sum(seen.labels.values()) == 40
+    ways = 40 - seen.labels["unavoidable"] - seen.labels["undecided"]
+    assert seen.avoidable_share == ways / 40
+    assert seen.interval95[0] <= ways / 40 <= seen.interval95[1]
     cases = pq.read_table(out / "cases.parquet").to_pydict()
     looked = {name for name, label in zip(cases["case_id"], cases["avoidability"], strict=True) if label is not None}
-    outstanding = set(summary["rare"]).union(*(one["typical"] for one in summary["clusters"]))
+    outstanding = set(summary.rare).union(*(one.typical for one in summary.clusters))
     assert outstanding <= looked
     assert len(looked) <= 40 + len(outstanding)
     assert {label for label in cases["avoidability"] if label} <= set(LABELS)
@@ -63,60 +66,62 @@ def test_drawn_cases_make_the_shares_and_outstanding_ones_are_looked_at_too(
     assert set(witnesses["case_id"]) == looked
     for label, way in zip(witnesses["avoidability"], witnesses["witness_x_m"], strict=True):
         assert way is not None or label in ("unavoidable", "undecided")
-    assert summary["coverage"]["cases"] == 40
+    assert summary.coverage.cases == 40
 
 
-def test_the_top_is_the_top_and_says_why(analysed: tuple[dict[str, Any], Path]) -> None:
+def test_the_top_is_the_top_and_says_why(analysed: tuple[Analysed, Path]) -> None:
     summary, out = analysed
     cases = pq.read_table(out / "cases.parquet").to_pydict()
     rows = {name: row for row, name in enumerate(cases["case_id"])}
     values = [value for value in cases["value"] if value is not None]
-    top = summary["value"]["top"]
-    assert [one["value"] for one in top] == sorted(values, reverse=True)[:10]
+    top = summary.value.top
+    assert [one.value for one in top] == sorted(values, reverse=True)[:10]
     for one in top:
-        row = rows[one["case_id"]]
-        assert one["value"] == pytest.approx(np.mean([one[name] for name in PARTS]))
-        assert all(one[name] == cases[f"value_{name}"][row] for name in PARTS)
-        assert one["fault"] == cases["fault"][row]
+        row = rows[one.case_id]
+        assert one.value == pytest.approx(np.mean([getattr(one, name) for name in PARTS]))
+        assert all(getattr(one, name) == cases[f"value_{name}"][row] for name in PARTS)
+        assert one.fault == cases["fault"][row]
         label = cases["avoidability"][row]
         if label in ("unavoidable", "undecided"):
-            assert one["text"].split("; ")[1].startswith(("unavoidable", "no way"))
+            assert one.text.split("; ")[1].startswith(("unavoidable", "no way"))
             continue
-        assert f"avoidable {'by' if label != 'by both' else 'by braking or steering'}" in one["text"]
-        assert one["text"].endswith(f"last way out {cases['latest_any_s'][row]:.1f} s before contact")
-        assert "miles" not in one["text"]
+        assert f"avoidable {'by' if label != 'by both' else 'by braking or steering'}" in one.text
+        assert one.text.endswith(f"last way out {cases['latest_any_s'][row]:.1f} s before contact")
+        assert "miles" not in one.text
 
 
 def test_the_same_for_any_threads_and_another_draw_for_another_seed(
-    swerve_library: Path, analysed: tuple[dict[str, Any], Path], tmp_path: Path
+    swerve_library: Path, analysed: tuple[Analysed, Path], tmp_path: Path
 ) -> None:
-    def timeless(summary: dict[str, Any]) -> str:
-        return json.dumps({name: value for name, value in summary.items() if name != "seconds"})
+    def timeless(summary: Analysed) -> str:
+        return json.dumps(as_json(replace(summary, seconds={})))
 
     again = pipeline.analyse(swerve_library, out=tmp_path / "again", avoidability=40, seed=3, threads=1)
     assert timeless(again) == timeless(analysed[0])
     for name in ("cases", "points", "witnesses"):
         assert (tmp_path / "again" / f"{name}.parquet").read_bytes() == (analysed[1] / f"{name}.parquet").read_bytes()
     other = pipeline.analyse(swerve_library, avoidability=40, seed=4, threads=2)
-    assert other["fault"] == again["fault"]
-    assert other["coverage"] != again["coverage"]
+    assert other.fault == again.fault
+    assert other.coverage != again.coverage
 
 
 def test_a_slower_av_avoids_no_more(swerve_library: Path) -> None:
     """The same draw; each case's label allows the less the later the AV may begin."""
     fast, slow = (
-        pipeline.analyse(swerve_library, avoidability=40, reaction=reaction, threads=2)["avoidability"]
+        pipeline.analyse(swerve_library, avoidability=40, reaction=reaction, threads=2).avoidability
         for reaction in (0.0, 1.5)
     )
-    assert slow["labels"]["unavoidable"] > fast["labels"]["unavoidable"]
+    assert slow is not None
+    assert fast is not None
+    assert slow.labels["unavoidable"] > fast.labels["unavoidable"]
 
 
 def test_without_a_look_nothing_has_a_value(swerve_library: Path) -> None:
     summary = pipeline.analyse(swerve_library, avoidability="none")
-    assert summary["avoidability"] is None
-    assert summary["value"]["top"] == []
-    assert summary["coverage"]["cases"] == summary["cases"]
-    assert list(summary["coverage"]["axes"]) == ["crash type", "impact speed"]
+    assert summary.avoidability is None
+    assert summary.value.top == ()
+    assert summary.coverage.cases == summary.cases
+    assert list(summary.coverage.axes) == ["crash type", "impact speed"]
 
 
 @pytest.mark.parametrize(
@@ -134,7 +139,7 @@ def test_what_is_refused(wrong: dict[str, Any], message: str, swerve_library: Pa
 
 
 def test_another_analysis_does_not_overwrite(
-    swerve_library: Path, analysed: tuple[dict[str, Any], Path]
+    swerve_library: Path, analysed: tuple[Analysed, Path]
 ) -> None:  # fmt: skip
     with pytest.raises((InputError, OutputError), match="reaction"):
         pipeline.analyse(swerve_library, out=analysed[1], avoidability=40, seed=3, reaction=0.5)

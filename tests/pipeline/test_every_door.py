@@ -96,7 +96,7 @@ def test_an_early_library_filled_in_bulk_tells_the_truth_too(swerve_library: Pat
     assert "possible_shortfall_nats" not in pq.read_schema(old / "cases-000000.parquet").names
     assert repr(cases_of(old).to_pylist()) == repr(cases_of(swerve_library).to_pylist())
     found = pipeline.query(old, "select count(*) from cases where shortfall_nats <= 20 and n_implausible > 0")
-    assert found["rows"] == [[0]]
+    assert found.rows == ((0,),)
     assert CaseLibrary.open(old).scalars(["shortfall_nats"]).column(0).to_pylist().count(math.inf) > 0
 
 

@@ -26,6 +26,7 @@ from cornerforge.errors import CornerForgeError, FileFormatError, InputError, Ou
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.setting import experiment
+from cornerforge.results import Queried, Replayed, as_json
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.setting import cast_index
 
@@ -107,7 +108,7 @@ def test_a_library_goes_on_after_kills_as_if_nothing_had_happened(unbroken: Path
         assert 1000 <= len(CaseLibrary.open(library)) < 9300
         assert not CaseLibrary.open(library).finished
     resumed = pipeline.generate(policy="swerve", cases=9300, out=library, seed=1, resume=True)
-    assert resumed["cases"] == 9300
+    assert resumed.cases == 9300
     files, expected = snapshot(library), snapshot(unbroken)
     del files["provenance.json"], expected["provenance.json"]  # it tells the time
     assert files == expected
@@ -129,7 +130,7 @@ def test_ctrl_c_exits_130_and_keeps_what_was_recorded(unbroken: Path, tmp_path: 
     assert kept > 1000
     assert not CaseLibrary.open(library).finished
     resumed = pipeline.generate(policy="swerve", cases=kept + 5, out=library, seed=1, resume=True)
-    assert resumed["cases"] == kept + 5
+    assert resumed.cases == kept + 5
     both = min(kept + 5, 9300)
     assert table(library).slice(0, both).equals(table(unbroken).slice(0, both))
     full = {name for name in snapshot(library) if name.startswith(("cases-", "tracks-"))} & set(snapshot(unbroken))
@@ -139,8 +140,8 @@ def test_ctrl_c_exits_130_and_keeps_what_was_recorded(unbroken: Path, tmp_path: 
 
 def test_resuming_a_finished_library_changes_no_case(swerve_library: Path, tmp_path: Path) -> None:
     library = copied(swerve_library, tmp_path / "library")
-    assert pipeline.generate(policy="swerve", cases=60, out=library, seed=5, resume=True)["cases"] == 60
-    assert pipeline.generate(policy="swerve", cases=9, out=library, seed=5, resume=True)["cases"] == 60
+    assert pipeline.generate(policy="swerve", cases=60, out=library, seed=5, resume=True).cases == 60
+    assert pipeline.generate(policy="swerve", cases=9, out=library, seed=5, resume=True).cases == 60
     assert table(library).equals(table(swerve_library))
 
 
@@ -232,14 +233,14 @@ def test_an_adversary_too_weak_is_said_so(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_every_case_happens_again(swerve_library: Path) -> None:
     found = pipeline.replay(swerve_library, "all", check=True)
-    assert found == {"case": "all", "crash_time_s": None, "identical": True, "cases": 60, "differ": []}
+    assert found == Replayed(case="all", crash_time_s=None, identical=True, cases=60, differ=())
 
 
 def test_a_policys_cases_happen_again(some_policy: Path, tmp_path: Path) -> None:
     """The library keeps policy and model beside it, so it can be moved and played elsewhere."""
     pipeline.generate(policy=some_policy, cases=3, out=tmp_path / "library", odd="paper", seed=2)
     (tmp_path / "library").rename(tmp_path / "moved")
-    assert pipeline.replay(tmp_path / "moved", "all", check=True)["identical"] is True
+    assert pipeline.replay(tmp_path / "moved", "all", check=True).identical is True
 
 
 def more_policies(folder: Path, n: int, **changes: object) -> list[Path]:
@@ -269,7 +270,7 @@ def test_a_mixture_says_which_policy_drove_and_happens_again(tmp_path: Path) -> 
     assert all(value < 0.0 for value in column(library, "log_prob_policy"))  # type: ignore[operator]
     for path in policies:
         path.unlink()
-    assert pipeline.replay(library, "all", check=True)["identical"] is True
+    assert pipeline.replay(library, "all", check=True).identical is True
     one = {name: CaseLibrary.open(library).identity[name] for name in ("policies", "acting", "bv", "budget")}
     assert one == {"policies": 3, "acting": "softmax:0.2", "bv": "policy", "budget": None}
 
@@ -304,12 +305,13 @@ def test_acting_at_random_is_another_library_and_greedy_has_no_doubt(some_policy
 @pytest.mark.parametrize("budget", [3.0, 15.0])
 def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
     found = pipeline.simulate(bv="swerve", odd="paper", budget=budget, tests=3000, out=tmp_path / "library")
-    assert found["cases"] >= 3
+    assert found.cases is not None
+    assert found.cases >= 3
     shortfall = column(tmp_path / "library", "shortfall_nats")
     assert all(0.0 <= value <= budget for value in shortfall)  # type: ignore[operator]
     assert max(shortfall) > 0.8 * budget  # type: ignore[type-var, operator]
     assert set(column(tmp_path / "library", "n_implausible")) == {0}
-    assert pipeline.replay(tmp_path / "library", "all", check=True)["identical"] is True
+    assert pipeline.replay(tmp_path / "library", "all", check=True).identical is True
 
 
 def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
@@ -323,15 +325,15 @@ def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
 def test_one_case(swerve_library: Path) -> None:
     case = table(swerve_library).slice(7, 1).to_pylist()[0]
     found = pipeline.replay(swerve_library, case["case_id"])
-    assert found == {"case": case["case_id"], "crash_time_s": case["crash_time_s"], "identical": None}
-    assert pipeline.replay(swerve_library, case["case_id"], check=True)["identical"] is True
+    assert as_json(found) == {"case": case["case_id"], "crash_time_s": case["crash_time_s"], "identical": None}
+    assert pipeline.replay(swerve_library, case["case_id"], check=True).identical is True
 
 
 @pytest.mark.parametrize(("name", "begin"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml")])
 def test_a_case_as_a_picture(swerve_library: Path, tmp_path: Path, name: str, begin: bytes) -> None:
     case = table(swerve_library)["case_id"][7].as_py()
     place = tmp_path / "new" / name
-    assert pipeline.replay(swerve_library, case, picture=place)["picture"] == str(place)
+    assert pipeline.replay(swerve_library, case, picture=place).picture == str(place)
     first = place.read_bytes()
     assert first.startswith(begin)
     with pytest.raises(OutputError, match="exists already"):
@@ -359,8 +361,8 @@ def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) ->
     scenario = Recorder(run.setting, run.odd).record(5, test)
     library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
     found = pipeline.replay(tmp_path / "library", "all", check=True)
-    assert (found["identical"], found["differ"]) == (False, [f"5:{test}"])
-    assert "note" in found  # the identity says nothing of the code, so it may have been another
+    assert (found.identical, found.differ) == (False, (f"5:{test}",))
+    assert found.note is not None  # the identity says nothing of the code, so it may have been another
 
 
 def test_unknown_case_and_unknown_library(swerve_library: Path, tmp_path: Path) -> None:
@@ -440,14 +442,14 @@ def test_a_library_of_a_newer_schema_is_refused(swerve_library: Path, tmp_path: 
 
 
 def test_query_answers_in_plain_values(swerve_library: Path) -> None:
-    assert pipeline.query(swerve_library, "select count(*) as n from cases") == {"columns": ["n"], "rows": [[60]]}
+    assert pipeline.query(swerve_library, "select count(*) as n from cases") == Queried(columns=("n",), rows=((60,),))
     rows = pipeline.query(
         swerve_library,
         "select 1.5, 'nan'::double, 'inf'::float, date '2021-02-06', null, true, [1, 2], {'a': 0.5}, 2::hugeint, 'x'",
-    )["rows"]
-    assert rows == [[1.5, None, None, "2021-02-06", None, True, [1, 2], {"a": 0.5}, 2, "x"]]
+    ).rows
+    assert rows == ((1.5, None, None, "2021-02-06", None, True, [1, 2], {"a": 0.5}, 2, "x"),)
     everything = pipeline.query(swerve_library, "select * from cases order by test")
-    assert len(json.loads(json.dumps(everything, allow_nan=False))["rows"]) == 60
+    assert len(json.loads(json.dumps(as_json(everything), allow_nan=False))["rows"]) == 60
 
 
 @pytest.mark.parametrize(
@@ -464,14 +466,14 @@ def test_a_query_that_cannot_be_answered_is_one_line(sql: str, swerve_library: P
 
 def test_analyse_counts_every_case_once(swerve_library: Path, tmp_path: Path) -> None:
     found = pipeline.analyse(swerve_library, steps=3, out=tmp_path / "analysis", seed=2)
-    assert found["cases"] == found["majority"] + found["minority"] == 60
-    assert sum(found["crash_types"].values()) == sum(cluster["size"] for cluster in found["clusters"]) == 60
-    assert len(found["features"]) == 15
+    assert found.cases == found.majority + found.minority == 60
+    assert sum(found.crash_types.values()) == sum(cluster.size for cluster in found.clusters) == 60
+    assert len(found.features) == 15
     ids = set(table(swerve_library)["case_id"].to_pylist())
-    assert {case for cluster in found["clusters"] for case in cluster["typical"]} <= ids
-    assert set(found["rare"]) <= ids
+    assert {case for cluster in found.clusters for case in cluster.typical} <= ids
+    assert set(found.rare) <= ids
     written = json.loads((tmp_path / "analysis" / "analysis.json").read_text(encoding="utf-8"))
-    assert written == found
+    assert written == as_json(found)
     identity = json.loads((tmp_path / "analysis" / "provenance.json").read_text(encoding="utf-8"))["identity"]
     assert (identity["steps"], identity["analysis_seed"], identity["cases"]) == (3, 2, 60)
 
@@ -479,7 +481,7 @@ def test_analyse_counts_every_case_once(swerve_library: Path, tmp_path: Path) ->
 def test_analyse_again_into_the_same_place(swerve_library: Path, tmp_path: Path) -> None:
     first = pipeline.analyse(swerve_library, out=tmp_path)
     second = pipeline.analyse(swerve_library, out=tmp_path)
-    assert {**first, "seconds": 0} == {**second, "seconds": 0}
+    assert replace(first, seconds={}) == replace(second, seconds={})
     with pytest.raises(InputError, match="steps"):
         pipeline.analyse(swerve_library, steps=2, out=tmp_path)
 

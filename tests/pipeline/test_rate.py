@@ -22,6 +22,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.rates import binomial_interval
 from cornerforge.rates.monte_carlo import Block, MonteCarlo, relative_half_width
+from cornerforge.results import NaturalRate, as_json
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +37,8 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return {"av": "idm-mobil-blind", "odd": "paper", "seed": 3, "model": path}
 
 
-TIMING = {"seconds", "cpu_seconds", "tests_per_second"}
-
-
-def untimed(summary: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in summary.items() if key not in TIMING}
+def untimed(summary: NaturalRate) -> NaturalRate:
+    return replace(summary, seconds=0.0, cpu_seconds=0.0, tests_per_second=None)
 
 
 @pytest.fixture(autouse=True)
@@ -52,14 +50,14 @@ def test_rate_counts_what_simulate_counts(world: dict[str, Any], tmp_path: Path)
     found = cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r")
     tally = cornerforge.simulate(**world, tests=6_000)
     for key in ("tests", "av_crashes", "bv_crashes", "crashes_per_test", "interval95", "miles"):
-        assert found[key] == tally[key], key
-    assert found["av_crashes"] > 0, "this world must crash, or the test shows nothing"
-    assert found["effective_sample_size"] == 6_000
+        assert getattr(found, key) == getattr(tally, key), key
+    assert found.av_crashes > 0, "this world must crash, or the test shows nothing"
+    assert found.effective_sample_size == 6_000
     library = CaseLibrary.open(tmp_path / "r" / "library")
-    assert len(library) == found["av_crashes"] == library.crashes
+    assert len(library) == found.av_crashes == library.crashes
     assert library.tests == 6_000
     replayed = cornerforge.replay(tmp_path / "r" / "library", "all", check=True)
-    assert replayed["identical"]
+    assert replayed.identical
 
 
 def test_resuming_gives_what_an_unbroken_run_gives(world: dict[str, Any], tmp_path: Path) -> None:
@@ -109,32 +107,35 @@ def test_a_part_of_a_block_does_not_change_what_a_longer_run_gives(world: dict[s
     """3,000 tests are one block and a half; the run to 6,000 has the digest of one without the stop."""
     whole = cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001)
     part = cornerforge.rate(**world, max_tests=3_000, target_rhw=0.001, out=tmp_path / "r")
-    assert (part["tests"], part["state"]) == (3_000, "max_tests")
+    assert (part.tests, part.state) == (3_000, "max_tests")
     assert json.loads((tmp_path / "r" / "counts.json").read_text())["tests"] == 2_000
     assert untimed(cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r", resume=True)) == (
         untimed(whole)
     )
     library = CaseLibrary.open(tmp_path / "r" / "library")
-    assert (len(library), library.tests, library.crashes) == (whole["av_crashes"], 6_000, whole["av_crashes"])
+    assert (len(library), library.tests, library.crashes) == (whole.av_crashes, 6_000, whole.av_crashes)
 
 
 def test_types_mechanisms_and_bv_miles_are_told(world: dict[str, Any], tmp_path: Path) -> None:
     found = cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r")
-    n = found["av_crashes"]
-    assert sum(found["crash_types"].values()) == sum(found["mechanisms"].values()) == n
+    n = found.av_crashes
+    assert sum(found.crash_types.values()) == sum(found.mechanisms.values()) == n
     # BVs overlook it, and it does not see who enters its target lane from two lanes over
-    assert found["mechanisms"]["bv-side"] + found["mechanisms"]["same-lane-opposite-sides"] >= 0.6 * n
-    assert all(0 <= value <= n for value in found["crash_circumstances"].values())
-    assert json.loads((tmp_path / "r" / "rate.json").read_text()) == found
+    assert found.mechanisms["bv-side"] + found.mechanisms["same-lane-opposite-sides"] >= 0.6 * n
+    assert all(0 <= value <= n for value in vars(found.crash_circumstances).values())
+    assert json.loads((tmp_path / "r" / "rate.json").read_text()) == as_json(found)
     columns, rows = CaseLibrary.open(tmp_path / "r" / "library").query(
         "select mechanism, count(*) from cases group by mechanism order by mechanism"
     )
     assert columns[0] == "mechanism"
-    assert dict(rows) == {name: count for name, count in found["mechanisms"].items() if count}
-    low, high = found["interval95_bv_crashes_per_bv_mile"]
-    assert low <= found["bv_crashes_per_bv_mile"] <= high
-    assert found["bv_miles"] == pytest.approx(6_000 * 9.2, rel=0.15)  # some 37 BVs for a quarter of a mile each
-    assert found["bv_miles_estimate"]["relative_error"] < 0.01
+    assert dict(rows) == {name: count for name, count in found.mechanisms.items() if count}
+    assert found.interval95_bv_crashes_per_bv_mile is not None
+    assert found.bv_crashes_per_bv_mile is not None
+    low, high = found.interval95_bv_crashes_per_bv_mile
+    assert low <= found.bv_crashes_per_bv_mile <= high
+    assert found.bv_miles == pytest.approx(6_000 * 9.2, rel=0.15)  # some 37 BVs for a quarter of a mile each
+    assert found.bv_miles_estimate.relative_error is not None
+    assert found.bv_miles_estimate.relative_error < 0.01
 
 
 def test_many_crashes_go_into_several_shards(
@@ -144,7 +145,7 @@ def test_many_crashes_go_into_several_shards(
     monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_STORE_SECONDS", 0.0)
     found = cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r")
     library = CaseLibrary.open(tmp_path / "r" / "library")
-    assert len(list((tmp_path / "r" / "library").glob("cases-*.parquet"))) == len(library) == found["av_crashes"]
+    assert len(list((tmp_path / "r" / "library").glob("cases-*.parquet"))) == len(library) == found.av_crashes
     assert library.finished
 
 
@@ -169,7 +170,7 @@ def test_progress_tells_crashes_and_ends_at_the_total(world: dict[str, Any]) -> 
     )
     rates = [what for what in told if what[0].startswith("rate (")]
     assert rates[0] == ("rate (0 crashes)", 0, 6_000)
-    assert rates[-1] == (f"rate ({found['av_crashes']} crashes)", 6_000, 6_000)
+    assert rates[-1] == (f"rate ({found.av_crashes} crashes)", 6_000, 6_000)
     assert [done for _, done, _ in rates] == sorted(done for _, done, _ in rates)
 
 
@@ -216,7 +217,7 @@ def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
     tests = stopped_at["tests"] + 1_000
     resumed = cornerforge.rate(**world, max_tests=tests, target_rhw=0.001, out=out, resume=True)
     assert untimed(resumed) == untimed(cornerforge.rate(**world, max_tests=tests, target_rhw=0.001))
-    assert cornerforge.replay(out / "library", "all", check=True)["identical"]
+    assert cornerforge.replay(out / "library", "all", check=True).identical
 
 
 def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None:
@@ -226,6 +227,6 @@ def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None
     text = "\n".join(rate_text(found))
     for part in ("all tests are done", "per BV-mile", "sideswipe", "[same-lane-opposite-sides]", "core-hours"):
         assert part in text
-    nothing = {**found, "av_crashes": 0, "relative_half_width": None, "bv_crashes_per_bv_mile": None}
+    nothing = replace(found, av_crashes=0, relative_half_width=None, bv_crashes_per_bv_mile=None)
     assert "no crash yet" in rate_text(nothing)[0]
     assert not [line for line in rate_text(nothing) if "Mechanisms" in line]

@@ -23,6 +23,7 @@ from cornerforge.library import CaseLibrary, case_record
 from cornerforge.pipeline.cases import experiment_of
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.setting import experiment
+from cornerforge.results import ShrunkLibrary
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
 from cornerforge.sim.world import numbers_of_av
@@ -31,7 +32,7 @@ SIZES = ("vehicles", "decisions", "seconds", "deviating_actions")
 
 
 @pytest.fixture(scope="module")
-def shrunk(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def shrunk(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ShrunkLibrary]:
     """All cases of the library shrunk, and what `shrink` said; read only."""
     out = tmp_path_factory.mktemp("shrunk") / "library"
     return out, pipeline.shrink(swerve_library, "all", out=out)
@@ -55,20 +56,20 @@ def test_every_case_becomes_the_same_crash_and_no_larger(swerve_library: Path, s
     whole, small = CaseLibrary.open(swerve_library), CaseLibrary.open(out)
     ids, history = whole.history()
     small_ids, small_history = small.history()
-    assert small_ids == ids == [row["case"] for row in said["cases"]]
+    assert small_ids == ids == [row.case for row in said.cases]
     before, after = classify_crashes(history[:, 0]), classify_crashes(small_history[:, 0])
     np.testing.assert_array_equal(after.code, before.code)
     np.testing.assert_array_equal(after.striker, before.striker)
     assert whole.scalars(["bv_slot"]) == small.scalars(["bv_slot"])
-    for row, kind, striker in zip(said["cases"], after.names, after.striker, strict=True):
-        assert (row["crash_type"], row["striker"]) == (kind, STRIKERS[striker])
-        assert all(row["after"][name] <= row["before"][name] for name in SIZES)
-        assert row["cause"] == NOBODY or row["after"]["deviating_actions"] > 0 or row["cause"] == AV
+    for row, kind, striker in zip(said.cases, after.names, after.striker, strict=True):
+        assert (row.crash_type, row.striker) == (kind, STRIKERS[striker])
+        assert all(getattr(row.after, name) <= getattr(row.before, name) for name in SIZES)
+        assert row.cause == NOBODY or row.after.deviating_actions > 0 or row.cause == AV
     stored = whole.scalars(["n_vehicles", "n_decisions", "crash_time_s"]).to_pydict()
     for name, column in (("vehicles", "n_vehicles"), ("decisions", "n_decisions"), ("seconds", "crash_time_s")):
-        assert [row["before"][name] for row in said["cases"]] == stored[column]
-    half = {name: said["median"]["before"][name] / 2 for name in SIZES}
-    assert all(said["median"]["after"][name] < half[name] for name in SIZES), "it would hardly be worth the name"
+        assert [getattr(row.before, name) for row in said.cases] == stored[column]
+    half = {name: getattr(said.median.before, name) / 2 for name in SIZES}
+    assert all(getattr(said.median.after, name) < half[name] for name in SIZES), "it would hardly be worth the name"
 
 
 def smaller_scripts(driver: ScriptDriver, script: Script) -> Iterator[tuple[str, Script]]:
@@ -105,20 +106,20 @@ def test_no_vehicle_second_or_deviating_action_can_go(swerve_library: Path, shru
     out, said = shrunk
     small = CaseLibrary.open(out)
     tried = 0
-    for row in said["cases"]:
-        driver, whole = whole_script(swerve_library, row["case"])
+    for row in said.cases:
+        driver, whole = whole_script(swerve_library, row.case)
         case = Reproducer(driver, whole)
-        script = small.scenario(row["case"]).script
+        script = small.scenario(row.case).script
         assert script is not None
-        assert case.cause == row["cause"]
+        assert case.cause == row.cause
         assert case.shows(script)
         for what, smaller in smaller_scripts(driver, script):
             if case.cause == NOBODY and "later" in what:
                 continue
             gone = smaller.slot.tolist().count(case.kind[0]) == 0
-            assert gone or not case.shows(smaller), f"case {row['case']} can go {what}"
+            assert gone or not case.shows(smaller), f"case {row.case} can go {what}"
             tried += 1
-    assert tried > 3 * len(said["cases"])
+    assert tried > 3 * len(said.cases)
 
 
 def test_what_is_small_stays_as_it_is(shrunk: tuple[Path, Any], tmp_path: Path) -> None:
@@ -127,27 +128,27 @@ def test_what_is_small_stays_as_it_is(shrunk: tuple[Path, Any], tmp_path: Path) 
     again = pipeline.shrink(out, "all", out=tmp_path / "again")
     columns = ["case_id", "trajectory_digest"]
     assert CaseLibrary.open(tmp_path / "again").scalars(columns) == CaseLibrary.open(out).scalars(columns)
-    assert [row["after"] for row in again["cases"]] == [row["after"] for row in said["cases"]]
-    assert [row["before"] for row in again["cases"]] == [row["after"] for row in said["cases"]]
+    assert [row.after for row in again.cases] == [row.after for row in said.cases]
+    assert [row.before for row in again.cases] == [row.after for row in said.cases]
 
 
 def test_shrunk_cases_are_cases_like_any_other(shrunk: tuple[Path, Any]) -> None:
     out, said = shrunk
     replayed = pipeline.replay(out, "all", check=True)
-    assert replayed["identical"] is True
-    assert replayed["cases"] == len(said["cases"])
-    one = said["cases"][0]
-    assert pipeline.replay(out, one["case"])["crash_time_s"] == one["after"]["seconds"]
-    assert pipeline.analyse(out)["cases"] == len(said["cases"])
-    rows = pipeline.query(out, "select count(*), max(n_vehicles - source_n_vehicles) < 1 from cases")["rows"]
-    assert rows == [[len(said["cases"]), True]]
+    assert replayed.identical is True
+    assert replayed.cases == len(said.cases)
+    one = said.cases[0]
+    assert pipeline.replay(out, one.case).crash_time_s == one.after.seconds
+    assert pipeline.analyse(out).cases == len(said.cases)
+    rows = pipeline.query(out, "select count(*), max(n_vehicles - source_n_vehicles) < 1 from cases").rows
+    assert rows == ((len(said.cases), True),)
 
 
 def test_a_replay_of_another_script_is_noticed(shrunk: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control of the check above: the same start, another AV."""
     out, _ = shrunk
     monkeypatch.setattr("cornerforge.pipeline.cases.experiment_of", lambda *_: experiment(av="idm-mobil-d2rl"))
-    assert pipeline.replay(out, "all", check=True)["identical"] is False
+    assert pipeline.replay(out, "all", check=True).identical is False
 
 
 # --- whose driving makes the crash ---
@@ -256,8 +257,8 @@ def test_an_interrupt_keeps_what_is_done_and_a_resume_goes_on(
     with pytest.raises(OutputError, match="--resume"):
         pipeline.shrink(swerve_library, ids, out=out)
     said = pipeline.shrink(swerve_library, ids[::-1], out=out, resume=True)
-    assert [row["case"] for row in said["cases"]] == ids
-    assert said["cases"] == shrunk[1]["cases"][:8]
+    assert [row.case for row in said.cases] == ids
+    assert said.cases == shrunk[1].cases[:8]
     columns = ["case_id", "trajectory_digest"]
     assert CaseLibrary.open(out).scalars(columns) == CaseLibrary.open(shrunk[0]).scalars(columns).slice(0, 8)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,68 +11,75 @@ import pytest
 from cornerforge import pipeline
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.library import CaseLibrary
+from cornerforge.results import Quantity, Simulated
 from cornerforge.sim import runner
 
 QUANTILES = ["1", "5", "25", "50", "75", "95", "99"]
 
 
-def without_times(result: dict[str, object]) -> dict[str, object]:
-    return {key: value for key, value in result.items() if "second" not in key}
+def without_times(result: Simulated) -> Simulated:
+    return replace(result, seconds=0.0, world_steps_per_second=0.0, tests_per_second=0.0)
 
 
 @pytest.mark.parametrize("bv", ["nde", "idm", "uniform", "lane-changer", "swerve"])
 def test_the_result_does_not_depend_on_threads(bv: str) -> None:
     one, two = (pipeline.simulate(tests=700, bv=bv, seed=3, threads=n, stats=True) for n in (1, 2))
     assert without_times(one) == without_times(two)
-    assert one["digest"] != pipeline.simulate(tests=700, bv=bv, seed=4)["digest"]
+    assert one.digest != pipeline.simulate(tests=700, bv=bv, seed=4).digest
 
 
 def test_counting_changes_nothing() -> None:
     plain = pipeline.simulate(tests=600, bv="swerve")
     counted = pipeline.simulate(tests=600, bv="swerve", stats=True)
-    assert counted.pop("distributions")
-    assert without_times(plain) == without_times(counted)
+    assert counted.distributions is not None
+    assert without_times(plain) == without_times(replace(counted, distributions=None))
 
 
 def test_rates_fit_together() -> None:
     r = pipeline.simulate(tests=1000, bv="swerve", seed=1)
-    assert r["tests"] == 1000
-    assert r["crashes_per_test"] == r["av_crashes"] / 1000
-    assert r["interval95"][0] < r["crashes_per_test"] < r["interval95"][1]
-    assert r["crashes_per_mile"] == pytest.approx(r["av_crashes"] / r["miles"])
-    per_mile = [bound * 1000 / r["miles"] for bound in r["interval95"]]
-    assert r["interval95_per_mile"] == pytest.approx(per_mile)
-    assert 0.0 < r["miles"] < 1000 * 410.0 / 1609.344  # a test is 400 m and at most one substep more
-    assert len(r["digest"]) == 64
+    assert r.tests == 1000
+    assert r.crashes_per_test == r.av_crashes / 1000
+    assert r.interval95[0] < r.crashes_per_test < r.interval95[1]
+    assert r.crashes_per_mile == pytest.approx(r.av_crashes / r.miles)
+    per_mile = [bound * 1000 / r.miles for bound in r.interval95]
+    assert r.interval95_per_mile == pytest.approx(per_mile)
+    assert 0.0 < r.miles < 1000 * 410.0 / 1609.344  # a test is 400 m and at most one substep more
+    assert len(r.digest) == 64
 
 
 def test_no_crash_is_no_proof_of_safety() -> None:
     r = pipeline.simulate(tests=500, seed=0)
-    assert r["av_crashes"] == 0
-    assert r["interval95"] == [0.0, pytest.approx(1.0 - 0.025 ** (1.0 / 500))]
-    assert r["miles"] == pytest.approx(500 * 400.0 / 1609.344, rel=0.01)
+    assert r.av_crashes == 0
+    assert r.interval95 == (0.0, pytest.approx(1.0 - 0.025 ** (1.0 / 500)))
+    assert r.miles == pytest.approx(500 * 400.0 / 1609.344, rel=0.01)
 
 
 def test_statistics_have_the_promised_shape() -> None:
-    found = pipeline.simulate(tests=300, stats=True)["distributions"]
+    found = pipeline.simulate(tests=300, stats=True).distributions
+    assert found is not None
     for name in ("speed", "gap", "time_gap", "range_rate", "acceleration"):
-        assert found[name]["n"] > 1000
-        assert found[name]["sd"] > 0.0
-        quantiles = found[name]["quantiles"]
+        quantity: Quantity = getattr(found, name)
+        assert quantity.n > 1000
+        assert quantity.mean is not None
+        assert quantity.sd is not None
+        assert quantity.sd > 0.0
+        quantiles = quantity.quantiles
         assert list(quantiles) == QUANTILES
         assert list(quantiles.values()) == sorted(quantiles.values())
-        assert quantiles["1"] <= found[name]["mean"] <= quantiles["99"]
-    below = [found["ttc_share_below"][limit] for limit in ("3", "5", "10", "20")]
-    assert below == sorted(below)
+        assert quantiles["1"] <= quantity.mean <= quantiles["99"]
+    shares = [found.ttc_share_below[limit] for limit in ("3", "5", "10", "20")]
+    below = [share for share in shares if share is not None]
+    assert shares == below == sorted(below)
     assert 0.0 <= below[0] <= below[-1] <= 1.0
-    assert found["lane_changes_per_mile"] > 0.0
+    assert found.lane_changes_per_mile is not None
+    assert found.lane_changes_per_mile > 0.0
 
 
 @pytest.mark.parametrize("lanes", [2, 4, 6])
 def test_other_numbers_of_lanes(lanes: int) -> None:
     r = pipeline.simulate(tests=60, lanes=lanes, stats=True)
-    assert r["tests"] == 60
-    assert r["digest"] != pipeline.simulate(tests=60)["digest"]
+    assert r.tests == 60
+    assert r.digest != pipeline.simulate(tests=60).digest
 
 
 @pytest.mark.parametrize("bv", ["swerve", "uniform", "nde"])  # most, few and no tests crash
@@ -91,11 +99,10 @@ def test_out_stores_the_crashes_that_are_counted(bv: str, tmp_path: Path, monkey
         tests=600, bv=bv, seed=2, stats=True, out=tmp_path / "library", progress=lambda stage, *_: told.add(stage)
     )
     assert (told, sum(driven)) == ({"store"}, 0)
-    assert stored.pop("cases") == plain["av_crashes"]
-    assert stored.pop("library") == str(tmp_path / "library")
-    assert without_times(stored) == without_times(plain)
+    assert (stored.cases, stored.library) == (plain.av_crashes, str(tmp_path / "library"))
+    assert without_times(replace(stored, cases=None, library=None)) == without_times(plain)
     library = CaseLibrary.open(tmp_path / "library")
-    assert (library.tests, library.crashes, len(library)) == (600, plain["av_crashes"], plain["av_crashes"])
+    assert (library.tests, library.crashes, len(library)) == (600, plain.av_crashes, plain.av_crashes)
     assert library.finished
 
 
@@ -105,7 +112,7 @@ def test_more_tests_go_on_in_the_same_library(tmp_path: Path) -> None:
     one = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "b")
     columns = ["case_id", "trajectory_digest"]
     again = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
-    assert without_times(again) == without_times(one) | {"library": str(tmp_path / "a")}
+    assert without_times(again) == without_times(replace(one, library=str(tmp_path / "a")))
     assert without_times(two) == without_times(again)
     first, second = (CaseLibrary.open(tmp_path / name) for name in "ab")
     assert first.scalars(columns).equals(second.scalars(columns))

@@ -17,6 +17,7 @@ from cornerforge.adversary.policy_file import load_policy, policy_hash, save_pol
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.ndd.model import default_model_path, load_model, save_model
 from cornerforge.pipeline.train import load_timed_policy
+from cornerforge.results import Trained, as_json
 
 KNOWN = {
     "decisions", "seconds", "crashes_per_test", "interval95", "tests", "out", "baselines", "policy_hash", "reward",
@@ -25,41 +26,41 @@ KNOWN = {
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Trained]:
     path = tmp_path_factory.mktemp("train") / "new" / "p.safetensors"
     return path, pipeline.train(out=path, decisions=2000, tests=200, seed=4)
 
 
-def test_summary_and_file_agree(trained: tuple[Path, dict[str, object]]) -> None:
+def test_summary_and_file_agree(trained: tuple[Path, Trained]) -> None:
     path, summary = trained
-    assert set(summary) >= KNOWN
+    assert set(as_json(summary)) >= KNOWN
     policy = load_policy(path)
-    assert summary["policy_hash"] == policy_hash(policy)
-    assert summary["decisions"] == policy.about["decisions"] == 2048  # whole iterations of 512 worlds
+    assert summary.policy_hash == policy_hash(policy)
+    assert summary.decisions == policy.about["decisions"] == 2048  # whole iterations of 512 worlds
     assert policy.about["seed"] == 4
-    baselines: list[dict[str, Any]] = summary["baselines"]  # type: ignore[assignment]
-    assert [b["name"] for b in baselines] == [
+    baselines = summary.baselines
+    assert [b.name for b in baselines] == [
         "nobody", "uniform", "uniform, bounded", "lane-changer", "lane-changer, bounded", "swerve", "swerve, bounded",
     ]  # fmt: skip
     for rate in (summary, *baselines):
-        low, high = rate["avoidable_interval95"]
-        assert 0.0 <= low <= rate["avoidable_per_test"] <= rate["crashes_per_test"]
-        assert rate["avoidable_per_test"] <= high
+        low, high = rate.avoidable_interval95
+        assert 0.0 <= low <= rate.avoidable_per_test <= rate.crashes_per_test
+        assert rate.avoidable_per_test <= high
     swerve = baselines[5]
-    assert swerve["crashes_per_test"] > 0.5
-    assert 0.0 < swerve["avoidable_per_test"] < swerve["crashes_per_test"]
-    assert baselines[0]["crashes_per_test"] == 0.0
-    assert baselines[0]["striking_share"] is None
+    assert swerve.crashes_per_test > 0.5
+    assert 0.0 < swerve.avoidable_per_test < swerve.crashes_per_test
+    assert baselines[0].crashes_per_test == 0.0
+    assert baselines[0].striking_share is None
     assert sorted(entry.name for entry in path.parent.iterdir()) == ["p.provenance.json", "p.safetensors"]
 
 
-def test_the_same_training_gives_the_same_bytes(trained: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+def test_the_same_training_gives_the_same_bytes(trained: tuple[Path, Trained], tmp_path: Path) -> None:
     """However long it took: times stand in the provenance beside the policy."""
     path, summary = trained
     pipeline.train(out=tmp_path / "q.safetensors", decisions=2000, tests=200, seed=4, threads=1)
     assert (tmp_path / "q.safetensors").read_bytes() == path.read_bytes()
     made = json.loads((path.parent / "p.provenance.json").read_text(encoding="utf-8"))
-    assert made["seconds"] == summary["seconds"]
+    assert made["seconds"] == summary.seconds
     assert made["identity"]["seed"] == 4
     curve: Any = load_policy(path).about["curve"]
     timed: Any = load_timed_policy(path).about["curve"]
@@ -69,9 +70,7 @@ def test_the_same_training_gives_the_same_bytes(trained: tuple[Path, dict[str, o
     assert 0.0 < made["point_seconds"][-1] <= made["seconds"]
 
 
-def test_a_policy_of_old_keeps_the_times_that_it_carries(
-    trained: tuple[Path, dict[str, object]], tmp_path: Path
-) -> None:
+def test_a_policy_of_old_keeps_the_times_that_it_carries(trained: tuple[Path, Trained], tmp_path: Path) -> None:
     policy = load_policy(trained[0])
     curve: Any = policy.about["curve"]
     old = replace(policy, about={**policy.about, "curve": [{**point, "seconds": 7.5} for point in curve]})
@@ -87,16 +86,16 @@ def test_a_policy_of_old_keeps_the_times_that_it_carries(
 def test_a_budget_is_stored_and_kept_to(tmp_path: Path) -> None:
     path = tmp_path / "p.safetensors"
     summary = pipeline.train(out=path, budget=4.0, decisions=600, tests=200, seed=4)
-    assert (summary["bounded"], summary["budget"]) == (True, 4.0)
+    assert (summary.bounded, summary.budget) == (True, 4.0)
     policy = load_policy(path)
     assert (policy.bounded, policy.budget) == (True, 4.0)
     again = pipeline.train(out=path, budget=4.0, decisions=600, tests=200, seed=4, resume=True)
-    assert again["kept"] is True
+    assert again.kept is True
     with pytest.raises(OutputError, match="another budget"):
         pipeline.train(out=path, budget=5.0, decisions=600, seed=4, resume=True)
 
 
-def test_a_policy_is_not_overwritten(trained: tuple[Path, dict[str, object]]) -> None:
+def test_a_policy_is_not_overwritten(trained: tuple[Path, Trained]) -> None:
     path, _ = trained
     before = snapshot(path.parent)
     with pytest.raises(OutputError, match="exists already"):
@@ -104,13 +103,13 @@ def test_a_policy_is_not_overwritten(trained: tuple[Path, dict[str, object]]) ->
     assert snapshot(path.parent) == before
 
 
-def test_resume_keeps_the_policy_of_the_same_command(trained: tuple[Path, dict[str, object]]) -> None:
+def test_resume_keeps_the_policy_of_the_same_command(trained: tuple[Path, Trained]) -> None:
     path, summary = trained
     before = snapshot(path.parent)
     again = pipeline.train(out=path, decisions=2000, tests=200, seed=4, resume=True)
-    assert again["kept"] is True
+    assert again.kept is True
     assert snapshot(path.parent) == before
-    assert {**again, "kept": False, "seconds": 0} == {**summary, "seconds": 0}
+    assert replace(again, kept=False, seconds=0.0) == replace(summary, seconds=0.0)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +124,7 @@ def test_resume_keeps_the_policy_of_the_same_command(trained: tuple[Path, dict[s
     ],
 )
 def test_resume_refuses_the_policy_of_another_command(
-    changes: dict[str, int], named: str, trained: tuple[Path, dict[str, object]]
+    changes: dict[str, int], named: str, trained: tuple[Path, Trained]
 ) -> None:
     path, _ = trained
     before = snapshot(path.parent)
@@ -135,7 +134,7 @@ def test_resume_refuses_the_policy_of_another_command(
     assert snapshot(path.parent) == before
 
 
-def test_resume_refuses_a_damaged_policy(trained: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+def test_resume_refuses_a_damaged_policy(trained: tuple[Path, Trained], tmp_path: Path) -> None:
     path = tmp_path / "p.safetensors"
     path.write_bytes(trained[0].read_bytes()[:1000])
     with pytest.raises(FileFormatError, match="damaged"):
@@ -171,7 +170,7 @@ def test_a_stopped_training_goes_on_to_the_same_policy(stopped: Path, tmp_path: 
         progress=lambda stage, done, _: stages.append(done) if stage == "train" else None,
     )  # fmt: skip
     assert stages == [30_208]  # the point before was reached before the stop
-    assert {**resumed, "seconds": 0, "out": ""} == {**unbroken, "seconds": 0, "out": ""}
+    assert replace(resumed, seconds=0.0, out="") == replace(unbroken, seconds=0.0, out="")
     assert sorted(entry.name for entry in folder.iterdir()) == ["p.provenance.json", "p.safetensors"]
 
 
@@ -209,13 +208,13 @@ def test_resume_refuses_a_damaged_checkpoint(stopped: Path, tmp_path: Path) -> N
 
 
 def test_a_kill_between_policy_and_checkpoint_leaves_no_checkpoint_for_long(
-    trained: tuple[Path, dict[str, object]], tmp_path: Path
+    trained: tuple[Path, Trained], tmp_path: Path
 ) -> None:
     out = tmp_path / "p.safetensors"
     with pytest.raises(KeyboardInterrupt):
         pipeline.train(out=out, decisions=2000, seed=4, progress=interrupt)
     out.write_bytes(trained[0].read_bytes())
-    assert pipeline.train(out=out, decisions=2000, tests=200, seed=4, resume=True)["kept"] is True
+    assert pipeline.train(out=out, decisions=2000, tests=200, seed=4, resume=True).kept is True
     assert snapshot(tmp_path) == {"p.safetensors": trained[0].read_bytes()}
 
 
@@ -235,7 +234,7 @@ def test_time_alone_ends_a_training_of_minutes(tmp_path: Path) -> None:
     summary = pipeline.train(out=tmp_path / "p.safetensors", minutes=0.02, tests=10, seed=4)
     policy = load_policy(tmp_path / "p.safetensors")
     assert policy.about["train"]["decisions"] == 10**12  # type: ignore[index]
-    assert 512 <= summary["decisions"] < 10**8
+    assert 512 <= summary.decisions < 10**8
 
 
 def test_a_model_that_allows_everything_cannot_bound(tmp_path: Path) -> None:

@@ -15,25 +15,26 @@ from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.pipeline.av_file import av_of, load_av, rl_av_path, save_av
 from cornerforge.rates.intervals import binomial_interval
+from cornerforge.results import TrainedAv
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, TrainedAv]:
     path = tmp_path_factory.mktemp("train-av") / "new" / "mine.safetensors"
     return path, pipeline.train_av(out=path, decisions=1500, tests=50, seed=4, threads=2)
 
 
-def test_summary_and_file_agree(trained: tuple[Path, dict[str, object]]) -> None:
+def test_summary_and_file_agree(trained: tuple[Path, TrainedAv]) -> None:
     path, summary = trained
-    assert summary["decisions"] == 1536  # whole iterations of 512 worlds
-    assert summary["tests"] == 50
-    assert summary["av_hash"] == av_hash(load_av(path))
+    assert summary.decisions == 1536  # whole iterations of 512 worlds
+    assert summary.tests == 50
+    assert summary.av_hash == av_hash(load_av(path))
     assert load_av(path).name == str(path)
     assert [entry.name for entry in path.parent.iterdir()] == ["mine.safetensors"]
 
 
-def test_the_same_seed_writes_the_same_bytes(trained: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+def test_the_same_seed_writes_the_same_bytes(trained: tuple[Path, TrainedAv], tmp_path: Path) -> None:
     path, _ = trained
     pipeline.train_av(out=tmp_path / "again.safetensors", decisions=1500, tests=1, seed=4, threads=1)
     assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
@@ -41,14 +42,14 @@ def test_the_same_seed_writes_the_same_bytes(trained: tuple[Path, dict[str, obje
     assert (tmp_path / "other.safetensors").read_bytes() != path.read_bytes()
 
 
-def test_its_file_is_an_av(trained: tuple[Path, dict[str, object]]) -> None:
+def test_its_file_is_an_av(trained: tuple[Path, TrainedAv]) -> None:
     path, _ = trained
     mine, shipped = (pipeline.simulate(tests=40, av=av, seed=2) for av in (str(path), "rl"))
-    assert mine["digest"] != shipped["digest"]
-    assert mine["tests"] == 40
+    assert mine.digest != shipped.digest
+    assert mine.tests == 40
 
 
-def test_nothing_is_overwritten_unasked(trained: tuple[Path, dict[str, object]]) -> None:
+def test_nothing_is_overwritten_unasked(trained: tuple[Path, TrainedAv]) -> None:
     path, _ = trained
     before = path.read_bytes()
     with pytest.raises(OutputError, match="exists already"):
@@ -130,5 +131,5 @@ def test_the_shipped_av_drives_safely(seed: int) -> None:
     assert rl_av_path().stat().st_size < 300_000
     assert av_of("rl").about == av_named("rl").about
     result = pipeline.simulate(tests=3000, av="rl", seed=seed)
-    low, _ = binomial_interval(result["av_crashes"], 3000, confidence=1.0 - 1e-6)
+    low, _ = binomial_interval(result.av_crashes, 3000, confidence=1.0 - 1e-6)
     assert low < 1e-3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,22 +14,23 @@ from cornerforge.errors import InputError, OutputError
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.plausibility import plausibility_text
 from cornerforge.pipeline.variety import variety_text
+from cornerforge.results import Plausibility, as_json
 
 
 def test_a_librarys_row_counts_its_cases(swerve_library: Path, tmp_path: Path) -> None:
     pipeline.simulate(tests=5, out=tmp_path / "empty")
     found = pipeline.variety(libraries=[swerve_library, tmp_path / "empty"])
-    row, empty = found["rows"]
+    row, empty = found.rows
     library = CaseLibrary.open(swerve_library)
-    assert (row["cases"], row["tests"], row["av_crashes"]) == (60, library.tests, 60)
-    assert sum(row["cells"].values()) == 60
-    assert row["filled"] == len(row["cells"]) > 1
-    types = pipeline.analyse(swerve_library)["crash_types"]
+    assert (row.cases, row.tests, row.av_crashes) == (60, library.tests, 60)
+    assert sum(row.cells.values()) == 60
+    assert row.filled == len(row.cells) > 1
+    types = pipeline.analyse(swerve_library).crash_types
     by_type = dict.fromkeys(types, 0)
-    for cell, n in row["cells"].items():
+    for cell, n in row.cells.items():
         by_type[cell.split(" | ")[0]] += n
     assert by_type == types
-    assert (empty["cases"], empty["filled"], empty["entropy"]) == (0, 0, None)
+    assert (empty.cases, empty.filled, empty.entropy) == (0, 0, None)
     assert "60 cases in" in variety_text(found)
 
 
@@ -38,14 +40,15 @@ def test_policies_are_compared_on_the_same_tests(some_policy: Path, tmp_path: Pa
     ways = {"policies": [some_policy, other], "tests": 150, "odd": "paper", "acting": "softmax:0.5", "seed": 3}
     found = pipeline.variety(**ways, threads=2)  # type: ignore[arg-type]
     assert found == pipeline.variety(**ways, threads=1)  # type: ignore[arg-type]
-    names = [row.pop("name") for row in found["rows"]]
+    names = [row.name for row in found.rows]
     assert [name.rpartition(", ")[2] for name in names] == ["greedy", "softmax:0.5"] * 3
     assert names[4:] == ["mixture of 2, greedy", "mixture of 2, softmax:0.5"]
-    assert all(row["tests"] == 150 for row in found["rows"])
-    greedy, at_random = found["rows"][:2]
+    assert all(row.tests == 150 for row in found.rows)
+    nameless = [replace(row, name="") for row in found.rows]
+    greedy, at_random = nameless[:2]
     # Both policies are the same one, so their mixture is it too; acting at random is something else.
-    assert found["rows"][2] == found["rows"][4] == greedy
-    assert found["rows"][3] == found["rows"][5] == at_random
+    assert nameless[2] == nameless[4] == greedy
+    assert nameless[3] == nameless[5] == at_random
     assert at_random != greedy
 
 
@@ -70,49 +73,53 @@ def test_wrong_arguments_are_named(arguments: dict[str, object], message: str, s
 
 
 @pytest.fixture(scope="module")
-def curve(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+def curve(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plausibility]:
     out = tmp_path_factory.mktemp("plausibility") / "curve"
     return out, pipeline.plausibility(out=out, budgets=[30.0, 0.0], seeds=1, decisions=1024, tests=400)
 
 
-def test_the_curve_has_every_mask_and_keeps_its_policies(curve: tuple[Path, dict[str, object]]) -> None:
+def test_the_curve_has_every_mask_and_keeps_its_policies(curve: tuple[Path, Plausibility]) -> None:
     out, found = curve
-    rows = found["rows"]
-    assert isinstance(rows, list)
-    assert [(row["budget"], row["bounded"]) for row in rows] == [(0.0, True), (30.0, True), (None, True), (None, False)]
+    rows = found.rows
+    assert [(row.budget, row.bounded) for row in rows] == [(0.0, True), (30.0, True), (None, True), (None, False)]
     for row in rows:
-        (run,) = row["runs"]
-        assert run["tests"] == 400
-        if row["bounded"] and run["shortfall_per_test"] is not None:
-            assert run["implausible_per_test"] == 0.0
-            assert run["log_prob_per_decision"] < 0.0
-        if row["budget"] is not None:
-            assert (run["shortfall_per_test"] or 0.0) <= row["budget"]
-    assert rows[3]["runs"][0]["implausible_per_test"] > 0.0
+        (run,) = row.runs
+        assert run.tests == 400
+        if row.bounded and run.shortfall_per_test is not None:
+            assert run.log_prob_per_decision is not None
+            assert run.implausible_per_test == 0.0
+            assert run.log_prob_per_decision < 0.0
+        if row.budget is not None:
+            assert (run.shortfall_per_test or 0.0) <= row.budget
+    unbounded = rows[3].runs[0].implausible_per_test
+    assert unbounded is not None
+    assert unbounded > 0.0
     assert load_policy(out / "30-0.safetensors").budget == 30.0
     assert load_policy(out / "bounded-0.safetensors").budget is None
     assert not load_policy(out / "unbounded-0.safetensors").bounded
     assert (out / "plausibility.png").read_bytes().startswith(b"\x89PNG")
-    assert json.loads((out / "plausibility.json").read_text(encoding="utf-8")) == found
-    natural = found["natural"]
-    assert isinstance(natural, dict)
-    assert -4.0 < natural["log_prob_per_decision"] < -1.0
-    assert natural["shortfall_per_test"] > 0.0
+    assert json.loads((out / "plausibility.json").read_text(encoding="utf-8")) == as_json(found)
+    natural = found.natural
+    assert -4.0 < natural.log_prob_per_decision < -1.0
+    assert natural.shortfall_per_test > 0.0
     text = plausibility_text(found)
     assert text.count("\n") == 4
     assert "unbounded" in text
 
 
-def test_the_curve_is_taken_up_where_it_stopped(curve: tuple[Path, dict[str, object]]) -> None:
+def timeless(found: Plausibility) -> Plausibility:
+    rows = [replace(row, runs=tuple(replace(run, seconds=0.0) for run in row.runs)) for row in found.rows]
+    return replace(found, rows=tuple(rows))
+
+
+def test_the_curve_is_taken_up_where_it_stopped(curve: tuple[Path, Plausibility]) -> None:
     out, found = curve
     (out / "30-0.json").unlink()
     times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.safetensors")}
     again = pipeline.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=1024, tests=400, resume=True)
     changed = {path.name for path in out.glob("*.safetensors") if path.stat().st_mtime_ns != times[path.name]}
     assert changed == {"30-0.safetensors"}
-    for row in (*found["rows"], *again["rows"]):  # type: ignore[misc]
-        row["runs"][0].pop("seconds", None)
-    assert again == found
+    assert timeless(again) == timeless(found)
     with pytest.raises(InputError, match="budgets"):
         pipeline.plausibility(out=out, budgets=[0.0], seeds=1, decisions=1024, tests=400, resume=True)
     with pytest.raises(OutputError, match="--resume"):

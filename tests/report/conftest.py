@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.pipeline import analyse
+from cornerforge.results import as_json
 from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Crash, Odd, Scenario
 
 ODD = Odd()
@@ -127,7 +128,7 @@ def write_run(out: Path, tests: int) -> Path:
     library = CaseLibrary.create(out / "library", IDENTITY, ODD)
     records = [case_record(s, trajectory_digest=f"{s.test:08x}") for s in scenarios]
     library.append(records, next_test=tests, tests=tests, crashes=tests)
-    result = analyse(library.path, out=out / "analysis")
+    result = as_json(analyse(library.path, out=out / "analysis"))
     write_json(out / "summary.json", _summary(tests, result))
     write_json(out / "training.json", _training())
     write_json(out / "exposure.json", _exposure(scenarios))

@@ -16,27 +16,9 @@ from cornerforge.analysis.grouping import MIN_CASES, Clock, Grouping, group_feat
 from cornerforge.analysis.kmeans import Choice
 from cornerforge.analysis.pca import Projection
 from cornerforge.errors import InputError
+from cornerforge.results import Cluster, as_json
 
 __all__ = ["MIN_CASES", "Analysis", "Cluster", "analyse"]
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """One K-means cluster of the majority or the minority.
-
-    Attributes:
-        id: From 0: the majority's clusters by size, then the minority's by size.
-        group: "majority" or "minority".
-        size: Cases in it.
-        typical: Up to three case ids, nearest to the centre first.
-        crash_types: Cases by type name, types that occur only.
-    """
-
-    id: int
-    group: str
-    size: int
-    typical: tuple[str, ...]
-    crash_types: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -99,16 +81,7 @@ class Analysis:
             "min_samples": None if self.density is None else self.density.min_samples,
             "majority": int(self.is_majority.sum()),
             "minority": int((~self.is_majority).sum()),
-            "clusters": [
-                {
-                    "id": one.id,
-                    "group": one.group,
-                    "size": one.size,
-                    "typical": list(one.typical),
-                    "crash_types": dict(one.crash_types),
-                }
-                for one in self.clusters
-            ],
+            "clusters": [as_json(one) for one in self.clusters],
             "choices": {name: choice.to_json() for name, choice in self.choices.items()},
             "rare": list(self.rare),
             "crash_types": self.crash_types.counts(),

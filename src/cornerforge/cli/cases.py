@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -26,6 +26,9 @@ from cornerforge.cli.options import (
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
 from cornerforge.cli.program import app
 from cornerforge.world_options import PLAIN_ADVERSARIES
+
+if TYPE_CHECKING:
+    from cornerforge.results import Analysed, Queried, Replayed
 
 __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "variety"]
 
@@ -59,7 +62,7 @@ def generate(
             policy=policy, cases=cases, out=out, resume=resume, acting=acting, seed=seed, threads=threads,
             progress=bars, **world,
         ),
-        lambda r: "\n".join([rate_text(r, f"{r['cases']:,} cases in {r['library']}"), *fault_text(r)]),
+        lambda r: "\n".join([rate_text(r, f"{r.cases:,} cases in {r.library}"), *fault_text(r.av_faults)]),
         as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
@@ -87,20 +90,17 @@ def analyse(
     """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        share = 100.0 * sum(r["explained_variance"])
+    def text(r: Analysed) -> str:
+        share = 100.0 * sum(r.explained_variance)
         lines = [
-            f"{r['cases']:,} cases, {len(r['features'])} features, {share:.0f} % of variance in two components; "
-            f"majority {r['majority']:,}, minority {r['minority']:,}",
-            "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r["crash_types"].items()),
+            f"{r.cases:,} cases, {len(r.features)} features, {share:.0f} % of variance in two components; "
+            f"majority {r.majority:,}, minority {r.minority:,}",
+            "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r.crash_types.items()),
         ]
-        lines += [
-            f"Cluster {c['id']} ({c['group']}, {c['size']:,} cases): typical {', '.join(c['typical'])}"
-            for c in r["clusters"]
-        ]
-        lines.append("Rare: " + (", ".join(r["rare"]) or "none"))
+        lines += [f"Cluster {c.id} ({c.group}, {c.size:,} cases): typical {', '.join(c.typical)}" for c in r.clusters]
+        lines.append("Rare: " + (", ".join(r.rare) or "none"))
         lines += judgement_text(r)
-        return "\n".join([*lines, *([r["note"]] if "note" in r else [])])
+        return "\n".join(lines if r.note is None else [*lines, r.note])
 
     run_command(
         lambda bars: pipeline.analyse(
@@ -157,13 +157,13 @@ def replay(
     """Drive a case again from its seed."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        verdict = {None: "driven again", True: "identical", False: "NOT identical"}[r["identical"]]
-        if "cases" in r:
-            differ = f"; different: {', '.join(r['differ'][:10])}" if r["differ"] else ""
-            return f"{r['cases']:,} cases: {verdict}{differ}"
-        drawn = f"; picture: {r['picture']}" if "picture" in r else ""
-        return f"Case {r['case']}: {verdict}; crash at {r['crash_time_s']} s{drawn}"
+    def text(r: Replayed) -> str:
+        verdict = {None: "driven again", True: "identical", False: "NOT identical"}[r.identical]
+        if r.cases is not None:
+            differ = f"; different: {', '.join(r.differ[:10])}" if r.differ else ""
+            return f"{r.cases:,} cases: {verdict}{differ}"
+        drawn = "" if r.picture is None else f"; picture: {r.picture}"
+        return f"Case {r.case}: {verdict}; crash at {r.crash_time_s} s{drawn}"
 
     result = run_command(
         lambda bars: pipeline.replay(
@@ -171,9 +171,9 @@ def replay(
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
-    if result["identical"] is False:
-        if "note" in result:
-            typer.echo(result["note"], err=True)
+    if result.identical is False:
+        if result.note is not None:
+            typer.echo(result.note, err=True)
         raise typer.Exit(EXIT_GATE)
 
 
@@ -193,8 +193,8 @@ def query(
     """Ask a library, or an analysis, in SQL (table `cases`, key `case_id`)."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        return "\n".join("\t".join(map(str, row)) for row in [r["columns"], *r["rows"]])
+    def text(r: Queried) -> str:
+        return "\n".join("\t".join(map(str, row)) for row in [r.columns, *r.rows])
 
     run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
 

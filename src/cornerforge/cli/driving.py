@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,6 +25,9 @@ from cornerforge.cli.options import (
 from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
 from cornerforge.cli.program import app
 from cornerforge.world_options import PLAIN_ADVERSARIES
+
+if TYPE_CHECKING:
+    from cornerforge.results import AvChecked, Simulated
 
 __all__ = ["avs", "check_av", "rate", "simulate"]
 
@@ -57,25 +60,24 @@ def simulate(
 ) -> None:
     """Drive tests and count crashes; they are stored only with --out."""
     from cornerforge import pipeline
+    from cornerforge.results import Quantity
 
     drivers = [*(bv or []), *map(str, policy or [])] or ["nde"]
 
-    def text(r: dict[str, Any]) -> str:
+    def text(r: Simulated) -> str:
         lines = [
             rate_text(r, f"{world['av']}, {' + '.join(drivers)}"),
-            f"{r['av_crashes']:,} AV crashes, {r['bv_crashes']:,} crashes between BVs; "
-            f"{speed_text(r['tests_per_second'])} tests/s, {speed_text(r['world_steps_per_second'])} world-steps/s; "
-            f"digest {r['digest'][:16]}",
-            *fault_text(r),
+            f"{r.av_crashes:,} AV crashes, {r.bv_crashes:,} crashes between BVs; "
+            f"{speed_text(r.tests_per_second)} tests/s, {speed_text(r.world_steps_per_second)} world-steps/s; "
+            f"digest {r.digest[:16]}",
+            *fault_text(r.av_faults),
         ]
-        for name, d in r.get("distributions", {}).items():
-            if isinstance(d, dict) and d.get("n"):
-                q = "  ".join(f"{v:g}" for v in d["quantiles"].values())
-                lines.append(
-                    f"{name:>14} [{d['unit']}]: mean {d['mean']:.3f}, sd {d['sd']:.3f}; 1 5 25 50 75 95 99 %: {q}"
-                )
+        for name, d in () if r.distributions is None else vars(r.distributions).items():
+            if isinstance(d, Quantity) and d.n:
+                q = "  ".join(f"{v:g}" for v in d.quantiles.values())
+                lines.append(f"{name:>14} [{d.unit}]: mean {d.mean:.3f}, sd {d.sd:.3f}; 1 5 25 50 75 95 99 %: {q}")
             else:
-                lines.append(f"{name:>14}: {d}")
+                lines.append(f"{name:>14}: {'none' if isinstance(d, Quantity) else d}")
         return "\n".join(lines)
 
     run_command(
@@ -117,7 +119,9 @@ def rate(
             method=method, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, seed=seed,
             threads=threads, progress=bars, **world,
         ),
-        lambda r: "\n".join([rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r), *crashes_text(r)]),
+        lambda r: "\n".join(
+            [rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r.av_faults), *crashes_text(r)]
+        ),
         as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
@@ -136,7 +140,7 @@ def avs(
 
     run_command(
         lambda bars: pipeline.avs(),  # noqa: ARG005
-        lambda r: "\n".join(f"{a['name']:<20}{a['about']}" for a in r["avs"]), as_json=as_json, quiet=quiet, out=out,
+        lambda r: "\n".join(f"{a.name:<20}{a.about}" for a in r.avs), as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
 
@@ -158,14 +162,14 @@ def check_av(
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        lines = [f"{c['verdict']:<5}{c['name']}: {c['found']}" for c in r["checks"]]
+    def text(r: AvChecked) -> str:
+        lines = [f"{c.verdict:<5}{c.name}: {c.found}" for c in r.checks]
         lines += [
-            f"speed, {s['worlds']:>4} worlds: {speed_text(s['calls_per_second'])} calls/s, "
-            f"{speed_text(s['decisions_per_second'])} decisions/s"
-            for s in r["speed"]
+            f"speed, {s.worlds:>4} worlds: {speed_text(s.calls_per_second)} calls/s, "
+            f"{speed_text(s.decisions_per_second)} decisions/s"
+            for s in r.speed
         ]
-        return "\n".join([f"{r['av']} ({r['kind']}, {r['hash']})", *lines])
+        return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
 
     result = run_command(
         lambda bars: pipeline.check_av(
@@ -173,5 +177,5 @@ def check_av(
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
-    if not result["passed"]:
+    if not result.passed:
         raise typer.Exit(EXIT_GATE)

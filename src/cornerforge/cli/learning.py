@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,9 @@ from cornerforge.cli.options import (
 from cornerforge.cli.output import rate_text, run_command, yield_text
 from cornerforge.cli.program import app
 from cornerforge.world_options import REWARD_NAMES
+
+if TYPE_CHECKING:
+    from cornerforge.results import Trained, TrainedAv
 
 __all__ = ["train", "train_av"]
 
@@ -53,9 +56,9 @@ def train(
     """
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
-        lines = [yield_text(r, "Adversary")] + [yield_text(b, f"{b['name']:>21}") for b in r["baselines"]]
-        return "\n".join([*lines, f"{r['decisions']:,} decisions in {r['seconds']:.0f} s; policy: {r['out']}"])
+    def text(r: Trained) -> str:
+        lines = [yield_text(r, "Adversary")] + [yield_text(b, f"{b.name:>21}") for b in r.baselines]
+        return "\n".join([*lines, f"{r.decisions:,} decisions in {r.seconds:.0f} s; policy: {r.out}"])
 
     run_command(
         lambda bars: pipeline.train(
@@ -88,12 +91,12 @@ def train_av(
     """Train an AV to drive in natural and hostile traffic."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
+    def text(r: TrainedAv) -> str:
         return "\n".join(
             [
                 rate_text(r, "Natural traffic"),
-                f"Mean speed {r['mean_speed']:.1f} m/s",
-                f"{r['decisions']:,} s of driving in {r['seconds']:.0f} s; AV: {r['out']}",
+                f"Mean speed {r.mean_speed:.1f} m/s",
+                f"{r.decisions:,} s of driving in {r.seconds:.0f} s; AV: {r.out}",
             ]
         )
 

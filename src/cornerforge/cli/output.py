@@ -6,13 +6,15 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
+
+    from cornerforge.results import Analysed, Filled, Rate, Yield
 
 __all__ = [
     "EXIT_GATE",
@@ -26,6 +28,7 @@ __all__ = [
     "yield_text",
 ]
 
+T = TypeVar("T")
 EXIT_GATE = 1
 """Exit status when a gate or a comparison failed."""
 
@@ -78,23 +81,24 @@ class Bars:
 
 
 def run_command(
-    work: Callable[[Bars], dict[str, Any]],
-    text: Callable[[dict[str, Any]], str],
+    work: Callable[[Bars], T],
+    text: Callable[[T], str],
     *,
     as_json: bool,
     quiet: bool,
     out: Path | None = None,
-) -> dict[str, Any]:
-    """Do the work with progress bars, then print its object or the text made of it.
+) -> T:
+    """Do the work with progress bars, then print its result as JSON or the text made of it.
 
     Args:
-        work: Makes the object.
+        work: Makes the result: a dataclass of `cornerforge.results`, or a dictionary that is JSON already.
         text: Makes of it what people read.
-        as_json: Print the object.
+        as_json: Print JSON.
         quiet: Print no text.
-        out: New file that the object goes to as well; for commands without output of their own.
+        out: New file that the JSON goes to as well; for commands without output of their own.
     """
     from cornerforge._jit import announce_compiling
+    from cornerforge.results import as_json as result_as_json
 
     if out is not None:
         from cornerforge.pipeline.output import check_new_file
@@ -106,12 +110,13 @@ def run_command(
             result = work(bars)
     finally:
         bars.stop()
+    content = result if isinstance(result, dict) else result_as_json(result)
     if out is not None:
         from cornerforge.pipeline.output import write_json
 
-        write_json(out, result)
+        write_json(out, content)
     if as_json:
-        typer.echo(json.dumps(result, allow_nan=False))
+        typer.echo(json.dumps(content, allow_nan=False))
     elif not quiet:
         typer.echo(text(result))
     return result
@@ -138,50 +143,51 @@ def speed_text(per_second: float) -> str:
     return f"{per_second:,.0f}" if per_second >= 10.0 else f"{per_second:.2g}"
 
 
-def rate_text(r: dict[str, Any], what: str) -> str:
-    """A rate with its interval and its tests, per test and per mile."""
-    low, high = r["interval95"]
-    interval = f"95 % interval {low:.3g} to {high:.3g}, {r['tests']:,} tests"
-    line = f"{what}: {r['crashes_per_test']:.4g} crashes per test ({interval}"
-    if r.get("crashes_per_mile") is not None:
-        line += f"), {r['crashes_per_mile']:.4g} per mile ({r['miles']:,.0f} miles"
+def rate_text(r: Rate | Filled, what: str) -> str:
+    """A rate with its interval and its tests, per test and, where it is known, per mile."""
+    from cornerforge.results import Rate
+
+    low, high = r.interval95
+    interval = f"95 % interval {low:.3g} to {high:.3g}, {r.tests:,} tests"
+    line = f"{what}: {r.crashes_per_test:.4g} crashes per test ({interval}"
+    if isinstance(r, Rate) and r.crashes_per_mile is not None:
+        line += f"), {r.crashes_per_mile:.4g} per mile ({r.miles:,.0f} miles"
     return line + ")"
 
 
-def yield_text(r: dict[str, Any], what: str) -> str:
+def yield_text(r: Yield, what: str) -> str:
     """The same of an adversary, with what braking would have avoided and in how many crashes the AV struck."""
-    low, high = r["avoidable_interval95"]
-    line = f"{rate_text(r, what)}, {r['avoidable_per_test']:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
-    share = r["striking_share"]
+    low, high = r.avoidable_interval95
+    line = f"{rate_text(r, what)}, {r.avoidable_per_test:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
+    share = r.striking_share
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
 
 
-def judgement_text(r: dict[str, Any]) -> list[str]:
+def judgement_text(r: Analysed) -> list[str]:
     """Fault, avoidability, coverage and the most valuable cases of an analysis."""
-    lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r["fault"].items())]
-    if r["avoidability"] is not None:
-        seen = r["avoidability"]
-        low, high = seen["interval95"]
-        labels = ", ".join(f"{label} {n:,}" for label, n in seen["labels"].items() if n)
+    lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
+    if r.avoidability is not None:
+        seen = r.avoidability
+        low, high = seen.interval95
+        labels = ", ".join(f"{label} {n:,}" for label, n in seen.labels.items() if n)
         lines.append(
-            f"Avoidable: {100.0 * seen['avoidable_share']:.1f} % (95 % interval {100.0 * low:.1f} to "
-            f"{100.0 * high:.1f} %, {seen['cases']:,} cases): {labels}"
+            f"Avoidable: {100.0 * seen.avoidable_share:.1f} % (95 % interval {100.0 * low:.1f} to "
+            f"{100.0 * high:.1f} %, {seen.cases:,} cases): {labels}"
         )
-    cover = r["coverage"]
-    low, high = cover["unseen_kind_interval95"]
+    cover = r.coverage
+    low, high = cover.unseen_kind_interval95
     lines.append(
-        f"Kinds: {len(cover['cells'])} seen, {len(cover['empty'])} cells empty; chance that the next case is of a new "
-        f"kind {cover['unseen_kind_chance']:.2g} (95 % interval {low:.2g} to {high:.2g})"
+        f"Kinds: {len(cover.cells)} seen, {len(cover.empty)} cells empty; chance that the next case is of a new "
+        f"kind {cover.unseen_kind_chance:.2g} (95 % interval {low:.2g} to {high:.2g})"
     )
-    if r["value"]["top"]:
+    if r.value.top:
         lines.append("Worth a look first (value: case: what happened):")
-        lines += [f"  {one['value']:.2f}: {one['case_id']}: {one['text']}" for one in r["value"]["top"]]
+        lines += [f"  {one.value:.2f}: {one.case_id}: {one.text}" for one in r.value.top]
     return lines
 
 
-def fault_text(r: dict[str, Any]) -> list[str]:
+def fault_text(av_faults: int) -> list[str]:
     """A line on tests that the AV spoiled, if it did."""
-    n = r.get("av_faults", 0)
-    if n == 0:
+    if av_faults == 0:
         return []
-    return [f"{n:,} tests left out, because the AV raised, hung or gave no usable answer in them."]
+    return [f"{av_faults:,} tests left out, because the AV raised, hung or gave no usable answer in them."]

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cornerforge.cli.options import Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
 from cornerforge.cli.output import rate_text, run_command
 from cornerforge.cli.program import app
+
+if TYPE_CHECKING:
+    from cornerforge.results import RunDone
 
 __all__ = ["reproduce", "run"]
 
@@ -34,15 +37,15 @@ def run(
     """Do the whole job: natural baseline, training, cases, analysis, report."""
     from cornerforge import pipeline
 
-    def text(r: dict[str, Any]) -> str:
+    def text(r: RunDone) -> str:
         return "\n".join(
             [
-                rate_text(r["nde"], "Natural traffic"),
-                rate_text(r["train"], "Adversary"),
-                f"{r['generate']['cases']:,} cases in {r['generate']['library']}; "
-                f"{len(r['analyse']['clusters'])} clusters, {len(r['analyse']['rare'])} rare cases; "
-                f"{r['seconds']:.0f} s",
-                f"Report: {r['report']}",
+                rate_text(r.nde, "Natural traffic"),
+                rate_text(r.train, "Adversary"),
+                f"{r.generate.cases:,} cases in {r.generate.library}; "
+                f"{len(r.analyse.clusters)} clusters, {len(r.analyse.rare)} rare cases; "
+                f"{r.seconds:.0f} s",
+                f"Report: {r.report}",
             ]
         )
 

@@ -18,6 +18,7 @@ from cornerforge.pipeline.output import open_output, provenance, write_json, wri
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
 from cornerforge.rates.intervals import binomial_interval
+from cornerforge.results import Analysed, as_json, from_json
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -42,7 +43,7 @@ def analyse(
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> Analysed:
     """Analyse a library (paper, "Corner case analysis"), and judge its cases: measures, fault, avoidability, value.
 
     Args:
@@ -59,7 +60,7 @@ def analyse(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge analyse --json` prints.
+        What `cornerforge analyse --json` prints: clusters, typical and rare cases, ways out, faults, values.
 
     Raises:
         CornerForgeError: The library cannot be read or is empty, or an argument is out of range.
@@ -86,15 +87,15 @@ def analyse(
     ids, history = cases.history()
     length, width = cases.sizes()
     found = analyse_history(ids, history, steps=steps, seed=seed, vehicle_length=length, vehicle_width=width)
-    summary = found.to_json()
+    told = found.to_json()
     drawn = _draw(found.case_ids, looks, seed)
     chosen = drawn | _outstanding(found) if looks != 0 else drawn
-    table, witnesses, value = _judge(cases, found, chosen, reaction, n_threads, progress, summary["seconds"])
-    summary |= _summary(cases, found, table, drawn, value, reaction)
+    table, witnesses, value = _judge(cases, found, chosen, reaction, n_threads, progress, told["seconds"])
+    analysed = from_json(Analysed, told | _judged(cases, found, table, drawn, value, reaction))
     if out is not None:
-        _write(Path(out), summary, found, table, witnesses)
-        write_json(Path(out) / "provenance.json", provenance(identity, round(summary["seconds"]["total"], 3)))
-    return summary
+        _write(Path(out), analysed, found, table, witnesses)
+        write_json(Path(out) / "provenance.json", provenance(identity, round(analysed.seconds["total"], 3)))
+    return analysed
 
 
 def _looks(avoidability: int | str) -> int | None:
@@ -168,10 +169,10 @@ def _judge(
     return table, pa.concat_tables([part.witnesses for part in parts]), value
 
 
-def _summary(
+def _judged(
     cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], value: Value, reaction: float
 ) -> dict[str, Any]:
-    """The keys that judging adds to the summary of an analysis."""
+    """What judging adds to the keys of an analysis."""
     from cornerforge.analysis.coverage import coverage_of
 
     is_drawn = np.array([case in drawn for case in found.case_ids], np.bool_)
@@ -266,7 +267,7 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> 
     return top
 
 
-def _write(out: Path, summary: dict[str, Any], found: Analysis, table: pa.Table, witnesses: pa.Table) -> None:
+def _write(out: Path, analysed: Analysed, found: Analysis, table: pa.Table, witnesses: pa.Table) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -275,7 +276,7 @@ def _write(out: Path, summary: dict[str, Any], found: Analysis, table: pa.Table,
     for field in table.schema:
         if field.name != "case_id":
             everything = everything.append_column(field, table.column(field.name))
-    write_json(out / "analysis.json", summary)
+    write_json(out / "analysis.json", as_json(analysed))
     for name, content in (("points", points), ("cases", everything), ("witnesses", witnesses)):
         # An open file: Arrow takes a path like run-10:30 for an address, and ~ for the home.
         with writing(out / f"{name}.parquet") as part, part.open("wb") as file:

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from cornerforge.drivers.avs import AVS
+from cornerforge.results import AvAbout, Avs
 
 __all__ = ["avs"]
 
 
-def avs() -> dict[str, Any]:
-    """List the built-in AVs.
-
-    Returns:
-        The object that `cornerforge avs --json` prints: `avs`, each with `name` and `about`.
-    """
-    return {"avs": [{"name": model.name, "about": model.about} for model in AVS.values()]}
+def avs() -> Avs:
+    """List the built-in AVs, as `cornerforge avs --json` prints them."""
+    return Avs(avs=tuple(AvAbout(name=model.name, about=model.about) for model in AVS.values()))

@@ -25,6 +25,7 @@ from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.picture import check_picture, write_picture
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.results import Queried, Replayed
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import ScriptDriver
 from cornerforge.types import Scenario
@@ -109,7 +110,7 @@ def replay(
     picture: Path | str | None = None,
     av_timeout: float = DEFAULT_TIMEOUT,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> Replayed:
     """Drive a case again from its seed, or by its script (`shrink` makes such cases).
 
     Args:
@@ -121,8 +122,7 @@ def replay(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge replay --json` prints; `identical` is None unless checked. For "all" also `cases`
-        and the ids that `differ`; with a picture, its place as `picture`.
+        What `cornerforge replay --json` prints.
 
     Raises:
         CornerForgeError: No such case, the library, its policy or model cannot be read, or there can be no picture.
@@ -151,18 +151,16 @@ def replay(
         progress("replay", done + 1, len(ids))
         if picture is not None:
             write_picture(driven, Path(picture))
-    summary: dict[str, Any] = {
-        "case": case,
-        "crash_time_s": crash_time if case != "all" else None,
-        "identical": not differ if check else None,
-    }
-    if case == "all":
-        summary |= {"cases": len(ids), "differ": differ}
-    if note is not None:
-        summary["note"] = note
-    if picture is not None:
-        summary["picture"] = str(picture)
-    return summary
+    is_all = case == "all"
+    return Replayed(
+        case=case,
+        crash_time_s=None if is_all else crash_time,
+        identical=not differ if check else None,
+        cases=len(ids) if is_all else None,
+        differ=tuple(differ) if is_all else None,
+        note=note,
+        picture=None if picture is None else str(picture),
+    )
 
 
 def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str | None:
@@ -177,7 +175,7 @@ def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str
     return None
 
 
-def query(library: Path | str, sql: str) -> dict[str, Any]:
+def query(library: Path | str, sql: str) -> Queried:
     """SQL over a library, or over the cases of an analysis (table `cases`, key `case_id`), read only.
 
     Args:
@@ -194,7 +192,7 @@ def query(library: Path | str, sql: str) -> dict[str, Any]:
     else:
         _point_below(folder)
         columns, rows = CaseLibrary.open(folder).query(sql)
-    return {"columns": columns, "rows": [[_plain(value) for value in row] for row in rows]}
+    return Queried(columns=tuple(columns), rows=tuple(tuple(_plain(value) for value in row) for row in rows))
 
 
 def _point_below(folder: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from cornerforge.foreign.session import context_of
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_av_timeout, experiment, road_of
+from cornerforge.results import AvCheck, AvChecked, AvSpeed
 from cornerforge.types import Odd
 from cornerforge.world_options import AvKeywords, WorldOptions
 
@@ -37,12 +38,12 @@ class _Bench:
         self._spec, self._odd, self._seed, self._timeout = spec, odd, seed, timeout
         self._process: AvProcess | None = None
         self._batch = 0
-        self.checks: list[dict[str, str]] = []
+        self.checks: list[AvCheck] = []
         self.about: dict[str, str] = {}
 
     def note(self, name: str, verdict: str, found: str) -> None:
         """Add a line to the list."""
-        self.checks.append({"name": name, "verdict": verdict, "found": found})
+        self.checks.append(AvCheck(name=name, verdict=verdict, found=found))
 
     def process(self, batch: int) -> AvProcess:
         """The AV set up for so many worlds."""
@@ -84,7 +85,7 @@ def check_av(
     seed: int = 0,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
-) -> dict[str, Any]:
+) -> AvChecked:
     """Try an AV on edge cases, ask whether its answers repeat, and measure its speed.
 
     Args:
@@ -95,8 +96,7 @@ def check_av(
             see `WorldOptions`.
 
     Returns:
-        `av`, `kind`, `hash`, `checks` (each with `name`, `verdict` "ok", "warn" or "FAIL", and `found`), `passed` (none
-        failed), and `speed`: calls and decisions per second for 1, 64 and 256 worlds, the way to its process included.
+        What `cornerforge check-av --json` prints: what each trial found, and the AV's speed.
 
     Raises:
         CornerForgeError: It is no AV, or fails at once.
@@ -111,12 +111,12 @@ def check_av(
     bench = _Bench(av, road, seed, av_timeout)
     try:
         bench.process(_BATCH)
-        speed: list[dict[str, Any]] = []
+        speed: tuple[AvSpeed, ...] = ()
         bench.note("loads", _OK, "it can be made and set up")
         for k, name in enumerate(EDGE_CASES):
             progress("edge cases", k, len(EDGE_CASES))
             _try_edge_case(bench, name, road)
-        if all(check["verdict"] != _FAIL for check in bench.checks):
+        if all(check.verdict != _FAIL for check in bench.checks):
             progress("repeats", 0, 1)
             _try_repeats(bench, road, seed)
             progress("speed", 0, 1)
@@ -124,13 +124,14 @@ def check_av(
     finally:
         bench.close()
     _drive(bench, options, tests, seed, progress)
-    return {
-        "av": av,
-        **bench.about,
-        "checks": bench.checks,
-        "passed": all(check["verdict"] != _FAIL for check in bench.checks),
-        "speed": speed,
-    }
+    return AvChecked(
+        av=av,
+        kind=bench.about["kind"],
+        hash=bench.about["hash"],
+        checks=tuple(bench.checks),
+        passed=all(check.verdict != _FAIL for check in bench.checks),
+        speed=speed,
+    )
 
 
 def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
@@ -198,15 +199,15 @@ def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
             bench.note(name, _FAIL, f"answers differ by up to {difference:.3g}: worlds have an influence on each other")
 
 
-def _speeds(bench: _Bench, odd: Odd, seed: int) -> list[dict[str, Any]]:
+def _speeds(bench: _Bench, odd: Odd, seed: int) -> tuple[AvSpeed, ...]:
     try:
-        return [_speed(bench, odd, seed, batch) for batch in _SPEED_BATCHES]
+        return tuple(_speed(bench, odd, seed, batch) for batch in _SPEED_BATCHES)
     except AvFailureError as failure:
         bench.note("speed", _FAIL, f"it {failure}")
-        return []
+        return ()
 
 
-def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> dict[str, Any]:
+def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> AvSpeed:
     view = random_views(np.random.default_rng(seed), (1, batch), odd)
     bench.answers(view)
     process, none = bench.process(batch), np.zeros(0, dtype=np.int64)
@@ -214,11 +215,11 @@ def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> dict[str, Any]:
     while (seconds := time.perf_counter() - start) < _SPEED_SECONDS:
         process.act(view[0], none, none)
         calls += 1
-    return {
-        "worlds": batch,
-        "calls_per_second": round(calls / seconds, 1),
-        "decisions_per_second": round(calls * batch / seconds, 1),
-    }
+    return AvSpeed(
+        worlds=batch,
+        calls_per_second=round(calls / seconds, 1),
+        decisions_per_second=round(calls * batch / seconds, 1),
+    )
 
 
 def _drive(bench: _Bench, world: WorldOptions, tests: int, seed: int, progress: Progress) -> None:

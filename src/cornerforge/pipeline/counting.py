@@ -9,6 +9,7 @@ from cornerforge.errors import AvFaultError
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.rates import binomial_interval
+from cornerforge.results import Distributions, Quantity, Rate, Simulated, from_json
 from cornerforge.sim import statistics
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.runner import simulate as drive
@@ -17,57 +18,57 @@ from cornerforge.types import METRES_PER_MILE
 __all__ = ["check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
 
 
-def rate_summary(crashes: int, tests: int, miles: float) -> dict[str, Any]:
+def rate_summary(crashes: int, tests: int, miles: float) -> Rate:
     """A crash rate with its units, its n and its exact 95 % intervals, per test and per mile."""
     low, high = binomial_interval(crashes, tests)
     per_mile = tests / miles if miles > 0.0 else None
-    return {
-        "tests": tests,
-        "crashes_per_test": crashes / tests,
-        "interval95": [low, high],
-        "crashes_per_mile": None if per_mile is None else crashes / tests * per_mile,
-        "interval95_per_mile": None if per_mile is None else [low * per_mile, high * per_mile],
-        "miles": miles,
-    }
+    return Rate(
+        tests=tests,
+        crashes_per_test=crashes / tests,
+        interval95=(low, high),
+        crashes_per_mile=None if per_mile is None else crashes / tests * per_mile,
+        interval95_per_mile=None if per_mile is None else (low * per_mile, high * per_mile),
+        miles=miles,
+    )
 
 
-def distributions_of(counts: statistics.Counts) -> dict[str, Any]:
-    """The object `distributions` of `simulate --stats`."""
-    summaries: dict[str, Any] = {
-        grid.name: {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
+def distributions_of(counts: statistics.Counts) -> Distributions:
+    """What the traffic of BVs was like, from its counts."""
+    quantities: dict[str, Any] = {
+        grid.name: from_json(
+            Quantity, {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
+        )
         for row, grid in enumerate(statistics.TRAFFIC)
     }
     totals = counts.totals
-    following = int(totals[statistics.FOLLOWING_STATES])
+    following, states = int(totals[statistics.FOLLOWING_STATES]), int(totals[statistics.BV_STATES])
     miles = int(totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
-    summaries["ttc_share_below"] = {
-        f"{limit:g}": int(totals[statistics.TTC_BELOW + k]) / following if following else None
-        for k, limit in enumerate(statistics.TTC_LIMITS)
-    }
-    summaries["following_share"] = (
-        following / int(totals[statistics.BV_STATES]) if totals[statistics.BV_STATES] else None
+    return Distributions(
+        **quantities,
+        ttc_share_below={
+            f"{limit:g}": int(totals[statistics.TTC_BELOW + k]) / following if following else None
+            for k, limit in enumerate(statistics.TTC_LIMITS)
+        },
+        following_share=following / states if states else None,
+        lane_changes_per_mile=int(totals[statistics.LANE_CHANGES]) / miles if miles else None,
+        bv_miles=miles,
     )
-    summaries["lane_changes_per_mile"] = int(totals[statistics.LANE_CHANGES]) / miles if miles else None
-    summaries["bv_miles"] = miles
-    return summaries
 
 
-def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> dict[str, Any]:
-    """The JSON object of `simulate`."""
-    summary = rate_summary(tally.av_crashes, tally.tests, tally.miles)
-    summary |= {
-        "av_crashes": tally.av_crashes,
-        "av_faults": tally.av_faults,
-        "bv_crashes": tally.bv_crashes,
-        "seconds": round(seconds, 3),
-        "world_steps": tally.decisions,
-        "world_steps_per_second": round(tally.decisions / seconds, 2),
-        "tests_per_second": round(tally.tests / seconds, 4),
-        "digest": tally.digest.hexdigest(),
-    }
-    if with_distributions:
-        summary["distributions"] = distributions_of(tally.counts)
-    return summary
+def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> Simulated:
+    """The result of `simulate`."""
+    return Simulated(
+        **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
+        av_crashes=tally.av_crashes,
+        av_faults=tally.av_faults,
+        bv_crashes=tally.bv_crashes,
+        seconds=round(seconds, 3),
+        world_steps=tally.decisions,
+        world_steps_per_second=round(tally.decisions / seconds, 2),
+        tests_per_second=round(tally.tests / seconds, 4),
+        digest=tally.digest.hexdigest(),
+        distributions=distributions_of(tally.counts) if with_distributions else None,
+    )
 
 
 def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:

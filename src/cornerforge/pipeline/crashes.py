@@ -12,6 +12,7 @@ from cornerforge.analysis.mechanism import MECHANISMS, crash_types_of, mechanism
 from cornerforge.foreign.recorder import ScriptedSeconds
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates.attention import action_chances, oversight
+from cornerforge.results import CrashCircumstances
 from cornerforge.types import Scenario
 
 __all__ = ["CrashStudy", "NaturalCrashes", "crash_tables"]
@@ -84,7 +85,7 @@ class NaturalCrashes:
 
 
 def crash_tables(studies: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Counts over crashes, zeros included: `crash_types`, `mechanisms`, and `crash_circumstances` (these overlap).
+    """Fields of `NaturalRate`: counts over crashes by `crash_types`, `mechanisms` and `crash_circumstances`.
 
     Args:
         studies: `CrashStudy.columns` of each crash.
@@ -94,7 +95,9 @@ def crash_tables(studies: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
         "mechanisms": {name: mechanisms[name] for name in MECHANISMS},
-        "crash_circumstances": {
-            name: sum(bool(row[name]) for row in rows) for name in ("at_start", "rare_action", "overlooked")
-        },
+        "crash_circumstances": CrashCircumstances(
+            at_start=sum(bool(row["at_start"]) for row in rows),
+            rare_action=sum(bool(row["rare_action"]) for row in rows),
+            overlooked=sum(bool(row["overlooked"]) for row in rows),
+        ),
     }

@@ -7,8 +7,9 @@ import time
 from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 import pyarrow as pa
@@ -26,6 +27,7 @@ from cornerforge.pipeline.output import code_hash, provenance, version, write_js
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
+from cornerforge.results import Filled, Simulated
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
 from cornerforge.sim.setting import NOBODY
@@ -243,7 +245,7 @@ def fill_library(
     stage: str = "generate",
     counting: bool = False,
     tally: Tally | None = None,
-) -> dict[str, Any]:
+) -> Filled:
     """Drive tests 0, 1, 2, ... of a seed and store every AV crash, until there are enough cases or tests.
 
     Args:
@@ -316,33 +318,32 @@ def _fill(
         )
 
 
-def _library_summary(library: CaseLibrary, seconds: float) -> dict[str, Any]:
-    """The object of `generate`: cases, and crashes per test of all tests that were driven for them."""
-    low, high = binomial_interval(library.crashes, library.tests)
-    return {
-        "cases": len(library),
-        "tests": library.tests,
-        "av_crashes": library.crashes,
-        "av_faults": library.next_test - library.tests,
-        "crashes_per_test": library.crashes / library.tests,
-        "interval95": [low, high],
-        "seconds": round(seconds, 3),
-        "library": str(library.path),
-    }
+def _library_summary(library: CaseLibrary, seconds: float) -> Filled:
+    """The result of `generate`: cases, and crashes per test of all tests that were driven for them."""
+    return Filled(
+        cases=len(library),
+        tests=library.tests,
+        av_crashes=library.crashes,
+        av_faults=library.next_test - library.tests,
+        crashes_per_test=library.crashes / library.tests,
+        interval95=binomial_interval(library.crashes, library.tests),
+        seconds=round(seconds, 3),
+        library=str(library.path),
+    )
 
 
 def store_tests(
     run: Experiment, out: Path, *, tests: int, seed: int, threads: int | None, counting: bool, resume: bool,
     progress: Progress,
-) -> dict[str, Any]:  # fmt: skip
+) -> Simulated:  # fmt: skip
     """`simulate --out`: drive each test once, count it and store its crash."""
     tally = Tally()
     filled = fill_library(
         run, out, seed=seed, tests=tests, threads=threads, resume=resume, progress=progress, stage="store",
         counting=counting, tally=tally,
     )  # fmt: skip
-    summary = tally_summary(tally, filled["seconds"], with_distributions=counting)
-    return {**summary, "cases": filled["cases"], "library": str(out)}
+    counted = tally_summary(tally, filled.seconds, with_distributions=counting)
+    return replace(counted, cases=filled.cases, library=str(out))
 
 
 def generate(
@@ -356,7 +357,7 @@ def generate(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[WorldKeywords],
-) -> dict[str, Any]:
+) -> Filled:
     """Fill a case library with crashes that an adversary makes.
 
     Args:
@@ -372,7 +373,7 @@ def generate(
         world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge generate --json` prints.
+        What `cornerforge generate --json` prints: cases, and the crashes of all tests that were driven for them.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.

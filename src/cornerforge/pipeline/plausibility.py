@@ -20,6 +20,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
 from cornerforge.rates import binomial_interval
+from cornerforge.results import NaturalPlausibility, Plausibility, PlausibilityRow, PlausibilityRun, as_json, from_json
 from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import allocate_decisions, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
@@ -44,7 +45,7 @@ def plausibility(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
-) -> dict[str, Any]:
+) -> Plausibility:
     """Train one adversary per budget and training seed, with no budget (the paper's mask), and with no mask at all.
 
     Args:
@@ -60,12 +61,7 @@ def plausibility(
         world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge plausibility --json` prints. `rows`: one per budget, from the tightest to no budget
-        (None, `bounded` true) and no mask (None, false), each with `runs` (one per training seed: `crashes_per_test`,
-        `interval95`, where they are counted `avoidable_per_test`, and, over the test's controlled decisions of all
-        crashes, `log_prob_per_decision` (None where an action was impossible), `implausible_per_test`, and
-        `shortfall_per_test` of the other decisions). `natural`: log-probability per decision and shortfall per test of
-        natural drivers, likewise.
+        What `cornerforge plausibility --json` prints: a row for each budget, and natural drivers.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
@@ -100,13 +96,13 @@ def plausibility(
     rows = []
     for budget, bounded in masks:
         run = experiment(options, bv="uniform", bounded=bounded, budget=budget)
-        runs = [
+        runs = tuple(
             _one(folder, run, config, seed + k, seed, tests, n_threads, progress, options)
             for k in range(seeds)
-        ]  # fmt: skip
-        rows.append({"budget": budget, "bounded": bounded, "runs": runs})
-    result = {"rows": rows, "natural": _natural(natural, seed), "out": str(folder), "tests": tests}
-    write_json(folder / "plausibility.json", result)
+        )  # fmt: skip
+        rows.append(PlausibilityRow(budget=budget, bounded=bounded, runs=runs))
+    result = Plausibility(rows=tuple(rows), natural=_natural(natural, seed), out=str(folder), tests=tests)
+    write_json(folder / "plausibility.json", as_json(result))
     _draw(folder / "plausibility.png", result)
     write_json(folder / "provenance.json", provenance(identity, 0.0))
     return result
@@ -115,24 +111,24 @@ def plausibility(
 def _one(
     folder: Path, run: Experiment, config: TrainConfig, train_seed: int, seed: int, tests: int, threads: int,
     progress: Progress, world: WorldOptions,
-) -> dict[str, Any]:  # fmt: skip
+) -> PlausibilityRun:  # fmt: skip
     """Train and measure one policy; kept in a file of its own."""
     mask = "unbounded" if not run.bounded else "bounded" if run.budget is None else f"{run.budget:g}"
     done = folder / f"{mask}-{train_seed}.json"
     if done.exists():
-        return read_json_file(done)
+        return from_json(PlausibilityRun, read_json_file(done))
     policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
     save_policy(policy, folder / f"{mask}-{train_seed}.safetensors")
     hostile = experiment(world, policy=policy)
-    found = {
-        "train_seed": train_seed,
-        "decisions": result.decisions,
-        "seconds": round(result.seconds, 3),
-        "policy_hash": policy_hash(policy),
-        **evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress),
+    found = PlausibilityRun(
+        train_seed=train_seed,
+        decisions=result.decisions,
+        seconds=round(result.seconds, 3),
+        policy_hash=policy_hash(policy),
+        **vars(evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)),
         **_likelihood(hostile, tests, seed, threads, progress),
-    }
-    write_json(done, found)
+    )
+    write_json(done, as_json(found))
     return found
 
 
@@ -154,7 +150,7 @@ def _likelihood(run: Experiment, tests: int, seed: int, threads: int, progress: 
     }
 
 
-def _natural(run: Experiment, seed: int) -> dict[str, float]:
+def _natural(run: Experiment, seed: int) -> NaturalPlausibility:
     """The same of natural drivers: the BV nearest to the AV in each second, over whole tests."""
     setting, slots = run.setting, run.slots
     world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
@@ -170,31 +166,26 @@ def _natural(run: Experiment, seed: int) -> dict[str, float]:
         # A natural driver may overlook a neighbour, which is impossible for an attentive one.
         falls = decisions.shortfall[:n]
         shortfall += float(falls[np.isfinite(falls)].sum())
-    return {
-        "tests": _NATURAL_TESTS,
-        "log_prob_per_decision": log_prob / count,
-        "shortfall_per_test": shortfall / _NATURAL_TESTS,
-    }
+    return NaturalPlausibility(
+        tests=_NATURAL_TESTS,
+        log_prob_per_decision=log_prob / count,
+        shortfall_per_test=shortfall / _NATURAL_TESTS,
+    )
 
 
-def _worst(row: dict[str, Any], name: str) -> float | None:
-    values = [run.get(name) for run in row["runs"]]
-    return None if any(value is None for value in values) else min(values)
+def _mask_name(row: PlausibilityRow) -> str:
+    if row.budget is not None:
+        return f"{row.budget:g}"
+    return "mask only" if row.bounded else "unbounded"
 
 
-def _mask_name(row: dict[str, Any]) -> str:
-    if row["budget"] is not None:
-        return f"{row['budget']:g}"
-    return "mask only" if row["bounded"] else "unbounded"
-
-
-def _draw(path: Path, result: dict[str, Any]) -> None:
+def _draw(path: Path, result: Plausibility) -> None:
     """Yield of every policy with its exact interval, log scale, from the tightest budget to none.
 
     Where there was no crash at all only the upper end is drawn.
     """
     figure, (panel,) = new_figure(1, 1, 7.2, 4.4)
-    rows = result["rows"]
+    rows = result.rows
     for share, (name, ends, label, colour, marker) in enumerate(
         (
             ("crashes_per_test", "interval95", "crashes", BLUE, "o"),
@@ -202,7 +193,7 @@ def _draw(path: Path, result: dict[str, Any]) -> None:
         )
     ):
         for place, row in enumerate(rows):
-            known = [(run[name], *run[ends]) for run in row["runs"] if run.get(name) is not None]
+            known = [(getattr(run, name), *getattr(run, ends)) for run in row.runs]
             for k, (value, low, high) in enumerate(known):
                 x = place - 0.3 + (share + (k + 0.5) / len(known)) * 0.3
                 panel.plot([x, x], [low if value else high, high], color=colour, linewidth=1.2)
@@ -213,7 +204,7 @@ def _draw(path: Path, result: dict[str, Any]) -> None:
     panel.set_yscale("log")
     panel.set_ylim(top=1.2)
     panel.set_xticks(range(len(rows)), [_mask_name(row) for row in rows])
-    spent = result["natural"]["shortfall_per_test"]
+    spent = result.natural.shortfall_per_test
     panel.set_xlabel(f"likelihood budget of a test [nats]; natural drivers spend {spent:.1f} on average", fontsize=9)
     panel.set_ylabel("per test, 95 % interval, each training seed", fontsize=9)
     panel.legend(fontsize=8)
@@ -221,25 +212,26 @@ def _draw(path: Path, result: dict[str, Any]) -> None:
         part.write_bytes(png_of(figure))
 
 
-def plausibility_text(result: dict[str, Any]) -> str:
+def plausibility_text(result: Plausibility) -> str:
     """One line per budget, with the worst seed's lower limit."""
+    natural = result.natural
     lines = [
-        f"natural drivers: {result['natural']['log_prob_per_decision']:.2f} nats per decision, shortfall "
-        f"{result['natural']['shortfall_per_test']:.1f} nats per test"
+        f"natural drivers: {natural.log_prob_per_decision:.2f} nats per decision, shortfall "
+        f"{natural.shortfall_per_test:.1f} nats per test"
     ]
-    for row in result["rows"]:
-        budget = "no budget" if row["budget"] is None else f"{row['budget']:g} nats"
-        name = budget if row["bounded"] else "unbounded"
-        rate = min(row["runs"], key=lambda run: run["crashes_per_test"])
-        low = binomial_interval(round(rate["crashes_per_test"] * rate["tests"]), rate["tests"])[0]
-        line = f"{name:>10}: {rate['crashes_per_test']:.4f} crashes per test "
-        line += f"(worst of {len(row['runs'])}; at least {low:.4f})"
-        if (avoidable := _worst(row, "avoidable_per_test")) is not None:
-            line += f", {avoidable:.4f} avoidable"
-        if (log_prob := _worst(row, "log_prob_per_decision")) is not None:
-            line += f"; {log_prob:.2f} nats per decision"
-        if rate["shortfall_per_test"] is not None:
-            line += f", shortfall {rate['shortfall_per_test']:.1f} per crash"
-            line += f", {rate['implausible_per_test']:.1f} impossible decisions per crash"
+    for row in result.rows:
+        budget = "no budget" if row.budget is None else f"{row.budget:g} nats"
+        name = budget if row.bounded else "unbounded"
+        rate = min(row.runs, key=lambda run: run.crashes_per_test)
+        low = binomial_interval(round(rate.crashes_per_test * rate.tests), rate.tests)[0]
+        line = f"{name:>10}: {rate.crashes_per_test:.4f} crashes per test "
+        line += f"(worst of {len(row.runs)}; at least {low:.4f})"
+        line += f", {min(run.avoidable_per_test for run in row.runs):.4f} avoidable"
+        known = [run.log_prob_per_decision for run in row.runs if run.log_prob_per_decision is not None]
+        if len(known) == len(row.runs):
+            line += f"; {min(known):.2f} nats per decision"
+        if rate.shortfall_per_test is not None:
+            line += f", shortfall {rate.shortfall_per_test:.1f} per crash"
+            line += f", {rate.implausible_per_test:.1f} impossible decisions per crash"
         lines.append(line)
     return "\n".join(lines)

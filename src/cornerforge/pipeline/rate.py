@@ -25,6 +25,7 @@ from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block
+from cornerforge.results import BvMilesEstimate, NaturalRate, as_json
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["rate"]
@@ -84,7 +85,7 @@ class _Keeper:
             self._library.finish()
 
     def tables(self, tests: int) -> dict[str, Any]:
-        """Crash types, mechanisms and circumstances of the crashes in tests 0 .. `tests` - 1."""
+        """Fields of `NaturalRate`: `crash_tables` of the crashes in tests 0 .. `tests` - 1."""
         rows = self._studies
         if self._library is not None:
             rows = self._library.scalars(_COLUMNS).to_pylist() if len(self._library) else []
@@ -151,7 +152,7 @@ class _Session:
         now = self.counts.tests + done
         self._progress(f"rate ({self.counts.av_crashes + crashes} crashes)", now, max(total, now))
 
-    def store(self, state: str) -> dict[str, Any]:
+    def store(self, state: str) -> NaturalRate:
         """Bring library and `rate.json` up to the counts; returns the summary. `state` says why it is done now."""
         # on the way no bar of its own: a long run would leave hundreds of them
         self._keeper.catch_up(self.counts, NO_PROGRESS if state == "running" else self._progress)
@@ -168,9 +169,9 @@ class _Session:
         if state not in ("running", "interrupted"):
             self._keeper.finish()
         tables = self._keeper.tables(self.counts.tests)
-        summary = {**_summary(self._run, self.counts, self._travel, self._method), "state": state, **tables}
+        summary = _summary(self._run, self.counts, self._travel, self._method, state, tables)
         if self._out is not None:
-            write_json(self._out / "rate.json", summary)
+            write_json(self._out / "rate.json", as_json(summary))
         return summary
 
 
@@ -185,7 +186,7 @@ def rate(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
-) -> dict[str, Any]:
+) -> NaturalRate:
     """The AV's natural crash rate in 400 m tests, without bias.
 
     Args:
@@ -200,7 +201,7 @@ def rate(
         world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge rate --json` prints.
+        What `cornerforge rate --json` prints: the rate, its precision and cost, and what kinds of crash there were.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
@@ -226,33 +227,36 @@ def rate(
                 session.store("interrupted")
         raise
     if folder is not None:
-        write_json(folder / "provenance.json", provenance(identity, summary["seconds"]))
+        write_json(folder / "provenance.json", provenance(identity, summary.seconds))
     return summary
 
 
-def _summary(run: Experiment, counts: MonteCarlo, travel: BvTravel, method: str) -> dict[str, Any]:
+def _summary(
+    run: Experiment, counts: MonteCarlo, travel: BvTravel, method: str, state: str, tables: dict[str, Any]
+) -> NaturalRate:
     bv_miles = travel.miles_per_test * counts.valid_tests
-    per_mile = None if bv_miles == 0.0 else counts.bv_crashes / bv_miles
-    interval = None if bv_miles == 0.0 else [bound / bv_miles for bound in poisson_interval(counts.bv_crashes)]
-    return {
-        "method": method,
-        "av": run.av.name,
-        "odd": run.odd.name,
-        "lanes": run.odd.n_lanes,
-        **rate_summary(counts.av_crashes, counts.valid_tests, counts.miles),
-        "relative_half_width": counts.half_width(),
-        "av_crashes": counts.av_crashes,
-        "av_faults": counts.av_faults,
-        "bv_crashes": counts.bv_crashes,
-        "bv_crashes_per_test": counts.bv_crashes / counts.valid_tests,
-        "bv_crashes_per_bv_mile": per_mile,
-        "interval95_bv_crashes_per_bv_mile": interval,
-        "bv_miles": bv_miles,
-        "bv_miles_estimate": {"tests": travel.tests, "relative_error": travel.relative_error},
-        "effective_sample_size": counts.valid_tests,
-        "acceleration": 1.0,
-        "seconds": round(counts.seconds, 3),
-        "cpu_seconds": round(counts.cpu_seconds, 3),
-        "tests_per_second": round(counts.tests / counts.seconds, 1) if counts.seconds else None,
-        "digest": counts.digest,
-    }
+    low, high = poisson_interval(counts.bv_crashes)
+    return NaturalRate(
+        method=method,
+        av=run.av.name,
+        odd=run.odd.name,
+        lanes=run.odd.n_lanes,
+        **vars(rate_summary(counts.av_crashes, counts.valid_tests, counts.miles)),
+        relative_half_width=counts.half_width(),
+        av_crashes=counts.av_crashes,
+        av_faults=counts.av_faults,
+        bv_crashes=counts.bv_crashes,
+        bv_crashes_per_test=counts.bv_crashes / counts.valid_tests,
+        bv_crashes_per_bv_mile=None if bv_miles == 0.0 else counts.bv_crashes / bv_miles,
+        interval95_bv_crashes_per_bv_mile=None if bv_miles == 0.0 else (low / bv_miles, high / bv_miles),
+        bv_miles=bv_miles,
+        bv_miles_estimate=BvMilesEstimate(tests=travel.tests, relative_error=travel.relative_error),
+        effective_sample_size=counts.valid_tests,
+        acceleration=1.0,
+        seconds=round(counts.seconds, 3),
+        cpu_seconds=round(counts.cpu_seconds, 3),
+        tests_per_second=round(counts.tests / counts.seconds, 1) if counts.seconds else None,
+        digest=counts.digest,
+        state=state,
+        **tables,
+    )

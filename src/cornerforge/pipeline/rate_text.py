@@ -2,49 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from cornerforge.analysis.mechanism import MECHANISMS
+from cornerforge.results import NaturalRate
 
 __all__ = ["rate_text"]
 
 _STOPPED = {"target": "the interval is narrow enough", "max_tests": "all tests are done"}
 
 
-def rate_text(summary: dict[str, Any]) -> list[str]:
-    """Lines below the rate itself: precision, BV-BV crashes, crash types, the table of mechanisms, cost.
-
-    Args:
-        summary: The object of `rate`.
-    """
-    width, crashes = summary["relative_half_width"], summary["av_crashes"]
+def rate_text(found: NaturalRate) -> list[str]:
+    """Lines below the rate itself: precision, BV-BV crashes, crash types, the table of mechanisms, cost."""
+    width, crashes = found.relative_half_width, found.av_crashes
     narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
-    lines = [f"{crashes:,} AV crashes, {narrow}; {_STOPPED.get(summary['state'], summary['state'])}"]
-    lines.append(_bv_line(summary))
+    lines = [f"{crashes:,} AV crashes, {narrow}; {_STOPPED.get(found.state, found.state)}"]
+    lines.append(_bv_line(found))
     if crashes:
-        kinds = ", ".join(f"{name} {n:,}" for name, n in summary["crash_types"].items() if n)
+        kinds = ", ".join(f"{name} {n:,}" for name, n in found.crash_types.items() if n)
         lines += [f"Crash types: {kinds}", "Mechanisms:"]
-        common = sorted(summary["mechanisms"].items(), key=lambda item: -item[1])
+        common = sorted(found.mechanisms.items(), key=lambda item: -item[1])
         lines += [f"{n:>8,} {100.0 * n / crashes:5.1f} %  {MECHANISMS[name]} [{name}]" for name, n in common if n]
-        seen = summary["crash_circumstances"]
+        seen = found.crash_circumstances
         lines.append(
-            f"{seen['at_start']:,} within 4 s of the start; in {seen['rare_action']:,} the partner did within 5 s what "
-            f"an attentive driver does with a chance below 1e-3; in {seen['overlooked']:,} it overlooked a neighbour"
+            f"{seen.at_start:,} within 4 s of the start; in {seen.rare_action:,} the partner did within 5 s what "
+            f"an attentive driver does with a chance below 1e-3; in {seen.overlooked:,} it overlooked a neighbour"
         )
-    hours = summary["cpu_seconds"] / 3600.0
-    lines.append(f"{summary['seconds']:,.0f} s, {hours:.3g} core-hours; digest {summary['digest'][:16]}")
+    hours = found.cpu_seconds / 3600.0
+    lines.append(f"{found.seconds:,.0f} s, {hours:.3g} core-hours; digest {found.digest[:16]}")
     return lines
 
 
-def _bv_line(summary: dict[str, Any]) -> str:
-    text = f"{summary['bv_crashes']:,} crashes between BVs"
-    if summary["bv_crashes_per_bv_mile"] is None:
+def _bv_line(found: NaturalRate) -> str:
+    text = f"{found.bv_crashes:,} crashes between BVs"
+    if found.bv_crashes_per_bv_mile is None or found.interval95_bv_crashes_per_bv_mile is None:
         return text
-    low, high = summary["interval95_bv_crashes_per_bv_mile"]
-    estimate = summary["bv_miles_estimate"]
-    error = estimate["relative_error"]
+    low, high = found.interval95_bv_crashes_per_bv_mile
+    estimate = found.bv_miles_estimate
+    error = estimate.relative_error
     exact = "" if error is None else f", good to {100.0 * error:.1f} %"
     return (
-        f"{text}: {summary['bv_crashes_per_bv_mile']:.3g} per BV-mile (95 % interval {low:.2g} to {high:.2g}; "
-        f"{summary['bv_miles']:,.0f} BV-miles, from {estimate['tests']:,} counted tests{exact})"
+        f"{text}: {found.bv_crashes_per_bv_mile:.3g} per BV-mile (95 % interval {low:.2g} to {high:.2g}; "
+        f"{found.bv_miles:,.0f} BV-miles, from {estimate.tests:,} counted tests{exact})"
     )

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, TypeVar, Unpack
 
 from cornerforge._checks import check_integer
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
+from cornerforge.errors import FileFormatError
 from cornerforge.pipeline.analyse import analyse
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.effort import effort_and_budget
@@ -36,11 +36,25 @@ from cornerforge.pipeline.train import (
     measure_baselines,
     point_seconds,
 )
+from cornerforge.results import (
+    Analysed,
+    Baseline,
+    Filled,
+    LearnedPolicy,
+    RunDone,
+    RunTrained,
+    Simulated,
+    Yield,
+    as_json,
+    from_json,
+)
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["EFFORTS", "Effort", "run"]
+
+T = TypeVar("T")
 
 EXPOSURE_TESTS_START = 1 << 42
 """Number of the first test whose distances and TTC are counted with the adversary."""
@@ -69,40 +83,57 @@ EFFORTS = {
 """quick: within 3 minutes on two cores; standard: within 15; paper: as many cases as the paper had (about 50,000)."""
 
 
-_POINT_SECONDS = "point_seconds"
-"""In provenance.json: when the points of training.json were reached, which itself tells no times."""
-
-
 class _Stages:
     """Runs each stage once; its result is kept in `stages/NAME.json`, which appears only when the stage is whole."""
 
     def __init__(self, out: Path) -> None:
         self._folder = out / "stages"
 
-    def do(self, name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    def do(self, name: str, kind: type[T], work: Callable[[], T]) -> T:
         path = self._folder / f"{name}.json"
-        if path.exists():
-            return read_json_file(path)
-        result = work()
-        write_json(path, result)
+        if not path.exists():
+            write_json(path, as_json(work()))
         # What the file gives back is what a resumed run sees, so that is what this one goes on with too.
-        content: dict[str, Any] = json.loads(json.dumps(result))
-        return content
+        content = read_json_file(path)
+        try:
+            return from_json(kind, content)
+        except FileFormatError as error:
+            raise FileFormatError(f"{path} is damaged ({error}); remove it, or choose another place.") from error
 
 
-def _exposure_counts(tally: Tally) -> dict[str, list[int]]:
+@dataclass(frozen=True)
+class _Counted:
+    """Tests with all histograms: what they came to, and what the AV was exposed to, counts by quantity."""
+
+    rate: Simulated
+    exposure: dict[str, tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class _Trained:
+    """A training, and when the points of its curve were reached [s]."""
+
+    policy: LearnedPolicy
+    point_seconds: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class _PlainRates:
+    rates: tuple[Baseline, ...]
+
+
+def _exposure_counts(tally: Tally) -> dict[str, tuple[int, ...]]:
     rows = tally.counts.histograms[len(TRAFFIC) :]
-    return {grid.name: rows[k][: grid.bins].tolist() for k, grid in enumerate(EXPOSURE)}
+    return {grid.name: tuple(rows[k][: grid.bins].tolist()) for k, grid in enumerate(EXPOSURE)}
 
 
 def _count(
     run: Experiment, tests: int, first: int, seed: int, threads: int | None, progress: Progress, stage: str
-) -> dict[str, Any]:
-    """Drive tests with all histograms; the summary of `simulate` with what the AV was exposed to."""
+) -> _Counted:
     tally, seconds = simulate_experiment(
         run, tests=tests, seed=seed, first=first, threads=threads, counting=True, progress=progress, stage=stage
     )
-    return {"rate": tally_summary(tally, seconds, with_distributions=True), "exposure": _exposure_counts(tally)}
+    return _Counted(tally_summary(tally, seconds, with_distributions=True), _exposure_counts(tally))
 
 
 _LABELS = {
@@ -113,7 +144,7 @@ _LABELS = {
 }
 
 
-def _write_exposure(out: Path, nde: dict[str, Any], adversary: dict[str, Any]) -> None:
+def _write_exposure(out: Path, nde: _Counted, adversary: _Counted) -> None:
     """`exposure.json`: the paper's Figure 3; the last bin holds all beyond the grid and is left out."""
     quantities = {}
     for grid in EXPOSURE:
@@ -121,38 +152,36 @@ def _write_exposure(out: Path, nde: dict[str, Any], adversary: dict[str, Any]) -
             "label": _LABELS[grid.name],
             "unit": grid.unit,
             "edges": grid_edges(grid)[:-1].tolist(),
-            "nde": nde["exposure"][grid.name][:-1],
-            "adversary": adversary["exposure"][grid.name][:-1],
+            "nde": nde.exposure[grid.name][:-1],
+            "adversary": adversary.exposure[grid.name][:-1],
         }
-    miles = {"nde": nde["rate"]["miles"], "adversary": adversary["rate"]["miles"]}
+    miles = {"nde": nde.rate.miles, "adversary": adversary.rate.miles}
     write_json(out / "exposure.json", {"miles": miles, "quantities": quantities})
 
 
 def _train(
     run: Experiment, size: Effort, checkpoint: CheckpointFile, out: Path, seed: int, threads: int | None,
     progress: Progress,
-) -> dict[str, Any]:  # fmt: skip
+) -> _Trained:  # fmt: skip
     config = _train_config(size)
     policy, result = learn(run, config, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint)
     save_policy(policy, out / "policy.safetensors")
     points = canonical_curve(result)
     write_json(out / "training.json", {"preset": config.preset, "config": asdict(config), "points": points})
-    return {
-        "decisions": result.decisions,
-        "updates": result.updates,
-        "seconds": round(result.seconds, 3),
-        "preset": config.preset,
-        "policy_hash": policy_hash(policy),
-        _POINT_SECONDS: point_seconds(result),
-    }
+    learned = LearnedPolicy(
+        decisions=result.decisions,
+        updates=result.updates,
+        seconds=round(result.seconds, 3),
+        preset=config.preset,
+        policy_hash=policy_hash(policy),
+    )
+    return _Trained(learned, tuple(point_seconds(result)))
 
 
-def _plain_rates(
-    plain: Experiment, tests: int, seed: int, threads: int | None, progress: Progress
-) -> list[dict[str, Any]]:
+def _plain_rates(plain: Experiment, tests: int, seed: int, threads: int | None, progress: Progress) -> _PlainRates:
     """Yields of the plain adversaries; what happens with nobody is the natural traffic, counted on many more tests."""
     rates = measure_baselines(plain, tests=tests, seed=seed, threads=threads, progress=progress)
-    return [rate for rate in rates if rate["name"] != "nobody"]
+    return _PlainRates(tuple(rate for rate in rates if rate.name != "nobody"))
 
 
 def _train_config(size: Effort) -> TrainConfig:
@@ -185,7 +214,7 @@ def run(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
-) -> dict[str, Any]:
+) -> RunDone:
     """The whole job: natural baseline, training, cases, analysis, report.
 
     Args:
@@ -201,7 +230,7 @@ def run(
         world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge run --json` prints; also in `summary.json`.
+        What `cornerforge run --json` prints, and `summary.json` holds: the result of each stage.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
@@ -217,66 +246,55 @@ def run(
     plain = experiment(options, bv="uniform", bounded=bounded, budget=budget)
     identity = _identity(plain, effort, seed)
     open_output(folder, identity, resume=resume)
-    stages = _Stages(folder)
-
-    def once(name: str, work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        return stages.do(name, work)
-
-    nde = once("nde", lambda: _count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
+    once = _Stages(folder).do
+    nde = once("nde", _Counted, lambda: _count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
     checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, _train_config(size), seed)
-    trained = once("train", lambda: _train(plain, size, checkpoint, folder, seed, threads, progress))
+    trained = once("train", _Trained, lambda: _train(plain, size, checkpoint, folder, seed, threads, progress))
     checkpoint.remove()
-    times = {_POINT_SECONDS: trained.pop(_POINT_SECONDS, None)}  # a stage of an older version has none
     hostile = experiment(options, policy=load_policy(folder / "policy.safetensors"))
     tests = size.evaluation_tests
-    evaluation = once("evaluate", lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress))
-    baselines = once(
-        "baselines",
-        lambda: {"rates": _plain_rates(plain, tests, seed, threads, progress)},
+    evaluation = once(
+        "evaluate", Yield, lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)
     )
+    baselines = once("baselines", _PlainRates, lambda: _plain_rates(plain, tests, seed, threads, progress))
     exposed = once(
         "exposure",
+        _Counted,
         lambda: _count(hostile, size.exposure_tests, EXPOSURE_TESTS_START, seed, threads, progress, "exposure"),
     )
     _write_exposure(folder, nde, exposed)
     filled = once(
         "generate",
+        Filled,
         lambda: fill_library(
             hostile, folder / "library", seed=seed, cases=size.cases, threads=threads, resume=True, progress=progress
         ),
     )
     analysed = once(
-        "analyse", lambda: analyse(folder / "library", out=folder / "analysis", seed=seed, progress=progress)
+        "analyse", Analysed, lambda: analyse(folder / "library", out=folder / "analysis", seed=seed, progress=progress)
     )
-    summary = {
-        "out": str(folder),
-        "version": version(),
-        "effort": effort,
-        "seed": seed,
-        "av": options.av,
-        "bounded": plain.bounded,
-        "budget": plain.budget,
-        "nde": nde["rate"],
-        "train": {**trained, **evaluation},
-        "baselines": baselines["rates"],
-        "generate": filled,
-        "analyse": analysed,
-        "report": str(folder / "report.html"),
-    }
-    return _finish(folder, summary, {**identity, "policy_hash": trained["policy_hash"]}, times, start, progress)
-
-
-def _finish(
-    folder: Path, summary: dict[str, Any], identity: dict[str, Any], times: dict[str, Any], start: float,
-    progress: Progress,
-) -> dict[str, Any]:  # fmt: skip
-    """Write the summary and the report; `seconds` counts this call and, after a kill, not the ones before."""
     from cornerforge.report import write_report
 
     progress("report", 0, 1)
-    summary = {**summary, "seconds": round(time.perf_counter() - start, 3)}
-    write_json(folder / "summary.json", summary)
-    write_json(folder / "provenance.json", {**provenance(identity, summary["seconds"]), **times})
+    done = RunDone(
+        out=str(folder),
+        version=version(),
+        effort=effort,
+        seed=seed,
+        av=options.av,
+        bounded=plain.bounded,
+        budget=plain.budget,
+        nde=nde.rate,
+        train=RunTrained(**vars(trained.policy), **vars(evaluation)),
+        baselines=baselines.rates,
+        generate=filled,
+        analyse=analysed,
+        report=str(folder / "report.html"),
+        seconds=round(time.perf_counter() - start, 3),
+    )
+    write_json(folder / "summary.json", as_json(done))
+    made = provenance({**identity, "policy_hash": trained.policy.policy_hash}, done.seconds)
+    write_json(folder / "provenance.json", {**made, "point_seconds": list(trained.point_seconds)})
     write_report(folder)
     progress("report", 1, 1)
-    return summary
+    return done

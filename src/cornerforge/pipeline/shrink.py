@@ -7,6 +7,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, config_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.results import CaseMedians, CaseSize, MedianSize, ShrunkCase, ShrunkLibrary
 from cornerforge.sim.scripted import Script, ScriptDriver
 from cornerforge.types import Scenario
 
@@ -36,7 +38,7 @@ _MEASURES = {
     "deviating_actions": ("source_deviating_actions", "deviating_actions"),
     "log_prob_nde": ("source_log_prob_nde", "log_prob_nde"),
 }
-"""Names in the summary, and the columns that hold them before and after."""
+"""Fields of `CaseSize`, and the columns that hold them before and after."""
 _LABELS = ("crash_type", "striker", "cause")
 
 
@@ -47,7 +49,7 @@ def shrink(
     out: Path | str | None = None,
     resume: bool = False,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> ShrunkLibrary:
     """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash.
 
     Args:
@@ -59,10 +61,7 @@ def shrink(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge shrink --json` prints: `library`, `seconds` (wall-clock), `cases` (`case`,
-        `crash_type`, `striker`, `cause`, `before`, `after`), and `median` (of `before` and `after`). `before` and
-        `after` hold `vehicles`, `decisions`, `seconds`, `deviating_actions` and `log_prob_nde`, which is None where an
-        action is impossible.
+        What `cornerforge shrink --json` prints: each case before and after, and medians.
 
     Raises:
         CornerForgeError: No such case, the AV is not built in, a case no longer replays, or the place cannot be used.
@@ -85,7 +84,7 @@ def shrink(
     rows = _rows(shrunk, ids)
     seconds = round(time.perf_counter() - began, 3)
     write_json(place / "provenance.json", provenance(shrunk.identity, seconds))
-    return {"library": str(place), "seconds": seconds, "cases": rows, "median": _medians(rows)}
+    return ShrunkLibrary(library=str(place), seconds=seconds, cases=rows, median=_medians(rows))
 
 
 def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
@@ -231,48 +230,45 @@ def _record(small: Shrunk) -> CaseRecord:
     )
 
 
-def _rows(shrunk: CaseLibrary, ids: Sequence[str]) -> list[dict[str, Any]]:
+def _rows(shrunk: CaseLibrary, ids: Sequence[str]) -> tuple[ShrunkCase, ...]:
     """What the library says of these cases."""
     columns = ["case_id", *_LABELS, *(name for pair in _MEASURES.values() for name in pair)]
     wanted = set(ids)
     rows = [row for row in shrunk.scalars(columns).to_pylist() if row["case_id"] in wanted]
-    return [
-        {
-            "case": row["case_id"],
+    return tuple(
+        ShrunkCase(
+            case=row["case_id"],
             **{name: row[name] for name in _LABELS},
-            "before": {name: _finite(row[pair[0]]) for name, pair in _MEASURES.items()},
-            "after": {name: _finite(row[pair[1]]) for name, pair in _MEASURES.items()},
-        }
+            before=CaseSize(**{name: _finite(row[pair[0]]) for name, pair in _MEASURES.items()}),
+            after=CaseSize(**{name: _finite(row[pair[1]]) for name, pair in _MEASURES.items()}),
+        )
         for row in rows
-    ]
+    )
 
 
 def _finite(value: Any) -> Any:
     return value if value is None or math.isfinite(value) else None
 
 
-def _medians(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
-    """Medians over cases, but for log-probabilities, of which some may be minus infinity."""
-    return {
-        when: {
-            name: float(statistics.median(row[when][name] for row in rows))
-            for name in _MEASURES
-            if name != "log_prob_nde"
-        }
-        for when in ("before", "after")
-    }
+def _medians(rows: Sequence[ShrunkCase]) -> CaseMedians:
+    return CaseMedians(before=_median([row.before for row in rows]), after=_median([row.after for row in rows]))
 
 
-def shrink_text(r: dict[str, Any]) -> str:
+def _median(sizes: Sequence[CaseSize]) -> MedianSize:
+    names = [one.name for one in fields(MedianSize)]
+    return MedianSize(**{name: float(statistics.median(getattr(size, name) for size in sizes)) for name in names})
+
+
+def shrink_text(r: ShrunkLibrary) -> str:
     """The summary in words, a line a case and one of medians where there are several."""
-    lines = [f"Case {c['case']}, {c['crash_type']}: {_change(c['before'], c['after'])}" for c in r["cases"]]
+    lines = [f"Case {c.case}, {c.crash_type}: {_change(c.before, c.after)}" for c in r.cases]
     if len(lines) > 1:
-        lines.append(f"Median of {len(lines)} cases: {_change(r['median']['before'], r['median']['after'])}")
-    return "\n".join([*lines, f"Library: {r['library']}"])
+        lines.append(f"Median of {len(lines)} cases: {_change(r.median.before, r.median.after)}")
+    return "\n".join([*lines, f"Library: {r.library}"])
 
 
-def _change(before: dict[str, Any], after: dict[str, Any]) -> str:
+def _change(before: CaseSize | MedianSize, after: CaseSize | MedianSize) -> str:
     return (
-        f"{before['vehicles']:g} -> {after['vehicles']:g} vehicles, {before['seconds']:g} -> {after['seconds']:g} s, "
-        f"{before['deviating_actions']:g} -> {after['deviating_actions']:g} deviating actions"
+        f"{before.vehicles:g} -> {after.vehicles:g} vehicles, {before.seconds:g} -> {after.seconds:g} s, "
+        f"{before.deviating_actions:g} -> {after.deviating_actions:g} deviating actions"
     )

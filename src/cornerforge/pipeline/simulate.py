@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
@@ -12,6 +12,7 @@ from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.generate import store_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
+from cornerforge.results import Simulated
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["simulate"]
@@ -29,7 +30,7 @@ def simulate(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[WorldKeywords],
-) -> dict[str, Any]:
+) -> Simulated:
     """Run tests of an AV; crashes are counted, and stored only when `out` names a library.
 
     Args:
@@ -46,7 +47,7 @@ def simulate(
         world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge simulate --json` prints.
+        What `cornerforge simulate --json` prints: counts, the crash rate, and with `stats` the distributions.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.

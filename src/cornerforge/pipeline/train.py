@@ -19,6 +19,7 @@ from cornerforge.pipeline.output import check_new_file, code_hash, provenance, r
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
+from cornerforge.results import Baseline, Trained, Yield
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
@@ -171,7 +172,7 @@ def evaluate(
     delay_s: float = 1.0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> Yield:
     """Yield of an experiment on evaluation tests: all crashes, those avoidable by braking, those that the AV struck in.
 
     Args:
@@ -181,10 +182,6 @@ def evaluate(
         delay_s: The AV's time to react, for `sim.braking.is_avoidable` [s].
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
-
-    Returns:
-        As `rate_summary`, and `avoidable_per_test` with `avoidable_interval95`; `striking_share`, the share of the
-        crashes in which the AV struck, with `striking_interval95` (both None without a crash).
     """
     tally, crashed = Tally(), []
     n_threads = check_threads(threads)
@@ -199,13 +196,13 @@ def evaluate(
         run.setting, run.slots, seed=seed, tests=crashed, braking=braking, threads=n_threads
     )
     n_avoidable, n_strikes = int(avoidable.sum()), int(strikes.sum())
-    return {
-        **rate_summary(tally.av_crashes, tally.tests, tally.miles),
-        "avoidable_per_test": n_avoidable / tests,
-        "avoidable_interval95": list(binomial_interval(n_avoidable, tests)),
-        "striking_share": n_strikes / len(crashed) if crashed else None,
-        "striking_interval95": list(binomial_interval(n_strikes, len(crashed))) if crashed else None,
-    }
+    return Yield(
+        **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
+        avoidable_per_test=n_avoidable / tests,
+        avoidable_interval95=binomial_interval(n_avoidable, tests),
+        striking_share=n_strikes / len(crashed) if crashed else None,
+        striking_interval95=binomial_interval(n_strikes, len(crashed)) if crashed else None,
+    )
 
 
 def measure_baselines(
@@ -216,11 +213,10 @@ def measure_baselines(
     delay_s: float = 1.0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-) -> list[dict[str, Any]]:
+) -> tuple[Baseline, ...]:
     """Yields of nobody and of the plain adversaries, each with and without the NDD-bounded mask, on the same tests.
 
-    Returns:
-        As `evaluate`, with `name` ("swerve", "swerve, bounded", ...) and `bounded`; nobody, who has no mask, once.
+    Nobody, who has no mask, is measured once.
     """
     rates = []
     for name in ("nobody", *BASELINES):
@@ -231,8 +227,8 @@ def measure_baselines(
             )
             plain = replace(run, setting=setting, bv=name, bounded=bounded, policies=(), acting="greedy")
             rate = evaluate(plain, tests=tests, seed=seed, delay_s=delay_s, threads=threads, progress=progress)
-            rates.append({"name": f"{name}, bounded" if bounded else name, "bounded": bounded, **rate})
-    return rates
+            rates.append(Baseline(name=f"{name}, bounded" if bounded else name, bounded=bounded, **vars(rate)))
+    return tuple(rates)
 
 
 def train(
@@ -249,7 +245,7 @@ def train(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[WorldKeywords],
-) -> dict[str, Any]:
+) -> Trained:
     """Train the adversary (dueling double DQN) and write its policy.
 
     The policy is the one at the end of training: none is picked by a look at tests. It is measured, as are the plain
@@ -275,7 +271,7 @@ def train(
         world: The world to learn in, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge train --json` prints.
+        What `cornerforge train --json` prints: the yield, those of plain adversaries, and where the policy is.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
@@ -320,22 +316,22 @@ def train(
     checkpoint.remove()
     trained = experiment(options.without_mask(), policy=policy)
     measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "threads": threads}
-    rate = evaluate(trained, **measured, progress=progress)
-    return {
-        "decisions": policy.about["decisions"],
-        "updates": policy.about["updates"],
-        "seconds": round(seconds, 3),
-        "preset": preset,
-        "bounded": run.bounded,
-        "budget": run.budget,
-        "reward": reward,
-        "delay_s": delay,
-        **rate,
-        "baselines": measure_baselines(run, **measured, progress=progress),
-        "policy_hash": policy_hash(policy),
-        "kept": kept,
-        "out": str(path),
-    }
+    about: Any = policy.about
+    return Trained(
+        decisions=about["decisions"],
+        updates=about["updates"],
+        seconds=round(seconds, 3),
+        preset=preset,
+        bounded=run.bounded,
+        budget=run.budget,
+        reward=reward,
+        delay_s=delay,
+        **vars(evaluate(trained, **measured, progress=progress)),
+        baselines=measure_baselines(run, **measured, progress=progress),
+        policy_hash=policy_hash(policy),
+        kept=kept,
+        out=str(path),
+    )
 
 
 def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int, path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.drivers.avs import AvNetwork, av_hash
@@ -16,6 +16,7 @@ from cornerforge.pipeline.output import check_new_file, code_hash, version
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, canonical_curve, checkpoint_beside, curve_report
+from cornerforge.results import TrainedAv
 from cornerforge.sim.av_features import AV_FEATURES_VERSION
 from cornerforge.world_options import RoadKeywords, WorldOptions
 
@@ -34,7 +35,7 @@ def train_av(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[RoadKeywords],
-) -> dict[str, Any]:
+) -> TrainedAv:
     """Train an AV (dueling double DQN) and write it; `--av OUT` then drives it.
 
     Args:
@@ -51,7 +52,7 @@ def train_av(
         world: The world to learn in, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge train-av --json` prints.
+        What `cornerforge train-av --json` prints: how often it crashes in natural traffic, and where it is.
 
     Raises:
         CornerForgeError: Input, files or output place are not right, or PyTorch is missing.
@@ -100,12 +101,12 @@ def train_av(
     tally, _ = simulate_experiment(
         trained, tests=tests, seed=seed, first=EVALUATION_TESTS, threads=threads, progress=progress, stage="evaluate"
     )
-    return {
-        "decisions": result.decisions,
-        "updates": result.updates,
-        "seconds": round(result.seconds, 3),
-        **rate_summary(tally.av_crashes, tally.tests, tally.miles),
-        "mean_speed": round(tally.millimetres / 1000.0 / tally.decisions, 3),
-        "av_hash": av_hash(load_av(path)),
-        "out": str(path),
-    }
+    return TrainedAv(
+        decisions=result.decisions,
+        updates=result.updates,
+        seconds=round(result.seconds, 3),
+        **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
+        mean_speed=round(tally.millimetres / 1000.0 / tally.decisions, 3),
+        av_hash=av_hash(load_av(path)),
+        out=str(path),
+    )

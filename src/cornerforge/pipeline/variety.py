@@ -18,6 +18,7 @@ from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
+from cornerforge.results import Varied, VarietyRow, from_json
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["VARIETY_TESTS", "variety"]
@@ -36,7 +37,7 @@ def variety(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[WorldKeywords],
-) -> dict[str, Any]:
+) -> Varied:
     """Kinds of crash in libraries, or in what policies make on the same tests: greedy, at random, and mixed.
 
     Args:
@@ -50,8 +51,7 @@ def variety(
         world: The world of the policies, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge variety --json` prints: `rows`, each with `name`, `tests`, `av_crashes`,
-        `crashes_per_test`, `interval95` and the entries of `analysis.variety.Variety` (None where nothing crashed).
+        What `cornerforge variety --json` prints: a row for each library, or each way to generate.
 
     Raises:
         CornerForgeError: Input or files are not right.
@@ -64,8 +64,7 @@ def variety(
         raise InputError("Give either libraries or policies: cornerforge variety LIB..., or --policy FILE...")
     if libraries:
         _refuse_idle({"acting": acting} | asdict(options), {"acting": "softmax"} | asdict(WorldOptions()))
-        rows = [_library_row(Path(path), seed) for path in libraries]
-        return {"rows": rows}
+        return Varied(rows=tuple(_library_row(Path(path), seed) for path in libraries))
     if acting == "greedy":
         raise InputError("Greedy acting is shown anyway; give how to act at random: --acting softmax:0.1")
     ways = [([name], way) for name in policies for way in ("greedy", acting)]
@@ -76,7 +75,7 @@ def variety(
         run = experiment(options, bv=[str(name) for name in names], acting=way)
         what = names[0] if len(names) == 1 else f"mixture of {len(names)}"
         rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, n_threads, progress))
-    return {"rows": rows, "first_test": VARIETY_TESTS}
+    return Varied(rows=tuple(rows), first_test=VARIETY_TESTS)
 
 
 def _refuse_idle(given: dict[str, Any], usual: dict[str, Any]) -> None:
@@ -92,32 +91,30 @@ def _refuse_idle(given: dict[str, Any], usual: dict[str, Any]) -> None:
 
 def _row(
     name: str, tests: int, crashes: int, pose: NDArray[np.float64], size: tuple[NDArray[np.float64], ...], seed: int
-) -> dict[str, Any]:
+) -> VarietyRow:
     from cornerforge.analysis.variety import crash_cells, variety_of
 
-    low, high = binomial_interval(crashes, tests) if tests else (0.0, 1.0)
-    row: dict[str, Any] = {
+    interval = binomial_interval(crashes, tests) if tests else (0.0, 1.0)
+    rate: dict[str, Any] = {
         "name": name,
         "tests": tests,
         "av_crashes": crashes,
         "crashes_per_test": crashes / tests if tests else None,
-        "interval95": [low, high],
+        "interval95": interval,
     }
     if len(pose) == 0:
-        return row | dict.fromkeys(("cases", "filled"), 0) | {"entropy": None, "effective": None, "cells": {}}
+        return VarietyRow(**rate, cases=0, filled=0, entropy=None, effective=None, cells={})
     cell, names = crash_cells(pose, vehicle_length=size[0], vehicle_width=size[1])
-    return row | variety_of(cell, names, seed=seed).to_json()
+    return from_json(VarietyRow, {**rate, **variety_of(cell, names, seed=seed).to_json()})
 
 
-def _library_row(path: Path, seed: int) -> dict[str, Any]:
+def _library_row(path: Path, seed: int) -> VarietyRow:
     library = CaseLibrary.open(path)
     history = library.history()[1]
     return _row(str(path), library.tests, library.crashes, history[:, 0], library.sizes(), seed)
 
 
-def _generated_row(
-    run: Experiment, name: str, tests: int, seed: int, threads: int, progress: Progress
-) -> dict[str, Any]:
+def _generated_row(run: Experiment, name: str, tests: int, seed: int, threads: int, progress: Progress) -> VarietyRow:
     poses, sizes = [], []
     for done, harvested in harvest_tests(run, seed, VARIETY_TESTS, tests, threads):
         flat = harvested.cases.column("history").combine_chunks().flatten().to_numpy()
@@ -130,18 +127,18 @@ def _generated_row(
     return _row(name, tests, len(pose), pose, size, seed)
 
 
-def variety_text(result: dict[str, Any]) -> str:
+def variety_text(result: Varied) -> str:
     """The rows as text, with the fullest cells of each."""
     lines = []
-    for row in result["rows"]:
-        yielded = "" if row["crashes_per_test"] is None else f"{row['crashes_per_test']:.3f} crashes per test; "
-        lines.append(f"{row['name']}: {yielded}{row['cases']:,} cases in {row['filled']} cells")
-        if row["cases"]:
-            low, high = row["entropy_interval95"]
+    for row in result.rows:
+        yielded = "" if row.crashes_per_test is None else f"{row.crashes_per_test:.3f} crashes per test; "
+        lines.append(f"{row.name}: {yielded}{row.cases:,} cases in {row.filled} cells")
+        if row.entropy_interval95 is not None:
+            low, high = row.entropy_interval95
             lines[-1] += (
-                f" (of {row['possible']}), entropy {row['entropy']:.2f} nats ({low:.2f} to {high:.2f}), "
-                f"as varied as {row['effective']:.1f} equal cells; next case of a new kind: {row['unseen']:.2%}"
+                f" (of {row.possible}), entropy {row.entropy:.2f} nats ({low:.2f} to {high:.2f}), "
+                f"as varied as {row.effective:.1f} equal cells; next case of a new kind: {row.unseen:.2%}"
             )
-            fullest = list(row["cells"].items())[:5]
+            fullest = list(row.cells.items())[:5]
             lines.append("    " + ", ".join(f"{name} {n:,}" for name, n in fullest))
     return "\n".join(lines)

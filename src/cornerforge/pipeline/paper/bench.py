@@ -26,6 +26,7 @@ from cornerforge.pipeline.train import (
     load_timed_policy,
     write_provenance_beside,
 )
+from cornerforge.results import as_json
 from cornerforge.sim.braking import Braking
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.recorder import Recorder
@@ -247,7 +248,7 @@ class Bench:
                 run, tests=self.size.natural_tests, seed=self.seed, first=NATURAL_TESTS, threads=self.threads,
                 progress=self.progress, stage=f"natural traffic ({av})",
             )  # fmt: skip
-            return rate_summary(tally.av_crashes, tally.tests, tally.miles)
+            return as_json(rate_summary(tally.av_crashes, tally.tests, tally.miles))
 
         return self.kept(f"natural.{av}", {"av_hash": av_hash(run.av)}, work)
 
@@ -284,7 +285,7 @@ class Bench:
             run.setting, run.slots, seed=self.seed, tests=crashed, braking=BRAKING, threads=self.threads
         )
         return {
-            **rate_summary(tally.av_crashes, tally.tests, tally.miles),
+            **as_json(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
             "crashes": tally.av_crashes,
             "avoidable": int(avoidable.sum()),
             "struck": int(struck.sum()),

@@ -59,7 +59,7 @@ def library_of(bench: Bench, adversary: Adversary) -> Filled | None:
             run, folder, seed=bench.seed, cases=cases, threads=bench.threads, progress=bench.progress,
             stage=f"generate ({adversary.key})",
         )  # fmt: skip
-        return {"cases": cases, "seconds": filled["seconds"]}
+        return {"cases": cases, "seconds": filled.seconds}
 
     policy = None if run.policy is None else policy_hash(run.policy)
     name, made_of = f"library.{adversary.key}", {"policy": policy, "cases": cases}

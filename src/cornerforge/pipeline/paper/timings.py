@@ -61,9 +61,9 @@ def _timed(bench: Bench, adversary: Adversary, filled: Filled) -> dict[str, Any]
         start = time.perf_counter()
         analysed = analyse(filled.folder, seed=bench.seed, progress=bench.progress)
         return {
-            "minority": analysed["minority"],
+            "minority": analysed.minority,
             "seconds": round(time.perf_counter() - start, 3),
-            "stages": analysed["seconds"],
+            "stages": analysed.seconds,
             "kmeans_on_minority": _k_means_on_minority(filled, bench.seed),
         }
 

@@ -1,0 +1,129 @@
+"""The result of `analyse`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cornerforge.results.rates import Interval
+from cornerforge.results.stating import meant
+
+__all__ = ["Analysed", "Avoidability", "Cluster", "ClusterChoice", "Coverage", "TopCase", "ValueFound"]
+
+_CASES = meant("Cases that were analysed.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cluster:
+    """One K-means cluster of the majority or the minority."""
+
+    id: int = field(metadata=meant("From 0: the majority's clusters by size, then the minority's."))
+    group: str = field(metadata=meant('"majority" or "minority".'))
+    size: int = field(metadata=meant("Cases in it."))
+    typical: tuple[str, ...] = field(metadata=meant("Up to three case ids, nearest to the centre first."))
+    crash_types: dict[str, int] = field(metadata=meant("Cases by crash type, only those that occur."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusterChoice:
+    """Why a group has as many clusters as it has."""
+
+    k: int = field(metadata=meant("Number of clusters, 1 to 8."))
+    silhouettes: dict[str, float] = field(
+        metadata=meant("Mean silhouette by number of clusters, -1 to 1; empty where the group is too small to ask.")
+    )
+    bound: float | None = field(
+        metadata=meant("What the largest must exceed, else there is one cluster; null where there are none.")
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Avoidability:
+    """Which of the drawn cases had a way out."""
+
+    cases: int = field(metadata=meant("Cases drawn, for which a way out was searched."))
+    reaction_s: float = field(metadata=meant("Time that the AV needs to react.", "s"))
+    labels: dict[str, int] = field(metadata=meant("Drawn cases by the kind of way out, zeros included."))
+    not_judged: int = field(metadata=meant("Drawn cases without a label."))
+    avoidable_share: float = field(metadata=meant("Share of the drawn cases with a way out, 0 to 1."))
+    interval95: Interval = field(metadata=meant("Exact interval of `avoidable_share`."))
+    median_time_to_react_s: float | None = field(
+        metadata=meant(
+            "Median of the time from the manoeuvre's begin to the last way out; negative: before it; null: no way out.",
+            "s",
+        )
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopCase:
+    """A case that is worth a look, with the parts of its value (docs/adr/0017)."""
+
+    case_id: str = field(metadata=meant("Name of the case, seed:test."))
+    value: float = field(metadata=meant("Weighted mean of its parts, 0 to 1."))
+    avoidability: float = field(metadata=meant("Part of the value, 0 to 1."))
+    severity: float = field(metadata=meant("Part of the value, 0 to 1."))
+    novelty: float = field(metadata=meant("Part of the value, 0 to 1."))
+    crash_type: str = field(metadata=meant("Name of its crash type."))
+    fault: str | None = field(metadata=meant("Who is at fault by RSS; null: not judged."))
+    text: str = field(metadata=meant("What happened, in a sentence."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValueFound:
+    """What is worth a look first."""
+
+    weights: dict[str, float] = field(metadata=meant("Weight of each part of a value; they sum to 1."))
+    top: tuple[TopCase, ...] = field(metadata=meant("Up to ten cases, most valuable first."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coverage:
+    """Which kinds of crash were seen, and how likely the next case is of a new one."""
+
+    cases: int = field(metadata=meant("Cases that were put into cells."))
+    axes: dict[str, tuple[str, ...]] = field(metadata=meant("Axes of the grid, each with its labels."))
+    cells: dict[str, int] = field(metadata=meant("Cases of each filled cell, fullest first."))
+    empty: tuple[str, ...] = field(metadata=meant("Names of the empty cells."))
+    discovery_curve: tuple[tuple[float, float], ...] = field(
+        metadata=meant("Number of cases, and kinds that so many show on average.")
+    )
+    unseen_kind_chance: float = field(
+        metadata=meant("Chance that the next case is of a new kind (Good-Turing), 0 to 1.")
+    )
+    unseen_kind_interval95: Interval = field(metadata=meant("Interval of `unseen_kind_chance`."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Analysed:
+    """Kinds of crash in a library, typical and rare cases, and what each is worth."""
+
+    cases: int = field(metadata=_CASES)
+    steps: int = field(metadata=meant("Seconds before the crash that the features cover, 1 to 15.", "s"))
+    features: tuple[str, ...] = field(metadata=meant("Names of the features."))
+    padded: int = field(metadata=meant("Cases shorter than `steps`, which repeat their earliest recorded second."))
+    excluded: int = field(metadata=meant("Cases shorter than `steps` that were left out."))
+    explained_variance: tuple[float, ...] = field(metadata=meant("Share of variance of each principal component."))
+    loadings: dict[str, tuple[float, ...]] = field(metadata=meant("By feature, its weight in each component."))
+    eps: float | None = field(
+        metadata=meant("Radius of DBSCAN, in the plane of the components; null: there was no split.")
+    )
+    min_samples: int | None = field(
+        metadata=meant("Cases within `eps`, itself included, that make a core; null: there was no split.")
+    )
+    majority: int = field(metadata=meant("Cases that DBSCAN calls dense."))
+    minority: int = field(metadata=meant("The other cases."))
+    clusters: tuple[Cluster, ...] = field(metadata=meant("Clusters, the majority's first."))
+    choices: dict[str, ClusterChoice] = field(metadata=meant("By group, why it has so many clusters."))
+    rare: tuple[str, ...] = field(metadata=meant("Up to ten case ids of outliers, farthest first."))
+    crash_types: dict[str, int] = field(metadata=meant("Cases by crash type, zeros included."))
+    striker: dict[str, int] = field(metadata=meant("Cases by who struck: av, bv or mutual."))
+    seconds: dict[str, float] = field(metadata=meant("Wall-clock by stage, and `total`.", "s"))
+    note: str | None = field(default=None, metadata=meant("Why there was no split; only then."))
+    fault: dict[str, int] = field(metadata=meant("Cases by who is at fault (RSS), only those that occur."))
+    fault_rules: dict[str, int] = field(metadata=meant("Cases by the rule that was broken, only those that occur."))
+    severity: dict[str, dict[str, float]] = field(
+        metadata=meant("By measure, its 5, 50, 95 and 99 % quantiles.", "as its name says")
+    )
+    avoidability: Avoidability | None = field(metadata=meant("Ways out; null: none was searched."))
+    value: ValueFound = field(metadata=meant("Cases that are worth a look."))
+    coverage: Coverage = field(metadata=meant("Kinds that were seen."))

@@ -1,0 +1,54 @@
+"""Results of `avs` and `check-av`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cornerforge.results.stating import meant
+
+__all__ = ["AvAbout", "AvCheck", "AvChecked", "AvSpeed", "Avs"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvAbout:
+    """A built-in AV."""
+
+    name: str = field(metadata=meant("What `--av` takes."))
+    about: str = field(metadata=meant("What it is, in a line."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Avs:
+    """The built-in AVs."""
+
+    avs: tuple[AvAbout, ...] = field(metadata=meant("All of them."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvCheck:
+    """What one trial of an AV found."""
+
+    name: str = field(metadata=meant("Of the trial."))
+    verdict: str = field(metadata=meant('"ok", "warn" or "FAIL".'))
+    found: str = field(metadata=meant("What it did, in words."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvSpeed:
+    """How fast an AV answers, the way to its process included."""
+
+    worlds: int = field(metadata=meant("Worlds in a call: 1, 64 or 256."))
+    calls_per_second: float = field(metadata=meant("Calls answered.", "1/s"))
+    decisions_per_second: float = field(metadata=meant("Calls times worlds.", "1/s"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvChecked:
+    """An AV from outside, tried on edge cases."""
+
+    av: str = field(metadata=meant("As it was named."))
+    kind: str = field(metadata=meant("class, onnx or zip."))
+    hash: str = field(metadata=meant("Hash of its source or file."))
+    checks: tuple[AvCheck, ...] = field(metadata=meant("All trials, in their order."))
+    passed: bool = field(metadata=meant("None failed."))
+    speed: tuple[AvSpeed, ...] = field(metadata=meant("For 1, 64 and 256 worlds; empty where a trial failed before."))

@@ -1,0 +1,154 @@
+"""How a result says what its fields mean, and how it becomes JSON, comes back from it, and is documented."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, fields, is_dataclass
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+from cornerforge.errors import FileFormatError
+
+__all__ = ["as_json", "from_json", "meant", "results_markdown"]
+
+T = TypeVar("T")
+
+
+def meant(meaning: str, unit: str = "") -> dict[str, str]:
+    """Metadata of a field.
+
+    Args:
+        meaning: One sentence, with the edge values.
+        unit: Of the values, "" for none.
+    """
+    return {"unit": unit, "meaning": meaning}
+
+
+def as_json(result: Any) -> dict[str, Any]:
+    """The object that `--json` prints: a result's fields in their order, results within it as objects, tuples as lists.
+
+    A field whose default is None is left out where it is None. Numbers stay as they are; NaN and infinity are none of
+    JSON, and whoever writes refuses them.
+
+    Args:
+        result: One of the dataclasses of this package.
+    """
+    values = ((one, getattr(result, one.name)) for one in fields(result))
+    return {one.name: _plain(value) for one, value in values if value is not None or not _may_be_missing(one)}
+
+
+def _may_be_missing(one: Field[Any]) -> bool:
+    return one.default is None
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return as_json(value)
+    if isinstance(value, (tuple, list)):
+        return [_plain(item) for item in value]
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return value
+
+
+def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
+    """The inverse of `as_json`.
+
+    Args:
+        kind: What it is: one of the dataclasses of this package.
+        content: The object.
+
+    Raises:
+        FileFormatError: Keys are missing or unknown, or a value is of another shape.
+    """
+    hints = get_type_hints(kind)
+    try:
+        return kind(**{name: _typed(hints[name], value) for name, value in content.items()})
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise FileFormatError(f"This is no {kind.__name__} ({error}).") from error
+
+
+def _typed(kind: Any, value: Any) -> Any:
+    """A value of JSON as a field of this type holds it."""
+    arguments = get_args(kind)
+    if isinstance(kind, types.UnionType):
+        return None if value is None else _typed(arguments[0], value)
+    if is_dataclass(kind):
+        return from_json(kind, value)  # type: ignore[arg-type]
+    if get_origin(kind) is tuple:
+        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
+        return tuple(_typed(one, item) for one, item in zip(kinds, value, strict=True))
+    if get_origin(kind) is dict:
+        return {key: _typed(arguments[1], item) for key, item in value.items()}
+    return value
+
+
+_WORDS = {int: "integer", float: "number", str: "string", bool: "true or false", type(None): "null", Any: "any value"}
+
+
+def _in_words(kind: Any) -> str:
+    """A field's type as JSON has it; results within it by their names, with a link to their tables."""
+    arguments = get_args(kind)
+    if isinstance(kind, types.UnionType):
+        return " or ".join(map(_in_words, arguments))
+    if is_dataclass(kind):
+        name = getattr(kind, "__name__", "")
+        return f"[{name}](#{name.lower()})"
+    if get_origin(kind) is tuple:
+        if arguments[-1] is Ellipsis:
+            return f"list of {_in_words(arguments[0])}"
+        return f"[{', '.join(map(_in_words, arguments))}]"
+    if get_origin(kind) is dict:
+        return f"object of {_in_words(arguments[1])} by name"
+    return _WORDS[kind]
+
+
+def _parts(kind: Any) -> Iterator[Any]:
+    """The results within a type, outermost first."""
+    if is_dataclass(kind):
+        yield kind
+        for inner in get_type_hints(kind).values():
+            yield from _parts(inner)
+    for argument in get_args(kind):
+        yield from _parts(argument)
+
+
+def _table(kind: Any) -> list[str]:
+    hints = get_type_hints(kind)
+    rows = [
+        f"| `{one.name}` | {_in_words(_type_of(one, hints))}{', may be missing' if _may_be_missing(one) else ''} "
+        f"| {one.metadata['unit']} | {one.metadata['meaning']} |"
+        for one in fields(kind)
+    ]
+    return ["| key | type | unit | meaning |", "| --- | --- | --- | --- |", *rows, ""]
+
+
+def _type_of(one: Field[Any], hints: Mapping[str, Any]) -> Any:
+    """Its type; without the None of one that is left out then."""
+    kind = hints[one.name]
+    return get_args(kind)[0] if _may_be_missing(one) else kind
+
+
+def results_markdown(verbs: Mapping[str, Any]) -> str:
+    """The page docs/results-json.md: a table for each verb, and one for each result within others.
+
+    Args:
+        verbs: A verb's name to its result's dataclass.
+    """
+    lines = [
+        "# What commands print with `--json`", "",
+        "One object a command. From Python it is a dataclass of `cornerforge.results` whose attributes are the keys",
+        "(`simulate(tests=1000).crashes_per_test`), and `cornerforge.results.as_json` makes the object of it. Lists",
+        "are tuples there, and a key that may be missing is None. This page is made from the code (`make golden`).", "",
+    ]  # fmt: skip
+    for verb, kind in verbs.items():
+        lines += [f"## `{verb}`", "", f"`{kind.__name__}`: {kind.__doc__.splitlines()[0]}", "", *_table(kind)]
+    inner = dict.fromkeys(part for kind in verbs.values() for part in _parts(kind))
+    own = set(verbs.values())
+    for part in inner:
+        if part not in own:
+            lines += [f"### {part.__name__}", "", part.__doc__.splitlines()[0], "", *_table(part)]
+    page = "\n".join(lines)
+    for verb, kind in verbs.items():  # they stand under the verb's name
+        page = page.replace(f"](#{kind.__name__.lower()})", f"](#{verb.replace(' ', '-')})")
+    return page

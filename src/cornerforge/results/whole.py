@@ -1,0 +1,38 @@
+"""The result of `run`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cornerforge.results.analysis import Analysed
+from cornerforge.results.driving import Filled, Simulated
+from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolicy
+from cornerforge.results.rates import Yield
+from cornerforge.results.stating import meant
+
+__all__ = ["RunDone", "RunTrained"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTrained(Yield, LearnedPolicy):
+    """The adversary of a run, measured on tests that no training uses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunDone:
+    """The whole job: what each stage came to."""
+
+    out: str = field(metadata=meant("Folder of everything."))
+    version: str = field(metadata=meant("Version of cornerforge that did it."))
+    effort: str = field(metadata=meant("quick, standard or paper."))
+    seed: int = field(metadata=meant("Seed of everything."))
+    av: str = field(metadata=meant("Name of the AV."))
+    bounded: bool = field(metadata=BOUNDED)
+    budget: float | None = field(metadata=BUDGET)
+    nde: Simulated = field(metadata=meant("Natural traffic."))
+    train: RunTrained = field(metadata=meant("The adversary."))
+    baselines: tuple[Baseline, ...] = field(metadata=meant("Plain adversaries on the same tests as the adversary."))
+    generate: Filled = field(metadata=meant("The case library."))
+    analyse: Analysed = field(metadata=meant("What is in it."))
+    report: str = field(metadata=meant("File of the report."))
+    seconds: float = field(metadata=meant("Wall-clock of this call; stages of earlier ones are not in it.", "s"))
