@@ -20,8 +20,8 @@ from typing import Any
 from document import MarkedBlock
 from measuring import table
 
+from cornerforge.paper.reproduce import REPRODUCE_EFFORTS
 from cornerforge.pipeline.output import write_text
-from cornerforge.pipeline.reproduce import REPRODUCE_EFFORTS
 
 IN_DOCUMENT = MarkedBlock("benchmarks/reproduction.py")
 Json = Mapping[str, Any]

@@ -10,6 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cornerforge.paper import reproduce
     from cornerforge.pipeline import (
         analyse,
         avs,
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
         query,
         rate,
         replay,
-        reproduce,
         run,
         shrink,
         simulate,
@@ -61,5 +61,6 @@ __version__ = "0.1.0"
 def __getattr__(name: str) -> Any:
     """Load a verb on first use, so that `import cornerforge` stays light."""
     if name in __all__:
-        return getattr(importlib.import_module("cornerforge.pipeline"), name)
+        room = "paper" if name == "reproduce" else "pipeline"
+        return getattr(importlib.import_module(f"cornerforge.{room}"), name)
     raise AttributeError(f"module 'cornerforge' has no attribute {name!r}")

@@ -14,21 +14,22 @@ import numpy as np
 import pytest
 from folder_snapshot import snapshot
 
-from cornerforge import pipeline
+from cornerforge import paper
 from cornerforge.adversary.config import PRESETS, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError, OutputError, UnknownNameError
 from cornerforge.geometry import Box, boxes_overlap
+from cornerforge.paper import bench as bench_module
+from cornerforge.paper import clusters, examples, figure3, figure6, figure7
+from cornerforge.paper.bench import Adversary, Bench, ReproduceEffort, keep
+from cornerforge.paper.figure2 import seconds_to_yield
+from cornerforge.paper.libraries import library_of
+from cornerforge.paper.matrix import adversaries
+from cornerforge.paper.pooled import pooled
+from cornerforge.paper.registry import ITEMS
+from cornerforge.paper.table1 import TABLE1
 from cornerforge.pipeline.counting import simulate_experiment
-from cornerforge.pipeline.paper import ITEMS, clusters, examples, figure3, figure6, figure7
-from cornerforge.pipeline.paper import bench as bench_module
-from cornerforge.pipeline.paper.bench import Adversary, Bench, ReproduceEffort, keep
-from cornerforge.pipeline.paper.figure2 import seconds_to_yield
-from cornerforge.pipeline.paper.libraries import library_of
-from cornerforge.pipeline.paper.matrix import adversaries
-from cornerforge.pipeline.paper.pooled import pooled
-from cornerforge.pipeline.paper.table1 import TABLE1
 from cornerforge.pipeline.setting import experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, load_timed_policy
 from cornerforge.rates import binomial_interval
@@ -53,7 +54,7 @@ def tiny_effort() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("reproduce") / "out"
-    return folder, pipeline.reproduce(effort="quick", out=folder, seed=3)
+    return folder, paper.reproduce(effort="quick", out=folder, seed=3)
 
 
 def item(result: dict[str, Any], name: str) -> dict[str, Any]:
@@ -167,7 +168,7 @@ def test_a_finished_folder_is_not_computed_again(
         monkeypatch.setattr(bench_module, name, never)
     monkeypatch.setattr(figure3, "simulate_chunks", never)
     before = snapshot(folder / "items") | snapshot(folder / "policies")
-    again = pipeline.reproduce(effort="quick", out=folder, seed=3, resume=True)
+    again = paper.reproduce(effort="quick", out=folder, seed=3, resume=True)
     assert again["items"] == result["items"]
     assert snapshot(folder / "items") | snapshot(folder / "policies") == before
 
@@ -178,7 +179,7 @@ def test_one_item_is_made_again_of_kept_policies(
     folder, result = finished
     (folder / "items" / "figure5.json").unlink()
     monkeypatch.setattr(bench_module, "learn", lambda *_, **__: pytest.fail("trained again"))
-    again = pipeline.reproduce(effort="quick", out=folder, seed=3, figures=["figure5"], resume=True)
+    again = paper.reproduce(effort="quick", out=folder, seed=3, figures=["figure5"], resume=True)
     assert [found["id"] for found in again["items"]] == ["figure5"]
     assert item(again, "figure5")["rows"] == item(result, "figure5")["rows"]
     # The page goes on showing the others.
@@ -188,13 +189,13 @@ def test_one_item_is_made_again_of_kept_policies(
 def test_another_seed_or_place_is_refused(finished: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     folder, _ = finished
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.reproduce(effort="quick", out=folder, seed=3)
+        paper.reproduce(effort="quick", out=folder, seed=3)
     with pytest.raises(InputError, match="seed = 3, not 4"):
-        pipeline.reproduce(effort="quick", out=folder, seed=4, resume=True)
+        paper.reproduce(effort="quick", out=folder, seed=4, resume=True)
     with pytest.raises(UnknownNameError, match="figure2"):
-        pipeline.reproduce(effort="quick", out=tmp_path / "new", figures=["figur2"])
+        paper.reproduce(effort="quick", out=tmp_path / "new", figures=["figur2"])
     with pytest.raises(UnknownNameError, match="standard"):
-        pipeline.reproduce(effort="medium", out=tmp_path / "new")
+        paper.reproduce(effort="medium", out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -350,11 +351,11 @@ def test_a_policy_of_the_paper_preset_adds_a_curve(finished: tuple[Path, dict[st
     folder, _ = finished
     path = tmp_path / "paper.safetensors"
     save_policy(some_policy_with([point(2.0, 50, 0.2), point(3.0, 50, 0.3)]), path)
-    result = pipeline.reproduce(effort="quick", out=folder, seed=3, figures=["figure2"], paper_policy=path, resume=True)
+    result = paper.reproduce(effort="quick", out=folder, seed=3, figures=["figure2"], paper_policy=path, resume=True)
     ours = row(result, "figure2", "the same with preset paper (Table 1)")
     assert ours["paper"] == 0.286
     assert 0.0 <= ours["ours"] <= 1.0
-    pipeline.reproduce(effort="quick", out=folder, seed=3, figures=["table1"], resume=True)
+    paper.reproduce(effort="quick", out=folder, seed=3, figures=["table1"], resume=True)
     kept = next(found for found in read(folder / "items.json")["items"] if found["id"] == "figure2")
     assert [curve["name"] for curve in kept["data"]["curves"]][-1] == "preset paper (Table 1)"
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cornerforge.errors import FileFormatError
-from cornerforge.pipeline.paper import ITEMS
+from cornerforge.paper.registry import ITEMS
 from cornerforge.report import write_reproduction
 from cornerforge.report.reproduction import RENDERERS
 

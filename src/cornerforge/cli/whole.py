@@ -87,12 +87,12 @@ def reproduce(
     debug: Debug = False,
 ) -> None:
     """Make the paper's figures and tables again, ours beside theirs, on one page."""
-    from cornerforge import pipeline
-    from cornerforge.pipeline.reproduce import reproduction_text
+    from cornerforge import paper
+    from cornerforge.paper.reproduce import reproduction_text
 
     figures = [*(figure or []), *(more or [])] or None
     run_command(
-        lambda bars: pipeline.reproduce(
+        lambda bars: paper.reproduce(
             out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),

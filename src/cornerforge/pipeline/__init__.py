@@ -10,7 +10,6 @@ from cornerforge.pipeline.generate import generate
 from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
 from cornerforge.pipeline.plausibility import plausibility
 from cornerforge.pipeline.rate import rate
-from cornerforge.pipeline.reproduce import reproduce
 from cornerforge.pipeline.run import run
 from cornerforge.pipeline.show import ndd_show
 from cornerforge.pipeline.shrink import shrink
@@ -33,7 +32,6 @@ __all__ = [
     "query",
     "rate",
     "replay",
-    "reproduce",
     "run",
     "shrink",
     "simulate",

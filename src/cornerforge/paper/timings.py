@@ -11,11 +11,11 @@ from cornerforge.adversary.policy_file import policy_hash
 from cornerforge.analysis.features import crash_features
 from cornerforge.analysis.grouping import group_features
 from cornerforge.analysis.kmeans import k_means_in
+from cornerforge.paper.bench import Adversary, Bench
+from cornerforge.paper.figure2 import PAPER_SECONDS, PAPER_YIELD, seconds_to_yield
+from cornerforge.paper.item import Finding, Item, Row
+from cornerforge.paper.libraries import BOUNDED, FREE, Filled, library_of, missing_note
 from cornerforge.pipeline.analyse import analyse
-from cornerforge.pipeline.paper.bench import Adversary, Bench
-from cornerforge.pipeline.paper.figure2 import PAPER_SECONDS, PAPER_YIELD, seconds_to_yield
-from cornerforge.pipeline.paper.item import Finding, Item, Row
-from cornerforge.pipeline.paper.libraries import BOUNDED, FREE, Filled, library_of, missing_note
 
 __all__ = ["TIMINGS"]
 

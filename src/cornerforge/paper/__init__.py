@@ -6,6 +6,6 @@ measurements, so that items share them and an interrupted `reproduce` goes on.
 
 from __future__ import annotations
 
-from cornerforge.pipeline.paper.registry import ITEMS
+from cornerforge.paper.reproduce import reproduce
 
-__all__ = ["ITEMS"]
+__all__ = ["reproduce"]

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
-from cornerforge.pipeline.paper.bench import Adversary, Bench
-from cornerforge.pipeline.paper.clusters import Analysed, analysed
-from cornerforge.pipeline.paper.drawn import drawn_case, number_of_cases
-from cornerforge.pipeline.paper.item import Finding, Item, Row
-from cornerforge.pipeline.paper.libraries import BOUNDED, FREE, missing_note
+from cornerforge.paper.bench import Adversary, Bench
+from cornerforge.paper.clusters import Analysed, analysed
+from cornerforge.paper.drawn import drawn_case, number_of_cases
+from cornerforge.paper.item import Finding, Item, Row
+from cornerforge.paper.libraries import BOUNDED, FREE, missing_note
 
 __all__ = ["FIGURE6"]
 

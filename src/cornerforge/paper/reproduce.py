@@ -12,6 +12,9 @@ from cornerforge._checks import check_in, check_integer
 from cornerforge.drivers.avs import av_hash
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import model_hash
+from cornerforge.paper.bench import REPRODUCE_EFFORTS, Bench, keep
+from cornerforge.paper.item import Item
+from cornerforge.paper.registry import ITEMS
 from cornerforge.pipeline.effort import effort_and_budget
 from cornerforge.pipeline.output import (
     code_hash,
@@ -22,9 +25,6 @@ from cornerforge.pipeline.output import (
     version,
     write_json,
 )
-from cornerforge.pipeline.paper import ITEMS
-from cornerforge.pipeline.paper.bench import REPRODUCE_EFFORTS, Bench, keep
-from cornerforge.pipeline.paper.item import Item
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.world_options import RoadKeywords, WorldOptions
 

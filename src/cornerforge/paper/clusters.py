@@ -11,10 +11,10 @@ from cornerforge.analysis.analyse import Analysis, analyse
 from cornerforge.analysis.dbscan import MAJORITY_SHARE, neighbour_distance
 from cornerforge.analysis.sensitivity import split_sensitivity
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.paper.bench import Adversary, Bench
-from cornerforge.pipeline.paper.figure7 import thinned
-from cornerforge.pipeline.paper.item import Finding, Item, Row, Value
-from cornerforge.pipeline.paper.libraries import (
+from cornerforge.paper.bench import Adversary, Bench
+from cornerforge.paper.figure7 import thinned
+from cornerforge.paper.item import Finding, Item, Row, Value
+from cornerforge.paper.libraries import (
     BOUNDED,
     FREE,
     PAPER_BOUNDED_CASES,

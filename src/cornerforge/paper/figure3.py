@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cornerforge.adversary.policy_file import policy_hash
 from cornerforge.drivers.avs import av_hash
-from cornerforge.pipeline.paper.bench import Adversary, Bench
-from cornerforge.pipeline.paper.item import Finding, Item, Row
+from cornerforge.paper.bench import Adversary, Bench
+from cornerforge.paper.item import Finding, Item, Row
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import poisson_interval
 from cornerforge.sim.runner import simulate_chunks, warm_up

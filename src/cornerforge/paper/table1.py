@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cornerforge.adversary.config import preset_named
-from cornerforge.pipeline.paper.bench import Bench
-from cornerforge.pipeline.paper.item import Finding, Item, Row
+from cornerforge.paper.bench import Bench
+from cornerforge.paper.item import Finding, Item, Row
 
 __all__ = ["TABLE1"]
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from cornerforge.adversary.policy_file import policy_hash
 from cornerforge.library import CaseLibrary
+from cornerforge.paper.bench import Adversary, Bench
 from cornerforge.pipeline.generate import fill_library
-from cornerforge.pipeline.paper.bench import Adversary, Bench
 
 __all__ = ["BOUNDED", "FREE", "PAPER_BOUNDED_CASES", "PAPER_CASES", "Filled", "library_of", "missing_note"]
 

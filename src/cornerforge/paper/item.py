@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
-    from cornerforge.pipeline.paper.bench import Bench
+    from cornerforge.paper.bench import Bench
 
 __all__ = ["Finding", "Item", "Row", "Value"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from cornerforge.pipeline.paper.bench import PLAIN, Adversary, Bench
-from cornerforge.pipeline.paper.item import Finding, Item, Row
-from cornerforge.pipeline.paper.pooled import pooled
+from cornerforge.paper.bench import PLAIN, Adversary, Bench
+from cornerforge.paper.item import Finding, Item, Row
+from cornerforge.paper.pooled import pooled
 
 __all__ = ["MATRIX", "adversaries"]
 
