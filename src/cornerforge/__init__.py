@@ -6,8 +6,9 @@ a dataclass of `cornerforge.results`.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from cornerforge._doors import door
 
 if TYPE_CHECKING:
     from cornerforge.paper import reproduce
@@ -58,9 +59,4 @@ __all__ = [
 __version__ = "0.1.0"
 
 
-def __getattr__(name: str) -> Any:
-    """Load a verb on first use, so that `import cornerforge` stays light."""
-    if name in __all__:
-        room = "paper" if name == "reproduce" else "pipeline"
-        return getattr(importlib.import_module(f"cornerforge.{room}"), name)
-    raise AttributeError(f"module 'cornerforge' has no attribute {name!r}")
+__getattr__ = door("cornerforge", dict.fromkeys(set(__all__) - {"__version__"}, "pipeline") | {"reproduce": "paper"})

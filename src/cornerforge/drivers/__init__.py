@@ -2,4 +2,38 @@
 
 from __future__ import annotations
 
-__all__: list[str] = []
+from typing import TYPE_CHECKING
+
+from cornerforge._doors import door
+
+if TYPE_CHECKING:
+    from cornerforge.drivers.avs import AVS, AvLaw, AvModel, av_named
+    from cornerforge.drivers.idm import IdmParams
+    from cornerforge.drivers.mobil import MobilParams
+    from cornerforge.drivers.policy import NetworkShape
+    from cornerforge.drivers.rss import RssParams
+
+__all__ = [
+    "AVS",
+    "AvLaw",
+    "AvModel",
+    "IdmParams",
+    "MobilParams",
+    "NetworkShape",
+    "RssParams",
+    "av_named",
+]
+
+__getattr__ = door(
+    "cornerforge.drivers",
+    {
+        "AVS": "avs",
+        "AvLaw": "avs",
+        "AvModel": "avs",
+        "IdmParams": "idm",
+        "MobilParams": "mobil",
+        "NetworkShape": "policy",
+        "RssParams": "rss",
+        "av_named": "avs",
+    },
+)
