@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.idm import IdmNumbers
 from cornerforge.drivers.mobil import MobilNumbers
+from cornerforge.road.straight import RoadNumbers
 from cornerforge.sim.keep import Outcomes, allocate_outcomes
 from cornerforge.sim.setting import NATURALISTIC, NOBODY
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, MAX_LANES
 
 if TYPE_CHECKING:
-    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.setting import Setting
 
 __all__ = [
@@ -203,7 +203,7 @@ class Yardstick:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
         if setting.av.kind != 0:
             raise ValueError("The yardstick drives a plain AV, IDM and MOBIL.")
-        if VEHICLE.itemsize != 160 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
+        if VEHICLE.itemsize != 184 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a vehicle or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
         tables = setting.tables

@@ -136,7 +136,7 @@ def help_of(command):
 
 def driven(**world):
     result = simulate(tests=200, threads=1, **world)
-    return {name: result[name] for name in ("av_crashes", "digest")}
+    return {name: getattr(result, name) for name in ("av_crashes", "digest")}
 
 def trained(reward):
     # It explores all the time, so all rewards see the same tests.
@@ -147,7 +147,7 @@ def trained(reward):
 
 print(json.dumps({
     "mttc": mttc([20.0, 20.0, -1.0], [-5.0, 0.0, 5.0], [0.0, -1.0, 0.0]).tolist(),
-    "avs": [av["name"] for av in avs()["avs"]],
+    "avs": [av.name for av in avs().avs],
     "help": {command: help_of(command) for command in ("simulate", "generate", "train")},
     "idm-mobil": driven(bv="swerve"),
     "gentle": driven(bv="swerve", av="gentle"),

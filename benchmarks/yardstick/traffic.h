@@ -60,6 +60,9 @@ static void place(World *w, int64_t slot, double x, int64_t lane, double speed, 
     v->target_lane = lane;
     v->lanes = (int64_t)1 << lane;
     v->present = 1;
+    v->length = road->length;
+    v->width = road->width;
+    v->kind = 0;
     v->action = -1;
 }
 

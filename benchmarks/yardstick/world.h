@@ -15,6 +15,8 @@ typedef struct {
     double x, y, speed, x_held, speed_held, lateral_speed, heading, acceleration, clock, duration;
     double c[6];
     int64_t target_lane, lanes, present, action;
+    double length, width; /* of the kernels; all are cars here, of the road's size */
+    int64_t kind;
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };
@@ -35,6 +37,7 @@ typedef struct {
     int64_t max_decisions;
     double av_start, traffic_length;
     int64_t av_substeps;
+    double truck_share, motorcycle_share, longest;
 } Road;
 
 typedef struct {

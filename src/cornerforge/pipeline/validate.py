@@ -25,6 +25,7 @@ from cornerforge.pipeline.free_running import (
 from cornerforge.pipeline.output import open_output, write_json, write_text
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
+from cornerforge.results import as_json
 
 if TYPE_CHECKING:
     from cornerforge.ndd.compare import SimulatedTraffic
@@ -161,7 +162,7 @@ def _traffic(part: FreeRunning) -> dict[str, Any]:
         "worlds": part.tests,
         "miles": part.miles,
         "vehicles_per_km": part.vehicles_per_km,
-        "distributions": distributions_of(part.total()),
+        "distributions": as_json(distributions_of(part.total())),
         "curves": curves,
     }
 
