@@ -29,7 +29,7 @@ const player = (() => {
     if (low < 0 || high >= vehicle.x.length || vehicle.x[low] === null || vehicle.x[high] === null) return null;
     const mix = (values) => values[low] * (1 - part) + values[high] * part;
     const [x, y, v, h] = ["x", "y", "v", "h"].map((key) => mix(vehicle[key]));
-    return { x, y, v, h, lane: vehicle.lane[low], length: vehicle.length, width: vehicle.width };
+    return { x, y, v, h, lane: vehicle.lane[low], kind: vehicle.kind, length: vehicle.length, width: vehicle.width };
   }
 
   const decision = (item, frame) => Math.min(Math.floor((item.first + frame + 1e-6) / 10), item.critical.length - 1);
@@ -124,7 +124,9 @@ const player = (() => {
     g.fillStyle = colour;
     g.fillRect(-length / 2, -width / 2, length, width);
     g.fillStyle = "rgba(255,255,255,0.55)"; // the windscreen shows which end is the front
-    g.fillRect(0.12 * length, -0.36 * width, 0.13 * length, 0.72 * width);
+    // A truck's cab is at its nose; a car has a bonnet before it.
+    const [behindNose, deep] = box.kind === "truck" ? [0.9 * view.scale, 0.7 * view.scale] : [0.38 * length, 0.13 * length];
+    g.fillRect(length / 2 - behindNose, -0.36 * width, deep, 0.72 * width);
     g.strokeStyle = outlined ? colours.ink : "rgba(0,0,0,0.45)";
     g.lineWidth = outlined ? 2 : 1;
     g.strokeRect(-length / 2, -width / 2, length, width);
@@ -226,7 +228,8 @@ const player = (() => {
       const partner = item.partner > 0 ? boxes[item.partner] : null;
       for (const i of order) {
         const box = boxes[i];
-        const name = i === 0 ? "AV" : `BV ${item.vehicles[i].slot}`;
+        const kind = item.vehicles[i].kind;
+        const name = i === 0 ? "AV" : `BV ${item.vehicles[i].slot}${kind === "car" ? "" : `, ${kind},`}`;
         const pair = i === 0 || i === item.partner;
         // The two that meet carry their labels on the sides turned away from each other.
         const below = pair && partner ? (i === 0) === boxes[0].y < partner.y : false;
