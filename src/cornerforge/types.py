@@ -6,7 +6,7 @@ Axes: x along the road, y to the left from the right road edge, headings counter
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -165,6 +165,15 @@ class Odd:
         check_integer("odd.av_substeps", self.av_substeps, low=1, high=10)
         check_number("odd.truck_share", self.truck_share, low=0.0, high=1.0)
         check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - self.truck_share)
+
+    def stated(self) -> dict[str, str | int | float]:
+        """All fields, for files and hashes; shares of classes that do not occur are left out, as before there were any.
+
+        >>> "truck_share" in Odd().stated(), "truck_share" in Odd(truck_share=0.1).stated()
+        (False, True)
+        """
+        later = {"truck_share", "motorcycle_share"}
+        return {name: value for name, value in asdict(self).items() if name not in later or value != 0.0}
 
     def size_of(self, kind: int) -> tuple[float, float]:
         """Length and width of a class [m], by its index in `CLASSES`."""

@@ -138,7 +138,7 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
 def write_manifest(folder: Path, manifest: Manifest) -> bytes:
     """Commit a manifest; returns the bytes written."""
     version = schema_version(scripted=manifest.scripted)
-    content = {"format": _FORMAT, "schema_version": version, **asdict(manifest)}
+    content = {"format": _FORMAT, "schema_version": version, **asdict(manifest), "odd": manifest.odd.stated()}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     replace_file(folder / MANIFEST, text.encode())
     return text.encode()

@@ -166,7 +166,7 @@ class Bench:
             "seed": self.seed,
             "size": json.loads(json.dumps(asdict(self.size))),
             "model": model_hash(run.model),
-            "odd": asdict(run.odd),
+            "odd": run.odd.stated(),
         }
 
     # --- what is kept ---
@@ -220,7 +220,7 @@ class Bench:
             "av_hash": av_hash(run.av),
             "model_hash": model_hash(run.model),
             "train": asdict(config),
-            "odd": asdict(run.odd),
+            "odd": run.odd.stated(),
         }
         if path.exists():
             policy = load_policy(path)

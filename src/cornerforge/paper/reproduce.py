@@ -96,7 +96,7 @@ def reproduce(
         "odd": run.odd.name,
         "lanes": run.odd.n_lanes,
         "model_hash": model_hash(run.model),
-        "config_hash": config_hash({"size": asdict(size), "odd": asdict(run.odd)}),
+        "config_hash": config_hash({"size": asdict(size), "odd": run.odd.stated()}),
         "cornerforge": version(),
     }
     open_output(folder, identity, resume=resume)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
@@ -117,7 +117,7 @@ class Experiment:
             # Last: where two runs differ, messages name the first key, and a setting says more than its hash.
             "config_hash": config_hash(
                 {
-                    "odd": asdict(self.odd),
+                    "odd": self.odd.stated(),
                     "bv": self.bv,
                     "bounded": self.bounded,
                     "budget": self.budget,

@@ -57,7 +57,7 @@ def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int)
         "code": code_hash(),
         "train": asdict(config),
         "seed": seed,
-        "odd": asdict(run.odd),
+        "odd": run.odd.stated(),
         "av": run.av.name,
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
@@ -119,7 +119,7 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
         **{f"train.{name}": value for name, value in asdict(config).items()},
-        **{f"odd.{name}": value for name, value in asdict(run.odd).items()},
+        **{f"odd.{name}": value for name, value in run.odd.stated().items()},
         "code": code_hash(),
     }
     return CheckpointFile(policy.with_name(f"{policy.name}.checkpoint"), identity)
@@ -348,7 +348,7 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
         "av_hash": av_hash(run.av),
         "model_hash": model_hash(run.model),
         "train": asdict(config),
-        "odd": asdict(run.odd),
+        "odd": run.odd.stated(),
     }
     for key, value in wanted.items():
         if found.get(key) != value:

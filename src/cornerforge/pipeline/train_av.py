@@ -89,7 +89,7 @@ def train_av(
         "code": code_hash(),
         "train": asdict(config),
         "seed": seed,
-        "odd": asdict(run.odd),
+        "odd": run.odd.stated(),
         "model_hash": model_hash(run.model),
         "decisions": result.decisions,
         "updates": result.updates,
