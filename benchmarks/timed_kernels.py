@@ -115,7 +115,7 @@ def _timed_substeps(
         _move(w, substep, road)
         since = _lap(ns, MOVE, since, clock)
         frame = first_frame + substep + 1
-        ends = _check_contacts(w, frame)
+        ends = _check_contacts(w, frame, road)
         if not ends and distance_left(v, 0, road) <= 0.0:
             state.outcome = COMPLETED
             state.frame = frame

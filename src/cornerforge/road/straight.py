@@ -37,7 +37,13 @@ __all__ = [
 
 
 class RoadNumbers(NamedTuple):
-    """`Odd` as kernels take it; units as there. length, width: of a car; longest: of the longest class on this road."""
+    """`Odd` as kernels take it; units as there.
+
+    Attributes:
+        length, width: Of a car [m].
+        longest, widest: Of any class that may occur [m].
+        reach: The longest diagonal [m]: boxes whose centres are further apart do not touch.
+    """
 
     n_lanes: int
     lane_width: float
@@ -54,6 +60,8 @@ class RoadNumbers(NamedTuple):
     truck_share: float
     motorcycle_share: float
     longest: float
+    widest: float
+    reach: float
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
@@ -74,6 +82,8 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         odd.truck_share,
         odd.motorcycle_share,
         max(length for length, _ in odd.sizes_on_road),
+        max(width for _, width in odd.sizes_on_road),
+        max(math.hypot(length, width) for length, width in odd.sizes_on_road),
     )
 
 

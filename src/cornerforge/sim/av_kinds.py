@@ -74,7 +74,7 @@ def _is_refused(w: World, lane: int, road: RoadNumbers, av: AvNumbers) -> bool:
     return lead_gap < ahead or rear_gap < behind
 
 
-@kernel
+@inlined_kernel
 def _turns_back(w: World, road: RoadNumbers, av: AvNumbers) -> bool:
     """Does the AV, which changes lanes, return to the lane that its centre is still in?
 
@@ -89,7 +89,7 @@ def _turns_back(w: World, road: RoadNumbers, av: AvNumbers) -> bool:
     return lead_gap > 0.0 and rear_gap > 0.0
 
 
-@kernel
+@inlined_kernel
 def _comes_in_beside(w: World, road: RoadNumbers) -> int:
     """Slot of the nearest vehicle beside the AV that changes to the AV's lane and has its centre in another; -1: none.
 
@@ -109,7 +109,7 @@ def _comes_in_beside(w: World, road: RoadNumbers) -> int:
     return found
 
 
-@kernel
+@inlined_kernel
 def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
     """What the AV does about a vehicle that comes into its lane beside it: acceleration [m/s2] and target lane.
 
@@ -126,7 +126,7 @@ def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumber
     return (av.idm.max_acceleration if command >= 0.0 else command), lane
 
 
-@kernel
+@inlined_kernel
 def _watchful(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
     """IDM and MOBIL that looks again while it changes lanes, and evades who comes in beside it."""
     v = w.vehicles
@@ -198,7 +198,7 @@ acceleration [m/s2] and a target lane; they change nothing but the scratch."""
 _decision_of: Any = kernel_by_code({name: law.code for name, law in AV_KINDS.items() if name != "plain"}, _DECISIONS)
 
 
-@kernel
+@inlined_kernel
 def _decides_otherwise(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
     command, lane = _decision_of(av.kind, w, substep, road, av, s)
     return command, lane

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
-from cornerforge.road.straight import ahead_by, half_lengths, half_widths
+from cornerforge.road.straight import ahead_by
 from cornerforge.sim.neighbours import SIGHT
 from cornerforge.sim.world import NO_VEHICLE, UNKNOWN, all_current, forget_av_neighbours
 
@@ -76,18 +76,15 @@ def find_pairs(w: World, road: RoadNumbers, s: Scratch) -> None:
         if v[i].present == 0:
             continue
         reach = _lateral_reach(w, i, road)
-        limit = 0.5 * (v[i].length + road.longest) + 1.0 + max(0.0, s.most[i] - least)
+        limit = road.longest + 1.0 + max(0.0, s.most[i] - least)
         for other in range(rank + 1, n):
             j = order[other]
             dx = ahead_by(v, i, j)
             if dx > limit:
                 break
-            if v[j].present == 0 or dx > half_lengths(v, i, j) + 1.0 + max(0.0, s.most[i] - s.least[j]):
+            if v[j].present == 0 or dx > road.longest + 1.0 + max(0.0, s.most[i] - s.least[j]):
                 continue
-            if (
-                abs(v[j].y - v[i].y) < half_widths(v, i, j) + 1.0 + reach + _lateral_reach(w, j, road)
-                and found < w.pair_a.size
-            ):
+            if abs(v[j].y - v[i].y) < road.widest + 1.0 + reach + _lateral_reach(w, j, road) and found < w.pair_a.size:
                 w.pair_a[found] = min(i, j)
                 w.pair_b[found] = max(i, j)
                 found += 1

@@ -10,7 +10,7 @@ from cornerforge._elementary import atan
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import Box, boxes_overlap, path_at
-from cornerforge.road.straight import distance_left, go_along, go_further, lane_bits, lane_centre
+from cornerforge.road.straight import ahead_by, distance_left, go_along, go_further, lane_bits, lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.setting import BUILT_IN
@@ -101,9 +101,11 @@ def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) ->
 
 
 @inlined_kernel
-def _touch(w: World, a: int, b: int) -> bool:
+def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
     """Are both vehicles there, and do their boxes overlap?"""
     v = w.vehicles
+    if abs(ahead_by(v, a, b)) >= road.reach or abs(v[b].y - v[a].y) >= road.reach:
+        return False  # mostly; sizes need no look then
     if v[a].present == 0 or v[b].present == 0:
         return False
     return boxes_overlap(
@@ -129,7 +131,7 @@ def _drop_absent(w: World) -> None:
 
 
 @inlined_kernel
-def _check_contacts(w: World, frame: int) -> bool:
+def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
     """Look for contacts at this frame; returns True when one ends the test.
 
     A crash of the AV goes before all others, then one of the controlled BV. Only if neither happens are BVs that crash
@@ -142,7 +144,7 @@ def _check_contacts(w: World, frame: int) -> bool:
         is_av = a == 0
         if not is_av and (state.outcome != RUNNING or (state.controlled != a and state.controlled != b)):
             continue
-        if state.outcome != AV_CRASH and _touch(w, a, b):
+        if state.outcome != AV_CRASH and _touch(w, a, b, road):
             state.outcome = AV_CRASH if is_av else BV_CRASH
             state.slot_a = a
             state.slot_b = b
@@ -155,7 +157,7 @@ def _check_contacts(w: World, frame: int) -> bool:
     for k in range(state.n_pairs):
         a = w.pair_a[k]
         b = w.pair_b[k]
-        if a > 0 and _touch(w, a, b):
+        if a > 0 and _touch(w, a, b, road):
             state.bv_crashes += 1
             w.vehicles[a].present = 0
             w.vehicles[b].present = 0
@@ -237,7 +239,7 @@ def move_on(w: World, substep: int, road: RoadNumbers, recording: NDArray[np.voi
     frame = first_frame + substep + 1
     record_frame(w, frame - 1, recording)
     _move(w, substep, road)
-    ends = _check_contacts(w, frame)
+    ends = _check_contacts(w, frame, road)
     if not ends and distance_left(w.vehicles, 0, road) <= 0.0:
         state.outcome = COMPLETED
         state.frame = frame
