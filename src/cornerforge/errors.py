@@ -59,7 +59,7 @@ class UnknownNameError(InputError):
 
 
 class UnknownCaseError(UnknownNameError):
-    """A library holds no such case; the message names the nearest ones and says how to list all.
+    """A library does not hold a case; the message names the nearest ones and says how to list all.
 
     Args:
         name: The case id.
