@@ -117,7 +117,7 @@ def continue_recording(
     absent at the contact are absent.
 
     Args:
-        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`, with room for `until`.
+        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`, at least until + 1 of them.
         n: Number of vehicles.
         last: Frame of the contact.
         until: Last frame to write.

@@ -1,4 +1,4 @@
-"""What is kept of a drive: its outcome, frames, decisions, counts. Nothing of it changes what happens."""
+"""What is kept of a drive: its outcome, frames, decisions and counts. Keeping them does not change the drive."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Keep(NamedTuple):
 
 
 def allocate_outcomes(n: int) -> Outcomes:
-    """Room for the outcomes of n tests."""
+    """Allocate the outcomes of n tests."""
     return Outcomes(
         np.zeros(n, dtype=np.uint8),
         np.zeros(n, dtype=np.int32),
@@ -109,7 +109,7 @@ def allocate_outcomes(n: int) -> Outcomes:
 
 
 def allocate_decisions(n: int, slots: int) -> Decisions:
-    """Room for n decisions; 0 records nothing."""
+    """Allocate n decisions of `slots` vehicles; 0 records nothing."""
     return Decisions(
         np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int16), np.zeros(n), np.zeros(n), np.zeros(n)
     )
@@ -127,7 +127,7 @@ def keep_nothing(slots: int, *, counts: Counts | None = None, census: Census = N
 
 
 def keep_whole_test(setting: Setting, slots: int) -> Keep:
-    """Room for every frame and decision of the longest test."""
+    """Keep every frame and decision of a test; allocated for the longest one."""
     longest = setting.road.max_decisions
     return keep_nothing(slots)._replace(
         recording=allocate_recording(SUBSTEPS * longest + 1, slots), decisions=allocate_decisions(longest, slots)
