@@ -1,7 +1,7 @@
 """cornerforge: how an automated vehicle's decision-making crashes, which crashes matter, and how often they happen.
 
-The verbs of the command line, as functions with the same names; each returns what `--json` prints, most of them as
-a dataclass of `cornerforge.results`.
+This package has the verbs of the command line as functions of the same names. Each returns what `--json` prints, most
+of them as a dataclass of `cornerforge.results`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m cornerforge` is the command line."""
+"""`python -m cornerforge` runs the command line."""
 
 from __future__ import annotations
 

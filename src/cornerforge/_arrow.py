@@ -1,4 +1,4 @@
-"""Lists of `fields.py` as Arrow schemas, for all who write tables."""
+"""Lists of `fields.py` as Arrow schemas, for all modules that write tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["arrow_field", "arrow_fields", "arrow_type"]
 
 @functools.cache
 def arrow_type(name: str) -> pa.DataType:
-    """Arrow's type of the name of a type (`fields.Field`).
+    """Translate a type's name (`fields.Field.type`) to Arrow's type.
 
     >>> arrow_type("list of int8"), arrow_type("float32[128]")
     (ListType(list<item: int8>), FixedSizeListType(fixed_size_list<item: float>[128]))
@@ -29,11 +29,11 @@ def arrow_type(name: str) -> pa.DataType:
 
 @functools.cache
 def arrow_field(column: Field) -> pa.Field:
-    """A column with unit and meaning as metadata."""
+    """Make Arrow's field of a column, with unit and meaning as metadata."""
     about = {"unit": column.unit, "meaning": column.meaning} if column.unit else {"meaning": column.meaning}
     return pa.field(column.name, arrow_type(column.type), metadata=about)
 
 
 def arrow_fields(columns: Iterable[Field]) -> list[pa.Field]:
-    """The same of several."""
+    """Make Arrow's fields of several columns."""
     return [arrow_field(column) for column in columns]

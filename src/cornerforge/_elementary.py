@@ -1,9 +1,9 @@
 """Elementary functions for kernels: exponential, logarithm, sine, cosine and arctangent with the same bits everywhere.
 
-Those of the C library differ from one library and processor to the next in their last bits, and a last bit ends in
-another test (docs/adr/0021-elementary-functions.md). These use only what IEEE 754 rounds exactly (+, -, *, /,
-floor, and the bits of a number), in a fixed order, without fused multiply-adds, calls or memory. So they give the same
-bits compiled for any processor and as plain Python (`exp.py_func` and its fellows).
+Functions of the C library differ in their last bits between libraries and processors, and a different last bit makes a
+different test (docs/adr/0021-elementary-functions.md). The functions here use only operations that IEEE 754 rounds
+exactly (+, -, *, /, floor, and the bits of a number), in a fixed order, without fused multiply-adds, calls or memory.
+So they give the same bits compiled for any processor and as plain Python (`exp.py_func` and so on).
 
 Each one brings its argument near to 0 and sums a Taylor series there. The rounding errors of that step are kept beside
 the argument ("lost") and added last. The ideas are in Muller, Elementary Functions (3rd edition, 2016), the constants
@@ -44,7 +44,7 @@ _SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 _F = tuple(1.0 / math.factorial(n) for n in range(18))
 """1 / n!, the coefficients of exp, sin and cos."""
 _ODD = tuple(1.0 / (2 * n + 1) for n in range(12))
-"""1 / (2 n + 1), those of artanh and, with alternating signs, of arctan."""
+"""1 / (2 n + 1), the coefficients of artanh and, with alternating signs, of arctan."""
 
 _ATAN = tuple(
     map(
@@ -52,7 +52,7 @@ _ATAN = tuple(
         ("0x0p+0", "0x1.f5b75f92c80ddp-3", "0x1.dac670561bb4fp-2", "0x1.4978fa3269ee1p-1", "0x1.921fb54442d18p-1"),
     )
 )
-"""arctan(j / 4) for j = 0 .. 4, and below what the numbers lack."""
+"""arctan(j / 4) for j = 0 .. 4; `_ATAN_LACKS` holds their rounding errors (true value minus this)."""
 _ATAN_LACKS = tuple(
     map(
         float.fromhex,
@@ -149,7 +149,7 @@ def log(x: float) -> float:
 
 @kernel
 def _less_quarters(x: float, n: int) -> tuple[float, float]:
-    """An angle less n quarter turns [rad], and what that number lacks; n below 2^20, the result at most pi / 4."""
+    """Subtract n < 2^20 quarter turns from an angle: the result [rad], at most pi / 4, and its rounding error."""
     a = x - n * _QUARTER[0]  # exact, and so are the next two products
     b = n * _QUARTER[1]
     c = n * _QUARTER[2]

@@ -1,7 +1,8 @@
-"""Files that are whole or absent: written under another name beside their place, then renamed.
+"""Files that are whole or absent: they are written under another name in the same folder, then renamed.
 
-Renaming is atomic for every process of the machine, so a kill leaves the old file or the new one. Nothing is fsynced: a
-kill of the process does not lose what the kernel has taken, and what must survive a loss of power has checksums.
+Renaming is atomic for every process of the machine, so a kill leaves the old file or the new one. Nothing is fsynced:
+a kill of the process does not lose what the operating system has taken, and files that must survive a loss of power
+have checksums.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ __all__ = ["part_of", "reason", "writing"]
 
 
 def part_of(path: Path) -> Path:
-    """The name under which a file is written; what a kill leaves of it is overwritten by the next try.
+    """Make the name under which a file is written; a part that a kill left behind is overwritten by the next try.
 
     >>> part_of(Path("out/summary.json")).name
     '.summary.json.part'
@@ -26,20 +27,20 @@ def part_of(path: Path) -> Path:
 
 
 def reason(error: OSError) -> str:
-    """Why a file operation failed; errors of other libraries carry it in their text only."""
+    """Say why a file operation failed; errors of other libraries say it in their text only."""
     return error.strerror or str(error)
 
 
 @contextmanager
 def writing(path: Path, what: str = "") -> Iterator[Path]:
-    """Write a file whole or not at all: gives the name to write to, beside its place, and renames it at the end.
+    """Write a file whole or not at all: yield the name to write to, in the same folder, and rename it at the end.
 
     Args:
         path: Where the file shall be; its folder is made.
-        what: What it is, for messages, such as "the policy".
+        what: What it is, for messages, for example "the policy".
 
     Raises:
-        OutputError: It cannot be written; nothing is left of it then.
+        OutputError: The file cannot be written; nothing is left of it then.
     """
     part = part_of(path)
     try:

@@ -1,11 +1,11 @@
-"""The one place that meets Numba: how kernels are compiled, and where their machine code is kept.
+"""Kernels: how they are compiled with Numba, and where their machine code is kept.
 
 `kernel` compiles on first call, keeps the machine code on disk (a second start pays no compile time), releases the GIL
 (so that ranges of tests run in a thread pool), and keeps IEEE semantics: no `fastmath`, hence results that do not
 depend on vector width, thread count or batch size.
 
-Numba by itself notices only edits of the file that a function stands in, not of those it calls, and would go on with
-stale code. So the cache folder's name holds a fingerprint of all files that kernels are made of.
+Numba by itself notices edits of the file in which a function stands, but not of files whose functions it calls, and
+would go on with stale code. So the cache folder's name holds a fingerprint of all files that kernels are made of.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _OPTIONS: dict[str, Any] = {
 }
 # `_nrt`: no reference counting, which took most of the time where arrays travel in tuples, and no allocation, which
 # kernels must not do anyway. The switch is private to Numba (docs/adr/0006-compiled-kernels.md).
-# `forceinline`, said even where it is off: a kernel that says nothing takes it over from whichever caller happens to be
-# compiled first, and all of advance was one function of 68,000 instructions that took LLVM a minute.
+# `forceinline`, set even where it is off: a kernel without it inherits it from whichever caller is compiled first, and
+# then all of `advance` was one function of 68,000 instructions that took LLVM a minute.
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -51,7 +51,7 @@ _SOURCES = (
 
 
 def _fingerprint(package: Path) -> str:
-    """Hash over name, size and time of change of every kernel source (no file is opened)."""
+    """Hash name, size and time of change of every kernel source; no file is opened."""
     digest = hashlib.sha256()
     for pattern in _SOURCES:
         for path in sorted(package.glob(pattern)):
@@ -62,9 +62,9 @@ def _fingerprint(package: Path) -> str:
 
 @functools.cache
 def cache_folder() -> str:
-    """Where machine code is kept: beside the package, or in the user's cache when that is not writable; else "".
+    """Find the folder for machine code: in the package, or in the user's cache if that is not writable; else "".
 
-    The variable NUMBA_CACHE_DIR, when set, names another place.
+    The variable NUMBA_CACHE_DIR, if set, names another place.
     """
     package = Path(__file__).parent
     return choose_folder(f"kernels-{_fingerprint(package)}", package)
@@ -76,10 +76,10 @@ def kernel(function: F) -> F:
 
 
 def inlined_kernel(function: F) -> F:
-    """The same, melted into every kernel that calls it.
+    """Compile a scalar loop function into every kernel that calls it.
 
-    A call of its own hands over world, road and tables as about a hundred words: for what runs once per vehicle or
-    look-up that took half the time (docs/adr/0006-compiled-kernels.md). Bits stay the same.
+    A call hands over world, road and tables as about a hundred words; in functions called once per vehicle or look-up
+    that took half the time (docs/adr/0006-compiled-kernels.md). The results have the same bits.
     """
     return _compiled(function, {**_OPTIONS, "forceinline": True})
 
@@ -100,12 +100,12 @@ def kernel_by_code(codes: Mapping[str, int], kernels: Mapping[str, Callable[...,
     """Make one inlined kernel of several: called with a code and more arguments, it calls the kernel of that code.
 
     Args:
-        codes: What each name stands for; no two for the same.
-        kernels: One for each name. All take the same arguments and return the same types.
+        codes: The code of each name; all different.
+        kernels: The kernel of each name. All take the same arguments and return the same types.
 
     Raises:
-        LookupError: A name has no kernel, a kernel no name, or two names have one code. Without this, somebody else's
-            kernel would do the work.
+        LookupError: A name has no kernel, a kernel no name, or two names have one code. Without this check another
+            kernel would run without a warning.
     """
     if codes.keys() != kernels.keys():
         missing = ", ".join(sorted(codes.keys() ^ kernels.keys()))
@@ -119,7 +119,7 @@ def kernel_by_code(codes: Mapping[str, int], kernels: Mapping[str, Callable[...,
 
 
 def _whatever(function: Any) -> Any:
-    """A kernel that calls `function` for any code."""
+    """Make a kernel that calls `function` for any code."""
 
     @inlined_kernel
     def call(code: int, *arguments: Any) -> Any:  # noqa: ARG001
@@ -129,7 +129,7 @@ def _whatever(function: Any) -> Any:
 
 
 def _or(code_of_first: int, first: Any, others: Any) -> Any:
-    """A kernel that calls `first` for its code, else `others`."""
+    """Make a kernel that calls `first` for its code, else `others`."""
 
     @inlined_kernel
     def call(code: int, *arguments: Any) -> Any:
@@ -142,10 +142,10 @@ def _or(code_of_first: int, first: Any, others: Any) -> Any:
 
 @contextmanager
 def announce_compiling(say: Callable[[], None]) -> Iterator[None]:
-    """Call `say` once, when within this block the first kernel without machine code of an earlier process is compiled.
+    """Call `say` once, when the first kernel is compiled within this block; kernels read from disk do not count.
 
     Args:
-        say: Tells people why they wait.
+        say: Tells the user the reason for waiting.
     """
 
     class _Once(event.Listener):
@@ -164,7 +164,7 @@ def announce_compiling(say: Callable[[], None]) -> Iterator[None]:
 
 
 def _prefetch(_: object, array: Any, row: Any, column: Any) -> tuple[Any, Callable[..., Any]]:
-    """Typing and code of `prefetch`, as Numba asks for them."""
+    """Give typing and code of `prefetch`, as Numba asks for them."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         fields = context.make_array(signature.args[0])(context, builder, arguments[0])
@@ -181,7 +181,7 @@ def _prefetch(_: object, array: Any, row: Any, column: Any) -> tuple[Any, Callab
 
 
 prefetch = cast("Callable[[NDArray[Any], int, int], None]", intrinsic(_prefetch))
-"""For kernels: `prefetch(array, row, column)` asks for memory that will be read soon, and waits for nothing.
+"""For kernels: `prefetch(array, row, column)` asks for memory that will be read soon, and does not wait for it.
 
-It changes no result. The array has two axes, the indices are int64, and the place must lie within it.
+It changes no result. The array has two axes, the indices are int64, and the element must lie within the array.
 """

@@ -1,7 +1,7 @@
-"""Where machine code of kernels is kept: the choice of a folder, and files that may be damaged, or may not be written.
+"""The cache of kernels' machine code: its folder, and what happens to files that are damaged or cannot be written.
 
-A program must start wherever Python starts: with a read-only package, without a home, on a full disk. Kernels are then
-compiled for this run only. A file that is not what was written is dropped and compiled anew.
+A program must start wherever Python starts: with a read-only package, without a home folder, on a full disk. Kernels
+are then compiled for this run only. A damaged file is dropped and its kernel compiled anew.
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -29,9 +29,9 @@ _DAY = 86400.0
 
 
 def choose_folder(name: str, package: Path) -> str:
-    """Make the folder `name` in the first place that can be written; "" if there is none.
+    """Make the folder `name` in the first place that can be written, and return its path; "" if there is none.
 
-    Places: what NUMBA_CACHE_DIR names, if it is set; else the package's `__pycache__`, then the user's cache.
+    Places: the one that NUMBA_CACHE_DIR names, if it is set; else the package's `__pycache__`, then the user's cache.
     """
     wished = os.environ.get("NUMBA_CACHE_DIR")
     for base in (Path(wished),) if wished else _usual_places(package):
@@ -58,14 +58,14 @@ def _usual_places(package: Path) -> Iterator[Path]:
 
 
 def _mark_as_used(folder: Path) -> None:
-    """Set the folder's time, which says when it was used last; once a day is enough."""
+    """Set the folder's time, which tells its last use; at most once a day."""
     with contextlib.suppress(OSError):
         if folder.stat().st_mtime < time.time() - _TOUCH_DAYS * _DAY:
             os.utime(folder)
 
 
 def _remove_unused(base: Path) -> None:
-    """Drop machine code that no program has used for a month: its sources or its installation are gone."""
+    """Delete machine code that no program has used for a month: its sources or its installation are gone."""
     limit = time.time() - _UNUSED_DAYS * _DAY
     with contextlib.suppress(OSError):  # another process may remove the same folder
         for folder in base.glob("kernels-*"):
@@ -74,7 +74,7 @@ def _remove_unused(base: Path) -> None:
 
 
 class _Locator(UserProvidedCacheLocator):
-    """The folder that Numba is told. Numba would try to write a file into it for every kernel, at import."""
+    """The cache folder, as told to Numba. Numba's own class tries to write a file there for every kernel, at import."""
 
     def ensure_cache_path(self) -> None:
         os.makedirs(self.get_cache_path(), exist_ok=True)
@@ -97,13 +97,13 @@ class _Checked(CompileResultCacheImpl):
 
 
 class KernelCache(FunctionCache):
-    """Files of one kernel. Nothing that is wrong with them ends the program."""
+    """The cached files of one kernel; no fault in them ends the program."""
 
     _impl_class = _Checked
     _told = False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Read the kernel; None if it is not there, or damaged."""
+        """Read the kernel's machine code; None if it is absent or damaged."""
         try:
             return super().load_overload(sig, target_context)
         except Exception:  # damaged bytes, read as a pickle, can raise anything
@@ -112,7 +112,7 @@ class KernelCache(FunctionCache):
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write the kernel, if that is possible."""
+        """Write the kernel's machine code; where that fails, warn once."""
         try:
             super().save_overload(sig, data)
         except OSError as error:

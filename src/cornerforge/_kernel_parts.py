@@ -1,12 +1,13 @@
-"""Kernels within kernels: compiled once per whole program that is called from Python, not once for each of them.
+"""Kernels called by kernels: optimised once, within the kernel that Python calls, not once each.
 
-Numba by itself takes every compiled function to machine code of its own, with a door for Python, before it copies it
-into its callers, where all is optimised again: a program of 140 kernels was optimised and translated 190 times, three
-quarters of the time. Here a kernel has two faces. Called from Python it is an ordinary Numba function, cached on disk.
-Called from another kernel it is a part: typed and lowered, nothing more, and handed to whatever program it ends up in.
+Numba by itself translates every compiled function to machine code of its own, with a wrapper for Python, and then
+copies it into its callers, where all is optimised again: a program of 140 kernels was optimised and translated 190
+times, which took three quarters of the time. Here, a kernel called from Python is an ordinary Numba function, cached on
+disk. A kernel called from another kernel is a part: it is typed and lowered, no more, and linked into each program that
+calls it.
 
-Which instructions come out in the end is LLVM's choice as before; floating-point results keep their bits, because no
-option of the compilation changes (docs/adr/0006-compiled-kernels.md tells what of Numba's inside this uses).
+LLVM chooses the instructions as before; floating-point results keep their bits, because no option of the compilation
+changes (docs/adr/0006-compiled-kernels.md tells which of Numba's internals this uses).
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -26,14 +27,14 @@ __all__ = ["KernelDispatcher"]
 
 
 class _PartLibrary(JITCodeLibrary):
-    """Code of one part, to be linked into programs: never optimised as a whole, never translated."""
+    """The code of one part, for linking into programs; it is not optimised or translated by itself."""
 
     def finalize(self) -> None:
         self._raise_if_finalized()
         self._finalized = True
 
     def closure(self) -> list[Any]:
-        """This library and all that a program which contains it must link as well."""
+        """List this library and all others that a program which contains it must link."""
         found: dict[Any, None] = {self: None}
         for library in self._linking_libraries:
             for each in library.closure() if isinstance(library, _PartLibrary) else (library,):
@@ -60,7 +61,7 @@ class _PartLowering(NativeLowering):
 
 
 class _PartCompiler(CompilerBase):
-    """Numba's own passes with another lowering."""
+    """Numba's own passes, but with `_PartLowering`."""
 
     def define_pipelines(self) -> list[Any]:
         pipeline = DefaultPassBuilder.define_nopython_pipeline(self.state)
@@ -70,7 +71,7 @@ class _PartCompiler(CompilerBase):
 
 
 class _PartDispatcher(CPUDispatcher):
-    """What kernels call; a number written out in a call is a number like others, and asks for no version of its own."""
+    """The part, which kernels call. A literal number in a call is typed as any number, without a version of its own."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         return super().get_call_template(
@@ -82,7 +83,7 @@ class _PartDispatcher(CPUDispatcher):
 
 
 class KernelDispatcher(CPUDispatcher):
-    """What Python calls; kernels that name it are led to its part."""
+    """The kernel, which Python calls; a kernel that calls it gets its part."""
 
     def __init__(self, py_func: Callable[..., object], targetoptions: dict[str, Any]) -> None:
         super().__init__(py_func, targetoptions=dict(targetoptions))

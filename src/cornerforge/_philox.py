@@ -34,17 +34,17 @@ __all__ = [
 ]
 
 PURPOSE_DECIDE = 1
-"""A vehicle's decision: 4 words = lateral, acceleration, conflict, spare."""
+"""A BV's decision: 4 words = lane change, acceleration, giving way, rounding of the range rate."""
 PURPOSE_INITIAL = 2
 """Traffic at the start."""
 PURPOSE_EXPLORE = 3
-"""The learning adversary's exploration, and the plain adversaries: 2 words used."""
+"""Exploration of a learning adversary (2 words used) or a learning AV (3 words), and the plain adversaries."""
 PURPOSE_ACT = 4
 """A policy that acts at random by its values: 1 word used."""
 PURPOSE_CAST = 5
 """Which policy of a mixture drives a test: 1 word used, step and vehicle 0."""
 PURPOSE_CLASS = 6
-"""Which class of road users a vehicle of the initial traffic is of."""
+"""The class of a vehicle of the initial traffic."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
 
@@ -62,7 +62,7 @@ _16 = np.uint64(16)
 def philox4x32(
     c0: uint64, c1: uint64, c2: uint64, c3: uint64, k0: uint64, k1: uint64
 ) -> tuple[uint64, uint64, uint64, uint64]:
-    """Ten Philox rounds on four 32-bit counter words and two key words, each held in a uint64.
+    """Do ten Philox rounds on four 32-bit counter words and two key words, each held in a uint64.
 
     Returns:
         Four independent uniform 32-bit words, each in a uint64.
@@ -78,7 +78,7 @@ def philox4x32(
 
 @inlined_kernel
 def block(seed: int, test: int, step: int, vehicle: int, purpose: int) -> tuple[uint64, uint64, uint64, uint64]:
-    """Four uniform 32-bit words for one (seed, test, step, vehicle, purpose).
+    """Draw four uniform 32-bit words for one (seed, test, step, vehicle, purpose).
 
     Args:
         seed: 0 to 2^63 - 1.
@@ -96,10 +96,10 @@ def block(seed: int, test: int, step: int, vehicle: int, purpose: int) -> tuple[
 
 @inlined_kernel
 def blocks(words: NDArray[np.uint64], seed: int, test: int, step: int, n: int, purpose: int) -> None:
-    """`block` for vehicles 0 .. n - 1 into `words`, shape (4, n or more).
+    """Write `block` of vehicles 0 .. n - 1 into `words`, shape (4, n or more).
 
-    Nothing in this loop depends on the vehicle before, so the processor draws for several at a time: a whole simulation
-    was 4 % faster than with a `block` for each (median of 30 turns).
+    No turn of this loop depends on the one before, so the processor draws for several vehicles at a time: a whole
+    simulation was 4 % faster than with a `block` for each (median of 30 turns).
     """
     s = np.uint64(seed)
     t = np.uint64(test)
@@ -112,13 +112,13 @@ def blocks(words: NDArray[np.uint64], seed: int, test: int, step: int, n: int, p
 
 @inlined_kernel
 def uniform(word: uint64) -> float:
-    """A 32-bit word as a number in (0, 1); never 0 or 1."""
+    """Turn a 32-bit word into a number in (0, 1); never 0 or 1."""
     return (np.float64(word) + 0.5) * 2.3283064365386963e-10
 
 
 @inlined_kernel
 def normal_pair(word_a: uint64, word_b: uint64) -> tuple[float, float]:
-    """Two independent standard normal numbers from two words (Box and Muller 1958); |z| < 6.8."""
+    """Turn two words into two independent standard normal numbers (Box and Muller 1958); |z| < 6.8."""
     radius = math.sqrt(-2.0 * log(uniform(word_a)))
     sine, cosine = sin_cos(6.283185307179586 * uniform(word_b))
     return radius * cosine, radius * sine

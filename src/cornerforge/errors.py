@@ -48,7 +48,7 @@ class UnknownNameError(InputError):
     Args:
         kind: What was asked for, such as "AV".
         name: The name that is not known.
-        known: All names that are.
+        known: All known names.
     """
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
@@ -59,14 +59,14 @@ class UnknownNameError(InputError):
 
 
 class UnknownCaseError(UnknownNameError):
-    """A library holds no such case; the message names the nearest ones and says how to list all.
+    """A library does not hold a case; the message names the nearest ones and says how to list all.
 
     Args:
         name: The case id.
         near: Ids of a few cases, the nearest first.
-        cases: How many the library holds.
-        library: Its place.
-        is_near: Whether the first of them is probably what was meant.
+        cases: Number of cases in the library.
+        library: Its folder.
+        is_near: Whether the first of `near` is probably what the user meant.
     """
 
     def __init__(self, name: str, near: Sequence[str], cases: int, library: str, *, is_near: bool) -> None:

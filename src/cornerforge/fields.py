@@ -1,8 +1,8 @@
-"""What is recorded, said once: names, types, units and meanings of a test's series and of a case's columns.
+"""What is recorded: names, types, units and meanings of a test's series and of a case's columns, in one list each.
 
-From these lists are made: the record of one vehicle in one frame (`FRAME_FIELDS`), the order of a digest, the columns
-that the kernel fills (`CASE_ROW`), the Parquet schemas, their documentation, and the loops of all that read recordings.
-Where a new series or column is wanted, it is added here first.
+These lists make the record of one vehicle in one frame (`FRAME_FIELDS`), the order of a digest, the columns that the
+kernel fills (`CASE_ROW`), the Parquet schemas, their documentation, and the loops of all code that reads recordings. A
+new series or column is added here first.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ class Field:
 
 @dataclass(frozen=True)
 class Series:
-    """What is recorded of every vehicle in every frame.
+    """A quantity that is recorded of every vehicle, in every frame or once.
 
     Attributes:
         name: As in `types.Scenario`.
         recorded: NumPy type in a recording and in a digest.
-        column: Where it is stored; the type of its values there.
+        column: The column of `TRACKS` that stores it; its type is that of one value.
     """
 
     name: str
@@ -84,7 +84,7 @@ SERIES: tuple[Series, ...] = (
     ),
     Series("present", "i1", Field("present", "bool", "", "The vehicle exists; likewise.")),
 )  # fmt: skip
-"""In the order in which a digest covers them: first the real numbers, all 0 where absent, then lane and presence."""
+"""The series of a frame, in the order of a digest: first the real numbers, 0 where absent, then lane and presence."""
 
 BODY: tuple[Series, ...] = (
     Series(
@@ -94,16 +94,17 @@ BODY: tuple[Series, ...] = (
     Series("length", "<f8", Field("length_m", "float64", "m", "Length of each stored vehicle; likewise.")),
     Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.")),
 )  # fmt: skip
-"""What is recorded of every vehicle once."""
+"""The quantities recorded of every vehicle once."""
 
 REALS: tuple[str, ...] = tuple(series.name for series in SERIES if series.recorded == "<f8")
 """Names of the real-valued series."""
 
 FRAME_FIELDS = np.dtype([(series.name, series.recorded.lstrip("<")) for series in SERIES], align=True)
-"""One vehicle in one recorded frame; absent where `present` is 0, and then the rest means nothing."""
+"""One vehicle in one recorded frame; where `present` is 0 it is absent, and the rest means nothing."""
 
 HISTORY_SHAPE = (16, 2, 4)
-"""Seconds 0..15 before the contact; AV, crash partner; x [m], y [m], speed [m/s], heading [rad]."""
+"""Shape of a case's history: seconds 0..15 before the contact; AV, crash partner; x [m], y [m], speed [m/s], heading
+[rad]."""
 
 
 def _limits(who: str, name: str) -> tuple[Field, ...]:
@@ -133,14 +134,14 @@ SHORTFALL: tuple[Field, ...] = (
         "Critical BV's decisions that are impossible for an attentive driver; null: not recorded.",
     ),
 )  # fmt: skip
-"""What the critical BV's actions were worth to natural drivers (ADR 12); libraries of early versions may lack it."""
+"""Log-probability of the critical BV's actions against the likeliest ones (ADR 12); early libraries may lack it."""
 
 PARTNER: tuple[Field, ...] = (
     Field("bv_kind", "int8", "", "Class of the crash partner: 0 car, 1 truck, 2 motorcycle."),
     Field("bv_length_m", "float64", "m", "Length of the crash partner; null: an early library, of cars."),
     Field("bv_width_m", "float64", "m", "Width of the crash partner; likewise: null."),
 )
-"""Class and size of the crash partner; libraries of early versions lack it."""
+"""Class and size of the crash partner; early libraries lack it."""
 
 CASES: tuple[Field, ...] = (
     Field("case_id", "string", "", "Name of the case, seed:test."),
@@ -186,14 +187,14 @@ TRACKS: tuple[Field, ...] = (
     Field("critical_bv", "list of int16", "", "Critical BV's index into `slot` at each decision; -1: none."),
     Field("decision_log_prob_nde", "list of float64", "", "ln P(its action) in the NDE; 0: no BV."),
 )
-"""Columns of a library's tracks. Stored: the AV, its crash partner, critical BVs, and who comes within 150 m of the
-AV."""
+"""Columns of a library's tracks. They hold the AV, its crash partner, critical BVs, and every vehicle that comes within
+150 m of the AV."""
 
 _NUMBERS = {"bool": "u1"}
 
 
 def _row(fields: Sequence[Field]) -> list[tuple[str, str]]:
-    """The numbers among the columns of a case, as NumPy holds them."""
+    """List the numeric columns of a case, as fields of a NumPy record."""
     kinds = {field.name: _NUMBERS.get(field.type, field.type) for field in fields}
     return [(name, kind) for name, kind in kinds.items() if kind[0] in "uif" and kind[-1] != "]"]
 
@@ -208,5 +209,5 @@ CASE_ROW = np.dtype(
     ],
     align=True,
 )
-"""One case as the kernel makes it: the numbers of `CASES`, NaN for null; ln P of the critical BV's actions under the
-policy, and which policy of the mixture; frames, and stored vehicles."""
+"""One case as the kernel makes it: the numeric columns of `CASES`, NaN for null; ln P of the critical BV's actions
+under the policy; index of the policy in the mixture; numbers of frames and of stored vehicles."""

@@ -57,13 +57,16 @@ def boxes_overlap(a: Box, b: Box) -> bool:
 
 @inlined_kernel
 def _half_cover(own: float, other: Box, of_length: float, of_width: float) -> float:
-    """Half of a box's `own` side, and half of the shadow that another box casts on it [m]."""
+    """Compute half of a box's `own` side plus half of the other box's projection on that side [m].
+
+    `of_length`, `of_width`: |cosine| of the angles between that side and the other box's length and width.
+    """
     return 0.5 * own + 0.5 * other.length * of_length + 0.5 * other.width * of_width
 
 
 @inlined_kernel
 def path_at(path: Path, t: float) -> tuple[float, float, float]:
-    """Lateral position [m], speed [m/s] and acceleration [m/s2] on a quintic path at time t [s] since its start.
+    """Compute lateral position [m], speed [m/s] and acceleration [m/s2] on a quintic path at time t [s] from its start.
 
     Args:
         path: Coefficients of t^0 .. t^5.
@@ -78,7 +81,7 @@ def path_at(path: Path, t: float) -> tuple[float, float, float]:
 
 @kernel
 def path_peak_acceleration(path: Path, duration: float) -> float:
-    """Largest |lateral acceleration| [m/s2] on the path: at its ends or where the jerk, a quadratic, is zero."""
+    """Find the largest |lateral acceleration| [m/s2] on a path: at its ends or where the jerk, a quadratic, is zero."""
     peak = max(abs(path_at(path, 0.0)[2]), abs(path_at(path, duration)[2]))
     a = 60.0 * path[5]
     b = 24.0 * path[4]
@@ -98,7 +101,7 @@ def path_peak_acceleration(path: Path, duration: float) -> float:
 
 @kernel
 def quintic(y: float, speed: float, acceleration: float, y_end: float, duration: float) -> Path:
-    """Coefficients of the quintic from a lateral state (position, speed, acceleration) to rest at `y_end`."""
+    """Compute the quintic from a lateral state (position, speed, acceleration) to rest at `y_end` in `duration` [s]."""
     t = duration
     a0 = 0.5 * acceleration
     rest = y_end - y - speed * t - a0 * t * t
@@ -118,16 +121,16 @@ def quintic(y: float, speed: float, acceleration: float, y_end: float, duration:
 def plan_path(
     y: float, speed: float, acceleration: float, y_end: float, duration: float, max_acceleration: float
 ) -> tuple[Path, float]:
-    """The quintic from the present lateral state to rest at `y_end`, and its duration [s].
+    """Plan the quintic from the present lateral state to rest at `y_end`; return it and its duration [s].
 
     The duration grows by a tenth at a time until the peak lateral acceleration is at most `max_acceleration`, or at
-    most the present one, which no plan can undo; it stops growing at 8 times the wish.
+    most the present one, which no plan can undo; it stops growing at 8 times the desired duration.
 
     Args:
         y, speed, acceleration: Present lateral state [m], [m/s], [m/s2].
         y_end: Where to come to rest [m].
-        duration: Wish [s].
-        max_acceleration: Bound [m/s2].
+        duration: Desired duration [s].
+        max_acceleration: Bound of the lateral acceleration [m/s2].
     """
     limit = max(max_acceleration, abs(acceleration)) + 1e-9
     longest = 8.0 * duration

@@ -1,7 +1,8 @@
 """Recorded motion of many cases as one ragged table: flat arrays that kernels and NumPy code take alike.
 
-Made from a library's tables (`recordings_of_tracks`) or from scenarios in memory (`recordings_of_scenarios`), in which
-`fields.SERIES` names the series. A kernel that looks at one case has it unpacked into frames (`unpack`).
+The table is made from a library's tables (`recordings_of_tracks`) or from scenarios in memory
+(`recordings_of_scenarios`); `fields.SERIES` names the series. For a kernel that looks at one case, `unpack` writes the
+case into frames.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ __all__ = [
 ]
 
 BODY_FIELDS = np.dtype([(body.name, body.recorded.lstrip("<")) for body in BODY], align=True)
-"""What one vehicle is: its class, 0 for a car, and the size of its box [m]."""
+"""One vehicle's body: its class, 0 for a car, and the size of its box [m]."""
 
 _OF_CASE = ("seed", "test", "frames", "vehicles", "at", "vehicle_at", "last", "partner")
 _OF_VEHICLE = ("slot", *(BODY_FIELDS.names or ()))
@@ -44,7 +45,7 @@ _OF_FRAME = tuple(series.name for series in SERIES)
 class Recordings(NamedTuple):
     """C cases one after the other, 0.1 s a frame.
 
-    What is of vehicle i of case c stands at `vehicle_at[c] + i`, the AV first; its state at frame t at
+    Vehicle i of case c, the AV being vehicle 0, stands at `vehicle_at[c] + i`; its state at frame t stands at
     `at[c] + i * frames[c] + t`.
 
     Attributes:
@@ -54,13 +55,13 @@ class Recordings(NamedTuple):
         at: Where the case's states begin, int64, shape (C,).
         vehicle_at: Where its vehicles begin, int64, shape (C,).
         last: Frame of the contact, int64, shape (C,); outside [0, frames) where the recording does not hold it.
-        partner: Which of the vehicles the AV touches first, int64, shape (C,); 0 where it is not among them.
+        partner: Number of the vehicle that the AV touches first, int64, shape (C,); 0 where it is not among them.
         slot: Name of each vehicle within its test, int16, shape (V,).
         kind: Class of each vehicle, 0 for a car, int8, shape (V,).
-        length, width: Of each vehicle [m], float64, shape (V,).
+        length, width: Size of each vehicle [m], float64, shape (V,).
         x, y, speed, heading, acceleration: As in `types.Scenario`, float32 from libraries, else float64, shape (E,);
             NaN where absent.
-        target_lane: As there, int8, shape (E,).
+        target_lane: As in `types.Scenario`, int8, shape (E,).
         present: The vehicle exists, bool, shape (E,).
     """
 
@@ -91,11 +92,11 @@ class Recordings(NamedTuple):
 
     @property
     def case_ids(self) -> tuple[str, ...]:
-        """Names of the cases, seed:test."""
+        """The cases' names, seed:test."""
         return tuple(f"{seed}:{test}" for seed, test in zip(self.seed.tolist(), self.test.tolist(), strict=True))
 
     def blocks(self, size: int) -> Iterator[Recordings]:
-        """The same cases in pieces of at most `size`, views, so that what is derived of them stays small."""
+        """Yield the cases in pieces of at most `size`, as views, so that arrays derived from them stay small."""
         ends = np.append(self.at, self.x.size), np.append(self.vehicle_at, self.slot.size)
         for first in range(0, self.n_cases, size):
             after = min(first + size, self.n_cases)
@@ -111,7 +112,7 @@ class Trajectories(NamedTuple):
 
     Attributes:
         frames: (at least as many frames as are recorded, at least n) of `fields.FRAME_FIELDS`.
-        bodies: Who drives there, (at least n,), records with the fields of `BODY_FIELDS`.
+        bodies: Class and size of each vehicle, (at least n,), records with the fields of `BODY_FIELDS`.
         n: Number of vehicles, the AV first.
     """
 
@@ -122,13 +123,13 @@ class Trajectories(NamedTuple):
 
 @inlined_kernel
 def unpack(r: Recordings, c: int, frames: NDArray[np.void], bodies: NDArray[np.void]) -> None:
-    """Write case c into the first frames and slots of `frames`, and who drives there into `bodies`.
+    """Write the states of case c into the first frames and slots of `frames`, and its vehicles into `bodies`.
 
     Args:
         r: The cases.
-        c: Which one.
-        frames: (frames, slots) of `fields.FRAME_FIELDS`, with room for the case; who is absent keeps what stood there
-            but for `present`.
+        c: Number of the case.
+        frames: (frames, slots) of `fields.FRAME_FIELDS`, large enough for the case; where a vehicle is absent only
+            `present` is written.
         bodies: (slots,) of `BODY_FIELDS`.
     """
     for i in range(r.vehicles[c]):
@@ -151,26 +152,26 @@ def unpack(r: Recordings, c: int, frames: NDArray[np.void], bodies: NDArray[np.v
 
 @inlined_kernel
 def box_in(test: Trajectories, f: int, i: int) -> Box:
-    """The box of vehicle i at frame f."""
+    """Take the box of vehicle i at frame f."""
     cell = test.frames[f, i]
     body = test.bodies[i]
     return Box(cell.x, cell.y, cell.heading, body.length, body.width)
 
 
 def bodies_in(odd: Odd, n: int) -> NDArray[np.void]:
-    """Classes and sizes of n cars on a road, shape (n,) of `BODY_FIELDS`."""
+    """Make classes and sizes of n cars of an ODD, shape (n,) of `BODY_FIELDS`."""
     bodies = np.zeros(n, dtype=BODY_FIELDS)
     bodies["length"], bodies["width"] = odd.vehicle_length, odd.vehicle_width
     return bodies
 
 
 def bodies_of(scenario: Scenario) -> NDArray[np.void]:
-    """Classes and sizes of a scenario's vehicles, shape (N,) of `BODY_FIELDS`."""
+    """Take classes and sizes of a scenario's vehicles, shape (N,) of `BODY_FIELDS`."""
     return _bodies({body.name: getattr(scenario, body.name) for body in BODY})
 
 
 def _bodies(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.void]:
-    """Records of `BODY_FIELDS` from their columns."""
+    """Make records of `BODY_FIELDS` from their columns."""
     bodies = np.zeros(columns["kind"].size, dtype=BODY_FIELDS)
     for name, values in columns.items():
         bodies[name] = values
@@ -217,10 +218,10 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
 
 
 def recordings_of_scenarios(scenarios: Sequence[Scenario]) -> Recordings:
-    """The same from scenarios in memory, all of one ODD; what was recorded after the contact is left out.
+    """Make recordings of scenarios in memory, all of one ODD; frames after the contact are left out.
 
     Raises:
-        InputError: There is none, one holds no crash of the AV or does not hold its contact, or their ODDs differ.
+        InputError: There is no scenario, one holds no crash of the AV or not its contact, or their ODDs differ.
     """
     if not scenarios:
         raise InputError("There are no scenarios; give at least one.")
@@ -264,7 +265,7 @@ def recordings_of_scenarios(scenarios: Sequence[Scenario]) -> Recordings:
 
 
 def _numbers_of(case_ids: Sequence[str]) -> NDArray[np.int64]:
-    """Seed and test of each case, shape (C, 2)."""
+    """Read seed and test from each case's name, shape (C, 2)."""
     numbers = np.empty((len(case_ids), 2), dtype=np.int64)
     for row, name in enumerate(case_ids):
         seed, _, test = name.partition(":")
@@ -286,7 +287,7 @@ def _recordings(
     bodies: NDArray[np.void],
     states: dict[str, NDArray[Any]],
 ) -> Recordings:
-    """What both makers do: find where everything begins, and each case's crash partner, by its slot."""
+    """Make recordings: find where each case begins, and its crash partner by the slot."""
     sizes = frames * vehicles
     vehicle_at = np.cumsum(vehicles) - vehicles
     case = np.repeat(np.arange(frames.size), vehicles)

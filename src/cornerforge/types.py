@@ -69,9 +69,9 @@ CLASSES: tuple[RoadUser, ...] = (
 )
 """Classes of road users by code.
 
-A car's size is that of the ODD (`vehicle_length`, `vehicle_width`; here the paper's), a truck's the largest that
-Directive 96/53/EC allows an articulated one, a motorcycle's that of common ones. All drive by the same model, which was
-fitted to cars mostly.
+A car has the size that the ODD gives (`vehicle_length`, `vehicle_width`; here the paper's), a truck the largest that
+Directive 96/53/EC allows an articulated one, a motorcycle a common size. All drive by the same model, which was fitted
+mostly to cars.
 """
 CAR, TRUCK, MOTORCYCLE = range(len(CLASSES))
 
@@ -79,16 +79,16 @@ MAX_LANES = 6
 """Most lanes that an ODD may have."""
 
 ACCELERATION_STEP = 0.2
-"""Between two accelerations that a vehicle can choose [m/s2]."""
+"""Step between the accelerations that a vehicle can choose [m/s2]."""
 
 
 class Action(NamedTuple):
-    """One of the things that a vehicle can decide to do for the next second.
+    """An action that a vehicle can choose for the next second.
 
     Attributes:
-        name: What pages call it.
-        side: To which side it changes lanes: 1 left, -1 right, 0 not at all.
-        acceleration: What it holds [m/s2]; a lane change holds the speed.
+        name: Its name on pages.
+        side: Side of its lane change: 1 left, -1 right, 0 no change.
+        acceleration: Acceleration that it holds [m/s2]; 0 for a lane change, which holds the speed.
     """
 
     name: str
@@ -103,14 +103,14 @@ ACTIONS: tuple[Action, ...] = (
 )
 """All actions by their index: lane changes first, then accelerations -4.0, -3.8, ..., 2.0. Files hold these indices.
 
-The names below are made of this table. Kernels take the arrays: they can index them as they are.
+The constants below are made from this table. Kernels take the arrays, which they can index.
 """
 N_ACTIONS = len(ACTIONS)
 _SIDES = [action.side for action in ACTIONS]
 ACTION_SIDES: NDArray[np.int64] = np.array(_SIDES, dtype=np.int64)
 """Side of each action: 1 left, -1 right, 0 keeps the lane, shape (33,)."""
 ACTION_ACCELERATIONS: NDArray[np.float64] = np.array([action.acceleration for action in ACTIONS])
-"""What each action holds [m/s2], shape (33,)."""
+"""Acceleration that each action holds [m/s2], shape (33,)."""
 ACTION_LEFT, ACTION_RIGHT = _SIDES.index(1), _SIDES.index(-1)
 FIRST_ACCELERATION = _SIDES.index(0)
 """Index of the hardest braking. The indices below are lane changes; all from there on are accelerations."""
@@ -148,7 +148,7 @@ class Odd:
     """Physics substeps (0.1 s each) between two decisions of the AV; 10 means once a second, as the BVs."""
     truck_share: float = 0.0
     motorcycle_share: float = 0.0
-    """Shares of these classes among the BVs, each drawn by itself; the others and the AV are cars."""
+    """Shares of these classes among the BVs, each drawn independently; the other BVs and the AV are cars."""
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -200,8 +200,8 @@ ODDS: dict[str, Odd] = {
     "mixed": Odd(name="mixed", truck_share=0.1, motorcycle_share=0.01),
 }
 """The built-in ODDs by name. They differ in how long a lane change takes, how often the AV decides, how much traffic
-stands around it at the start, and in who drives there. `mixed` has one truck in ten and one motorcycle in a hundred,
-between what US highways have by miles driven (a tenth and 0.6 %) and the trucks of highD's motorways (a fifth)."""
+surrounds it at the start, and in the classes of the vehicles. In `mixed` one vehicle in ten is a truck and one in a
+hundred a motorcycle: US highways have a tenth and 0.6 % by miles driven, highD's motorways a fifth of trucks."""
 
 
 def odd_named(name: str) -> Odd:
@@ -251,16 +251,16 @@ class Scenario:
         acceleration: Along the road, held from this frame to the next [m/s2]; the last frame repeats the one before.
         target_lane: Lane index (0 = rightmost) that the vehicle keeps or changes to; -1 where absent.
         present: The vehicle exists.
-        action: Index of the action decided at frame 10 k, shape (K, N); -1 for the AV and where absent.
+        action: Index of the action chosen at frame 10 k, shape (K, N); -1 for the AV and where absent.
         critical_bv: Column of the BV nearest to the AV at frame 10 k, shape (K,); -1 when there is none.
         log_prob_nde: Natural log of the naturalistic model's probability of the critical BV's action, shape (K,);
             -inf where the model calls it impossible, 0 where there is no critical BV.
         crash: First contact that ended the test, or None.
         kind: Class of each vehicle, an index of `CLASSES`, shape (N,); empty: all are cars.
-        length, width: Of each vehicle [m], shape (N,); empty: those of its class.
-        shortfall: By how much ln P of the critical BV's action, for an attentive driver, falls short of the likeliest
-            action's [nats], shape (K,), at least 0; +inf where it is impossible, 0 where there is no critical BV; None:
-            not recorded, as in what a library gives back.
+        length, width: Size of each vehicle [m], shape (N,); empty: the size of its class.
+        shortfall: ln P of the likeliest action minus ln P of the critical BV's action, both for an attentive driver
+            [nats], shape (K,), at least 0; +inf where the action is impossible, 0 where there is no critical BV; None:
+            not recorded, as in scenarios read from a library.
     """
 
     seed: int

@@ -1,7 +1,8 @@
-"""What a user says of the world that tests are driven in: typed, defaulted and explained here, and nowhere else.
+"""The user's options for the world of a test: their types, defaults and explanations stand here and nowhere else.
 
 Verbs of the Python interface take these options as keywords (`simulate(tests=1000, lanes=4)`) and hand them on as one
-`WorldOptions`; commands take them as options of the same names. Light to import, because `--help` needs it.
+`WorldOptions`; commands take them as options of the same names. The module is light to import, because `--help` needs
+it.
 """
 
 from __future__ import annotations
@@ -23,27 +24,27 @@ __all__ = [
 ]
 
 PLAIN_ADVERSARIES = ("uniform", "lane-changer", "swerve")
-"""Adversaries that have learned nothing, as help names them; what they do stands in `sim.setting.ADVERSARIES`."""
+"""Adversaries that have not learned, as help names them; `sim.setting.ADVERSARIES` says what they do."""
 REWARD_NAMES = ("crash", "striking", "avoidable")
 """Names of `sim.rewards.REWARDS`, which says what they pay for."""
 
 
 @dataclass(frozen=True)
 class WorldOptions:
-    """The world of a test, by its user's names; `pipeline.setting.experiment` checks them.
+    """The options for the world of a test, as the user gives them; `pipeline.setting.experiment` checks them.
 
     Attributes:
-        av: The AV under test: a built-in name, the file of one that `train-av` made, or one from outside:
-            `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`, an
+            `.onnx` or a Stable-Baselines3 `.zip` file.
         odd: "default", "swift", "paper" or "mixed".
         lanes: 2 to 6; None for the ODD's own.
         model: Naturalistic model, or its file; None for the one that ships with the package.
         bounded: Keep the adversary to actions that the naturalistic model calls possible; a policy brings its own
             answer.
-        budget: Likelihood budget of a test [nats], 0 or more: by so much, in all, may the log-probability of the
-            adversary's actions fall short of the likeliest actions'. It implies `bounded`, and goes before what a
-            policy brings. None: no limit, or the policy's own.
-        av_timeout: How long an AV from outside may take for an answer [s], 0.01 to 3600.
+        budget: Likelihood budget of a test [nats], 0 or more: the largest amount by which the log-probability of the
+            adversary's actions, summed over the test, may fall short of the likeliest actions'. It implies `bounded`
+            and overrides a policy's own budget. None: no limit, or the policy's own.
+        av_timeout: Longest time that an AV from outside may take for an answer [s], 0.01 to 3600.
     """
 
     av: str = field(
@@ -77,12 +78,12 @@ class WorldOptions:
     )
 
     def without_mask(self) -> WorldOptions:
-        """The same without `bounded` and `budget`: for a policy, which brings its own."""
+        """Copy the options without `bounded` and `budget`: for a policy, which brings its own."""
         return replace(self, bounded=False, budget=None)
 
 
 class RoadKeywords(TypedDict, total=False):
-    """Keywords of verbs that know the AV, or need none: what `WorldOptions` says of the road and its traffic."""
+    """Keywords of verbs that know the AV, or need none: the options of `WorldOptions` for the road and its traffic."""
 
     odd: str
     lanes: int | None

@@ -1,4 +1,4 @@
-"""Driver models: what a vehicle does, given what it sees."""
+"""Driver models: parameters and kernels that map what a vehicle faces to an acceleration, a gain or an action."""
 
 from __future__ import annotations
 

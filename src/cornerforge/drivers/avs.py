@@ -20,16 +20,16 @@ __all__ = ["AVS", "AV_KINDS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "av_
 
 
 class AvLaw(NamedTuple):
-    """What the simulator reckons with before an AV drives; no field has a default, so no fact can be forgotten.
+    """The facts of an AV's law that the simulator relies on; no field has a default, so no fact can be forgotten.
 
     Attributes:
         code: The number by which kernels know the law.
-        hardest_braking, strongest_acceleration: It never commands more [m/s2], above 0; None: the limits of its IDM
-            parameters. Too small a number gives wrong contacts.
-        sees_everybody: It looks at more than its nearest neighbours in each lane; where that is forgotten, it looks at
-            vehicles that stand where the second began.
-        parameters: Fields of `AvModel` that it drives by, besides IDM and MOBIL. `av_hash` covers them, and no other
-            law may be given them.
+        hardest_braking, strongest_acceleration: The law never commands more [m/s2], above 0; None: the limits of its
+            IDM parameters. With too small a number the simulator misses contacts.
+        sees_everybody: The law looks at more than its nearest neighbours in each lane. If this is wrongly False, it
+            sees some vehicles where they were when the second began.
+        parameters: Fields of `AvModel` that the law drives by, besides IDM and MOBIL. `av_hash` covers them, and an AV
+            of another law may not be given them.
     """
 
     code: int
@@ -45,21 +45,21 @@ AV_KINDS = {
     "cautious": AvLaw(2, 12.0, 10.0, sees_everybody=False, parameters=("rss",)),
     "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True, parameters=("network",)),
 }
-"""How an AV decides (docs/adr/0009-built-in-avs.md).
+"""The laws by which an AV decides (docs/adr/0009-built-in-avs.md).
 
-plain: IDM and MOBIL. watchful: besides, it watches both sides while it changes lanes, and evades who comes into its
-lane beside it. cautious: it keeps RSS distances. learned: a Q-network.
+plain: IDM and MOBIL. watchful: the same, and it watches both sides while it changes lanes, and evades a vehicle that
+comes into its lane beside it. cautious: it keeps RSS distances. learned: a Q-network.
 """
 
 
 @dataclass(frozen=True)
 class AvNetwork:
-    """What a learned AV has learned.
+    """The network of a learned AV.
 
     Attributes:
-        shape: The network.
+        shape: Shape of the network.
         weights: Flat, in the layout of `drivers.policy.PolicyNumbers`, float32 (n_weights,).
-        features_version: Which observation it learned on (`sim.av_features.AV_FEATURES_VERSION`).
+        features_version: Version of the observation that it learned on (`sim.av_features.AV_FEATURES_VERSION`).
     """
 
     shape: NetworkShape
@@ -69,21 +69,20 @@ class AvNetwork:
 
 @dataclass(frozen=True)
 class AvModel:
-    """A built-in AV: IDM and MOBIL, or one of those that are made of them, or a network.
+    """A built-in AV: a law of `AV_KINDS` and its parameters.
 
     Attributes:
-        name: What the command line calls it.
+        name: Its name on the command line.
         about: One line for people.
-        idm, mobil: Parameters; those of the IDM also say how near to its lead the AV starts a test.
-        sees_intentions: It takes a vehicle that is entering a lane for one that is in it, and gives way to one that
-        enters its
-            own target lane from the other side; False is the plain model, which goes by lane centres.
+        idm, mobil: Parameters; the IDM's also decide how near to its lead the AV starts a test.
+        sees_intentions: It counts a vehicle that is entering a lane as being in it, and gives way to a vehicle that
+            enters its own target lane from the other side. False: a vehicle is in the lane of its centre only.
         kind: One of `AV_KINDS`.
         rss: Safe distances, for the cautious kind.
-        network: For the learned kind; None until its file is read (`pipeline.av_file`).
+        network: The network, for the learned kind; None until its file is read (`pipeline.av_file`).
 
     Raises:
-        InputError: There is no such kind, or it does not drive by parameters that are given.
+        InputError: The kind is not known, or parameters are given by which it does not drive.
     """
 
     name: str
@@ -107,7 +106,7 @@ class AvModel:
 
 
 _COMMON = ("name", "about", "idm", "mobil", "sees_intentions", "kind")
-"""Fields of `AvModel` that every kind has; the others are those of single kinds (`AvLaw.parameters`)."""
+"""Fields of `AvModel` that every kind uses; the others belong to single kinds (`AvLaw.parameters`)."""
 
 
 _D2RL = IdmParams(
@@ -162,10 +161,9 @@ class AvNumbers(NamedTuple):
 
     Attributes:
         idm, mobil: Parameters of the built-in AV.
-        sees_intentions: 1 if it takes a vehicle that is entering a lane for one that is in it, and gives way to one
-            that enters its own target lane; 0 for the plain model that goes by lane centres.
+        sees_intentions: 1 or 0, as in `AvModel`.
         kind: Code of its law.
-        rss, network: Of the cautious and the learned kind.
+        rss, network: Parameters of the cautious and the learned kind.
         hardest_braking, strongest_acceleration: It never commands more [m/s2].
         sees_everybody: 1 if it looks at more than its nearest neighbours in each lane.
     """
@@ -182,7 +180,7 @@ class AvNumbers(NamedTuple):
 
 
 def numbers_of_av(model: AvModel) -> AvNumbers:
-    """Constants of a built-in AV for the kernels; a learned AV without its network drives nowhere but can be built."""
+    """Make the constants of a built-in AV for the kernels; a learned AV without its network cannot drive with them."""
     law = AV_KINDS[model.kind]
     network = NO_POLICY
     if model.network is not None:
@@ -216,7 +214,7 @@ def av_named(name: str) -> AvModel:
 
 
 def _numbers_of(parameters: Any) -> tuple[object, ...]:
-    """What decides about driving in the parameters of one law."""
+    """List the numbers that decide how an AV drives, in one law's parameters."""
     if isinstance(parameters, AvNetwork):
         weights = hashlib.sha256(parameters.weights.astype("<f4").tobytes()).hexdigest()
         return (*astuple(parameters.shape), parameters.features_version, weights)
@@ -224,7 +222,7 @@ def _numbers_of(parameters: Any) -> tuple[object, ...]:
 
 
 def av_hash(model: AvModel) -> str:
-    """SHA-256 (first 16 hex digits) over what decides how it drives; its name and description left out."""
+    """Compute SHA-256 (first 16 hex digits) over all that decides how an AV drives; name and description left out."""
     numbers: tuple[object, ...] = (*astuple(model.idm), *astuple(model.mobil), model.sees_intentions)
     if model.kind != "plain":  # the hash of a plain one is that of versions that knew no other
         numbers += (model.kind,)

@@ -48,7 +48,7 @@ class IdmNumbers(NamedTuple):
 
 @inlined_kernel
 def desired_gap(speed: float, range_rate: float, p: IdmNumbers) -> float:
-    """The IDM's desired gap s* [m], at least the standstill gap.
+    """Compute the IDM's desired gap s* [m], at least the standstill gap.
 
     Args:
         speed: Of the subject [m/s].
@@ -61,7 +61,7 @@ def desired_gap(speed: float, range_rate: float, p: IdmNumbers) -> float:
 
 @inlined_kernel
 def free_acceleration(speed: float, p: IdmNumbers) -> float:
-    """Acceleration without a lead [m/s2]: to the bit that of `idm_acceleration` for an infinite gap, and cheaper.
+    """Compute the acceleration without a lead [m/s2]: same bits as `idm_acceleration` for an infinite gap, and cheaper.
 
     Args:
         speed: Of the subject [m/s].
@@ -75,7 +75,7 @@ def free_acceleration(speed: float, p: IdmNumbers) -> float:
 
 @inlined_kernel
 def idm_acceleration(speed: float, gap: float, range_rate: float, p: IdmNumbers) -> float:
-    """Acceleration [m/s2] in [-max_braking, max_acceleration].
+    """Compute the IDM's acceleration [m/s2], in [-max_braking, max_acceleration].
 
     Args:
         speed: Of the subject [m/s].

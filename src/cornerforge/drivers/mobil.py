@@ -47,7 +47,7 @@ def mobil_gain(
     idm: IdmNumbers,
     mobil: MobilNumbers,
 ) -> float:
-    """Gain in acceleration [m/s2] of changing to a neighbouring lane, or -1e9 where that is not safe.
+    """Compute the gain in acceleration [m/s2] of changing to a neighbouring lane, or -1e9 where that is not safe.
 
     Not safe: a neighbour overlaps lengthwise, or the new follower (or the subject itself behind its new lead) would
     have to brake harder than `max_imposed_braking`.
@@ -56,8 +56,8 @@ def mobil_gain(
         speed: Of the subject [m/s].
         acceleration_now: Its IDM acceleration in its own lane [m/s2].
         lead: Gap [m] and speed [m/s] of the vehicle ahead in the new lane; +inf and the subject's speed for none.
-        rear: The same of the vehicle behind.
-        rear_acceleration_now: That vehicle's IDM acceleration before the change [m/s2]; 0 for none.
+        rear: The same for the vehicle behind.
+        rear_acceleration_now: IDM acceleration of the vehicle behind before the change [m/s2]; 0 for none.
         idm: Parameters assumed for all vehicles.
         mobil: Parameters.
     """

@@ -2,7 +2,7 @@
 
 Sampling compares 32-bit random words with 32-bit cumulative tables, so it is exact to 2.3e-10 and free of rounding.
 
-Range rates between two grid points are rounded at random, up with the chance of their fraction: one look-up, and the
+A range rate between two grid points is rounded at random, up with the chance of its fraction: with one look-up the
 distribution is the linear interpolation of the two rows. Rounding to the nearest instead cost 0.04 nat per decision on
 held-out drivers above 19.5 m/s; interpolating in speed and gap too gained nothing more (docs/results.md).
 """
@@ -40,9 +40,9 @@ MAX_TABLE_CLOSING = -RANGE_RATE_GRID.low
 MAX_TABLE_GAP = GAP_GRID.upper
 """Free flow begins here [m]."""
 NEAREST = 0.5
-"""The rounding that takes the nearest column; lane-change tables, which are smooth, are looked up so."""
+"""The rounding that takes the nearest column; used for the lane-change tables, which are smooth."""
 FIRST_PROBE = 15
-"""The column of `cut` where `sample_row` begins; it shares a cache line with most of those that it asks next."""
+"""The column of `cut` where `sample_row` begins; it shares a cache line with most columns that are read next."""
 _FIRST_FREE_ROW = SPEED_GRID.bins * GAP_GRID.bins * RANGE_RATE_GRID.bins
 _LAST_WORD = np.uint64(0xFFFFFFFE)
 
@@ -72,7 +72,7 @@ class NddTables(NamedTuple):
         cut: Cumulative, scaled to 2^32, uint32 (21 * 116 * 19 + 21, 32): the last column is never passed.
         lc_base: (21,); lc_desire: (116, 19); lc_accept: (2, 116, 19), lead and rear. float32.
         lc_desire_free, overlook, overlook_conflict: Numbers of the model.
-        lc_most: No `lane_change_base` is larger.
+        lc_most: Upper bound of `lane_change_base`.
         initial: Traffic at the start of a test.
     """
 
@@ -89,7 +89,7 @@ class NddTables(NamedTuple):
 
 
 def _cuts(p: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Cumulative table scaled to 2^32, from the 31st entry on 2^32 - 1; an impossible action gets no width."""
+    """Make the cumulative table scaled to 2^32, from the 31st entry on 2^32 - 1; an impossible action has width 0."""
     cumulative = np.cumsum(p, axis=-1, dtype=np.float64)
     cumulative /= cumulative[..., -1:]
     cuts = np.full((p.shape[0], 32), 2**32 - 1, dtype=np.uint32)
@@ -117,43 +117,42 @@ def tables_of(model: NddModel) -> NddTables:
 
 @inlined_kernel
 def _index(grid: Grid, value: float, rounding: float) -> int:
-    """Number of the nearest point for a `rounding` of 0.5; outside the grid of an end. As `Grid.place`."""
+    """Find a grid point: the nearest for a `rounding` of 0.5, an end for values outside the grid; as `Grid.place`."""
     place = math.floor(value / grid.step + rounding) - int(grid.low / grid.step)
     return max(0, min(grid.bins - 1, place))
 
 
 @kernel
 def speed_index(speed: float) -> int:
-    """Nearest row of the speed grid; speeds outside 20..40 m/s take the end rows."""
+    """Find the nearest row of the speed grid; speeds outside 20..40 m/s take the end rows."""
     return _index(SPEED_GRID, speed, NEAREST)
 
 
 @kernel
 def gap_index(gap: float) -> int:
-    """Nearest row of the gap grid; gaps outside 0..115 m take the end rows."""
+    """Find the nearest row of the gap grid; gaps outside 0..115 m take the end rows."""
     return _index(GAP_GRID, gap, NEAREST)
 
 
 @kernel
 def range_rate_index(range_rate: float, rounding: float) -> int:
-    """Column of the range rate grid; rates outside -10..8 m/s take the end columns.
+    """Find the column of the range rate grid; rates outside -10..8 m/s take the end columns.
 
     Args:
         range_rate: Lead minus subject [m/s].
-        rounding: In [0, 1): added before cutting down. 0.5 takes the nearest column; a uniform random number takes the
-            upper one with the chance of the rate's fraction.
+        rounding: In [0, 1), added before rounding down. 0.5 takes the nearest column; a uniform random number takes the
+            upper column with the chance of the rate's fraction.
     """
     return _index(RANGE_RATE_GRID, range_rate, rounding)
 
 
 @inlined_kernel
 def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]:
-    """Grid place (gap, range rate) of a state; (-1, -1) where it is free flow (gap above 115.5 m).
+    """Find the grid place (gap, range rate) of a state; (-1, -1) for free flow (gap above 115.5 m).
 
-    `rounding` is that of `range_rate_index`.
-
-    Closing faster than the grid's 10 m/s is looked up at the gap that needs the same deceleration when 4 m are left,
-    4 + (gap - 4) (10 / closing)^2, so that no state outside the tables is taken for a milder one.
+    `rounding` is that of `range_rate_index`. A state that closes faster than the grid's 10 m/s is looked up at 10 m/s
+    and the gap 4 + (gap - 4) (10 / closing)^2, from which stopping the closing with 4 m left needs the same
+    deceleration. So no state outside the tables is taken for a milder one.
     """
     closing = -range_rate
     if closing > MAX_TABLE_CLOSING and gap > 4.0:
@@ -166,13 +165,13 @@ def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]
 
 @inlined_kernel
 def free_row(speed: float) -> int:
-    """Row of `p` and `cut` for free flow."""
+    """Find the row of `p` and `cut` for free flow."""
     return _FIRST_FREE_ROW + speed_index(speed)
 
 
 @inlined_kernel
 def following_row(speed: float, gap: float, range_rate: float, rounding: float) -> int:
-    """Row of `p` and `cut` for a state behind a lead; the free-flow row beyond the grid."""
+    """Find the row of `p` and `cut` for a state behind a lead; the free-flow row beyond the grid."""
     gap_row, rate_row = table_row(gap, range_rate, rounding)
     if gap_row < 0:
         return free_row(speed)
@@ -181,10 +180,10 @@ def following_row(speed: float, gap: float, range_rate: float, rounding: float) 
 
 @inlined_kernel
 def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
-    """Acceleration index 0..30 of a row for a random word: the first whose cut exceeds it.
+    """Draw the acceleration index 0..30 of a row with a random word: the first index whose cut exceeds the word.
 
-    A binary search without branches, which the processor cannot guess: four times as fast. Used with one word for
-    several rows it draws an action at least as hard as in the milder row.
+    The binary search has no branches, which the processor could not predict: it is four times as fast. The smallest
+    index of several rows with one word brakes at least as hard as each row alone.
     """
     word = min(word, _LAST_WORD)  # the last cut stands for 2^32: without this an impossible last action could be drawn
     index = FIRST_PROBE + 1 if np.uint64(cut[row, FIRST_PROBE]) <= word else 0
@@ -197,7 +196,7 @@ def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
 
 @inlined_kernel
 def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rate: float) -> float:
-    """Chance to want a change to one given side in this decision, before gap acceptance.
+    """Compute the chance to want a change to one given side in this decision, before gap acceptance.
 
     Args:
         tables: The model.
@@ -212,12 +211,12 @@ def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rat
 
 @inlined_kernel
 def accept_chance(accept: NDArray[np.float32], rear: int, gap: float, range_rate: float) -> float:
-    """Chance that an attentive driver accepts the gap to one neighbour; 1 for a neighbour beyond the grid or none.
+    """Compute the chance that an attentive driver accepts the gap to one neighbour; 1 for a neighbour beyond the grid.
 
     Args:
         accept: `NddTables.lc_accept`.
         rear: 1 for the neighbour behind, 0 for the one ahead.
-        gap: Bumper to bumper [m]; negative where the two overlap lengthwise: never accepted.
+        gap: Bumper to bumper [m]; +inf for no neighbour; 0 or less, where the two overlap lengthwise: never accepted.
         range_rate: Front vehicle minus rear vehicle of the two [m/s]; negative when closing.
     """
     if gap <= 0.0:

@@ -1,7 +1,7 @@
 """A learned policy as a driver: the dueling Q-network evaluated inside compiled kernels (Wang et al. 2016).
 
 The sums run in a fixed order, one input after the other, so an action does not depend on batch size, threads or vector
-width: what PyTorch learns, this acts, bit for bit the same in every run.
+width. PyTorch learns the weights; this module acts by them, with the same bits in every run.
 """
 
 from __future__ import annotations
@@ -42,9 +42,8 @@ class PolicyNumbers(NamedTuple):
     """A network as kernels take it.
 
     Attributes:
-        weights: All layers one after the other: shared, value stream, advantage stream; each as its matrix, input by
-        input
-            (n_in, n_out), then its bias (n_out). float32.
+        weights: All layers one after the other: shared, value stream, advantage stream; each as its matrix (n_in,
+            n_out), input by input, then its bias (n_out). float32.
         n_inputs, n_shared, n_stream, width: As in `NetworkShape`; n_inputs 0 means no policy.
     """
 
@@ -59,14 +58,14 @@ NO_POLICY = PolicyNumbers(np.zeros(1, dtype=np.float32), 0, 0, 0, 1)
 
 
 def n_weights(shape: NetworkShape) -> int:
-    """Length of the flat weight vector."""
+    """Compute the length of the flat weight vector."""
     w = shape.width
     shared = (shape.n_inputs + 1) * w + (shape.n_shared - 1) * (w + 1) * w
     return shared + 2 * shape.n_stream * (w + 1) * w + (w + 1) * (1 + N_ACTIONS)
 
 
 def allocate_scratch(policy: PolicyNumbers) -> NDArray[np.float32]:
-    """Scratch rows for one evaluation at a time: float32 (4, width of the widest layer)."""
+    """Allocate scratch for one evaluation at a time: float32 (4, width of the widest layer)."""
     return np.zeros((4, max(policy.width, N_ACTIONS, policy.n_inputs)), dtype=np.float32)
 
 
@@ -74,13 +73,13 @@ def allocate_scratch(policy: PolicyNumbers) -> NDArray[np.float32]:
 def _layer(
     weights: NDArray[np.float32], start: int, x: NDArray[np.float32], n_in: int, y: NDArray[np.float32], n_out: int
 ) -> int:
-    """Write W x + b into y; returns where the next layer starts. Vectorises over outputs, sums in input order."""
+    """Write W x + b into y, summing in the order of inputs; return where the next layer starts."""
     bias = start + n_in * n_out
     for o in range(n_out):
         y[o] = weights[bias + o]
     for i in range(n_in):
         xi = x[i]
-        if xi != 0.0:  # after a ReLU about half are
+        if xi != 0.0:  # after a ReLU about half are 0
             row = weights[start + i * n_out : start + (i + 1) * n_out]
             for o in range(n_out):
                 y[o] += xi * row[o]
@@ -97,7 +96,7 @@ def _relu(x: NDArray[np.float32], n: int) -> None:
 def q_values(
     policy: PolicyNumbers, observation: NDArray[np.float32], scratch: NDArray[np.float32], q: NDArray[np.float32]
 ) -> None:
-    """Q = V + A - mean(A) of all 33 actions into `q`, float32 (33,), for one observation, float32 (n_inputs,)."""
+    """Write Q = V + A - mean(A) of all 33 actions into `q`, float32 (33,), for an observation, float32 (n_inputs,)."""
     weights = policy.weights
     width = policy.width
     current = 0
@@ -131,7 +130,7 @@ def q_values(
 
 @kernel
 def best_action(q: NDArray[np.float32], allowed: NDArray[np.bool_]) -> int:
-    """First allowed action of the largest value; -1 when none is allowed."""
+    """Find the first allowed action of the largest value; -1 when none is allowed."""
     best = -1
     for a in range(N_ACTIONS):
         if allowed[a] and (best < 0 or q[a] > q[best]):

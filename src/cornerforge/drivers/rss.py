@@ -16,16 +16,16 @@ _HARDEST_BRAKING = 8.0
 
 @dataclass(frozen=True)
 class RssParams:
-    """What a cautious AV assumes of itself, of its lead, and of who drives behind it in a lane that it changes to.
+    """A cautious AV's assumptions about itself, its lead, and the driver behind it in a lane that it changes to.
 
-    The paper leaves the values open. Ours: the AV decides every 0.1 s and needs some more until the brakes bite; the
-    lead may brake as hard as a car can; a driver behind needs a second, but brakes hard when an AV makes it.
+    The paper leaves the values open. Ours: the AV decides every 0.1 s, and its brakes need some more time; the lead may
+    brake as hard as a car can; a driver behind needs a second, but brakes hard when the AV forces it to.
 
     Attributes:
-        response_time: The AV's own, rho.
-        max_acceleration: The most that the AV may gain during it.
-        min_braking: What the AV brakes at least when it is too near (proper response).
-        lead_braking: The hardest that a vehicle ahead may brake (for a driver behind: that the AV may brake).
+        response_time: The AV's response time, rho.
+        max_acceleration: The AV's largest acceleration during its response time.
+        min_braking: The AV's least braking when it is too near (proper response).
+        lead_braking: The hardest braking of a vehicle ahead (for a driver behind: of the AV).
         rear_response_time, rear_acceleration, rear_braking: The first three for a driver behind the AV.
 
     Raises:
@@ -71,7 +71,7 @@ def rss_distance(
     rear_braking: float,
     lead_braking: float,
 ) -> float:
-    """The least bumper-to-bumper distance [m] at which the rear vehicle cannot hit the lead, at least 0.
+    """Compute the least bumper-to-bumper distance [m] at which the rear vehicle cannot hit the lead, at least 0.
 
     The lead brakes with `lead_braking` from now on; the rear one accelerates with `acceleration` during its response
     time and brakes with `rear_braking` after it, both until they stand (definition 1 of the paper).
@@ -79,7 +79,7 @@ def rss_distance(
     Args:
         rear_speed, lead_speed: [m/s], not negative.
         response_time: Of the rear vehicle [s].
-        acceleration: What the rear vehicle gains meanwhile [m/s2], not negative.
+        acceleration: Of the rear vehicle during its response time [m/s2], not negative.
         rear_braking, lead_braking: [m/s2], positive.
     """
     faster = rear_speed + response_time * acceleration
@@ -90,10 +90,10 @@ def rss_distance(
 
 @inlined_kernel
 def rss_braking(speed: float, gap: float, lead_speed: float, p: RssNumbers) -> float:
-    """How hard the AV must brake behind a lead [m/s2]: 0 at the safe distance and beyond.
+    """Compute how hard the AV must brake behind a lead [m/s2]: 0 at the safe distance and beyond.
 
-    Nearer, it brakes so that it could stop behind a lead that brakes with `lead_braking`, but with `min_braking` at
-    least and 8 m/s2 at most. With no gap left it brakes with 8 m/s2.
+    Nearer, it brakes so that it could stop behind a lead that brakes with `lead_braking`, with at least `min_braking`
+    and at most 8 m/s2. With no gap left it brakes with 8 m/s2.
 
     Args:
         speed: The AV's [m/s].

@@ -1,7 +1,7 @@
-"""How work is spread: ranges of tests, cases or worlds in, their results out in order, whatever computes them.
+"""The spreading of work: ranges of tests, cases or worlds go in, their results come out in order.
 
-Today that is a pool of threads, since kernels release the interpreter's lock. More machines, or another processor, are
-another function of the same form, and nothing that calls `in_order` need know.
+A pool of threads computes them, since kernels release the interpreter's lock. A function for more machines or another
+processor would take the same arguments as `in_order`, so that its callers need not change.
 """
 
 from cornerforge.execution.threads import Rooms, default_threads, in_order

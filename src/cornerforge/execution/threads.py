@@ -1,4 +1,4 @@
-"""A pool of threads that gives results in order."""
+"""A pool of threads that yields results in order, and buffers lent to its threads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def default_threads() -> int:
-    """Cores that this process may use."""
+    """Count the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -32,18 +32,18 @@ def in_order(
     threads: int,
     pool: ThreadPoolExecutor | None = None,
 ) -> Generator[T, None, None]:
-    """Work on first .. first + total - 1 in ranges, and yield what each gave, in their order.
+    """Work on first .. first + total - 1 in ranges, and yield the ranges' results in order.
 
     At most two ranges a thread are begun and not yet yielded, so memory does not grow with the total. Closing the
-    iterator early, or an exception out of it, drops what is not yet begun.
+    iterator early, or an exception out of it, drops the ranges not yet begun.
 
     Args:
-        work: Gets the first number of a range and how many; called from several threads.
+        work: Takes the first number and the size of a range; called from several threads.
         first: The first number.
-        total: How many, 0 or more.
-        chunk: Numbers in a range; the last may be shorter.
-        threads: 1 to 1,024. What is yielded does not depend on it if `work` depends on its range alone.
-        pool: To work in, of so many threads; None: one of its own.
+        total: Number of numbers, 0 or more.
+        chunk: Size of a range; the last may be smaller.
+        threads: 1 to 1,024. The results do not depend on it if `work` depends on its range alone.
+        pool: A pool of `threads` threads to work in; None: one is made for this call.
 
     Raises:
         InputError: `threads` or `chunk` is out of range.
@@ -66,7 +66,7 @@ def in_order(
 
 
 class Rooms(Generic[T]):
-    """Buffers for work in threads: each is lent to one at a time, made when none is free, and used again.
+    """Buffers for work in threads: each is lent to one thread at a time, made when none is free, and used again.
 
     Args:
         make: Makes a buffer.
@@ -78,7 +78,7 @@ class Rooms(Generic[T]):
 
     @contextmanager
     def lend(self) -> Iterator[T]:
-        """A buffer for as long as the block runs; after an exception it is not used again."""
+        """Lend a buffer for as long as the block runs; after an exception it is not used again."""
         try:
             room = self._idle.get_nowait()
         except Empty:

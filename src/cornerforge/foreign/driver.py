@@ -1,4 +1,4 @@
-"""Tests with a foreign AV: batches in lockstep, faults narrowed down to the tests that they belong to."""
+"""Tests with a foreign AV: batches are driven in lockstep, and faults are traced to single tests."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ __all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "seeds_of"]
 BATCH = 256
 """Worlds driven side by side."""
 MAX_FAULTS = 20
-"""So many spoiled tests end a run."""
+"""Number of faults that ends a run."""
 MAX_HANGS = 5
-"""So many that hung do."""
+"""Number of faults by hanging that ends a run."""
 _KEPT_SCRIPTS = 20_000
 
 
 def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:
-    """A number per test, 0 or more, that depends on seed and test alone (SplitMix64), shape as `tests`."""
+    """Compute a number, 0 or more, for each test from seed and test alone (SplitMix64), shape as `tests`."""
     start = np.uint64(seed * 0x9E3779B97F4A7C15 % 2**64)  # in Python's integers: NumPy warns where one number overflows
     z = np.full(tests.shape, start) + tests.astype(np.uint64)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -48,11 +48,11 @@ def seeds_of(seed: int, tests: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class Fault:
-    """A test that the AV spoiled.
+    """A test that does not count, because the AV failed in it.
 
     Attributes:
-        test: Its number.
-        what: "raised", "answer" (no usable one), "hung" or "ended" (its process).
+        test: Number of the test.
+        what: "raised", "answer" (it was not usable), "hung" or "ended" (the AV's process did).
         message: Rest of a sentence that begins with the AV's name.
     """
 
@@ -62,13 +62,13 @@ class Fault:
 
 
 class _SpoiledError(Exception):
-    """Driving a group of tests came to an end.
+    """The AV failed while a group of tests was driven.
 
     Args:
         what, message: As in `Fault`.
         suspects: Tests that were being driven.
         left: Other tests of the group that must be driven (again).
-        certain: It is known that every suspect is to blame.
+        certain: It is known that every suspect is a fault.
     """
 
     def __init__(self, what: str, message: str, suspects: list[int], left: list[int], *, certain: bool) -> None:
@@ -80,26 +80,28 @@ class _SpoiledError(Exception):
 class ForeignAv:
     """A foreign AV, ready to drive tests; an instance is a `DriveChunk` (see `sim.runner`).
 
-    An answer that is no array of (B, 2) real numbers, an exception, an end of the process, or more than `timeout` for
-    an answer fails the whole batch; the tests in it are driven again in ever smaller groups by the AV made anew, until
-    those that fail alone are found. An answer of NaN, infinity, or a lane order other than -1, 0, 1 fails its own test.
-    Such tests are faults: they are named in `faults` and are not among the tests that count.
+    An answer that is no array of (B, 2) real numbers, an exception, an end of the process, or an answer that takes
+    longer than `timeout` fails the whole batch; the AV is made anew and drives the tests again in ever smaller groups,
+    until the tests that fail alone are found. An answer of NaN, infinity, or a lane order other than -1, 0, 1 fails its
+    own test only. A test that fails is a fault: it is listed in `faults` and does not count as a test.
 
     Args:
         spec: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
-        odd: The world.
-        seed: Told to the AV.
-        timeout: For one answer, 0.01 to 3600 [s]; the first answer of a process has 60 s, or this if it is more.
+        odd: The ODD.
+        seed: Seed of the run, told to the AV.
+        timeout: Time for one answer [s], 0.01 to 3600; the first answer of a process has `first_timeout`, or this if it
+            is more.
         batch: Worlds side by side, 1 to 65,536.
-        first_timeout: Instead of 60 s.
+        first_timeout: Time for the first answer of a process [s], 60 unless said.
 
     Attributes:
-        spec, kind, hash: What it is, and SHA-256 (16 hex digits) of its source or file.
+        spec: As given.
+        kind, hash: "class", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
         faults: Faults so far, by (seed, test).
 
     Raises:
-        InputError, FileFormatError: It is no AV.
-        AvFaultError: It fails at once.
+        InputError, FileFormatError: `spec` names no AV.
+        AvFaultError: The AV fails at its first question.
     """
 
     def __init__(
@@ -131,7 +133,7 @@ class ForeignAv:
         self._free.put(first)
 
     def _try(self, session: AvSession) -> None:
-        """Ask once about an ordinary road, so that what never works is said at once and not test by test."""
+        """Ask the AV once about ordinary traffic, so that an AV that never works is reported at once."""
         view = np.zeros((self._context.batch, 13, 8), dtype=np.float32)
         view[:, 0] = 1.0, self._context.test_length, 1.5 * self._context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
         view[:, 1] = 1.0, 60.0, 0.0, 28.0, 0.0, 0.0, 1.0, 0.0
@@ -153,13 +155,13 @@ class ForeignAv:
         steps.act(np.zeros((1, 2)))
 
     def close(self) -> None:
-        """End its processes; they end with this object or the program anyway."""
+        """End the AV's processes; without this they end with this object or the program."""
         while not self._free.empty():
             self._free.get().drop()
 
     @contextmanager
     def _session(self) -> Iterator[AvSession]:
-        """A process of its own for this thread."""
+        """Lend this thread a session, with an AV process of its own."""
         try:
             session = self._free.get_nowait()
         except queue.Empty:
@@ -177,10 +179,10 @@ class ForeignAv:
     def __call__(
         self, setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | Census
     ) -> tuple[Outcomes, Counts]:
-        """Drive `count` tests from `first` on; outcome code AV_FAULT where the AV spoiled one.
+        """Drive `count` tests from `first` on; the outcome code of a fault is AV_FAULT.
 
         Raises:
-            AvFaultError: It spoils too many.
+            AvFaultError: There are too many faults.
         """
         census = census_of(counting)
         out, total = allocate_outcomes(count), allocate_counts()
@@ -209,7 +211,7 @@ class ForeignAv:
     def _narrow(
         self, spoiled: _SpoiledError, group: list[int], seed: int, first: int, out: Outcomes
     ) -> list[list[int]]:
-        """Note faults that are certain; which groups are to be driven next."""
+        """Note faults that are certain, and return the groups of tests to drive next."""
         suspects = spoiled.suspects
         groups = [spoiled.left] if spoiled.left else []
         if spoiled.certain or len(group) == 1:
@@ -243,7 +245,7 @@ class ForeignAv:
         """Drive a group of tests from start to end.
 
         Raises:
-            _SpoiledError: Not all of them could be.
+            _SpoiledError: The AV failed before all of them were driven.
         """
         setting = setting.with_drivers(av=OUTSIDE)
         batch = session.batch(slots)
@@ -296,10 +298,10 @@ class ForeignAv:
         self, batch: lockstep.Batch, bad: NDArray[np.int64], group: list[int], finished: set[int], seed: int,
         first: int, census: Census, out: Outcomes,
     ) -> None:  # fmt: skip
-        """End the tests whose answer is unusable. Where traffic is counted, the whole group begins anew without them.
+        """End the tests with an unusable answer. Where traffic is counted, the whole group begins anew without them.
 
         Raises:
-            _SpoiledError: It does.
+            _SpoiledError: The group must begin anew.
         """
         message = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
         spoiled = sorted(int(test) for test in batch.worlds.state["test"][bad, 0])
@@ -315,7 +317,7 @@ class ForeignAv:
     # --- scripts: what the AV answered in one test ---
 
     def keep_scripts(self) -> None:
-        """From now on keep the answers of crashed tests, so that recording one need not ask the AV again."""
+        """Keep the answers of crashed tests from now on, so that recording one need not ask the AV again."""
         self._keeps_scripts = True
 
     def _keep_script(self, seed: int, test: int, script: NDArray[np.float64]) -> None:
@@ -325,10 +327,10 @@ class ForeignAv:
                 self._scripts.popitem(last=False)
 
     def script(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
-        """The AV's answers in one test, (number of answers, 2); asked for again unless they are kept.
+        """Give the AV's answers in one test, (number of answers, 2); the AV is asked again unless they are kept.
 
         Raises:
-            AvFaultError: The AV spoils this test.
+            AvFaultError: The AV fails in this test.
         """
         with self._lock:
             if (seed, test) in self._scripts:
@@ -355,10 +357,10 @@ class ForeignAv:
         return script
 
     def repeats(self, setting: Setting, slots: int, seed: int, test: int) -> bool:
-        """Does it answer the same when the test is driven twice more?
+        """Does the AV give the same answers when it drives the test twice more?
 
         Raises:
-            AvFaultError: The AV spoils this test.
+            AvFaultError: The AV fails in this test.
         """
         scripts = []
         for _ in range(2):
@@ -369,7 +371,7 @@ class ForeignAv:
 
 
 def _usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Per row (K, 2): is the acceleration finite and the lane order -1, 0 or 1?"""
+    """Check answers (K, 2) row by row: is the acceleration finite and the lane order -1, 0 or 1?"""
     usable: NDArray[np.bool_] = np.isfinite(answers).all(axis=1) & np.isin(answers[:, 1], (-1.0, 0.0, 1.0))
     return usable
 

@@ -1,4 +1,4 @@
-"""Views in which AVs tend to fail: what `check-av` tries."""
+"""Views in which AVs tend to fail; `check-av` tries them."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class EdgeCase:
     """A moment on the road.
 
     Attributes:
-        speed: Of the AV [m/s].
-        others: Who is around, nearest first.
-        doubt: From acceleration [m/s2] and lane order to what is strange about that answer here, or "".
-        lane: Of the AV; None for the middle one.
-        left_to_drive: [m].
-        between_lanes: How far the AV stands left of its lane's centre [m], on the way to the next.
+        speed: Speed of the AV [m/s].
+        others: The vehicles around it, nearest first.
+        doubt: Takes the AV's acceleration [m/s2] and lane order, and says what is strange about this answer, or "".
+        lane: Lane of the AV, negative from the left; None: the middle one.
+        left_to_drive: Distance left in the test [m].
+        between_lanes: How far the AV is left of its lane's centre [m], in a lane change to the left.
     """
 
     speed: float
@@ -76,11 +76,11 @@ EDGE_CASES: dict[str, EdgeCase] = {
     "standing alone": EdgeCase(0.0),
     "end of the test": EdgeCase(30.0, left_to_drive=-0.5),
 }
-"""By name."""
+"""The edge cases by name."""
 
 
 def edge_case(name: str, odd: Odd) -> NDArray[np.float32]:
-    """The view (13, 8) of an edge case."""
+    """Make the view (13, 8) of an edge case."""
     case = EDGE_CASES[name]
     view = np.zeros((_ROWS, _COLUMNS), dtype=np.float32)
     lane = odd.n_lanes // 2 if case.lane is None else case.lane % odd.n_lanes
@@ -95,7 +95,7 @@ def edge_case(name: str, odd: Odd) -> NDArray[np.float32]:
 
 
 def random_views(rng: np.random.Generator, shape: tuple[int, int], odd: Odd) -> NDArray[np.float32]:
-    """Views (*shape, 13, 8) of random traffic; no motion from one to the next."""
+    """Make views (*shape, 13, 8) of random traffic; there is no motion from one view to the next."""
     view = np.zeros((*shape, _ROWS, _COLUMNS), dtype=np.float32)
     lanes = rng.integers(0, odd.n_lanes, (*shape, _ROWS))
     view[..., 0] = rng.random((*shape, _ROWS)) < 0.8

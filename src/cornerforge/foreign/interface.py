@@ -1,4 +1,4 @@
-"""What a foreign AV is: three methods, called for many worlds at once."""
+"""The interface of a foreign AV: three methods, called for many worlds at once."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ __all__ = ["Av", "AvContext"]
 
 @dataclass(frozen=True)
 class AvContext:
-    """The world that an AV is put into; constant in a run.
+    """What an AV is told of its world; constant in a run.
 
     Attributes:
-        batch: Number of worlds B that are driven side by side; every view has so many rows.
+        batch: Number of worlds B that are driven side by side; every view has B rows.
         n_lanes: Lanes of the road, 0 is the rightmost.
         lane_width: [m].
-        vehicle_length, vehicle_width: Of every car [m]; the view does not tell other classes (ODD `mixed`) from cars.
+        vehicle_length, vehicle_width: Size of a car [m]; the view does not tell other classes (ODD `mixed`) from cars.
         max_speed: No vehicle is faster [m/s].
-        lane_change_duration: Of an undisturbed lane change [s].
-        interval: Between two decisions of the AV [s].
+        lane_change_duration: Duration of an undisturbed lane change [s].
+        interval: Time between two decisions of the AV [s].
         test_length: How far the AV drives in a test [m].
         view_version: Version of the view's columns (`cornerforge.sim.av_view`).
-        seed: Of the run.
+        seed: Seed of the run.
     """
 
     batch: int
@@ -44,22 +44,23 @@ class AvContext:
 
 
 class Av(ABC):
-    """An AV under test. To derive from this class is a convenience: any class with these methods will do.
+    """An AV under test. Deriving from this class is optional: any class with a method `act` will do.
 
-    It is made without arguments, in a process of its own, and drives B worlds side by side that know nothing of each
-    other: world b is row b of every array. Where its answer for a row depends on that row (and on what it saw in that
-    world since `reset`) alone, results do not depend on batches, threads or resumes.
+    The AV is made without arguments, in a process of its own. It drives B worlds side by side that know nothing of each
+    other: world b is row b of every array. If its answer for a row depends only on that row, and on what it saw in that
+    world since `reset`, results do not depend on batches, threads or resumes.
     """
 
     def setup(self, context: AvContext) -> None:  # noqa: B027 - to do nothing is the right default
-        """Called once, before everything else."""
+        """Prepare for a run; called once, before the other methods."""
 
     def reset(self, worlds: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:  # noqa: B027 - see setup
-        """Called when new tests begin.
+        """Forget the past of some worlds; called when new tests begin there.
 
         Args:
-            worlds: Rows whose test begins, (K,).
-            seeds: For each a number that depends on the test alone, 0 or more, (K,): what a random AV should draw by.
+            worlds: Rows in which a test begins, (K,).
+            seeds: For each row a number, 0 or more, that depends on the test alone, (K,): the seed for an AV that draws
+                random numbers.
         """
 
     @abstractmethod
@@ -69,10 +70,10 @@ class Av(ABC):
         Args:
             view: (B, 13, 8), SI units: row 0 the AV, then the vehicles nearest to it; columns: present, x ahead, y to
                 the left, speed, lateral speed, acceleration, lane, changes lanes (`cornerforge.sim.av_view` has the
-                details). All zeros for a world that is not driving at present; its answer is not used.
+                details). All zeros for a world that drives no test now; the answer for it is not used.
 
         Returns:
             (B, 2), numbers: acceleration [m/s2], cut to [-8, 2], and lane order: +1 left, 0 keep, -1 right, relative
-            to the lane that the AV keeps or changes to. While a change runs, an order against it turns back and one in
-            its direction changes nothing; an order that would leave the road is not carried out.
+            to the lane that the AV keeps or changes to. While a lane change runs, an order against it turns back and an
+            order in its direction changes nothing; an order that would leave the road is not carried out.
         """

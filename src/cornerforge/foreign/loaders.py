@@ -1,4 +1,4 @@
-"""From what a user writes behind --av to an object that acts; runs in the AV's own process."""
+"""Loading an AV from the text that a user writes behind --av; runs in the AV's own process."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def is_foreign(spec: str) -> bool:
 
 
 def source_hash(*parts: bytes) -> str:
-    """SHA-256 (first 16 hex digits) over what decides how an AV drives."""
+    """Compute SHA-256 (first 16 hex digits) over all that decides how an AV drives."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
 def load_av(spec: str) -> tuple[Any, dict[str, str]]:
-    """The AV that a text names, and what is known of it: `kind`, `hash`.
+    """Load the AV that a text names; return it and its `kind` and `hash`.
 
     Raises:
-        InputError: There is none, or it is none.
+        InputError: There is nothing of that name, or it is no AV.
         FileFormatError: A file is missing, damaged, or of the wrong shapes.
         MissingExtraError: The library that reads such a file is not installed.
     """
@@ -71,7 +71,7 @@ def _load_class(spec: str) -> tuple[Any, dict[str, str]]:
         raise InputError(f"{spec} is no AV: it has no method act(view); see examples/my_av.py.")
     try:
         av = made()
-    except Exception as error:  # whatever a stranger's code raises is the user's to mend
+    except Exception as error:  # the user must mend whatever the user's code raises
         raise InputError(f"{spec} cannot be made: {type(error).__name__}({error}){_place(error)}.") from error
     file = getattr(sys.modules.get(made.__module__), "__file__", None)
     source = Path(file).read_bytes() if file else b""
@@ -94,6 +94,6 @@ def _import(spec: str, name: str) -> Any:
 
 
 def _place(error: BaseException) -> str:
-    """File and line of the user's code where an exception came up, if any."""
+    """Name file and line of the user's code that raised an exception, if any."""
     frames = [f for f in traceback.extract_tb(error.__traceback__)[1:] if "importlib" not in f.filename]
     return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""

@@ -1,4 +1,4 @@
-"""What AVs from network files share: blocks of rows of one size, and what their outputs mean."""
+"""The common part of AVs from network files: evaluation in blocks of one size, and the meaning of outputs."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS
 __all__ = ["BLOCK", "LANE_ORDER_FROM", "NetworkAv", "answers_of_actions", "answers_of_numbers"]
 
 BLOCK = 64
-"""Rows of one evaluation. Matrix libraries round differently for other numbers of rows, so it is always this many: then
-an answer does not depend on how many worlds are driven side by side."""
+"""Rows of one evaluation. Matrix libraries round differently for other numbers of rows; with a fixed number an answer
+does not depend on how many worlds are driven side by side."""
 LANE_ORDER_FROM = 1.0 / 3.0
 """A network's second number beyond this is a lane order."""
 
 
 def answers_of_actions(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Answers (B, 2) of the best of 33 values per row (B, 33); NaN where a value is NaN."""
+    """Make answers (B, 2) from the best of 33 values in each row (B, 33); NaN where a value is NaN."""
     best = np.argmax(values, axis=1)
     answers = np.stack([ACTION_ACCELERATIONS[best], ACTION_SIDES[best]], axis=1)
     answers[np.isnan(values).any(axis=1)] = np.nan
@@ -28,7 +28,7 @@ def answers_of_actions(values: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def answers_of_numbers(outputs: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Answers (B, 2) of outputs (B, 2): acceleration [m/s2], and a lane wish: above 1/3 left, below -1/3 right.
+    """Make answers (B, 2) from outputs (B, 2): acceleration [m/s2], and lane wish: above 1/3 left, below -1/3 right.
 
     >>> answers_of_numbers(np.array([[-3.0, 0.2], [1.0, -0.9]]))
     array([[-3.,  0.],
@@ -53,7 +53,7 @@ class NetworkAv(Av):
 
     @abstractmethod
     def evaluate(self, view: NDArray[np.float32]) -> NDArray[np.floating]:
-        """Outputs (block, 2) or (block, 33) for views (block, 13, 8)."""
+        """Compute outputs (block, 2) or (block, 33) for views (block, 13, 8)."""
 
     def act(self, view: NDArray[np.float32]) -> NDArray[np.float64]:
         """See `Av.act`."""

@@ -1,4 +1,4 @@
-"""The simulator's end of a foreign AV: its process is started, asked, waited for so long and no longer, and ended."""
+"""The simulator's end of a foreign AV: it starts the AV's process, asks it with a time limit, and ends it."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 __all__ = ["DEFAULT_TIMEOUT", "FIRST_TIMEOUT", "AvFailureError", "AvProcess"]
 
 DEFAULT_TIMEOUT = 5.0
-"""How long an AV may take for one answer [s]."""
+"""Longest time that an AV may take for one answer [s]."""
 FIRST_TIMEOUT = 60.0
-"""How long it may take to be loaded, set up, and for its first answer [s]."""
+"""Longest time for loading an AV, for setting it up, and for its first answer [s], each."""
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 
 
@@ -45,7 +45,7 @@ class AvFailureError(Exception):
 
 
 def _end(process: subprocess.Popen[bytes], connection: socket.socket) -> None:
-    """End a process and what it started."""
+    """End a process and all processes that it started."""
     connection.close()
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
@@ -54,19 +54,19 @@ def _end(process: subprocess.Popen[bytes], connection: socket.socket) -> None:
 
 
 class AvProcess:
-    """One process with one AV in it. After an AvFailureError `renew` it if that works, else make another.
+    """One process with one AV in it. After an AvFailureError call `renew`; where that fails, make another process.
 
     Args:
         spec: The AV, as behind --av.
-        timeout: For one answer [s].
-        first_timeout: For loading, for setting up, and for the first answer [s].
+        timeout: Longest time for one answer [s].
+        first_timeout: Longest time for loading, for setting up, and for the first answer [s], each.
 
     Attributes:
-        about: What loading told: `kind` and `hash`.
+        about: The AV's `kind` and `hash`.
 
     Raises:
-        InputError, FileFormatError: It is no AV.
-        AvFaultError: It ended or hung while it was loaded.
+        InputError, FileFormatError: `spec` names no AV.
+        AvFaultError: The process ended or hung while the AV was loaded.
     """
 
     def __init__(self, spec: str, *, timeout: float, first_timeout: float) -> None:
@@ -96,10 +96,10 @@ class AvProcess:
             raise AvFaultError(f"The AV {spec} {failure} while it was loaded.") from failure
 
     def setup(self, context: AvContext) -> None:
-        """Put the AV into a world.
+        """Tell the AV its world.
 
         Raises:
-            AvFaultError: It failed there.
+            AvFaultError: The AV failed in its `setup`.
         """
         self._batch = context.batch
         self._is_first = True
@@ -110,7 +110,7 @@ class AvProcess:
             raise AvFaultError(f"The AV {self._spec} {failure} in setup.") from failure
 
     def renew(self, context: AvContext) -> bool:
-        """After the AV raised or gave no usable answer: make it anew in the same process. False if that cannot be."""
+        """Make the AV anew in the same process, after it raised or gave no usable answer; False if that fails."""
         if not self._finalizer.alive:
             return False
         try:
@@ -124,10 +124,10 @@ class AvProcess:
     def act(
         self, view: NDArray[np.float32], worlds: NDArray[np.int64], seeds: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Reset `worlds` if there are any, then the AV's answers to the view: (B, 2), as it gave them.
+        """Reset `worlds`, if there are any, and ask for the AV's answers to the view: (B, 2), as the AV gave them.
 
         Raises:
-            AvFailureError: There is none.
+            AvFailureError: There is no usable answer.
         """
         head = np.array([worlds.size], dtype=np.int64)
         frame = pack(ACT, head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes())
@@ -153,7 +153,7 @@ class AvProcess:
             status = self._process.returncode
             self.close()
             raise AvFailureError("ended", f"ended its process ({_status(status)})") from error
-        except BaseException:  # an interrupt: what would come now is no answer to the next question
+        except BaseException:  # an interrupt: a late answer would be taken for the answer to the next question
             self.close()
             raise
         if kind != FAILED:

@@ -1,4 +1,4 @@
-"""How the simulator and the process of a foreign AV talk: framed messages over a socket, numbers as raw bytes.
+"""The protocol between the simulator and the process of a foreign AV: framed messages over a socket, numbers as bytes.
 
 Nothing is pickled in either direction. A frame is one byte of kind, eight bytes of length, and the body.
 """
@@ -15,24 +15,24 @@ if TYPE_CHECKING:
 __all__ = ["ACT", "ANSWER", "FAILED", "LOAD", "SETUP", "pack", "pack_json", "receive", "unpack_json"]
 
 LOAD, SETUP, ACT = b"L", b"S", b"A"
-"""To the AV's process: find the AV; put it into a world; new tests and views."""
+"""Messages to the AV's process: load the AV; tell it its world; new tests and views."""
 ANSWER, FAILED = b".", b"!"
-"""From it: done; it did not work, and why."""
+"""Messages from the AV's process: done; it did not work, and why."""
 _HEAD = struct.Struct("<cQ")
 
 
 def pack(kind: bytes, *parts: bytes) -> bytes:
-    """One frame."""
+    """Make one frame."""
     return b"".join([_HEAD.pack(kind, sum(len(part) for part in parts)), *parts])
 
 
 def pack_json(kind: bytes, content: dict[str, Any]) -> bytes:
-    """One frame with a JSON object."""
+    """Make one frame with a JSON object."""
     return pack(kind, json.dumps(content).encode())
 
 
 def unpack_json(body: bytes | bytearray) -> dict[str, Any]:
-    """The object of a frame's body."""
+    """Read the JSON object of a frame's body."""
     content: dict[str, Any] = json.loads(bytes(body))
     return content
 
@@ -53,8 +53,8 @@ def receive(connection: socket.socket) -> tuple[bytes, bytearray]:
     """Read one frame.
 
     Raises:
-        EOFError: The other side is gone.
-        TimeoutError: It did not come in the socket's time.
+        EOFError: The other side has closed the connection.
+        TimeoutError: The frame did not come within the socket's timeout.
     """
     kind, size = _HEAD.unpack(_exactly(connection, _HEAD.size))
     return kind, _exactly(connection, size)

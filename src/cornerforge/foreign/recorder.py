@@ -1,4 +1,4 @@
-"""Tests of a foreign AV driven once more with the answers that it gave: for recordings, and second by second."""
+"""Tests of a foreign AV, driven once more with the answers that it gave: for recordings, and second by second."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ __all__ = ["ForeignRecorder", "ScriptedSeconds"]
 
 
 class ForeignRecorder(Recorder):
-    """Records tests of a foreign AV: drives them once more with the answers that it gave.
+    """Records tests of a foreign AV: it drives them once more with the answers that the AV gave.
 
-    So what is recorded is what happened, even if the AV would answer differently now.
+    So the recording shows what happened, even if the AV would answer differently now.
 
     Args:
         av: The AV.
@@ -48,13 +48,13 @@ class ForeignRecorder(Recorder):
 
 
 def batch_of(world: World) -> lockstep.Batch:
-    """A batch of this one world."""
+    """Make a batch of one world, as views."""
     slots = world.vehicles.size
     return lockstep.allocate_batch(1, slots)._replace(worlds=World._make(array[None] for array in world))
 
 
 class ScriptedSeconds:
-    """Steps a world of one test by whole seconds with the answers that a foreign AV gave: for `rates.attention`.
+    """Drives a world by whole seconds with the answers that a foreign AV gave, for `rates.attention`.
 
     Args:
         av: The AV.
@@ -65,7 +65,7 @@ class ScriptedSeconds:
         self._av, self._slots = av, slots
 
     def _answers(self, world: World, setting: Setting) -> NDArray[np.float64]:
-        """What the AV answered within the second that begins."""
+        """Look up the AV's answers within the second that begins."""
         state = world.state[0]
         per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
         begin = int(state["decisions"]) * per_second
@@ -73,7 +73,7 @@ class ScriptedSeconds:
         return script[begin : begin + per_second]
 
     def av_lane(self, world: World, setting: Setting) -> int:
-        """The target lane that the AV chooses at this moment, when the BVs decide."""
+        """Find the target lane that the AV chooses at this moment, when the BVs decide."""
         order = self._answers(world, setting)[0, 1]
         return int(ordered_lane(world, 0, int(np.sign(order)), setting.road))
 

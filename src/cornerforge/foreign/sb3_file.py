@@ -1,8 +1,8 @@
-"""An AV in a file of Stable-Baselines3, without running anything that is pickled in it.
+"""An AV in a file of Stable-Baselines3; nothing that is pickled in the file is run.
 
-Such a file holds weights (loaded as plain tensors) and settings (JSON, with pickled parts that are left alone: what is
-needed of them stands beside them as text). The network is built here from the shapes of the weights. So only the
-`MlpPolicy` of DQN, PPO, A2C, SAC, TD3 and DDPG can be taken; a policy with other code would have to be run to be known.
+The file holds weights (loaded as plain tensors) and settings (JSON). Pickled parts of the settings are left alone: the
+text beside them says what is needed. The network is built here from the shapes of the weights. So only the `MlpPolicy`
+of DQN, PPO, A2C, SAC, TD3 and DDPG can be read; for another policy its own code would have to run.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Sb3Av(NetworkAv):
     """A chain of linear layers with one activation, evaluated by torch on one thread.
 
     Args:
-        layers: Weight (out, in) and bias (out,) of each, as tensors.
-        activation: Between the layers.
-        finish: What makes outputs (B, 2) or (B, 33) of the last layer's.
+        layers: Weight (out, in) and bias (out,) of each layer, as tensors.
+        activation: Function between the layers.
+        finish: Makes outputs (B, 2) or (B, 33) from the last layer's.
     """
 
     def __init__(self, layers: list[tuple[Any, Any]], activation: Any, finish: Callable[[Any], Any]) -> None:
@@ -64,11 +64,11 @@ class Sb3Av(NetworkAv):
 
 
 def sb3_av(name: str, content: bytes) -> Sb3Av:
-    """The AV of a Stable-Baselines3 file.
+    """Make the AV of a Stable-Baselines3 file.
 
-    Its observations are the view, (13, 8) or flattened (104,). Its actions are the 33 of `Discrete(33)`; or two
-    numbers, of `Box([-8, -1], [2, 1])`: acceleration [m/s2] and lane wish, or of `Box(-1, 1, (2,))`: the first times 8
-    where negative and times 2 where positive (as in `cornerforge/Driving-v0`). The best or mean action is taken.
+    Its observation is the view, (13, 8) or flattened (104,). Its action is one of 33, `Discrete(33)`, or two numbers,
+    acceleration [m/s2] and lane wish: of `Box([-8, -1], [2, 1])`, or of `Box(-1, 1, (2,))`, where the first is
+    multiplied by 8 if negative and by 2 if positive (as in `cornerforge/Driving-v0`). The best or mean action is taken.
 
     Args:
         name: The file, for messages.
@@ -76,7 +76,7 @@ def sb3_av(name: str, content: bytes) -> Sb3Av:
 
     Raises:
         MissingExtraError: torch is not installed.
-        FileFormatError: It is no such file, or its policy is of another kind.
+        FileFormatError: It is no file of Stable-Baselines3, or its policy is of another kind.
     """
     try:
         import torch
@@ -110,7 +110,7 @@ def sb3_av(name: str, content: bytes) -> Sb3Av:
 
 
 def _read(name: str, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Settings and weights; pickled parts of the settings stay the texts that they are."""
+    """Read settings and weights; pickled parts of the settings stay text."""
     import torch
 
     try:
@@ -128,7 +128,7 @@ def _read(name: str, content: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _chain(weights: dict[str, Any], prefix: str) -> list[tuple[Any, Any]]:
-    """The linear layers `prefix.0`, `prefix.2`, ... in order."""
+    """List the linear layers `prefix.0`, `prefix.2`, ... in order."""
     pattern = re.compile(rf"{re.escape(prefix)}\.(\d+)\.weight")
     places = sorted(int(match.group(1)) for key in weights if (match := pattern.fullmatch(key)))
     return [(weights[f"{prefix}.{k}.weight"], weights.get(f"{prefix}.{k}.bias")) for k in places]
@@ -151,7 +151,7 @@ def _numbers(text: object) -> list[float]:
 
 
 def _finish(name: str, space: Any, squashed: bool) -> Callable[[Any], Any]:
-    """From the last layer's outputs to 33 values, or to acceleration [m/s2] and lane wish."""
+    """Make the function from the last layer's outputs to 33 values, or to acceleration [m/s2] and lane wish."""
     import torch
 
     space = space if isinstance(space, dict) else {}

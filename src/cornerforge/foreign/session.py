@@ -1,4 +1,4 @@
-"""One process of a foreign AV, the worlds that it drives side by side, and single tests taken answer by answer."""
+"""One process of a foreign AV with the worlds that it drives side by side, and single tests driven answer by answer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["AvSession", "Steps", "context_of"]
 
 
 def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
-    """What an AV is told of its world."""
+    """Make the context of an AV: what it is told of its world."""
     return AvContext(
         batch=batch,
         n_lanes=odd.n_lanes,
@@ -45,7 +45,7 @@ class AvSession:
         self._batch: lockstep.Batch | None = None
 
     def process(self) -> AvProcess:
-        """The AV's process, set up; a new one after a failure."""
+        """Give the AV's process, set up; a new one if it was given up."""
         if self._process is None:
             process = AvProcess(self._spec, **self._timeouts)
             process.setup(self._context)
@@ -58,18 +58,18 @@ class AvSession:
         return self._process is None
 
     def renew(self) -> None:
-        """After a failure: the AV made anew, in a new process if that must be."""
+        """Make the AV anew after a failure; where that fails, the next question starts a new process."""
         if self._process is not None and not self._process.renew(self._context):
             self.drop()
 
     def drop(self) -> None:
-        """Give the process up."""
+        """End the process, if there is one."""
         if self._process is not None:
             self._process.close()
             self._process = None
 
     def batch(self, slots: int) -> lockstep.Batch:
-        """Idle worlds."""
+        """Give the batch with all worlds idle."""
         if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
             self._batch = lockstep.allocate_batch(self._context.batch, slots)
         self._batch.worlds.state["outcome"] = IDLE
@@ -77,7 +77,7 @@ class AvSession:
 
 
 class Steps:
-    """One test in world 0 of a batch, answer by answer; what is kept goes into `keep`."""
+    """Drives the test in world 0 of a batch, answer by answer; frames, decisions and counts go into `keep`."""
 
     def __init__(self, setting: Setting, slots: int, batch: lockstep.Batch, keep: Keep | None = None) -> None:
         self._setting, self._batch = setting.with_drivers(av=OUTSIDE), batch
@@ -90,5 +90,5 @@ class Steps:
         lockstep.see(self._batch, self._setting, self._scratch)
 
     def act(self, answers: NDArray[np.float64]) -> None:
-        """Go on to the AV's next decision."""
+        """Carry out the AV's answers and go on to its next decision."""
         lockstep.act(answers, False, self._setting, self._batch, self._scratch, self._keep, self._done)

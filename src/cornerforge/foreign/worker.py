@@ -1,7 +1,7 @@
-"""The process in which a foreign AV lives: loads it, asks it, and says in one line what went wrong if anything did.
+"""The process in which a foreign AV runs: it loads the AV, asks it, and reports in one line what went wrong.
 
-Started as `python -m cornerforge.foreign.worker FD`; the simulator is at the other end of that socket. Nothing of the
-simulator is imported here.
+It is started as `python -m cornerforge.foreign.worker FD`; the simulator is at the other end of that socket. Nothing of
+the simulator is imported here.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ class _UnusableError(Exception):
 
 
 def numbers_of(answer: Any, batch: int) -> NDArray[np.float64]:
-    """An AV's answer as float64 (batch, 2).
+    """Turn an AV's answer into float64 (batch, 2).
 
     Raises:
-        _UnusableError: It is nothing of that kind.
+        _UnusableError: The answer is no array of real numbers of that shape.
     """
     try:
         array = np.asarray(answer)
@@ -49,7 +49,7 @@ def numbers_of(answer: Any, batch: int) -> NDArray[np.float64]:
 
 
 def _where(error: BaseException) -> str:
-    """File and line of the AV's own code in which an exception came up."""
+    """Name file and line of the AV's own code that raised an exception."""
     frames = traceback.extract_tb(error.__traceback__)[1:]
     return f" ({os.path.basename(frames[-1].filename)}:{frames[-1].lineno})" if frames else ""
 
@@ -70,7 +70,7 @@ def _act(av: Any, context: AvContext, body: bytearray) -> bytes:
 
 
 def _serve(connection: socket.socket) -> None:
-    """Answer until the simulator hangs up."""
+    """Answer the simulator's messages until it closes the connection."""
     av: Any = None
     context: AvContext | None = None
     while True:
@@ -92,7 +92,7 @@ def _serve(connection: socket.socket) -> None:
                 return
         except _UnusableError as error:
             reply = pack_json(FAILED, {"what": "answer", "message": str(error)})
-        except Exception as error:  # whatever a stranger's code raises is to be reported, not to end this process
+        except Exception as error:  # whatever the user's code raises is reported and must not end this process
             from cornerforge.errors import CornerForgeError
 
             if isinstance(error, CornerForgeError):

@@ -1,7 +1,7 @@
 """A straight road: parallel lanes of one width, numbered from 0 at the right edge (y = 0); x grows with the traffic.
 
-The scalar kernels take record arrays of vehicles (`sim.world.VEHICLE`, or frames of a recording) and slots, so that a
-road on which x is no straight line can ask a vehicle for more. `along` is their face for NumPy arrays.
+The scalar kernels take record arrays of vehicles (`sim.world.VEHICLE`, or frames of a recording) and slots, not
+numbers, so that a curved road can read more fields of a vehicle. `along` does the same for NumPy arrays.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class RoadNumbers(NamedTuple):
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
-    """Constants of an ODD for the kernels."""
+    """Make the constants of an ODD for the kernels."""
     return RoadNumbers(
         odd.n_lanes,
         odd.lane_width,
@@ -92,21 +92,21 @@ def road_numbers(odd: Odd) -> RoadNumbers:
 
 @inlined_kernel
 def lane_of(y: float, lane_width: float) -> int:
-    """Index of the lane that holds y [m]; negative or too large beyond the road's edges."""
+    """Find the lane that holds y [m]; negative or too large beyond the road's edges."""
     return math.floor(y / lane_width)
 
 
 @inlined_kernel
 def lane_centre(lane: int, lane_width: float) -> float:
-    """Lateral position [m] of a lane's centre."""
+    """Compute the lateral position [m] of a lane's centre."""
     return (lane + 0.5) * lane_width
 
 
 @inlined_kernel
 def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) -> int:
-    """Lanes that a vehicle occupies, as a bit mask: those its body touches and the one it changes to.
+    """Find the lanes that a vehicle occupies, as a bit mask: the lanes that its body touches, and its target lane.
 
-    A heading widens a car's body by less than 0.3 m in a lane change of 2.5 s and more; that is left out.
+    The heading is left out: in a lane change of 2.5 s and more it widens a car's body by less than 0.3 m.
     """
     low = lane_of(y - half_width, lane_width)
     high = lane_of(y + half_width, lane_width)
@@ -123,57 +123,57 @@ def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) 
 
 @inlined_kernel
 def ahead_by(v: NDArray[np.void], i: int, j: int) -> float:
-    """How far the centre of vehicle j is ahead of that of vehicle i [m]; negative: behind."""
+    """Compute how far the centre of vehicle j is ahead of the centre of vehicle i [m]; negative: behind."""
     distance: float = v[j].x - v[i].x
     return distance
 
 
 def along(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-    """How far `end` is ahead of `start`, both positions along the road [m]; for NumPy arrays and for numbers."""
+    """Compute how far `end` is ahead of `start`, both positions along the road [m]; for NumPy arrays and numbers."""
     return np.subtract(end, start)
 
 
 @inlined_kernel
 def half_lengths(v: NDArray[np.void], i: int, j: int) -> float:
-    """Half of both vehicles' lengths together [m]: so far apart their centres are when bumper touches bumper."""
+    """Compute half the sum of two vehicles' lengths [m]: the distance of their centres when their bumpers touch."""
     half: float = 0.5 * (v[i].length + v[j].length)
     return half
 
 
 @inlined_kernel
 def half_widths(v: NDArray[np.void], i: int, j: int) -> float:
-    """Half of both vehicles' widths together [m]."""
+    """Compute half the sum of two vehicles' widths [m]."""
     half: float = 0.5 * (v[i].width + v[j].width)
     return half
 
 
 @inlined_kernel
 def gap(v: NDArray[np.void], rear: int, lead: int) -> float:
-    """Room from the front bumper of `rear` to the rear bumper of `lead` [m]; negative: they stand side by side."""
+    """Compute the gap from the front bumper of `rear` to the rear bumper of `lead` [m]; negative: they overlap."""
     return ahead_by(v, rear, lead) - half_lengths(v, rear, lead)
 
 
 @inlined_kernel
 def go_along(v: NDArray[np.void], i: int, distance: float) -> None:
-    """Put vehicle i so far [m] from where it was when its acceleration began (`x_held`)."""
+    """Put vehicle i at a distance [m] ahead of where its acceleration began (`x_held`)."""
     v[i].x = v[i].x_held + distance
 
 
 @inlined_kernel
 def go_further(v: NDArray[np.void], i: int, distance: float) -> None:
-    """Put vehicle i so far [m] ahead of where it is."""
+    """Move vehicle i ahead by a distance [m]."""
     v[i].x = v[i].x + distance
 
 
 @inlined_kernel
 def driven(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
-    """How far vehicle i is from where the AV starts [m]."""
+    """Compute how far vehicle i is ahead of where the AV starts [m]."""
     distance: float = v[i].x - road.av_start
     return distance
 
 
 @inlined_kernel
 def distance_left(v: NDArray[np.void], i: int, road: RoadNumbers) -> float:
-    """How far vehicle i has to drive to where a test ends [m]; 0 or less: it is there."""
+    """Compute how far vehicle i is from where a test ends [m]; 0 or less: it has arrived."""
     distance: float = road.av_start + road.test_length - v[i].x
     return distance

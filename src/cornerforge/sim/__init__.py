@@ -1,22 +1,30 @@
 """The simulator: one AV and many background vehicles (BVs) on a straight highway, in compiled kernels.
 
-What a newcomer should know, in the order of reading:
+One function moves everything: `advance.advance(world, setting, scratch, keep, until)`. Its arguments, then the modules
+around it, in the order of reading:
 
-- `world`: all that the future of one test depends on; `snapshot` copies, stores and branches it.
-- `setting`: what is constant in a run: road, AV, naturalistic model; who drives the AV, the critical BV, the others.
-- `traffic`: puts a world at the start of a test, by (seed, test) alone.
-- `advance`: the one loop. It moves a world until the test is over, a milestone is reached, or somebody outside the
-  kernels must answer. Within it: `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the
-  hostile BV), `av`, `av_kinds` (built-in AVs), `step`, `actions`, `reach` (motion and contact), `neighbours`.
-- `keep`: what stays of a drive (outcome, frames, decisions, counts: `statistics`); `scratch`: memory to work in.
-- Callers of the loop: `drive`, `runner` (ranges of tests), `harvest` (cases), `recorder` (one test in full),
-  `scripted` (given starts and actions), `lockstep` (AVs in other processes), `agents` (environments), `drive_bv` and
-  `drive_av` (training, with `rewards`, `judge`, `braking`).
-- Views: `observe` (of the adversary), `av_view` and `av_features` (of an AV).
-- After a crash: `avoid`, `avoid_cases`, `avoid_check`, `avoid_motion` search for the ways out.
+- A *world* (`world.World`) is all that the future of one test depends on. `traffic.reset_world` puts it at the start of
+  a test, which (seed, test) and the setting determine. `snapshot` copies, stores and branches it.
+- A *setting* (`setting.Setting`) is constant in a run: road, AV, naturalistic model and controllers. The *controllers*
+  (`Setting.who`) say what drives the AV, the critical BV (the one nearest to the AV) and the other BVs: a built-in law,
+  the naturalistic model, an adversary, a script, or somebody outside the kernels.
+- *Scratch* (`scratch.Scratch`) is memory to work in; nothing in it outlives a call.
+- *Keep* (`keep.Keep`) is what stays of a drive besides its outcome: frames, decisions, counts (`statistics`).
+- `advance` is the one loop. It returns when the test is over, when `until` seconds have passed (a milestone), or when
+  somebody outside must answer; the answer goes into the world, and the next `advance` goes on from there.
+- Within the loop: `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av`
+  and `av_kinds` (built-in AVs), `actions`, `step` and `reach` (motion and contact), `neighbours`.
+- Views: `observe` (the adversary's), `av_view` and `av_features` (an AV's).
+- Thin callers of the loop: `drive` (whole tests), `scripted` (given starts and actions), `lockstep` (AVs in other
+  processes), `agents` (environments), `drive_bv` and `drive_av` (training the adversary and the AV).
+- Callers of `drive`: `runner` (ranges of tests in threads), `harvest` (cases), `recorder` (one test in full), `judge`
+  (crashes driven again).
+- About recorded crashes: `rewards` and `braking` (what the adversary is paid for), `avoid`, `avoid_cases`,
+  `avoid_check` and `avoid_motion` (search for ways out).
 
-It knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine, for any
-number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
+Names are imported from these modules; the package itself exports none. It knows no file, no learner and no plot. The
+same seed, test and setting give the same bits on any machine, for any number of threads, through any of the callers
+(docs/design.md, ADR 20 and 21).
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ __all__ = [
 _HARDEST = float(ACCELERATIONS[0])
 _PLACES_PER_MPS2 = round(1.0 / ACCELERATION_STEP)
 LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
-"""What an AV outside the kernels can make of its vehicle [m/s2]: commands are cut to this."""
+"""Limits to which the commands of an AV outside the kernels are cut [m/s2]."""
 
 
 @kernel
@@ -67,10 +67,10 @@ def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
 
 @inlined_kernel
 def ordered_lane(w: World, i: int, side: int, road: RoadNumbers) -> int:
-    """Target lane of slot i after an order: 1 left, 0 keep, -1 right.
+    """Find the target lane of slot i after a lane order: 1 left, 0 keep, -1 right.
 
-    An order against the running change returns to the lane it came from; one in its direction changes nothing. One that
-    would leave the road is not carried out.
+    While a lane change runs, an order against it returns to the lane that the vehicle came from; an order in its
+    direction changes nothing. An order that would leave the road is not carried out.
     """
     v = w.vehicles
     lane: int = v[i].target_lane

@@ -1,9 +1,10 @@
 """The one loop: `advance` moves a world on; everything that drives is a thin caller of it.
 
-A second begins with the AV's decision, then the critical BV's, then the others'; ten substeps of motion follow, at some
-of which the AV decides again. Whoever stands outside the kernels is waited for: `advance` returns and says who must
-answer, `answer_as_av` or `answer_as_bv` takes the answer, and the next `advance` goes on from there. All that the rest
-of the test depends on is in the world, so a world may be left, copied or stored wherever `advance` returns.
+A second begins with the decisions of the AV, of the critical BV and of the other BVs, in this order. Ten substeps of
+motion follow; at some of them the AV decides again. When a controller outside the kernels must decide, `advance`
+returns and says which one; `answer_as_av` or `answer_as_bv` takes the answer, and the next `advance` goes on from
+there. All that the rest of the test depends on is in the world, so a world may be left, copied or stored wherever
+`advance` returns.
 """
 
 from __future__ import annotations
@@ -85,9 +86,10 @@ def _likeliest(w: World, i: int, av_lane: int, setting: Setting, s: ChoiceScratc
 
 @kernel
 def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, chances: NDArray[np.float64]) -> None:
-    """All BVs choose, into their `action`, by the script; at the same time, from the state before anybody acts.
+    """Write each BV's next action by the script into its `action`; where the script says NO_ACTION, the likeliest one.
 
-    `av_lane` is the target lane that the AV has just chosen.
+    All choose at the same time, from the state before any vehicle acts. `av_lane` is the target lane that the AV has
+    just chosen. The probabilities go into `chances` (K, N, 33) for the first K decisions.
     """
     v = w.vehicles
     step = w.state[0].decisions
@@ -108,7 +110,11 @@ def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, c
 
 @kernel
 def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
-    """An AV that takes the likeliest action of the naturalistic model once a second, and goes on in between."""
+    """Let the AV take the naturalistic model's likeliest action at substep 0 and go on with it in the others.
+
+    Returns:
+        Acceleration [m/s2] and target lane.
+    """
     v = w.vehicles
     if substep > 0:
         return v[0].acceleration, v[0].target_lane
@@ -120,7 +126,7 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
 
 @inlined_kernel
 def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
-    """What the AV does from now on: acceleration [m/s2] and target lane."""
+    """Ask the AV's controller what the AV does from now on: acceleration [m/s2] and target lane."""
     state = w.state[0]
     if setting.who.av == OUTSIDE:
         state.av_has_answered = 0
@@ -134,10 +140,10 @@ def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[f
 def look_as_bv(
     w: World, setting: Setting, s: Scratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
 ) -> int:
-    """Name the critical BV as the controlled one and fill its observation and action mask.
+    """Note the critical BV as the controlled one, and fill its observation and action mask.
 
     Returns:
-        Its slot, NO_VEHICLE when there is none.
+        Its slot; NO_VEHICLE when there is none, and then nothing is filled.
     """
     state = w.state[0]
     bv = nearest_bv(w)
@@ -151,7 +157,7 @@ def look_as_bv(
 
 @inlined_kernel
 def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[int, float]:
-    """The adversary of this run chooses for the critical BV, and pays for it.
+    """Let the adversary choose for the critical BV, and take the action's cost from the likelihood budget.
 
     Returns:
         The action, NO_ACTION where it lets the BV drive naturally; the natural log of the action's probability under
@@ -181,9 +187,9 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
 def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, s: Scratch) -> tuple[int, int, float]:
     """Find the critical BV and let the adversary, if there is one, choose what it does.
 
-    `recorded` fills `p` and `attentive` of the scratch for `record_choice`: the tables must see the state before
-    anybody moves, and a natural driver's action is known only after it. `av_lane`, the target lane that the AV has just
-    chosen, is looked at only for that: the adversary does not see it.
+    With `recorded`, the probabilities of all actions go into `p` and `attentive` of the scratch, for `record_choice`:
+    they depend on the state before any vehicle moves, and a natural driver's action is known only later. Only these
+    probabilities use `av_lane`, the target lane that the AV has just chosen: the adversary does not see it.
 
     Returns:
         Slot of the critical BV, NO_VEHICLE for none; its action, NO_ACTION where it drives naturally; the natural log
@@ -211,7 +217,7 @@ def _is_counted(step: int, keep: Keep) -> bool:
 
 @inlined_kernel
 def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scratch, keep: Keep) -> None:
-    """The BVs decide, everybody begins to act, the AV with `command` [m/s2] and target `lane`."""
+    """Let the BVs decide and every vehicle begin to act, the AV with `command` [m/s2] and target `lane`."""
     state = w.state[0]
     who = setting.who
     step = state.decisions
@@ -247,7 +253,7 @@ def _count_second(w: World, keep: Keep) -> None:
 
 @inlined_kernel
 def _who_must_answer(w: World, substep: int, setting: Setting) -> int:
-    """AV_MUST_ANSWER or BV_MUST_ANSWER where one of them stands outside and has not answered yet."""
+    """Say which controller outside the kernels must answer now: AV_MUST_ANSWER, BV_MUST_ANSWER or _NOBODY_MUST."""
     state = w.state[0]
     if setting.who.av == OUTSIDE and state.av_has_answered == 0:
         return AV_MUST_ANSWER
@@ -260,8 +266,8 @@ def _who_must_answer(w: World, substep: int, setting: Setting) -> int:
 def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> int:
     """Move a world on until its test is over, somebody outside must answer, or `until` seconds of it have passed.
 
-    After a test that ends within a second only vehicles near the AV or in contact stand where they are then, unless
-    all were looked at (`step.bring_up_to_date` moves the others).
+    When a test ends within a second, vehicles that nothing can touch or see stand where the second began;
+    `step.bring_up_to_date` moves them to the end.
 
     Args:
         w: The world, put at the start of a test (`traffic.reset_world`) or left by an earlier call.

@@ -1,4 +1,4 @@
-"""How the controlled BV chooses: the learned policy, and the plain adversaries that every yield is compared with."""
+"""How the adversary chooses for the controlled BV: a learned policy, and the plain rules that it is compared with."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _lane_changer(_w: World, _bv: int, words: Words, _policy: PolicyNumbers, s: 
 
 @inlined_kernel
 def _swerve(w: World, bv: int, _words: Words, _policy: PolicyNumbers, s: ChoiceScratch) -> int:
-    """Draw level a little behind the AV in the next lane, then change into its lane."""
+    """Come level with the AV in the next lane, its centre 1 m behind, then change into the AV's lane."""
     v = w.vehicles
     allowed = s.allowed
     dx = ahead_by(v, 0, bv)
@@ -106,22 +106,22 @@ def _swerve(w: World, bv: int, _words: Words, _policy: PolicyNumbers, s: ChoiceS
 
 
 _RULES = {"policy": _policy, "uniform": _uniform, "lane-changer": _lane_changer, "swerve": _swerve}
-"""What each adversary but nobody does. All take the world, the BV's slot, four random words of this decision, the
-network and scratch, with the mask and the observation in it, and return an allowed action."""
+"""The rule of each adversary except "nobody". Each takes the world, the BV's slot, four random words of this decision,
+the network, and scratch that holds the mask and the observation; it returns an allowed action."""
 _rule_of: Any = kernel_by_code({name: code for name, code in ADVERSARIES.items() if name != "nobody"}, _RULES)
 
 
 @inlined_kernel
 def choose_action(w: World, bv: int, kind: int, epsilon: float, policy: PolicyNumbers, s: ChoiceScratch) -> int:
-    """The controlled BV's action, one of those marked in `s.allowed`; `s.observation` must be filled for the policy.
+    """Choose the controlled BV's action among the actions marked in `s.allowed`.
 
     Args:
         w: The world.
         bv: Slot of the controlled BV.
-        kind: One of ADVERSARIES' values but that of nobody.
+        kind: A code of ADVERSARIES except NOBODY.
         epsilon: Chance of a uniformly drawn allowed action instead.
-        policy: The network, for the adversary of that name.
-        s: Scratch.
+        policy: The network, for POLICY.
+        s: Scratch; `s.allowed` must be filled, and for POLICY `s.observation`.
     """
     state = w.state[0]
     words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_EXPLORE)
@@ -133,12 +133,12 @@ def choose_action(w: World, bv: int, kind: int, epsilon: float, policy: PolicyNu
 
 @kernel
 def sample_action(w: World, bv: int, temperature: float, policy: PolicyNumbers, s: ChoiceScratch) -> tuple[int, float]:
-    """A policy's action, one of those marked in `s.allowed`; at temperature 0 the best, else drawn by exp(Q / T).
+    """Choose a policy's action among the allowed ones: at temperature 0 the best, else drawn by exp(Q / T).
 
     Args:
         w: The world.
         bv: Slot of the controlled BV.
-        temperature: In units of Q (chance of a crash), 0 or more.
+        temperature: T, in units of Q (chance of a crash), 0 or more.
         policy: The network.
         s: Scratch; `s.observation` and `s.allowed` must be filled. Its `q` is overwritten.
 

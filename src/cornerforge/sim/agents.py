@@ -1,4 +1,4 @@
-"""Worlds in which somebody outside the kernels decides: for the controlled BV, or for the AV (`cornerforge.envs`).
+"""Worlds in which an agent outside the kernels decides, for the controlled BV or for the AV (`cornerforge.envs`).
 
 Many worlds go one step in one call. Every world has its own seed and test number, so what happens in it does not depend
 on the worlds beside it.
@@ -45,14 +45,14 @@ __all__ = [
 ]
 
 NOBODY_LEFT = 5
-"""Outcome besides those of `world.py`: no BV is left to control."""
+"""Outcome besides the codes of `world.py`: no BV is left to control."""
 MAX_TRIES = 1000
 """Tests without any BV that `start_as_bv` passes over before it gives up."""
 
 
 @kernel
 def substitute_action(wished: int, allowed: NDArray[np.bool_]) -> int:
-    """The action taken instead of one that the mask forbids.
+    """Replace an action that the mask forbids.
 
     An allowed action stays. Otherwise the allowed acceleration nearest to the wished one (to 0 for a lane change; the
     lower of two equally near), and where no acceleration is allowed the first allowed action.
@@ -76,13 +76,13 @@ class BvAgents(NamedTuple):
 
     Attributes:
         worlds: Their states.
-        chosen: Which of them a call is for, bool (B,).
-        seeds, tests: Name each world's test, int64 (B,).
-        action: What the agent wishes, then what was carried out, int64 (B,).
-        observation: float32 (B, N_OBSERVATION).
+        chosen: Which worlds a call is for, bool (B,).
+        seeds, tests: Name of each world's test, int64 (B,).
+        action: The agent's wish before a step, the action carried out after it, int64 (B,).
+        observation: What the agent sees (`observe.observe`), float32 (B, N_OBSERVATION).
         allowed: Action mask, bool (B, 33).
         outcome: Codes of `world.py`, or NOBODY_LEFT, int64 (B,).
-        reward: float64 (B,).
+        reward: For the last step, float64 (B,).
     """
 
     worlds: World
@@ -97,7 +97,7 @@ class BvAgents(NamedTuple):
 
 
 def allocate_bv_agents(n_worlds: int, slots: int) -> BvAgents:
-    """So many idle worlds."""
+    """Allocate `n_worlds` idle worlds of `slots` vehicle slots."""
     return BvAgents(
         allocate_worlds(n_worlds, slots),
         np.zeros(n_worlds, dtype=np.bool_),
@@ -113,9 +113,9 @@ def allocate_bv_agents(n_worlds: int, slots: int) -> BvAgents:
 
 @kernel
 def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scratch) -> None:
-    """Put the chosen worlds of [begin, end) at the start of their tests and look through the critical BV's eyes.
+    """Put the chosen worlds of [begin, end) at the start of their tests; fill the critical BV's observation and mask.
 
-    A test without any BV is passed over: tests[b] then names the next that has one, or is -1 after MAX_TRIES.
+    A test without any BV is passed over: tests[b] becomes the next test that has one, or -1 after MAX_TRIES.
     """
     tests = agents.tests
     for b in range(begin, end):
@@ -138,15 +138,15 @@ def step_as_bv(
     begin: int, end: int, setting: Setting, reward: RewardNumbers, agents: BvAgents, history: History, s: Scratch,
     keep: Keep,
 ) -> None:  # fmt: skip
-    """One decision (1 s) of the chosen worlds of [begin, end), in which the critical BV does as it is told.
+    """Drive the chosen worlds of [begin, end) for one decision (1 s), in which the critical BV does the agent's action.
 
     Args:
         begin, end: Range of worlds.
         setting: The run, whose critical BV is TOLD.
-        reward: What is paid for.
-        agents: `action` holds wishes, and afterwards what was carried out (`substitute_action`). `observation` and
-            `allowed` are then those of the new moment; where a test ended, of the moment of its end.
-        history: Written; its world and frames are scratch.
+        reward: Which crashes are paid.
+        agents: `action` holds the wishes, and afterwards the actions carried out (`substitute_action`). `observation`
+            and `allowed` become those of the new moment; where a test ended, of its end.
+        history: Each world's actions are written; its own world and frames are scratch.
         s: Scratch.
         keep: Nothing is kept.
     """
@@ -188,7 +188,7 @@ class AvAgents(NamedTuple):
 
 
 def allocate_av_agents(n_worlds: int, slots: int) -> AvAgents:
-    """So many idle worlds."""
+    """Allocate `n_worlds` idle worlds of `slots` vehicle slots."""
     return AvAgents(
         allocate_worlds(n_worlds, slots),
         np.zeros(n_worlds, dtype=np.bool_),
@@ -204,7 +204,7 @@ def allocate_av_agents(n_worlds: int, slots: int) -> AvAgents:
 
 @kernel
 def start_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: Scratch) -> None:
-    """Put the chosen worlds of [begin, end) at the start of their tests and look through the AV's eyes."""
+    """Put the chosen worlds of [begin, end) at the start of their tests and fill the AV's view."""
     for b in range(begin, end):
         if agents.chosen[b]:
             w = world_row(agents.worlds, b)
@@ -214,7 +214,7 @@ def start_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: Scr
 
 @kernel
 def drive_on_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: Scratch, keep: Keep) -> None:
-    """One decision of the AV in the chosen worlds of [begin, end): it acts, then time passes until it decides again.
+    """Drive the chosen worlds of [begin, end) from one decision of the AV to the next.
 
     Args:
         begin, end: Range of worlds.

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["av_decide", "lead_acceleration", "must_give_way", "side_gain"]
 
 CONFLICT_GAP = 10.0
-"""The AV gives way to a vehicle that enters its target lane from the far side when less than this lies between them
-lengthwise [m]."""
+"""Largest lengthwise gap [m] at which the AV gives way to a vehicle that enters its target lane from the far side."""
 _SIDES = (1, -1)
 
 
@@ -41,7 +40,7 @@ def lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNum
 
 @inlined_kernel
 def side_gain(w: World, lane: int, acceleration_now: float, needed: float, road: RoadNumbers, av: AvNumbers) -> float:
-    """The AV's MOBIL gain [m/s2] of changing to `lane`, or `needed` where it is sure to be no more than that."""
+    """Compute the AV's MOBIL gain [m/s2] of changing to `lane`; `needed` where it is certainly not above `needed`."""
     v = w.vehicles
     speed = v[0].speed
     lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, av.sees_intentions)
@@ -87,7 +86,7 @@ def must_give_way(w: World, road: RoadNumbers) -> bool:
 
 @inlined_kernel
 def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
-    """The plain built-in AV, IDM and MOBIL: acceleration [m/s2] and target lane. Reads the world, changes nothing."""
+    """Decide for the plain built-in AV by IDM and MOBIL: acceleration [m/s2] and target lane. Changes nothing."""
     v = w.vehicles
     command = lead_acceleration(w, 0, v[0].lanes, road, av)
     lane = v[0].target_lane
@@ -96,7 +95,7 @@ def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
             return command, lane_of(v[0].y, road.lane_width)
         return command, lane
     best_gain = av.mobil.min_gain
-    # No lane is better than a free one: an AV that is hardly hindered need not look at the others.
+    # No lane is better than a free one: an AV that its lead hardly slows need not look at the other lanes.
     if av.mobil.politeness == 0.0 and free_acceleration(v[0].speed, av.idm) - command <= best_gain:
         return command, lane
     best_lane = lane

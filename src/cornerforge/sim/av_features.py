@@ -1,14 +1,14 @@
 """What the learned AV makes of its view: the view of `av_view.py`, sorted by lane and scaled to order 1.
 
-Lanes count from the one that the AV keeps or changes to. A vehicle stands in all lanes that its body touches and in
-the one that it changes to. Entries, float32 (N_AV_FEATURES,):
+"Its lane" is the AV's target lane: the one that it keeps or changes to. A vehicle is in all lanes that its body touches
+and in its target lane. Entries, float32 (N_AV_FEATURES,):
 
 - The AV: distance left in the test / 400 m; (speed - 30) / 10; offset from its target lane / 4 m; lateral speed / 2;
   acceleration / 4; whether there is a lane to the left, to the right (0 or 1); whether it changes lanes; 1.
 - Then for each of its lane, the left one, the right one, first ahead, then behind, of the nearest vehicle in view:
-  1; bumper-to-bumper distance / 50 (at most 3, at least -0.1); 10 m / (10 m + that distance, if positive); speed minus
-  the AV's / 10; closing speed / distance [1/s], distances under 1 m count as 1 m, at most 2; centre to the left of the
-  AV's / 4; lateral speed / 2; acceleration / 4. All 0 where there is none.
+  1; bumper-to-bumper distance / 50 m (from -0.1 to 3); 10 m / (10 m + that distance), a negative distance counts as 0;
+  (speed minus the AV's) / 10; closing speed / distance [1/s], a distance under 1 m counts as 1 m (from 0 to 2); centre
+  to the left of the AV's / 4 m; lateral speed / 2; acceleration / 4. All 0 where there is none.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ N_AV_FEATURES = _N_OWN + 2 * len(_LANES) * _PER_OTHER
 
 @inlined_kernel
 def _describe(view: NDArray[np.float32], row: int, length: float, place: int, out: NDArray[np.float32]) -> None:
-    """The entries of one vehicle."""
+    """Write the eight entries of the vehicle in a row of the view, from `place` on; length: of a car [m]."""
     dx = view[row, 1]
     gap = abs(dx) - length
     rate = view[row, 3] - view[0, 3]
@@ -56,7 +56,7 @@ def _describe(view: NDArray[np.float32], row: int, length: float, place: int, ou
 
 @inlined_kernel
 def av_features(view: NDArray[np.float32], road: RoadNumbers, out: NDArray[np.float32]) -> None:
-    """The learned AV's observation, into `out`.
+    """Write the learned AV's observation into `out`.
 
     Args:
         view: What `view_of_av` gave, float32 (13, 8).
@@ -90,9 +90,9 @@ def av_features(view: NDArray[np.float32], road: RoadNumbers, out: NDArray[np.fl
 
 @inlined_kernel
 def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) -> None:
-    """Which actions the learned AV may take, into `allowed`, bool (33,).
+    """Mark the actions that the learned AV may take in `allowed`, bool (33,).
 
-    All but lane changes that leave the road or repeat the running one.
+    These are all except lane changes that would leave the road or that repeat the running one.
     """
     v = w.vehicles
     for a in range(N_ACTIONS):
@@ -109,7 +109,7 @@ def av_actions_allowed(w: World, road: RoadNumbers, allowed: NDArray[np.bool_]) 
 
 @inlined_kernel
 def av_order(w: World, action: int, accelerations: NDArray[np.float64]) -> tuple[float, int]:
-    """Acceleration [m/s2] and target lane of the AV for an allowed action; a lane change holds the speed."""
+    """Translate an allowed action into the AV's acceleration [m/s2] and target lane; a lane change holds the speed."""
     lane = w.vehicles[0].target_lane
     if action >= FIRST_ACCELERATION:
         return accelerations[action - FIRST_ACCELERATION], lane

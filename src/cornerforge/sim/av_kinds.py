@@ -42,7 +42,7 @@ _SIDES = (1, -1)
 
 @inlined_kernel
 def _gaps(w: World, lane: int, road: RoadNumbers) -> tuple[float, float, float, float]:
-    """Gap [m] and speed [m/s] of the AV's neighbours in a lane, ahead and behind; +inf and its own for none."""
+    """Find gap [m] and speed [m/s] of the AV's neighbours in a lane, ahead then behind; for none +inf and the AV's."""
     v = w.vehicles
     lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, 1)
     lead_gap = np.inf
@@ -60,7 +60,7 @@ def _gaps(w: World, lane: int, road: RoadNumbers) -> tuple[float, float, float, 
 
 @kernel
 def _is_refused(w: World, lane: int, road: RoadNumbers, av: AvNumbers) -> bool:
-    """May the AV not be in a lane beside its own: by MOBIL's safety, or for the cautious kind by RSS distances?"""
+    """Is a lane unsafe for the AV, by MOBIL's safety criterion, or for the cautious kind by RSS distances?"""
     lead_gap, lead_speed, rear_gap, rear_speed = _gaps(w, lane, road)
     speed = w.vehicles[0].speed
     if av.kind != _CAUTIOUS:
@@ -76,9 +76,10 @@ def _is_refused(w: World, lane: int, road: RoadNumbers, av: AvNumbers) -> bool:
 
 @inlined_kernel
 def _turns_back(w: World, road: RoadNumbers, av: AvNumbers) -> bool:
-    """Does the AV, which changes lanes, return to the lane that its centre is still in?
+    """Does the AV break off its lane change and return to the lane that its centre is still in?
 
-    When the target lane is refused now, or somebody enters it from the far side; not into a vehicle beside it.
+    It does when the target lane has become unsafe, or when a vehicle enters it from the far side, but not into a
+    vehicle beside it.
     """
     v = w.vehicles
     old = lane_of(v[0].y, road.lane_width)
@@ -91,9 +92,10 @@ def _turns_back(w: World, road: RoadNumbers, av: AvNumbers) -> bool:
 
 @inlined_kernel
 def _comes_in_beside(w: World, road: RoadNumbers) -> int:
-    """Slot of the nearest vehicle beside the AV that changes to the AV's lane and has its centre in another; -1: none.
+    """Find the nearest vehicle beside the AV that changes into the AV's target lane, its centre still in another lane.
 
-    The AV's lane is the one that it keeps or changes to.
+    Returns:
+        Its slot, -1 for none.
     """
     v = w.vehicles
     lane = v[0].target_lane
@@ -111,10 +113,10 @@ def _comes_in_beside(w: World, road: RoadNumbers) -> int:
 
 @inlined_kernel
 def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
-    """What the AV does about a vehicle that comes into its lane beside it: acceleration [m/s2] and target lane.
+    """Evade a vehicle that comes into the AV's lane beside it: acceleration [m/s2] and target lane.
 
-    It gives it room to the other side if that is free. Else it brakes, unless the other's centre is more than half a
-    length behind its own: then it goes ahead, if the lead lets it.
+    The AV changes to the lane on the other side if that one is safe. Else it brakes, unless the other's centre is more
+    than half a length of the AV behind: then it accelerates, if `command`, what it would do otherwise, is no braking.
     """
     v = w.vehicles
     lane = v[0].target_lane
@@ -128,7 +130,7 @@ def _evade(w: World, other: int, command: float, road: RoadNumbers, av: AvNumber
 
 @inlined_kernel
 def _watchful(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
-    """IDM and MOBIL that looks again while it changes lanes, and evades who comes in beside it."""
+    """Decide by IDM and MOBIL, look again while changing lanes, and evade a vehicle that comes in beside the AV."""
     v = w.vehicles
     command, lane = av_decide(w, road, av)
     if v[0].duration > 0.0 and _turns_back(w, road, av):
@@ -142,7 +144,7 @@ def _watchful(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratc
 
 @kernel
 def _rss_command(w: World, road: RoadNumbers, av: AvNumbers) -> float:
-    """The IDM's acceleration [m/s2], or the RSS braking where a lead in one of the AV's lanes is too near."""
+    """Compute the IDM's acceleration [m/s2], or the RSS braking where a lead in one of the AV's lanes is too near."""
     v = w.vehicles
     command = lead_acceleration(w, 0, v[0].lanes, road, av)
     for lane in range(road.n_lanes):
@@ -156,7 +158,7 @@ def _rss_command(w: World, road: RoadNumbers, av: AvNumbers) -> float:
 
 @kernel
 def _cautious(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
-    """Keeps RSS distances: brakes when they are violated, changes lanes where both neighbours leave them."""
+    """Keep RSS distances: brake when one is violated, change only to a lane where both neighbours leave them."""
     v = w.vehicles
     command = _rss_command(w, road, av)
     lane = v[0].target_lane
@@ -181,7 +183,7 @@ def _cautious(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratc
 
 @inlined_kernel
 def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
-    """The action of the largest Q at substeps 0 and 5 of each second; in between it goes on."""
+    """Take the action of the largest Q at substeps 0 and 5 of each second; go on with it in between."""
     v = w.vehicles
     if substep % DECIDES_EVERY != 0:
         return v[0].acceleration, v[0].target_lane
@@ -193,8 +195,8 @@ def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScra
 
 
 _DECISIONS = {"watchful": _watchful, "cautious": _cautious, "learned": _learned}
-"""What each law but the plain one does. All take the world, the substep (0 to 9), road, AV and scratch, and return an
-acceleration [m/s2] and a target lane; they change nothing but the scratch."""
+"""The decision of each law except the plain one. Each takes the world, the substep (0 to 9), road, AV and scratch, and
+returns an acceleration [m/s2] and a target lane; it changes nothing but the scratch."""
 _decision_of: Any = kernel_by_code({name: law.code for name, law in AV_KINDS.items() if name != "plain"}, _DECISIONS)
 
 
@@ -206,7 +208,7 @@ def _decides_otherwise(w: World, substep: int, road: RoadNumbers, av: AvNumbers,
 
 @inlined_kernel
 def built_in_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
-    """What a built-in AV of any kind does: acceleration [m/s2] and target lane. Changes nothing but the scratch.
+    """Decide for a built-in AV of any kind: acceleration [m/s2] and target lane. Changes nothing but the scratch.
 
     Args:
         w: The world.

@@ -1,4 +1,4 @@
-"""What the AV under test sees of a world: one array in SI units, the same for every AV that is not a formula.
+"""What the AV under test sees of a world: one array in SI units, for the learned AV and for AVs outside the kernels.
 
 Row 0 is the AV, the other rows are the vehicles nearest to it along the road, nearest first, within sight (200 m centre
 to centre); rows without a vehicle are 0. Columns:
@@ -43,7 +43,7 @@ VIEW_COLUMNS = 8
 
 @inlined_kernel
 def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
-    """Slots of the vehicles nearest to the AV along the road, nearest first, into `found`; returns their number."""
+    """List the slots of the vehicles nearest to the AV along the road in `found`, nearest first; return how many."""
     v = w.vehicles
     count = 0
     for j in range(1, w.state[0].n_vehicles):
@@ -63,7 +63,7 @@ def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
 
 @inlined_kernel
 def view_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[np.float32]) -> None:
-    """The AV's view, into `out`.
+    """Write the AV's view into `out`.
 
     Args:
         w: The world; the state of every vehicle must be that of this moment (`step.begin_to_act` with `everybody`).

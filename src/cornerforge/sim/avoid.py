@@ -1,6 +1,6 @@
 """Search for a way out of a recorded crash: every sequence of the AV's manoeuvres, from a moment on.
 
-What counts as a way out, which sequences are tried and why none is lost: docs/adr/0014-avoidability.md.
+docs/adr/0014-avoidability.md says what counts as a way out, which sequences are tried and why none is missed.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ __all__ = [
 ]
 
 BRAKING, STEERING, COMBINED = 0, 1, 2
-"""Kinds of ways out: accelerations alone on the lateral path that the AV is on; lane changes alone at constant speed;
+"""Kinds of ways out: accelerations only, on the lateral path that the AV is on; lane changes only, at constant speed;
 both."""
 KINDS = 3
 NONE, FOUND, GAVE_UP = 0, 1, 2
-"""Ends of a search: there is no way out, there is one, or there were more states than there is room for."""
+"""Results of a search: there is no way out, there is one, or there were more states than the hash table may hold."""
 
 _DT = FRAME_S
 _LANE_CHOICES = 3
 _SLOTS = 1 << 18
 _PER_UNIT = 1e6
-"""States closer than a millionth of a metre, m/s, ... in all are one."""
+"""States are rounded to a millionth of each unit [m, m/s, ...]; states that are then equal count as one."""
 _ODD = np.uint64(0x9E3779B97F4A7C15)
 _SHIFT = np.uint64(29)
 _MASK = np.uint64(_SLOTS - 1)
@@ -65,15 +65,16 @@ class Manoeuvres(NamedTuple):
     """What the AV may do, as kernels take it.
 
     Attributes:
-        accelerations: That it may hold from one decision to the next [m/s2], 0 among them, (A,).
+        accelerations: Accelerations that it may hold from one decision to the next [m/s2], 0 among them, (A,).
         every: Frames between two decisions.
-        horizon: Frames after the contact until which nobody may touch the AV.
-        lane_changes: How many times it may decide on another lane at most.
-        stopping: Deceleration [m/s2], above 0, by which it must be able to stop behind whom it has ahead at the end.
-        lookback: Frames before the contact to which moments are looked at.
+        horizon: Frames after the contact until which no vehicle may touch the AV.
+        lane_changes: Largest number of decisions for another lane.
+        stopping: Deceleration [m/s2], above 0, with which it must be able to stop at the end without touching a vehicle
+            that is then ahead of it.
+        lookback: Frames before the contact that are tried as the first moment.
         only_partner: See `avoid_motion.continue_recording`.
         road: Constants of the recording.
-        evasive: The same, with the duration and the lateral acceleration of the AV's own lane changes.
+        evasive: The same constants, with the duration and the lateral acceleration of the AV's own lane changes.
     """
 
     accelerations: NDArray[np.float64]
@@ -91,9 +92,9 @@ class Plans(NamedTuple):
     """The latest way out of each kind: decisions `Manoeuvres.every` frames apart.
 
     Attributes:
-        moment: Frame of the first decision, -1 where there is none, int64 (KINDS,).
+        moment: Frame of the first decision, -1 where there is no way out, int64 (KINDS,).
         steps: Number of decisions, int64 (KINDS,).
-        acceleration: Held from each decision on [m/s2], (KINDS, decisions).
+        acceleration: Acceleration held from each decision on [m/s2], (KINDS, decisions).
         lane: Target lane from each decision on, int64 (KINDS, decisions).
     """
 
@@ -104,17 +105,17 @@ class Plans(NamedTuple):
 
 
 class SearchScratch(NamedTuple):
-    """What a search needs to work in; one serves one thread.
+    """Memory for a search; one serves one thread.
 
     Attributes:
-        rows: Row k is the AV after k decisions; one more is for trying to stop.
+        rows: Row k is the AV after k decisions; one more row serves to try stopping.
         choice: Next choice to try after k decisions.
         chosen: Index of the acceleration held before decision k.
-        changes: Lane decisions before decision k.
-        near: Whom the AV can meet at a frame, (frames, slots) of OBSTACLE, and how many, (frames,).
-        n_near: See `near`.
-        seen: Hash table of the states seen, and the search that saw them.
-        seen_by: See `seen`.
+        changes: Number of decisions for another lane before decision k.
+        near: The vehicles that the AV can meet at a frame, (frames, slots) of OBSTACLE.
+        n_near: Their number, (frames,).
+        seen: Hash table of the states seen.
+        seen_by: Number of the search that saw the state.
         counts: [states seen in this search, number of this search, states seen in all searches].
     """
 
@@ -130,14 +131,20 @@ class SearchScratch(NamedTuple):
 
 
 def allocate_plans(decisions: int) -> Plans:
-    """Room for ways out of so many decisions."""
+    """Allocate plans of at most `decisions` decisions."""
     shape = (KINDS, decisions)
     moment, steps = np.full(KINDS, -1, dtype=np.int64), np.zeros(KINDS, dtype=np.int64)
     return Plans(moment, steps, np.zeros(shape), np.zeros(shape, dtype=np.int64))
 
 
 def allocate_search(decisions: int, frames: int, slots: int) -> SearchScratch:
-    """Room for searches of so many decisions in recordings (with continuation) of so many frames and vehicles."""
+    """Allocate memory for searches of at most `decisions` decisions.
+
+    Args:
+        decisions: Of a way out.
+        frames: Of a recording with its continuation, at most.
+        slots: Vehicles of a recording, at most.
+    """
     choice, chosen, changes = (np.zeros(decisions + 2, dtype=np.int64) for _ in range(3))
     return SearchScratch(
         allocate_rows(decisions + 2),
@@ -153,13 +160,13 @@ def allocate_search(decisions: int, frames: int, slots: int) -> SearchScratch:
 
 
 def stopping_frames(max_speed: float, deceleration: float) -> int:
-    """Frames that stopping from `max_speed` [m/s] takes at most."""
+    """Compute an upper bound of the frames that stopping from `max_speed` [m/s] at `deceleration` [m/s2] takes."""
     return int(np.ceil(max_speed / deceleration / FRAME_S)) + 1
 
 
 @inlined_kernel
 def _diagonal(bodies: NDArray[np.void], i: int) -> float:
-    """Of vehicle i's box [m]."""
+    """Compute the diagonal of vehicle i's box [m]."""
     length, width = bodies[i].length, bodies[i].width
     diagonal: float = np.sqrt(length * length + width * width)
     return diagonal
@@ -167,7 +174,7 @@ def _diagonal(bodies: NDArray[np.void], i: int) -> float:
 
 @kernel
 def _gather_near(test: Trajectories, moment: int, end: int, m: Manoeuvres, road: RoadNumbers, s: SearchScratch) -> None:
-    """List for each frame after `moment` whom the AV can meet there at all, however it brakes or accelerates."""
+    """List, for each frame from `moment` + 1 to `end`, the vehicles that the AV can meet, however it accelerates."""
     frames, bodies = test.frames, test.bodies
     x, speed = frames[moment, 0].x, frames[moment, 0].speed
     slowest = speed
@@ -209,10 +216,10 @@ def _mix(state: np.uint64, value: float) -> np.uint64:
 
 @inlined_kernel
 def _is_new(s: SearchScratch, k: int) -> bool:
-    """Note the AV's state after k decisions; False if it was seen in this search.
+    """Note the AV's state after k decisions; False if this search has seen it before.
 
-    The state is all that its future depends on, so that what is left out is only what leads nowhere else. Two states
-    of one 64-bit hash are taken for one: among a hundred thousand that happens once in four thousand million searches.
+    The state is all that its future depends on, so a state seen before leads nowhere new. Two states with the same
+    64-bit hash are taken for one: with a hundred thousand states this happens in one of four thousand million searches.
     """
     v = s.rows.vehicles
     key = np.uint64(k * 64 + s.changes[k] * 8 + v[k].target_lane)
@@ -238,7 +245,7 @@ def _is_new(s: SearchScratch, k: int) -> bool:
 
 @inlined_kernel
 def _drives_clear(s: SearchScratch, k: int, body: Any, f0: int, m: Manoeuvres, road: RoadNumbers) -> bool:
-    """Move row k from frame f0 to the next decision; False as soon as somebody touches it."""
+    """Move row k from frame f0 to the next decision; False as soon as a vehicle touches it."""
     v = s.rows.vehicles
     for i in range(1, m.every + 1):
         move_vehicle(v, k, i * _DT, road)
@@ -254,7 +261,7 @@ def _drives_clear(s: SearchScratch, k: int, body: Any, f0: int, m: Manoeuvres, r
 
 @inlined_kernel
 def _can_stop(s: SearchScratch, k: int, test: Trajectories, end: int, m: Manoeuvres, road: RoadNumbers) -> bool:
-    """Can the AV of row k, at frame `end`, stop without touching anybody who is ahead of it then?"""
+    """Can the AV of row k, at frame `end`, stop without touching a vehicle that is ahead of it at that frame?"""
     v = s.rows.vehicles
     frames, body = test.frames, test.bodies[0]
     v[k + 1] = v[k]
@@ -278,10 +285,10 @@ def _can_stop(s: SearchScratch, k: int, test: Trajectories, end: int, m: Manoeuv
 
 @inlined_kernel
 def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, road: RoadNumbers) -> bool:
-    """Put the AV into row k + 1 as it is just after choice number `choice` at decision k; False if it has none such.
+    """Put the AV into row k + 1 as it is just after choice number `choice` at decision k; False if that is no choice.
 
-    Keeping the lane comes before changing it, and going on with an acceleration before changing it: so the first way
-    out that is found is a calm one.
+    Choices that keep the lane come first, and among them the one that keeps the acceleration: so the first way out that
+    is found is a calm one.
     """
     v = s.rows.vehicles
     n_accelerations = m.accelerations.size
@@ -307,9 +314,9 @@ def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, ro
 
 @kernel
 def _find_way_out(test: Trajectories, last: int, moment: int, kind: int, m: Manoeuvres, s: SearchScratch) -> int:
-    """Depth first through all sequences of decisions, each state once; returns NONE, FOUND or GAVE_UP.
+    """Try all sequences of decisions, depth first, each state once; return NONE, FOUND or GAVE_UP.
 
-    Row 0 holds the AV at `moment`. After FOUND the rows 1 .. steps hold it after each decision's period.
+    Row 0 holds the AV at `moment`. After FOUND, rows 1 .. steps hold the AV at the end of each decision's period.
     """
     evasive = m.evasive
     body = test.bodies[0]
@@ -358,21 +365,21 @@ def _note_plan(s: SearchScratch, kind: int, moment: int, steps: int, plans: Plan
 def latest_ways_out(
     test: Trajectories, last: int, since: int, earliest: int, m: Manoeuvres, s: SearchScratch, plans: Plans
 ) -> int:
-    """Find the last moment from which there is a way out, of each kind, going back frame by frame from the contact.
+    """Find the latest way out of each kind, going back frame by frame from the contact.
 
     Args:
         test: Recording with its continuation (`continue_recording`) until `stopping_frames` after the end of the last
             decision's period.
         last: Frame of the contact.
         since: First moment at which braking and steering are tried alone.
-        earliest: First moment to look at, at least 0; before `since` only as long as there is no way out at all.
+        earliest: First moment to look at, at least 0; moments before `since` are tried only while no way out is found.
         m: What the AV may do.
         s: Scratch.
-        plans: Filled; COMBINED holds the latest moment of all, with accelerations or lane changes alone if one of
-            these will do.
+        plans: Filled; COMBINED holds the latest way out of any kind, with accelerations or lane changes only if one of
+            these is enough.
 
     Returns:
-        1 if some search had to give up, so that an earlier moment than the true one, or none, may be in `plans`.
+        1 if some search gave up: `plans` may then hold an earlier moment than the true one, or none.
     """
     gave_up = 0
     for kind in range(KINDS):

@@ -38,17 +38,17 @@ __all__ = [
 
 
 class WaysOut(NamedTuple):
-    """What was found, one row a case.
+    """The ways out found, one row a case.
 
     Attributes:
         begin: Frame at which the manoeuvre that led to the crash began (`braking.manoeuvre_begin`), int64 (C,).
         moment: Frame of the latest way out of each kind, -1 for none, int64 (C, KINDS).
-        touched: Frame at which somebody touches the AV on it when it is driven, -1 for nobody, int64 (C, KINDS).
-        gave_up: 1 where a search had to give up, int64 (C,).
-        states: States that the searches of a case saw, int64 (C,).
-        steps: Decisions of the latest way out of all, int64 (C,).
-        acceleration, lane: These decisions, (C, decisions).
-        track: Where it leads, from its moment on, [x m, y m, speed m/s, heading rad], (C, frames, 4).
+        touched: Frame at which a vehicle touches the AV when the way out is driven, -1 for none, int64 (C, KINDS).
+        gave_up: 1 where a search gave up, int64 (C,).
+        states: Number of states that the searches of a case saw, int64 (C,).
+        steps: Number of decisions of the latest way out of any kind, int64 (C,).
+        acceleration, lane: These decisions: acceleration held [m/s2] and target lane, (C, decisions).
+        track: The AV's motion on it, from its moment on, [x m, y m, speed m/s, heading rad], (C, frames, 4).
     """
 
     begin: NDArray[np.int64]
@@ -63,7 +63,7 @@ class WaysOut(NamedTuple):
 
 
 class CaseScratch(NamedTuple):
-    """What `search_cases` works in; one serves one thread. `tail`: frames in which the fastest comes to a stop."""
+    """Memory for `search_cases`; one serves one thread. `tail`: frames in which the fastest vehicle comes to a stop."""
 
     frames: NDArray[np.void]
     bodies: NDArray[np.void]
@@ -78,7 +78,7 @@ def _decisions(m: Manoeuvres) -> int:
 
 
 def allocate_case_scratch(m: Manoeuvres, frames: int, vehicles: int) -> CaseScratch:
-    """Room for cases of at most so many frames and vehicles."""
+    """Allocate memory for cases of at most so many frames and vehicles."""
     decisions = _decisions(m)
     tail = stopping_frames(m.road.max_speed, m.stopping)
     longest = frames + m.horizon + m.every + tail
@@ -93,7 +93,7 @@ def allocate_case_scratch(m: Manoeuvres, frames: int, vehicles: int) -> CaseScra
 
 
 def allocate_ways_out(m: Manoeuvres, cases: int) -> WaysOut:
-    """Room for the answers to so many cases."""
+    """Allocate the results of so many cases."""
     decisions = _decisions(m)
     return WaysOut(
         begin=np.zeros(cases, dtype=np.int64),
@@ -110,10 +110,10 @@ def allocate_ways_out(m: Manoeuvres, cases: int) -> WaysOut:
 
 @kernel
 def search_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: CaseScratch, out: WaysOut) -> None:
-    """Search cases first .. stop - 1, and drive what is found (`avoid_check.drive_way_out`).
+    """Search cases first .. stop - 1, and drive each way out that is found (`avoid_check.drive_way_out`).
 
     Args:
-        r: The recordings; a case whose partner is 0 is left out.
+        r: The recordings; a case with partner 0 is left out.
         first, stop: Range of cases.
         m: What the AV may do.
         s: Scratch.

@@ -1,6 +1,6 @@
-"""Drive a way out that a search found, and look whether anybody touches the AV.
+"""Drive a way out that a search found, and check whether a vehicle touches the AV.
 
-Apart from the search in all but the simulator's own motion and contact.
+This check shares nothing with the search except the simulator's own motion and contact.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def drive_way_out(
     test: Trajectories, moment: int, accelerations: NDArray[np.float64], lanes: NDArray[np.int64], m: Manoeuvres,
     w: World, track: NDArray[np.float64],
 ) -> int:  # fmt: skip
-    """Drive the AV by its decisions, then to a stop, among the others as they are in the frames.
+    """Drive the AV by its decisions, then to a stop, among the other vehicles as they are in the frames.
 
-    While the decisions last everybody counts; while it stops only who is ahead of it when it begins to.
+    While the decisions last, every vehicle counts; while the AV stops, only vehicles ahead of it when it begins to.
 
     Args:
         test: Recording with its continuation.
@@ -48,7 +48,7 @@ def drive_way_out(
             1 + decisions * every, 4).
 
     Returns:
-        The first frame at which somebody touches the AV, or -1.
+        The first frame at which a vehicle touches the AV, or -1.
     """
     v = w.vehicles
     frames, body = test.frames, test.bodies[0]

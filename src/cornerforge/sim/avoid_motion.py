@@ -1,6 +1,6 @@
-"""What the search for a way out moves in: the recorded motion with its continuation, and the AV taken over at a moment.
+"""Motion for the search for a way out: a recording is continued after the contact, and the AV taken over at a moment.
 
-All that moves here is moved by `step.move_vehicle`, the simulator's own law (docs/adr/0014-avoidability.md).
+`step.move_vehicle`, the simulator's own law, makes all motion here (docs/adr/0014-avoidability.md).
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ __all__ = ["allocate_rows", "continue_recording", "take_over"]
 
 _DT = FRAME_S
 _SAME_M = 1e-3
-"""Positions across the road that are this close are the same: above what 32 bits lose, below what matters."""
+"""Positions across the road closer than this [m] are the same: more than rounding to 32 bits, less than matters."""
 
 
 def allocate_rows(rows: int) -> World:
-    """Vehicles without a world around them, (rows,), as the simulator's kernels of motion take them."""
+    """Allocate vehicles for the kernels of motion, (rows,), in a world in which nothing else is used."""
     return world_of(allocate_worlds(1, rows))
 
 
 @kernel
 def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, road: RoadNumbers) -> bool:
-    """Find the lateral path that a vehicle is on at a frame by planning all its lane changes up to there anew.
+    """Find the lateral path that a vehicle is on at a frame: plan all its lane changes up to there anew.
 
-    Into a row of `w`, lateral part only. False if it does not lead along the recorded positions, as for a recording
-    that begins within a lane change, or that another simulator made.
+    The lateral part of row `row` of `w` is written. False if the path does not lead along the recorded positions: the
+    recording may begin within a lane change, or another simulator may have made it.
     """
     v = w.vehicles
     first = frame
@@ -72,17 +72,17 @@ def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int
 def take_over(
     w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, acceleration: float, road: RoadNumbers
 ) -> None:
-    """Put a recorded vehicle into a row of `w` as it is at a frame, at an acceleration [m/s2] from now on.
+    """Put a recorded vehicle, as it is at a frame, into a row of `w`; from then on it holds an acceleration [m/s2].
 
-    Across the road it goes on along the path that it is on: exactly where its recorded lane changes were planned as the
-    simulator does, else as differences of its last positions tell (`braking.lateral_plan`).
+    Across the road it follows the path that it is on: exactly if its recorded lane changes were planned as the
+    simulator plans them, else by differences of its last positions (`braking.lateral_plan`).
 
     Args:
         w: From `allocate_rows`.
-        row: Where to.
+        row: The row to write.
         frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
-        frame, slot: Who, when.
-        acceleration: Held from now on [m/s2].
+        frame, slot: Moment and vehicle.
+        acceleration: Held from the frame on [m/s2].
         road: Constants.
     """
     v = w.vehicles
@@ -111,18 +111,18 @@ def continue_recording(
     road: RoadNumbers,
     w: World,
 ) -> None:
-    """Write what the others do after the contact into the frames last + 1 .. until: nobody reacts to anything.
+    """Write the motion of the other vehicles after the contact into the frames last + 1 .. until; none reacts.
 
-    Everybody ends the lane change that it is in and keeps its speed; the partner brakes on if it braked. The AV and who
-    is not there at the contact are absent.
+    Each completes its running lane change and keeps its speed; the partner brakes on if it braked. The AV and vehicles
+    absent at the contact are absent.
 
     Args:
-        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`, with room for `until`.
+        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`, at least until + 1 of them.
         n: Number of vehicles.
         last: Frame of the contact.
         until: Last frame to write.
         partner: Slot that the AV touched.
-        only_partner: 1: all but the partner vanish after the contact, as the reward `avoidable` has it.
+        only_partner: 1: all vehicles except the partner vanish after the contact, as for the reward `avoidable`.
         road: Constants.
         w: Scratch, one row at least.
     """

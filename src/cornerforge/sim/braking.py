@@ -1,7 +1,7 @@
 """Could the AV have avoided its crash by braking? A kernel over a recorded test, and the same for a `Scenario`.
 
 The question (docs/adr/0011-rewards.md): had the AV braked as hard as it can from `delay` seconds after the manoeuvre
-that led to the crash began, and all others had moved as they did, would nobody have touched it?
+that led to the crash began, and all others had moved as they did, would no vehicle have touched it?
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ _RECENT_FRAMES = 10
 _BRAKING = -1.0
 _FULL_STEERING_SPEED = 5.0
 _LONGEST_FRAMES = 100
-"""A braking AV that neither stands nor has met anybody after so long is safe: 40 m/s are gone in half of it."""
+"""A braking AV that has touched no vehicle after so many frames is safe, even if it still moves: braking at 8 m/s2 from
+40 m/s takes half of them."""
 
 
 class Braking(NamedTuple):
@@ -43,7 +44,7 @@ class Braking(NamedTuple):
 
     Attributes:
         delay: From the begin of the manoeuvre to the AV's reaction [s], at least 0; taken to the nearest 0.1 s.
-        deceleration: Of the AV [m/s2], above 0.
+        deceleration: Deceleration of the AV [m/s2], above 0.
     """
 
     delay: float
@@ -52,7 +53,7 @@ class Braking(NamedTuple):
 
 @kernel
 def _last_change(frames: NDArray[np.void], slot: int, last: int, road: RoadNumbers) -> tuple[int, int]:
-    """First and last frame of the last lane change (or return from one) of a slot up to a frame; (-1, -1) for none."""
+    """Find first and last frame of a slot's last lane change (or return from one) up to a frame; (-1, -1) for none."""
     start = last
     while (
         start > 0
@@ -71,9 +72,9 @@ def _last_change(frames: NDArray[np.void], slot: int, last: int, road: RoadNumbe
 
 @kernel
 def _closing_begin(frames: NDArray[np.void], partner: int, last: int) -> int:
-    """First frame from which the one behind, of AV and partner, was the faster one; pauses below 1 s do not count.
+    """Find the first frame from which the rear one of AV and partner was faster until the contact.
 
-    0, the test's begin, if it was not the faster one just before the contact.
+    Pauses below 1 s do not count. 0, the start of the test, if it was not faster within the last second.
     """
     behind, ahead = partner, 0
     if frames[last, partner].x > frames[last, 0].x:
@@ -93,12 +94,12 @@ def _closing_begin(frames: NDArray[np.void], partner: int, last: int) -> int:
 
 @kernel
 def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: RoadNumbers) -> int:
-    """Frame at which the manoeuvre that led to the AV's crash with `partner` at frame `last` began.
+    """Find the frame at which the manoeuvre began that led to the AV's crash with `partner` at frame `last`.
 
-    The first of these that there is: the partner's last lane change, if it runs at the contact or ended within 1 s
-    before; the partner's last uninterrupted braking of 1 m/s2 and more ahead of the AV, if it lasts until 1 s before;
-    the AV's own last lane change, like the partner's; the closing, since when the one behind was the faster one but for
-    pauses below 1 s; else the test's begin.
+    It is the begin of the first of these that exists: the partner's last lane change, if it runs at the contact or
+    ended at most 1 s before; the partner's last uninterrupted braking of at least 1 m/s2 ahead of the AV, if it lasted
+    until at most 1 s before; the AV's own last lane change, as for the partner's; the time in which the rear one of the
+    two was faster, pauses below 1 s left out; the test.
 
     Args:
         frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
@@ -122,10 +123,10 @@ def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: Roa
 
 @kernel
 def lateral_plan(frames: NDArray[np.void], slot: int, frame: int, road: RoadNumbers) -> tuple[Path, float]:
-    """How a vehicle goes on across the road from a frame: its path, and the path's duration [s], 0 for none.
+    """Estimate how a vehicle goes on across the road from a frame: its path, and the path's duration [s], 0 for none.
 
-    A quintic from the present state to the lane's centre in what is left of the lane change is the very path that it
-    is on; speed and acceleration across the road are those of the last frames.
+    The path is a quintic from the present state to the lane's centre, in the time that is left of the lane change.
+    Speed and acceleration across the road are differences of the last frames.
     """
     y = frames[frame, slot].y
     centre = lane_centre(frames[frame, slot].target_lane, road.lane_width)
@@ -147,7 +148,7 @@ def lateral_plan(frames: NDArray[np.void], slot: int, frame: int, road: RoadNumb
 
 @kernel
 def _across(path: Path, duration: float, clock: float, speed: float, y_end: float) -> tuple[float, float]:
-    """Lateral position [m] and heading [rad] on a planned path."""
+    """Compute lateral position [m] and heading [rad] on a planned path at `clock` [s]; after its end `y_end` and 0."""
     if clock >= duration:
         return y_end, 0.0
     y, lateral, _ = path_at(path, clock)
@@ -156,12 +157,12 @@ def _across(path: Path, duration: float, clock: float, speed: float, y_end: floa
 
 @kernel
 def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers, braking: Braking) -> bool:
-    """Would nobody have touched the AV, had it braked from `braking.delay` after the manoeuvre began until it stands?
+    """Would no vehicle have touched the AV, had it braked to a stop from `braking.delay` after the manoeuvre began?
 
-    Up to the contact everybody else moves as recorded, and everybody counts, also who drives into the AV from behind.
-    After it nothing is recorded; only the partner counts then (others would have seen the braking): it goes on to the
-    end of its lane change, brakes on if it did, and else keeps its speed. The AV follows the lateral path that it was
-    on when it began to brake. False when the contact comes before the AV's reaction.
+    Up to the contact all other vehicles move as recorded, and all count, also one that drives into the AV from behind.
+    After the contact nothing is recorded, and only the partner counts (the others would have seen the braking): it
+    completes its lane change, and brakes on if it braked, else keeps its speed. The AV follows the lateral path that it
+    was on when it began to brake. False when the contact comes before the AV's reaction.
 
     Args:
         test: The recording.

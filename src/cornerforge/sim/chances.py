@@ -1,8 +1,8 @@
-"""With what probability a BV does each of the 33 things, given the state: what `decide.py` draws, as numbers.
+"""The probability of each of a BV's 33 actions, given the state: the distribution from which `decide.py` draws.
 
-Drivers decide independently, with one exception: one that is about to start into a lane minds the vehicles ahead of it
-that start into the same lane at the same moment. So the probability of a lane change depends on what others draw. Only
-few of them matter, and how likely they start is summed up exactly (`_goes_chance`).
+Drivers decide independently, with one exception: a driver about to start into a lane may give way to vehicles ahead of
+it that start into the same lane at the same moment. So the probability of a lane change depends on what others draw.
+Only few of them matter, and their probabilities are summed exactly (`_goes_chance`).
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ __all__ = [
 ]
 
 MAX_STARTERS = 32
-"""A driver and those that may make it wait, at most; see `StarterScratch.left_out`."""
+"""Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256
-"""Sets of starters that are told apart, at most; see `StarterScratch.left_out`."""
+"""Largest number of sets of starters that are kept apart; see `StarterScratch.left_out`."""
 
 
 class StarterScratch(NamedTuple):
-    """Scratch: the vehicles that may start into one lane ahead of a driver, numbered from the rear; it is number 0.
+    """Scratch about a driver (number 0) and the vehicles ahead that may start into the same lane, from the rear on.
 
     Attributes:
-        slot: Which vehicle that is, int64 (MAX_STARTERS,).
-        wants: Chance that it starts if nothing ahead of it does, float64 (MAX_STARTERS,).
-        accepts: accepts[k, m], k < m: chance that k, if attentive, starts though m starts, float64 (MAX_STARTERS,
+        slot: Slot of each vehicle, int64 (MAX_STARTERS,).
+        wants: Chance that it starts if no vehicle ahead of it does, float64 (MAX_STARTERS,).
+        accepts: accepts[k, m], k < m: chance that k, if attentive, starts although m starts, float64 (MAX_STARTERS,
             MAX_STARTERS).
-        sets: Sets of starters, as bit masks; two lists, one made from the other by turns, int64 (2, MAX_SETS).
-        chances: The probability of each, float64 (2, MAX_SETS).
-        left_out: How often there were more than MAX_STARTERS or MAX_SETS, int64 (1,). Then those furthest ahead count
-            as if they started nothing, or the rarest set as another.
+        sets: Sets of starters, as bit masks; two lists, each made from the other in turn, int64 (2, MAX_SETS).
+        chances: The probability of each set, float64 (2, MAX_SETS).
+        left_out: How often there were more than MAX_STARTERS or MAX_SETS, int64 (1,). Then the vehicles furthest ahead
+            count as not starting, or a further set counts as the last one in the list.
     """
 
     slot: NDArray[np.int64]
@@ -75,14 +75,14 @@ def allocate_starter_scratch() -> StarterScratch:
     )
 
 
-# What one driver wants, and what it does where it minds nobody
+# What one driver wants, and what it does where it need not give way
 
 
 @inlined_kernel
 def side_chance(
     w: World, i: int, lane: int, base: float, overlook: float, road: RoadNumbers, tables: NddTables
 ) -> float:
-    """P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
+    """Compute P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
     v = w.vehicles
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
     chance = base
@@ -97,10 +97,10 @@ def side_chance(
 
 @inlined_kernel
 def return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables) -> float:
-    """P(slot i turns back in its running lane change).
+    """Compute P(slot i turns back in its running lane change).
 
-    An attentive driver whose centre is still in its old lane turns back when it would refuse the gaps in the target
-    lane outright, and would not refuse those in the old one.
+    While its centre is still in its old lane, an attentive driver turns back when it would certainly refuse the gaps in
+    the target lane, and would not certainly refuse the gaps in the old one.
     """
     v = w.vehicles
     old = lane_of(v[i].y, road.lane_width)
@@ -113,7 +113,7 @@ def return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: 
 
 @kernel
 def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> float:
-    """From which rounding on the range rate to a lead is rounded up, if that lies above `above`; else 1."""
+    """Find the rounding from which the range rate to a lead is rounded up, if it is above `above`; else 1."""
     if lead < 0:
         return 1.0
     rate = v[lead].speed - v[i].speed
@@ -128,7 +128,7 @@ def _add_cumulative(
 ) -> None:  # fmt: skip
     """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
 
-    The smallest of several look-ups by one word has the largest of their distribution functions.
+    The smallest of several look-ups with one random word has the largest of their distribution functions.
     """
     rows = (-1, -1, -1)
     if leads[0] < 0:
@@ -151,14 +151,14 @@ def _add_cumulative(
 
 @kernel
 def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float) -> int:
-    """Row of the tables for slot i behind a lead."""
+    """Look up the tables' row for slot i behind a lead."""
     row: int = following_row(v[i].speed, gap(v, i, lead), v[lead].speed - v[i].speed, rounding)
     return row
 
 
 @inlined_kernel
 def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
-    """Leads of slot i in the lanes it occupies (three at most: two under its body, and its target), -1 for none."""
+    """Find slot i's leads in the lanes it occupies (at most three: two under its body, one target), -1 for none."""
     v = w.vehicles
     first = -1
     second = -1
@@ -177,12 +177,12 @@ def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
 def _wishes(
     w: World, i: int, leads: tuple[int, int, int], overlook: float, road: RoadNumbers, tables: NddTables
 ) -> tuple[float, float]:
-    """P(slot i, which keeps its lane, wants to change left), the same right, before it gives way to anybody.
+    """Compute P(slot i, which keeps its lane, wants to change left), and the same right, before it gives way.
 
     Args:
         w: The world.
         i: Slot.
-        leads: `_leads` of it.
+        leads: Its leads, from `_leads`.
         overlook: Its chance to overlook a neighbour.
         road, tables: Constants.
     """
@@ -207,22 +207,22 @@ def _wishes(
 
 @inlined_kernel
 def _go_chance(least: float, overlook_conflict: float) -> float:
-    """P(a driver that wants to change does not wait), where it accepts the worst of those that start with `least`.
+    """Compute P(a driver that wants to change does not wait); `least`: chance that it accepts the worst starter.
 
-    1 for `least` = 1, and for `overlook_conflict` = 0 it is 0 where `least` is, exactly: zeros are what "impossible"
-    means.
+    It is exactly 1 for `least` = 1, and exactly 0 for `least` = 0 and `overlook_conflict` = 0: a zero means
+    "impossible".
     """
     return 1.0 - (1.0 - overlook_conflict) * (1.0 - least)
 
 
-# Giving way: who may start into the same lane at the same moment
+# Giving way: vehicles that may start into the same lane at the same moment
 
 
 @inlined_kernel
 def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables) -> float:
-    """P(vehicle j starts into `lane` at this moment), if it waits for nobody.
+    """Compute P(vehicle j starts into `lane` at this moment), if it waits for no other.
 
-    The AV has chosen (`av_lane`). A BV wants to change there, or turns back there from a running change.
+    The AV has chosen already (`av_lane`). A BV may change to `lane`, or turn back to it from a running change.
     """
     v = w.vehicles
     if j == 0:
@@ -235,7 +235,7 @@ def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, 
 
 @inlined_kernel
 def _may_start(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
-    """Can vehicle j start into `lane` at this moment, as far as its own lane tells?"""
+    """Can vehicle j start into `lane` at this moment? Only its target lane is looked at."""
     if v[j].present == 0 or v[j].target_lane == lane:
         return False
     may: bool = av_lane == lane if j == 0 else abs(v[j].target_lane - lane) == 1
@@ -244,7 +244,7 @@ def _may_start(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
 
 @inlined_kernel
 def _somebody_may_start(w: World, i: int, lane: int, av_lane: int, tables: NddTables) -> bool:
-    """Can anything start into `lane` that slot i does not accept for sure? Mostly not, and the rest is spared."""
+    """Can a vehicle that slot i does not accept for sure start into `lane`? Mostly none can; that saves the sum."""
     v = w.vehicles
     for j in range(w.state[0].n_vehicles):
         dx = ahead_by(v, i, j)
@@ -259,10 +259,10 @@ def _somebody_may_start(w: World, i: int, lane: int, av_lane: int, tables: NddTa
 def _find_starters(
     w: World, i: int, lane: int, av_lane: int, road: RoadNumbers, tables: NddTables, c: StarterScratch
 ) -> int:
-    """Number those that can keep slot i from starting into `lane`, directly or through others; returns how many.
+    """Number the vehicles that can keep slot i from starting into `lane`, directly or through others; return how many.
 
     Slot i is number 0 and counts. The walk goes from it to the front. A vehicle matters if it may start into `lane`,
-    and if slot i, or one found before it that gives way itself, does not accept it for sure.
+    and if slot i, or a vehicle numbered before that gives way itself, does not accept it for sure.
     """
     v = w.vehicles
     order = w.order
@@ -303,7 +303,7 @@ def _find_starters(
 
 @inlined_kernel
 def _least_accepted(c: StarterScratch, k: int, starters: int, n: int) -> float:
-    """Chance that driver number k, if attentive, accepts the worst of a set of starters ahead of it; 1 for none."""
+    """Compute P(driver number k, if attentive, accepts the worst of a set of starters ahead of it); 1 for none."""
     least = 1.0
     for m in range(k + 1, n):
         if starters & (1 << m):
@@ -313,10 +313,10 @@ def _least_accepted(c: StarterScratch, k: int, starters: int, n: int) -> float:
 
 @inlined_kernel
 def _that_matter(c: StarterScratch, starters: int, undecided: int, n: int) -> int:
-    """The members of a set of starters that matter to drivers 0 .. undecided - 1.
+    """Reduce a set of starters to the members that matter to drivers 0 .. undecided - 1.
 
-    One is dropped where each of these accepts another member no more easily: what they do stays the same, and sets
-    become equal and can be counted as one.
+    A member is dropped if each of these drivers accepts some other member no more easily. The drivers do the same
+    without it, and sets that become equal count as one.
     """
     kept = 0
     for m in range(undecided, n):
@@ -330,7 +330,7 @@ def _that_matter(c: StarterScratch, starters: int, undecided: int, n: int) -> in
 
 @inlined_kernel
 def _add_set(c: StarterScratch, row: int, count: int, starters: int, chance: float) -> int:
-    """Add the probability of a set to list `row` of so many; returns how many there are then."""
+    """Add a set's probability to list `row`, which holds `count` sets; return how many it holds then."""
     for s in range(count):
         if c.sets[row, s] == starters:
             c.chances[row, s] += chance
@@ -349,11 +349,11 @@ def _goes_chance(
     w: World, i: int, lane: int, overlook_conflict: float, av_lane: int, road: RoadNumbers, tables: NddTables,
     c: StarterScratch,
 ) -> float:  # fmt: skip
-    """P(slot i, which wants to change to `lane`, gives way to nobody); `overlook_conflict` is its own.
+    """Compute P(slot i, which wants to change to `lane`, does not give way); `overlook_conflict` is its own.
 
-    From the front to the rear each of those that matter starts or does not, given which of those ahead of it start; the
-    probabilities of all sets of starters are carried along. Sets that make no difference to those further behind are
-    one set, so their number stays near that of the vehicles: platoons of 20 are summed up, not 2^20 cases.
+    From the front to the rear, each vehicle that matters starts or not, given which vehicles ahead of it start; the
+    probabilities of all sets of starters are carried along. Sets that make no difference to the vehicles behind count
+    as one, so there are about as many sets as vehicles: for a platoon of 20 about 20 sets, not 2^20.
     """
     n = _find_starters(w, i, lane, av_lane, road, tables, c)
     row = 0
@@ -384,17 +384,17 @@ def action_probabilities(
     w: World, i: int, attentive: bool, av_lane: int, road: RoadNumbers, tables: NddTables, c: StarterScratch,
     p: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """P(action | state) of BV i under the naturalistic model, if all other BVs drive naturally; it sums to 1.
+    """Compute P(action | state) of BV i under the naturalistic model, if all other BVs drive naturally; the sum is 1.
 
-    It is the probability with which `decide_bvs` draws the action, giving way to simultaneous lane changes included: a
-    driver that gives way takes the acceleration that it would have taken without the wish to change.
+    `decide_bvs` draws the action with this probability. Giving way to simultaneous lane changes is included: a driver
+    that gives way takes the acceleration that it would have taken without the wish to change.
 
     Args:
         w: The world at the moment of the decision; its `order` is sorted.
         i: Slot of the BV.
-        attentive: It overlooks nobody, neither a neighbour nor one that starts at the same moment. The zeros of an
-            attentive driver are what "impossible" means for the NDD-bounded adversary (paper, equation 12). The others
-            are as the model has them.
+        attentive: It overlooks neither a neighbour nor a vehicle that starts at the same moment. The zeros of an
+            attentive driver are what "impossible" means for the NDD-bounded adversary (paper, equation 12). The other
+            drivers overlook as the model says.
         av_lane: The target lane that the AV has chosen at this moment; its present one where the AV begins no change,
             or where its choice cannot be known.
         road, tables: Constants.

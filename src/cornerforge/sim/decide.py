@@ -1,8 +1,8 @@
 """What background vehicles decide, once a second: look around, ask the naturalistic model (or the IDM), give way.
 
 All BVs decide at the same time and independently (paper, "Problem formulation"): they see lanes and intentions as they
-were before this moment. The one exception, stated in docs/adr, is that a driver who starts into a lane minds who starts
-into it at the same moment ahead of it, the AV too, unless it overlooks it.
+were before this moment. There is one exception (docs/adr/0019-giving-way.md): a BV that starts into a lane may give way
+to a vehicle ahead, the AV included, that starts into it at the same moment, unless it overlooks that vehicle.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ _WORD_MASK = 0xFFFFFFFF
 
 @inlined_kernel
 def _draw_later(tables: NddTables, row: int, word: uint64) -> int:
-    """Row and random word in one number, which is larger than any action.
+    """Put a table row and a random word into one number, larger than any action, for a look-up by `_drawn`.
 
-    The row is asked for now: the table is larger than the processor's nearer caches, and by the time of the look-up the
-    row is there.
+    The row is prefetched now: the table is larger than the processor's nearer caches, and the row arrives by the time
+    of the look-up.
     """
     prefetch(tables.cut, row, FIRST_PROBE)
     later: int = ((row + 1) << _WORD_BITS) | np.int64(word)  # type: ignore[assignment]
@@ -60,7 +60,7 @@ def _draw_later(tables: NddTables, row: int, word: uint64) -> int:
 
 @inlined_kernel
 def _drawn(tables: NddTables, action: int) -> int:
-    """The action itself, or that of a look-up put off by `_draw_later`."""
+    """Return the action itself, or do the look-up that `_draw_later` put off."""
     if action <= _WORD_MASK:
         return action
     return FIRST_ACCELERATION + sample_row(tables.cut, (action >> _WORD_BITS) - 1, np.uint64(action & _WORD_MASK))
@@ -68,10 +68,10 @@ def _drawn(tables: NddTables, action: int) -> int:
 
 @inlined_kernel
 def _worst_follow(w: World, rank: int, tables: NddTables, word: uint64, rounding: float) -> tuple[int, float, float]:
-    """Acceleration of the vehicle at a rank behind its leads in all lanes that it occupies.
+    """Draw the acceleration of the vehicle at a rank behind its leads in all lanes that it occupies.
 
-    One random word, and one random rounding of the range rate, serve all leads, so the index is the smallest of the
-    look-ups (a vehicle between two lanes minds both).
+    One random word and one random rounding of the range rate serve all leads. The action is the smallest of the
+    look-ups: a vehicle between two lanes follows both leads.
 
     Returns:
         Action 2..32, or `_draw_later` where one look-up decides; gap [m] and range rate [m/s] to the nearest lead
@@ -108,7 +108,7 @@ def _worst_follow(w: World, rank: int, tables: NddTables, word: uint64, rounding
 
 @inlined_kernel
 def _follow(w: World, i: int, lead: int, tables: NddTables, word: uint64, rounding: float) -> tuple[int, float, float]:
-    """`_worst_follow` for slot i that occupies one lane, in which `lead` is the next ahead, -1 for none."""
+    """Do the same as `_worst_follow` for slot i that occupies one lane; `lead` is the next ahead there, -1 for none."""
     v = w.vehicles
     speed = v[i].speed
     if lead < 0 or ahead_by(v, i, lead) >= SIGHT:
@@ -120,10 +120,11 @@ def _follow(w: World, i: int, lead: int, tables: NddTables, word: uint64, roundi
 
 @inlined_kernel
 def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTables, s: Scratch) -> int:
-    """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE), which may be put off.
+    """Draw the action of the BV at a rank: lateral first, then acceleration (paper, NDE).
 
-    `s.front` names the next vehicle ahead of it in each lane. Of the slot's random words the first decides
-    about lanes, the second and fourth about the acceleration, the third about giving way.
+    The look-up of the acceleration may be put off (`_draw_later`). `s.front` holds the next vehicle ahead in each lane.
+    Of the slot's random words the first decides about lanes, the second and fourth about the acceleration, the third
+    about giving way.
     """
     v = w.vehicles
     order = w.order
@@ -155,7 +156,7 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
 
 @inlined_kernel
 def _idm_action(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
-    """Action nearest to the IDM's command for the BV at a rank."""
+    """Choose the action nearest to the IDM's command for the BV at a rank."""
     v = w.vehicles
     order = w.order
     i = order[rank]
@@ -177,10 +178,10 @@ def _starts_into(v: NDArray[np.void], j: int, lane: int, av_lane: int) -> bool:
 
 @kernel
 def _gives_way(w: World, i: int, target: int, av_lane: int, setting: Setting, s: Scratch) -> bool:
-    """Must slot i, about to change to `target`, wait for one ahead that starts into it at the same moment?
+    """Must slot i, about to change to `target`, wait for a vehicle ahead that starts into it at the same moment?
 
-    It waits unless it accepts the gap to that one as to a lead in the target lane, from whichever side it comes. An
-    inattentive driver (`overlook_conflict`) does not wait.
+    It waits unless it accepts the gap to that vehicle as it would to a lead in the target lane, from whichever side the
+    vehicle comes. An inattentive driver (`overlook_conflict`) does not wait.
     """
     v = w.vehicles
     state = w.state[0]
@@ -199,7 +200,7 @@ def _gives_way(w: World, i: int, target: int, av_lane: int, setting: Setting, s:
 
 @inlined_kernel
 def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvNumbers) -> None:
-    """Every BV chooses the acceleration nearest to the IDM's; the controlled one takes `controlled_action`."""
+    """Let every BV choose the acceleration nearest to the IDM's; the controlled one takes `controlled_action`."""
     v = w.vehicles
     controlled = w.state[0].controlled
     for rank in range(w.state[0].n_vehicles):
@@ -210,10 +211,10 @@ def _all_follow_idm(w: World, controlled_action: int, road: RoadNumbers, av: AvN
 
 @inlined_kernel
 def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scratch) -> int:
-    """Every BV draws its action; the controlled one takes `controlled_action`. Returns how many begin a lane change.
+    """Let every BV draw its action; the controlled one takes `controlled_action`. Return how many begin a lane change.
 
-    The walk goes from the front to the rear and keeps the last vehicle of each lane, so that a lead is found at once.
-    Look-ups come last, all in one loop without branches: the processor then waits for the table once, not once a BV.
+    The walk goes from the front to the rear and notes the last vehicle of each lane, so that a lead is found at once.
+    Look-ups come last, all in one loop without branches: the processor then waits for the table once, not once per BV.
     """
     v = w.vehicles
     state = w.state[0]
@@ -242,11 +243,10 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
 
 @inlined_kernel
 def decide_bvs(w: World, controlled_action: int, av_lane: int, setting: Setting, s: Scratch) -> None:
-    """Let all BVs choose, into their `action`. The controlled BV (if any) takes `controlled_action`.
+    """Write every BV's choice into its `action`; the controlled BV (if any) takes `controlled_action`.
 
     `av_lane` is the target lane that the AV has just chosen: a BV that starts into it at the same moment sees that.
-
-    One loop for each model: with the choice inside the loop the compiler makes both slower.
+    Each model has a loop of its own: with the choice of the model inside one loop the compiler makes both slower.
     """
     sort_by_x(w)
     if setting.who.others == IDM_BVS:

@@ -1,4 +1,4 @@
-"""Ranges of whole tests, compiled: what bulk simulation calls."""
+"""Whole tests, one or a range, driven by `advance` in compiled kernels."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ __all__ = ["drive_range", "drive_test"]
 
 @kernel
 def drive_test(w: World, seed: int, test: int, setting: Setting, s: Scratch, keep: Keep) -> None:
-    """Drive one test from its start to its end; everybody who drives in it is inside the kernels.
+    """Drive one test from its start to its end; all its controllers must be inside the kernels.
 
-    The critical BV is always found, so that recordings of natural crashes name it too; it is controlled only when the
-    setting has an adversary.
+    Where decisions are kept the critical BV is noted in natural tests too; it is controlled only when the setting has
+    an adversary.
     """
     reset_world(w, seed, test, setting)
     advance(w, setting, s, keep, NEVER)
@@ -34,10 +34,10 @@ def drive_range(seed: int, first: int, setting: Setting, w: World, s: Scratch, k
     """Drive tests first, first + 1, ... of a seed one after the other, as many as `out` has entries.
 
     Args:
-        seed, first: Which tests.
+        seed, first: The tests.
         setting: The run.
         w, s: A world and scratch to drive in.
-        keep: What is kept of all of them; neither frames nor decisions.
+        keep: Counts of all of them; neither frames nor decisions.
         out: How each ended.
     """
     for k in range(out.code.size):

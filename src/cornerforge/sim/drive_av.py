@@ -1,4 +1,4 @@
-"""One second of driving as a learning step of the AV, compiled; what `drive_bv.py` is for the adversary."""
+"""One second of driving as two learning steps of the AV, compiled; `drive_bv.py` is the same for the adversary."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ __all__ = [
 AV_DECISIONS = SUBSTEPS // DECIDES_EVERY
 """Decisions of the learned AV in a second."""
 HOSTILE = np.dtype([("critical", "i8"), ("bounded", "i8")])
-"""One of the adversaries that take turns: code of ADVERSARIES, 0 nobody, and mask."""
+"""One of the adversaries that take turns: code of ADVERSARIES (0: nobody), and 1 for the NDD-bounded mask."""
 AV_FINISHED = np.dtype([("tests", "i8"), ("av_crashes", "i8"), ("natural_av_crashes", "i8")])
 """Counts of `collect_av`: tests, AV crashes, and AV crashes in tests without an adversary."""
 _ACCELERATIONS = ACCELERATIONS
 
 
 class AvReward(NamedTuple):
-    """What the AV is paid for half a second of driving; a crash costs 1, whoever is at fault.
+    """Weights of the AV's reward for half a second of driving; a crash gives -1 instead, whichever vehicle is at fault.
 
     Attributes:
-        progress: Paid in full at 35 m/s, nothing at 20 m/s, in proportion to the speed in between and below.
+        progress: Reward at 35 m/s; it is 0 at 20 m/s, linear in the speed, and negative below.
         acceleration: Cost at 4 m/s2 braking or accelerating, in proportion.
-        lane_change: Cost of beginning or turning a lane change.
-        nearness: Cost of driving bumper to bumper behind a lead in any lane that it is in, and while it changes lanes
-            before a follower in its target lane; nothing at a time gap of `time_gap` [s], in proportion in between.
-        time_gap: See there.
+        lane_change: Cost of beginning a lane change or turning back in one.
+        nearness: Cost of no gap at all to a lead in any lane that the AV is in, or, while it changes lanes, to a
+            follower in its target lane. It is 0 from a time gap of `time_gap` on, linear in between.
+        time_gap: See `nearness` [s].
     """
 
     progress: float
@@ -73,13 +73,13 @@ class AvReward(NamedTuple):
 
 @kernel
 def _lack(gap: float, speed: float, time_gap: float) -> float:
-    """How much of a time gap is lacking, 0 to 1."""
+    """Compute which share of a time gap [s] is missing at a gap [m] and a speed [m/s], 0 to 1."""
     return min(1.0, max(0.0, 1.0 - gap / (time_gap * max(speed, 1.0))))
 
 
 @kernel
 def _nearness(w: World, time_gap: float, road: RoadNumbers) -> float:
-    """The largest lack of a time gap ahead of the AV, and behind it in the lane that it changes to."""
+    """Find the largest `_lack` ahead of the AV, and behind it in the lane that it changes to."""
     v = w.vehicles
     worst = 0.0
     for lane in range(road.n_lanes):
@@ -94,7 +94,7 @@ def _nearness(w: World, time_gap: float, road: RoadNumbers) -> float:
 
 @kernel
 def _reward(w: World, action: int, p: AvReward, road: RoadNumbers) -> float:
-    """For the half second that ends now."""
+    """Compute the AV's reward for the half second that ends now, which began with `action`."""
     if w.state[0].outcome == AV_CRASH:
         return -1.0
     v = w.vehicles
@@ -110,9 +110,9 @@ class AvActors(NamedTuple):
     """B worlds in which an AV learns to drive.
 
     Attributes:
-        worlds: Their states; the numbers of their tests are in there.
-        hostile: Adversaries by turns, (M,) of HOSTILE: test t meets the one in row t mod M.
-        observation, allowed: The AV's features now, float32 (B, D), and mask, bool (B, 33).
+        worlds: Their states, with the names of their tests.
+        hostile: Adversaries that take turns, (M,) of HOSTILE: test t meets the one in row t mod M.
+        observation, allowed: The AV's features now, float32 (B, D), and its action mask, bool (B, 33).
         finished: (1,) of AV_FINISHED.
     """
 
@@ -124,7 +124,7 @@ class AvActors(NamedTuple):
 
 
 def allocate_av_actors(n_worlds: int, slots: int, n_inputs: int, hostile: NDArray[np.void]) -> AvActors:
-    """So many idle worlds for features of `n_inputs` entries."""
+    """Allocate `n_worlds` idle worlds for features of `n_inputs` entries."""
     return AvActors(
         allocate_worlds(n_worlds, slots),
         hostile,
@@ -146,7 +146,7 @@ def _look(
 
 @inlined_kernel
 def _setting_of_test(test: int, setting: Setting, hostile: NDArray[np.void]) -> Setting:
-    """The run of one test, with the adversary whose turn it is; the AV answers from outside the loop."""
+    """Make the setting of one test: the adversary is the one whose turn it is, the AV answers from outside the loop."""
     row = hostile[test % hostile.size]
     old = setting.who
     who = Controllers(
@@ -166,7 +166,7 @@ def start_av_worlds(seed: int, first: int, setting: Setting, s: Scratch, actors:
 
 @kernel
 def _as_idm_mobil(w: World, setting: Setting, allowed: NDArray[np.bool_]) -> int:
-    """The action nearest to what IDM and MOBIL would do."""
+    """Choose the action nearest to the decision of IDM and MOBIL."""
     command, lane = av_decide(w, setting.road, setting.av)
     change = w.vehicles[0].target_lane - lane
     if change != 0:
@@ -182,9 +182,9 @@ def _choose(
     w: World, epsilon: float, setting: Setting, s: AvScratch, observation: NDArray[np.float32],
     allowed: NDArray[np.bool_],
 ) -> int:  # fmt: skip
-    """The AV's action: the best one, or with chance `epsilon` by turns that of IDM and MOBIL, and any.
+    """Choose the AV's action: the best one, or with chance `epsilon` half and half that of IDM and MOBIL, and any.
 
-    A drawn action that is not allowed becomes the next one that is.
+    "Any" is drawn uniformly from all 33; one that is not allowed becomes the next allowed one.
     """
     state = w.state[0]
     step = AV_DECISIONS * state.decisions if state.substep == 0 else AV_DECISIONS * (state.decisions - 1) + 1
@@ -206,19 +206,20 @@ def collect_av(
     n: int, epsilon: float, setting: Setting, reward: AvReward, actors: AvActors, s: Scratch, keep: Keep,
     out: Transitions,
 ) -> int:  # fmt: skip
-    """One second of each of the first n worlds, in which the AV decides twice; fewer times where a test ends before.
+    """Drive each of the first n worlds for one second, in which the AV decides twice, or once if the test ends then.
 
-    Only a crash is an end: a test that is over goes on for the learner, though it is seen no more.
+    Only a crash is marked as an end: any other test that is over counts as going on, although it is not driven on. A
+    world whose test is over starts the test with its number plus the number of worlds.
 
     Args:
-        n: 0 (to compile) or the number of worlds; a world that ends goes on with its test number plus that.
+        n: 0 (to compile) or the number of worlds.
         epsilon: Chance of exploring.
-        setting: The run; `road.av_substeps` must be that of the learned AV, `av.network` is the one that acts.
+        setting: The run; `road.av_substeps` must be DECIDES_EVERY, and `av.network` is the network that acts.
         reward: Weights.
         actors: The worlds.
         s: Scratch.
         keep: Nothing is kept.
-        out: Room for 2 B transitions.
+        out: Holds at least 2 B transitions.
 
     Returns:
         Number of transitions written.

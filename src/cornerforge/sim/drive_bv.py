@@ -1,7 +1,7 @@
-"""One second of driving as a learning step of the adversary, compiled; what `drive_av.py` is for the AV.
+"""One second of driving as a learning step of the adversary, compiled; `drive_av.py` is the same for the AV.
 
-The adversary stands outside the loop: its BV is TOLD what to do (`setting.Controllers.critical`), by training, which
-chooses here, or by an environment's agent.
+The adversary stands outside the loop: the critical BV is TOLD what to do (`setting.Controllers.critical`), by training,
+which chooses here (`collect`), or by an environment's agent (`act_as_bv`).
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ class Transitions(NamedTuple):
 
 
 class History(NamedTuple):
-    """What B worlds were told since their tests began, and room to drive one of them again.
+    """The critical BV's actions in B worlds since their tests began, and memory to drive one of these tests again.
 
     Attributes:
-        action: Of the critical BV at each decision, (B, decisions).
-        world: One world.
-        keep: Room for one whole test's frames.
+        action: Action of the critical BV at each decision, (B, decisions).
+        world: One world to drive in.
+        keep: Holds the frames of one whole test.
     """
 
     action: NDArray[np.int8]
@@ -73,7 +73,7 @@ class History(NamedTuple):
 
 
 def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
-    """Room for the tests of so many worlds."""
+    """Allocate the history of `n_worlds` worlds of `slots` vehicle slots."""
     decisions = setting.road.max_decisions
     return History(
         np.zeros((n_worlds, decisions), dtype=np.int8),
@@ -83,20 +83,20 @@ def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
 
 
 FINISHED = np.dtype([("tests", "i8"), ("av_crashes", "i8"), ("bv_crashes", "i8"), ("paid", "i8")])
-"""Counts of `collect`, of worlds that are not guided: tests, AV crashes, crashes of the controlled BV with another,
-AV crashes that were paid."""
+"""Counts of `collect` over worlds that are not guided: tests, AV crashes, crashes of the controlled BV with another BV,
+AV crashes that the reward pays for."""
 
 
 class Exploring(NamedTuple):
-    """How the worlds of a training choose.
+    """How actions are chosen in the worlds of a training.
 
     Attributes:
-        kind: Code of ADVERSARIES that chooses where nothing is explored.
+        kind: Code of ADVERSARIES; it chooses when nothing is explored.
         policy: Its network.
-        epsilon: Chance of any allowed action instead.
-        guided: In so many first worlds exploring is guided: mostly an action that helps to make a crash. They count
-            for nothing in `Actors.finished`.
-        guided_epsilon: There with at least this chance.
+        epsilon: Chance of a uniformly drawn allowed action instead.
+        guided: Number of worlds, the first ones, in which exploring is guided: mostly an action that helps to make a
+            crash. They are not counted in `Actors.finished`.
+        guided_epsilon: Least chance of exploring in these worlds.
     """
 
     kind: int
@@ -110,9 +110,9 @@ class Actors(NamedTuple):
     """B worlds in which an adversary acts.
 
     Attributes:
-        worlds: Their states; the numbers of their tests are in there.
-        history: What their BVs were told.
-        observation, allowed: The critical BV's view now, float32 (B, D), and mask, bool (B, 33).
+        worlds: Their states, with the names of their tests.
+        history: The actions of their critical BVs.
+        observation, allowed: The critical BV's observation now, float32 (B, D), and its action mask, bool (B, 33).
         finished: (1,) of FINISHED.
     """
 
@@ -124,7 +124,7 @@ class Actors(NamedTuple):
 
 
 def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) -> Actors:
-    """So many idle worlds for observations of `n_inputs` entries."""
+    """Allocate `n_worlds` idle worlds for observations of `n_inputs` entries."""
     return Actors(
         allocate_worlds(n_worlds, slots),
         allocate_history(n_worlds, setting, slots),
@@ -136,7 +136,7 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
 
 @kernel
 def _start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, actors: Actors) -> None:
-    """Put world b at the start of a test, or of the next of its series that has a BV, and look."""
+    """Put world b at the start of a test, or of the next of its series that has a BV; fill observation and mask."""
     w = world_row(actors.worlds, b)
     reset_world(w, seed, test, setting)
     while look_as_bv(w, setting, s, actors.observation[b], actors.allowed[b]) < 0:
@@ -146,7 +146,10 @@ def _start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, act
 
 @kernel
 def start_worlds(seed: int, first: int, setting: Setting, s: Scratch, actors: Actors) -> None:
-    """Put world b at the start of test first + b (or the next of its series that has a BV)."""
+    """Put world b at the start of test first + b, or of the next of its series that has a BV.
+
+    The series of world b is every B-th test.
+    """
     for b in range(actors.allowed.shape[0]):
         _start_world(seed, first + b, b, setting, s, actors)
 
@@ -164,7 +167,7 @@ def _copy_view(
 
 @kernel
 def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratch) -> None:
-    """Drive the test that world `w` has just ended once more, with the same actions, and record it."""
+    """Drive the test that has just ended in `w` once more, with the same actions, and record it."""
     again = history.world
     recording = history.keep.recording
     forget_frames(recording, w.state[0].frame + 1, again.vehicles.size)
@@ -177,16 +180,16 @@ def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratc
 def _reward_of(
     w: World, b: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch
 ) -> float:  # fmt: skip
-    """The reward of the decision that world b has just carried out.
+    """Compute the reward of the decision that world b has just carried out.
 
     +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes with
     another BV, else 0.
 
     Args:
         w: The world.
-        b: Its row in `history`, which holds what was decided since its test began.
-        setting: What it drives.
-        reward: What is paid for.
+        b: Its row in `history`, which holds the actions since its test began.
+        setting: The run.
+        reward: Which crashes are paid.
         history: Read; its world and recording are scratch.
         s: Scratch.
     """
@@ -207,7 +210,7 @@ def _reward_of(
 def act_as_bv(
     w: World, b: int, action: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch, keep: Keep
 ) -> float:
-    """One decision of world b, a row of `history`, in which the critical BV does `action`; returns the reward."""
+    """Drive world b, a row of `history`, for one decision: the critical BV does `action`. Return the reward."""
     history.action[b, w.state[0].decisions] = action
     answer_as_bv(w, action)
     advance(w, setting, s, keep, NEVER)
@@ -217,7 +220,7 @@ def act_as_bv(
 
 @kernel
 def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
-    """Get behind the AV, then accelerate as hard as allowed; -1 where that is no help."""
+    """Choose an action that gets behind the AV and then accelerates as hard as allowed; -1 where neither applies."""
     v = w.vehicles
     lanes_left = v[0].target_lane - v[bv].target_lane
     behind = ahead_by(v, bv, 0)
@@ -233,10 +236,10 @@ def _ram(w: World, bv: int, allowed: NDArray[np.bool_]) -> int:
 
 @kernel
 def _guided_action(w: World, bv: int, exploring: Exploring, s: ChoiceScratch) -> int:
-    """The policy's action, but often (`guided_epsilon`) one that helps to make a crash.
+    """Choose the policy's action, or, with at least the chance `guided_epsilon`, one that helps to make a crash.
 
-    In three tests of five that is what `swerve` would do, in the others to ram the AV from behind; and one time in four
-    any allowed action, for a bare rule always does the same.
+    In three tests of five that is the action of `swerve`, in the other two ramming the AV from behind. One time in four
+    it is any allowed action instead, because a rule alone always does the same.
     """
     state = w.state[0]
     words = block(state.seed, state.test, moment_of(w), bv, PURPOSE_GUIDE)
@@ -253,7 +256,7 @@ def _guided_action(w: World, bv: int, exploring: Exploring, s: ChoiceScratch) ->
 
 @kernel
 def _choose(w: World, b: int, exploring: Exploring, s: ChoiceScratch) -> int:
-    """What the critical BV of world b does: by the policy, or by exploring."""
+    """Choose the action of world b's critical BV, by the policy or by exploring."""
     bv = nearest_bv(w)
     if b < exploring.guided:
         return _guided_action(w, bv, exploring, s)
@@ -266,15 +269,15 @@ def collect(
     n: int, exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch, keep: Keep,
     out: Transitions,
 ) -> None:  # fmt: skip
-    """One decision of each of the first n worlds: choose, drive 1 s, store the transition, start the next test if due.
+    """Drive the first n worlds for one decision: choose, drive 1 s, store the transition, start the next test if due.
 
-    A world that ends goes on with its test number plus the number of worlds.
+    A world whose test is over starts the test with its number plus the number of worlds.
 
     Args:
         n: 0 (to compile) or the number of worlds.
-        exploring: How they choose.
+        exploring: How actions are chosen.
         setting: The run, whose critical BV is TOLD.
-        reward: What is paid for (`_reward_of`).
+        reward: Which crashes are paid (`_reward_of`).
         actors: The worlds.
         s: Scratch.
         keep: Nothing is kept.

@@ -1,6 +1,6 @@
-"""Crashes as columns: `keep_case` makes a case of a recording, whoever drove; `harvest_range` drives and keeps in bulk.
+"""Crashes as columns: `keep_case` makes a case of any recorded crash; `harvest_range` drives and keeps in bulk.
 
-Flat arrays, no Python object per case. What a case's numbers mean stands in `fields.py`.
+Cases go into flat arrays; there is no Python object per case. `fields.py` says what a case's numbers mean.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ __all__ = [
 
 NEAR_M = 150.0
 """Vehicles that come this near to the AV along the road [m] are stored."""
-# Limits of a passenger car on a dry road: about 0.87 g braking, and the ODD's default bound across the road.
+# Limits of a passenger car on a dry road [m/s2]: about 0.87 g braking, and the ODD's default bound across the road.
 MAX_BRAKING = 8.5
 MAX_ACCELERATION = 4.0
 MAX_LATERAL_ACCELERATION = 4.0
@@ -63,7 +63,7 @@ _NEAR = 1
 
 
 class CaseName(NamedTuple):
-    """What a case is called: seed and number of its test; policy: which one of the mixture drove it, 0 for the only."""
+    """The name of a case: seed and number of its test; index in the mixture of the policy that drove it, or 0."""
 
     seed: int
     test: int
@@ -71,7 +71,7 @@ class CaseName(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """How far a recording goes: frames, decisions, vehicles; frame of the contact, and column of the partner."""
+    """The extent of a recording: numbers of frames, decisions, vehicles; frame of contact; column of the partner."""
 
     frames: int
     decisions: int
@@ -81,7 +81,7 @@ class Recorded(NamedTuple):
 
 
 class Harvest(NamedTuple):
-    """Where cases go; one after the other in every array, none padded.
+    """Columns of cases, one case after the other in every array, none padded.
 
     Attributes:
         filled: int64 (9,): how much of the other arrays is used, see `FILLED`.
@@ -92,8 +92,8 @@ class Harvest(NamedTuple):
         slot: int16, slots of the stored vehicles; kind: int8, their classes; length, width: float64, their sizes [m].
         action: int8, decisions of the stored vehicles, vehicle by vehicle.
         critical_bv, critical_bv_action, log_prob: per decision: index into the case's slots, action, ln P.
-        exact: float64, the real series of all vehicles, frame by frame, 0 where absent: what a digest covers.
-        marks: uint8, what else it covers: target lanes, presence, actions, critical BVs (two bytes each, low first).
+        exact: float64, the real series of all vehicles, frame by frame, 0 where absent: the first part of a digest.
+        marks: uint8, the rest of a digest: target lanes, presence, actions, critical BVs (two bytes each, low first).
         near: Scratch, int64 (slots,).
     """
 
@@ -117,16 +117,16 @@ class Harvest(NamedTuple):
 
 
 FILLED = CASES, NUMBERS, SLOTS, ACTIONS, DECISIONS, EXACT, MARKS, DRIVEN, CRASHED = range(9)
-"""Entries of `Harvest.filled`. DRIVEN, CRASHED: tests and crashes so far, by which the next range is driven."""
+"""Entries of `Harvest.filled`. DRIVEN, CRASHED: tests and crashes so far; `harvest_range` goes by their share."""
 
 
 def allocate_harvest(cases: int, slots: int, max_decisions: int) -> Harvest:
-    """Room for so many usual cases (fewer of the longest); never less than one of the longest.
+    """Allocate columns for so many usual cases (fewer long ones), and for at least one of the longest.
 
     Args:
-        cases: At most.
+        cases: Largest number of cases.
         slots: Vehicle slots per world.
-        max_decisions: Of a test.
+        max_decisions: Largest number of decisions of a test.
     """
     frames = SUBSTEPS * max_decisions + 1
     usual = frames * slots // 4  # about 40 % of the time limit with about half of the slots
@@ -155,7 +155,7 @@ def allocate_harvest(cases: int, slots: int, max_decisions: int) -> Harvest:
 
 @kernel
 def is_full(h: Harvest, frames: int, slots: int) -> bool:
-    """May a case of so many frames and vehicles not fit any more?"""
+    """Is it possible that a case of so many frames and vehicles no longer fits?"""
     most = frames * slots
     filled = h.filled
     full: bool = (
@@ -169,13 +169,16 @@ def is_full(h: Harvest, frames: int, slots: int) -> bool:
 
 @inlined_kernel
 def _reals(cell: Any) -> tuple[float, float, float, float, float]:
-    """The real-valued series of a vehicle in a frame, in the order of `fields.REALS`."""
+    """List the real values of a vehicle in a frame, in the order of `fields.REALS`."""
     return cell.x, cell.y, cell.speed, cell.heading, cell.acceleration
 
 
 @kernel
 def _peaks(recording: NDArray[np.void], frame: int, i: int) -> tuple[float, float, float]:
-    """Largest acceleration, braking and |lateral acceleration| of a vehicle up to a frame; NaN below 2 or 3 frames."""
+    """Find a vehicle's largest acceleration, braking and |lateral acceleration| [m/s2] up to a frame.
+
+    NaN where it is present in fewer than 2 (for the last: 3) frames in a row.
+    """
     along = 0.0
     braking = 0.0
     across = 0.0
@@ -203,7 +206,7 @@ def _peaks(recording: NDArray[np.void], frame: int, i: int) -> tuple[float, floa
 
 @kernel
 def _min_ttc(recording: NDArray[np.void], frame: int, n: int, bodies: NDArray[np.void]) -> float:
-    """Smallest TTC [s] of the AV before contact with vehicles in its path; NaN if never closing."""
+    """Find the AV's smallest TTC [s] before `frame`, to vehicles in its path; NaN if it never closes on one."""
     shortest = math.inf
     for t in range(frame):
         av = recording[t, 0]
@@ -226,7 +229,7 @@ def _min_ttc(recording: NDArray[np.void], frame: int, n: int, bodies: NDArray[np
 def _keep_labels(
     end: Recorded, recording: NDArray[np.void], bodies: NDArray[np.void], road: RoadNumbers, h: Harvest
 ) -> None:
-    """What the contact looked like, and what AV and partner did to the physics."""
+    """Fill the labels of the contact, the extremes of the motion of AV and partner, and whether these are plausible."""
     frame = end.contact
     partner = end.partner
     row = h.rows[h.filled[CASES]]
@@ -252,7 +255,7 @@ def _keep_labels(
     row.bv_max_acceleration_mps2 = bv_along
     row.bv_max_braking_mps2 = bv_braking
     row.bv_max_lateral_acceleration_mps2 = bv_across
-    # NaN is never above a limit, as it should be: what was not seen broke none.
+    # NaN is never above a limit, as it should be: what was not seen broke no limit.
     row.physically_plausible = not (
         along > MAX_ACCELERATION + TOLERANCE
         or bv_along > MAX_ACCELERATION + TOLERANCE
@@ -269,7 +272,7 @@ def _keep_labels(
 
 @kernel
 def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None:
-    """The seconds before the contact, of AV and partner."""
+    """Fill the states of AV and partner at each second before the contact."""
     history = h.history[h.filled[CASES]]
     for k in range(_HISTORY):
         history[k] = math.nan
@@ -291,7 +294,7 @@ def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> Non
 def _find_near(
     end: Recorded, near_m: float, recording: NDArray[np.void], decisions: Decisions, near: NDArray[np.int64]
 ) -> int:
-    """Mark the vehicles to store by their index among the stored, -1 for the others; returns their number."""
+    """Write each vehicle's index among the stored vehicles into `near`, -1 for the others; return how many."""
     n = end.vehicles
     for i in range(n):
         near[i] = _NEAR if near_m == math.inf else -1
@@ -315,7 +318,7 @@ def _find_near(
 
 @inlined_kernel
 def _action(recording: NDArray[np.void], decisions: Decisions, k: int, i: int) -> int:
-    """What vehicle i decided at decision k; -1 where it is absent."""
+    """Look up vehicle i's action at decision k; -1 where it is absent."""
     action: int = decisions.action[k, i] if recording[SUBSTEPS * k, i].present else -1
     return action
 
@@ -324,7 +327,7 @@ def _action(recording: NDArray[np.void], decisions: Decisions, k: int, i: int) -
 def _keep_decisions(
     end: Recorded, recording: NDArray[np.void], decisions: Decisions, bodies: NDArray[np.void], h: Harvest
 ) -> None:
-    """Class, size and actions of the stored vehicles, and what the critical BV's actions were worth."""
+    """Fill class, size and actions of the stored vehicles, and the log-probabilities of the critical BV's actions."""
     filled = h.filled
     row = h.rows[filled[CASES]]
     near = h.near
@@ -347,7 +350,7 @@ def _keep_decisions(
         place = filled[DECISIONS] + k
         critical = decisions.controlled[k]
         h.critical_bv[place] = near[critical] if critical >= 0 else -1
-        # An absent vehicle is never critical, so its action is always that of somebody there.
+        # An absent vehicle is never critical, so this action is always that of a present vehicle.
         h.critical_bv_action[place] = decisions.action[k, critical] if critical >= 0 else -1
         h.log_prob[place] = decisions.log_prob[k]
         row.log_prob_policy += decisions.log_prob_policy[k]
@@ -366,7 +369,7 @@ def _keep_decisions(
 
 @kernel
 def _keep_tracks(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None:
-    """Series of the stored vehicles."""
+    """Fill the series of the stored vehicles."""
     filled = h.filled
     for i in range(end.vehicles):
         if h.near[i] < 0:
@@ -385,7 +388,7 @@ def _keep_tracks(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None
 
 @kernel
 def _keep_exact(end: Recorded, recording: NDArray[np.void], decisions: Decisions, h: Harvest) -> None:
-    """All that `recorder.scenario_digest` covers, in its order."""
+    """Fill all that `recorder.scenario_digest` covers, in its order."""
     filled = h.filled
     n = end.vehicles
     size = end.frames * n
@@ -418,17 +421,17 @@ def keep_case(
     name: CaseName, end: Recorded, near_m: float, road: RoadNumbers, recording: NDArray[np.void], decisions: Decisions,
     bodies: NDArray[np.void], h: Harvest,
 ) -> None:  # fmt: skip
-    """Store a recorded crash of the AV behind those that are there: the one way in which cases are made.
+    """Append a recorded crash of the AV to the columns: the only way in which cases are made.
 
     Args:
-        name: What it is called.
-        end: How far the recording goes.
+        name: The case's name.
+        end: The extent of the recording.
         near_m: Vehicles that come this near to the AV along the road are stored [m], besides its partner and critical
             BVs; infinite: all.
-        road: Of the recording.
-        recording, decisions: Of the test.
+        road: Constants of the recording.
+        recording, decisions: Frames and decisions of the test.
         bodies: Class and size of each vehicle, records with the fields of `fields.BODY`.
-        h: Where the case goes; there must be room.
+        h: The columns; they must not be full (`is_full`).
     """
     row = h.rows[h.filled[CASES]]
     row.seed = name.seed
@@ -448,7 +451,7 @@ def keep_case(
 
 @kernel
 def keep_driven(w: World, setting: Setting, keep: Keep, h: Harvest) -> None:
-    """`keep_case` of a test that has just been driven and kept whole, and ended in a crash of the AV."""
+    """Append the test that has just been driven and kept whole, and that ended in a crash of the AV, as a case."""
     state = w.state[0]
     n_policies = setting.who.cast.members.size
     policy = cast_index(state.seed, state.test, n_policies) if n_policies > 0 else 0
@@ -458,13 +461,13 @@ def keep_driven(w: World, setting: Setting, keep: Keep, h: Harvest) -> None:
 
 
 class Buffers(NamedTuple):
-    """Where a harvest drives.
+    """The memory that `harvest_range` drives in.
 
     Attributes:
         world, scratch: To drive in.
-        counted: What is kept of a test of which only the counts and the outcome are.
-        whole_counted: The same of a test that is recorded at once: counts, frames and decisions.
-        whole: The same of a crashed test that is driven again: frames and decisions.
+        counted: What is kept of a test that is not recorded: counts.
+        whole_counted: What is kept of a test that is recorded at once: counts, frames and decisions.
+        whole: What is kept of a crashed test that is driven again: frames and decisions.
     """
 
     world: World
@@ -476,19 +479,19 @@ class Buffers(NamedTuple):
 
 @kernel
 def harvest_range(seed: int, first: int, setting: Setting, at: Buffers, out: Outcomes, h: Harvest) -> int:
-    """Drive tests first, first + 1, ... and store every AV crash, until `out` or the room is at an end.
+    """Drive tests first, first + 1, ... and append every AV crash, until `out` or `h` is full.
 
-    Where most tests crash they are recorded at once, else only crashes are driven again; what is stored is the same.
+    Where most tests crash, tests are recorded at once; else crashed tests are driven again. What is stored is the same.
 
     Args:
-        seed, first: Which tests.
+        seed, first: The tests.
         setting: The run.
-        at: Where they are driven; its recording holds nobody. Each test is counted once.
-        out: How each ended.
-        h: Where the cases go, behind those that are there.
+        at: The memory to drive in; all vehicles are absent in its recording. Each test is counted once.
+        out: How each test ended.
+        h: The columns to append to.
 
     Returns:
-        Tests done.
+        The number of tests driven.
     """
     w, s, recording = at.world, at.scratch, at.whole.recording
     for k in range(out.code.size):

@@ -1,4 +1,4 @@
-"""In which crashes did the AV strike, and which could it have avoided by braking? Kernels, and a pool of threads."""
+"""Judgements of crashes: did the AV strike, and could it have avoided the crash by braking? Tests are driven again."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CHUNK = 256
 
 @kernel
 def judge_crash(w: World, recording: NDArray[np.void], setting: Setting, braking: Braking) -> tuple[bool, bool]:
-    """Did the AV strike, and could it have avoided the crash by braking? Of a recorded test that ended in its crash."""
+    """Judge a recorded test that ended in a crash of the AV: did it strike, could braking have avoided the crash?"""
     state = w.state[0]
     partner = state.slot_b
     strikes = av_strikes(w.vehicles, 0, partner)
@@ -37,13 +37,13 @@ def _judge_range(
     seed: int, tests: NDArray[np.int64], setting: Setting, braking: Braking, w: World, s: Scratch, keep: Keep,
     judged: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Drive tests again that ended in a crash of the AV, and say of each whether the AV struck, and could have braked.
+    """Drive tests again that ended in a crash of the AV, and judge each of them (`judge_crash`).
 
     Args:
-        seed, tests, setting: Which tests, (n,); a test that ends otherwise gets False twice.
+        seed, tests, setting: The tests, (n,); a test that ends otherwise gets False twice.
         braking: How the AV would have braked.
         w, s: A world and scratch to drive in.
-        keep: Room for one whole test, nobody there; left so.
+        keep: Holds one whole test; all vehicles absent before and after.
         judged: The answers, (n, 2).
     """
     for k in range(tests.size):

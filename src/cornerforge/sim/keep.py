@@ -1,4 +1,4 @@
-"""What is kept of a drive: its outcome, frames, decisions, counts. Nothing of it changes what happens."""
+"""What is kept of a drive: its outcome, frames, decisions and counts. Keeping them does not change the drive."""
 
 from __future__ import annotations
 
@@ -36,7 +36,16 @@ __all__ = [
 
 
 class Outcomes(NamedTuple):
-    """One entry per test: outcome code, crash or end frame, slots in contact, BV-BV crashes, decisions, metres."""
+    """How tests ended, one entry a test.
+
+    Attributes:
+        code: Outcome code of `world.py`.
+        frame: Frame (0.1 s) of the crash, or of the end.
+        slot_a, slot_b: Slots in contact, of a test that ended in a crash.
+        bv_crashes: Crashes between BVs.
+        decisions: Seconds begun.
+        distance: How far the AV drove [m].
+    """
 
     code: NDArray[np.uint8]
     frame: NDArray[np.int32]
@@ -53,12 +62,12 @@ class Decisions(NamedTuple):
     Attributes:
         action: Of every vehicle, (K, N).
         controlled: Slot of the critical BV, (K,); -1 for none.
-        log_prob: Natural log of the probability of its action under the NDE, given what the AV chose at that moment,
-            (K,); 0 for none.
-        shortfall: By how much the log-probability of its action for an attentive driver falls short of the likeliest
-            action's, (K,), at least 0, +inf where it is impossible; 0 for none. It is the price that a likelihood
-            budget pays, which does not know what the AV chose at that moment.
-        log_prob_policy: Natural log of the probability of its action under the policy, (K,); 0 without one.
+        log_prob: Natural log of the probability of the critical BV's action under the NDE, given what the AV chose at
+            that moment, (K,); 0 without a critical BV.
+        shortfall: Log-probability of the likeliest action minus that of the action taken, both for an attentive driver
+            [nats], (K,), at least 0, +inf where the action is impossible; 0 without a critical BV. It is the action's
+            cost to a likelihood budget, which does not know what the AV chose at that moment.
+        log_prob_policy: Natural log of the action's probability under the policy, (K,); 0 without a policy.
     """
 
     action: NDArray[np.int8]
@@ -72,11 +81,11 @@ class Keep(NamedTuple):
     """Where a drive is kept; arrays of size 0 keep nothing.
 
     Attributes:
-        recording: Frames, (T, N) of `fields.FRAME_FIELDS`, nobody there.
-        decisions: Of the first K seconds.
-        chances: P(action) of each BV at each decision of a scripted drive, float64 (K, N, 33).
+        recording: Frames, (T, N) of `fields.FRAME_FIELDS`; all absent before the drive.
+        decisions: Decisions of the first K seconds.
+        chances: P(action) of each BV at each of the first K decisions of a scripted drive, float64 (K, N, 33).
         counts: Histograms to add to.
-        census: What goes into them.
+        census: Which BVs are counted, and when.
     """
 
     recording: NDArray[np.void]
@@ -87,7 +96,7 @@ class Keep(NamedTuple):
 
 
 def allocate_outcomes(n: int) -> Outcomes:
-    """Room for the outcomes of n tests."""
+    """Allocate the outcomes of n tests."""
     return Outcomes(
         np.zeros(n, dtype=np.uint8),
         np.zeros(n, dtype=np.int32),
@@ -100,7 +109,7 @@ def allocate_outcomes(n: int) -> Outcomes:
 
 
 def allocate_decisions(n: int, slots: int) -> Decisions:
-    """Room for n decisions; 0 records nothing."""
+    """Allocate n decisions of `slots` vehicles; 0 records nothing."""
     return Decisions(
         np.zeros((n, slots), dtype=np.int8), np.zeros(n, dtype=np.int16), np.zeros(n), np.zeros(n), np.zeros(n)
     )
@@ -118,7 +127,7 @@ def keep_nothing(slots: int, *, counts: Counts | None = None, census: Census = N
 
 
 def keep_whole_test(setting: Setting, slots: int) -> Keep:
-    """Room for every frame and decision of the longest test."""
+    """Keep every frame and decision of a test; allocated for the longest one."""
     longest = setting.road.max_decisions
     return keep_nothing(slots)._replace(
         recording=allocate_recording(SUBSTEPS * longest + 1, slots), decisions=allocate_decisions(longest, slots)
@@ -140,10 +149,10 @@ def write_outcome(w: World, out: Outcomes, k: int, road: RoadNumbers) -> None:
 
 @kernel
 def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, decisions: Decisions) -> None:
-    """Note everybody's action in the second that begins, and how likely the critical BV's was.
+    """Note all actions in the second that begins, and how likely the critical BV's action was.
 
     Args:
-        w: The world; everybody has decided, nobody has begun to act.
+        w: The world; all vehicles have decided, none has begun to act.
         bv: Slot of the critical BV, -1 for none.
         log_prob_policy: Natural log of the probability of its action under the policy.
         s: `p` and `attentive` hold the probabilities of its actions.

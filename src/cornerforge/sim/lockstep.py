@@ -1,4 +1,4 @@
-"""Many worlds side by side, for AVs that decide outside the kernels: all wait until the AV has answered for all.
+"""Many worlds side by side, for AVs that decide outside the kernels: the AV answers for all of them at once.
 
 A batch of B worlds goes on from one decision of its AVs to the next: `see` writes what each AV sees, `act` takes their
 answers and moves every world to where its AV decides again. A world whose test is over stays idle until `begin` gives
@@ -54,12 +54,12 @@ def allocate_batch(n_worlds: int, slots: int) -> Batch:
 
 
 def running(batch: Batch) -> NDArray[np.int64]:
-    """Which worlds drive a test, ascending."""
+    """List the worlds that drive a test, ascending."""
     return np.flatnonzero(batch.worlds.state["outcome"][:, 0] == RUNNING)
 
 
 def idle(batch: Batch) -> NDArray[np.int64]:
-    """Which worlds drive none, ascending."""
+    """List the worlds that drive no test, ascending."""
     return np.flatnonzero(batch.worlds.state["outcome"][:, 0] != RUNNING)
 
 
@@ -92,8 +92,7 @@ def act(
 
     Args:
         answers: float64 (B, 2): acceleration [m/s2], cut to [-8, 2], and lane order (`ordered_lane`); finite.
-        as_lanes: The second column is a target lane instead, and accelerations are taken as they are: the answers of a
-            built-in AV.
+        as_lanes: Take the second column as a target lane, and accelerations as they are: answers of a built-in AV.
         setting: The run, whose AV is OUTSIDE.
         batch: The worlds; a test that ends leaves its world idle, with its outcome in the world's state.
         s: Scratch.
@@ -101,7 +100,7 @@ def act(
         done: int64 (B,): receives the worlds whose test has just ended.
 
     Returns:
-        How many those are.
+        The number of worlds in `done`.
     """
     road = setting.road
     ended = 0

@@ -1,4 +1,4 @@
-"""Who is near whom in a world."""
+"""The neighbours of a vehicle: nearest in a lane, nearest to the AV, order along the road."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 __all__ = ["SIGHT", "nearest_bv", "neighbours_in_lane", "sort_by_x"]
 
 SIGHT = 200.0
-"""Vehicles further ahead or behind than this [m, centre to centre] are not seen by anyone."""
+"""No driver sees a vehicle further ahead or behind than this [m, centre to centre]."""
 
 
 @inlined_kernel
 def _known_neighbours(w: World, lane: int) -> tuple[int, int]:
-    """The AV's lead and rear in a lane, where `step` noted who alone they can be; -1 for none within sight."""
+    """Look up the AV's lead and rear in a lane where `reach` has noted them; -1 for none within sight."""
     v = w.vehicles
     lead = w.av_lead[lane]
     rear = w.av_rear[lane]
@@ -34,7 +34,7 @@ def _known_neighbours(w: World, lane: int) -> tuple[int, int]:
 
 @inlined_kernel
 def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_intentions: int) -> tuple[int, int]:
-    """Nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
+    """Find the nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
 
     Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x
     are ordered by slot.
@@ -72,7 +72,7 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
 
 @inlined_kernel
 def nearest_bv(w: World) -> int:
-    """Slot of the BV whose centre is nearest to the AV's; -1 when there is none (paper: the critical BV)."""
+    """Find the critical BV (paper): the slot of the BV with its centre nearest to the AV's; -1 when there is none."""
     v = w.vehicles
     state = w.state[0]
     best = NO_VEHICLE
@@ -90,7 +90,7 @@ def nearest_bv(w: World) -> int:
 
 @inlined_kernel
 def sort_by_x(w: World) -> None:
-    """Insertion sort of `order`; ties by slot. Traffic is nearly sorted, so this costs about one pass."""
+    """Sort `order` by x, ties by slot. Insertion sort: traffic is nearly sorted, so this costs about one pass."""
     v = w.vehicles
     order = w.order
     state = w.state[0]

@@ -34,9 +34,9 @@ __all__ = [
 ]
 
 OBSERVATION_VERSION = 2
-"""Raised whenever the meaning of an entry changes; stored with every policy. 2: the likelihood budget's rest."""
+"""Raised whenever the meaning of an entry changes; stored with every policy. 2 added what is left of the budget."""
 UNITS_PER_NAT = 1_000_000
-"""A budget is counted in whole numbers, so that sums are exact and do not depend on their order."""
+"""A likelihood budget is counted in whole units, so that sums are exact and do not depend on their order."""
 _NATS_SHOWN = 10.0
 N_OWN = 21
 _N_OTHERS = 4
@@ -51,7 +51,7 @@ def _clip(value: float, limit: float) -> float:
 
 @kernel
 def _nearest_others(w: World, bv: int, found: NDArray[np.int64]) -> int:
-    """Slots of the vehicles nearest to `bv`, but not the AV, nearest first, into `found`; returns their number."""
+    """List the slots of the BVs nearest to `bv` in `found`, nearest first; return how many, at most 4."""
     v = w.vehicles
     state = w.state[0]
     count = 0
@@ -75,7 +75,7 @@ def _nearest_others(w: World, bv: int, found: NDArray[np.int64]) -> int:
 
 @kernel
 def observe(w: World, bv: int, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[np.float32]) -> None:
-    """The observation of controlled BV `bv`, into `out`, float32 (N_OBSERVATION,), entries of order 1.
+    """Write the observation of controlled BV `bv` into `out`, float32 (N_OBSERVATION,), entries of order 1.
 
     Own part: remaining test length / 400 m; AV: (speed - 30) / 10, offset from its target lane / 4 m, lateral speed /
     2, acceleration / 4, lanes free to its left and right (0 or 1); BV: the same without acceleration; relative BV - AV:
@@ -138,15 +138,15 @@ def allowed_actions(
     p: NDArray[np.float64],
     allowed: NDArray[np.bool_],
 ) -> None:
-    """The one action mask of the adversary, into `allowed`, bool (33,): for acting, exploring and the target's max.
+    """Write the adversary's action mask into `allowed`, bool (33,): for acting, exploring and the learning target.
 
-    Unbounded: all but lane changes that leave the road or repeat the running one. Bounded (paper, equation 12):
-    besides, only actions of positive probability for an attentive naturalistic driver; overlooking a neighbour does
-    not count as possible. With a budget (state.budget_left > 0) besides only those whose surprise it can still pay for;
-    the likeliest action costs nothing, so there always is one.
+    Unbounded: all actions except lane changes that would leave the road or that repeat the running one. Bounded (paper,
+    equation 12): of these, only actions with positive probability for an attentive naturalistic driver; an action that
+    needs a neighbour to be overlooked is not possible. With a budget (state.budget_left > 0): of these, only actions
+    whose `surprise` is within the rest of the budget. The likeliest action costs nothing, so one is always allowed.
 
-    What others do at this very moment cannot be known. The other BVs may start into the same lane, with their
-    probabilities; of the AV it is taken that it begins no lane change (docs/adr/0019-giving-way.md).
+    The choices of others at this moment are not known. The other BVs may start into the same lane, with their
+    probabilities; the AV is assumed to begin no lane change (docs/adr/0019-giving-way.md).
 
     Args:
         w: The world.
@@ -189,14 +189,14 @@ def _largest(p: NDArray[np.float64]) -> float:
 
 @inlined_kernel
 def surprise(p: float, most: float) -> int:
-    """How much less likely an action is than the likeliest, ln(most / p), in units of the budget, rounded up.
+    """Compute an action's cost to a likelihood budget, ln(most / p), in units of the budget, rounded up.
 
     Args:
         p: Probability of the action, above 0.
-        most: That of the likeliest.
+        most: Probability of the likeliest action.
 
     Returns:
-        0 for the likeliest.
+        At least 0; 0 for the likeliest action.
     """
     return math.ceil((log(most) - log(p)) * UNITS_PER_NAT)  # most / p may overflow
 
@@ -205,9 +205,9 @@ def surprise(p: float, most: float) -> int:
 def spend_budget(
     w: World, bv: int, action: int, road: RoadNumbers, tables: NddTables, c: StarterScratch, p: NDArray[np.float64]
 ) -> None:
-    """Take what an allowed action costs from the world's likelihood budget, if it has one; call it before the step.
+    """Take the cost of an allowed action (`surprise`) from the world's likelihood budget, if it has one.
 
-    It costs by how much it is less likely than the likeliest, by the probabilities of `allowed_actions`.
+    Call it before the action is carried out. The probabilities are those of `allowed_actions`.
 
     Args:
         w: The world at the moment of the decision.
@@ -224,7 +224,7 @@ def spend_budget(
 
 
 def budget_units(budget: float | None) -> int:
-    """A budget [nats] as state.budget_left holds it at the start of a test; None: no limit.
+    """Convert a budget [nats] to state.budget_left at the start of a test: 0 for None, no limit.
 
     >>> budget_units(None), budget_units(0.0), budget_units(2.5)
     (0, 1, 2500001)

@@ -1,6 +1,6 @@
-"""Who can touch whom within the coming second, and whom the AV can see: nobody else need be moved in between.
+"""Which vehicles can touch each other within the coming second, and which the AV can see: only these move in substeps.
 
-All by bounds of motion that surely hold, so what is left out changes no bit of any result.
+All bounds of motion hold for certain, so leaving out the other vehicles changes no bit of any result.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ __all__ = ["bound_motion", "choose_current", "find_pairs"]
 _ROUNDING = 0.01
 """Added to bounds of motion [m], far more than rounding errors."""
 _SWING = 2.5
-"""Half a length [m] whose swinging out in a turn the other bounds have room for; longer bodies get more."""
+"""Half length [m] of a body whose swing in a turn the other bounds already cover; longer bodies get more."""
 _UNSURE = 1
 """Mark of a vehicle that may leave its lane or the road within the second."""
 
 
 @inlined_kernel
 def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
-    """Upper bound of the sideways movement of slot i, and of a long body's ends, within the coming second [m]."""
+    """Bound from above how far slot i, a long body's ends included, moves sideways within the coming second [m]."""
     v = w.vehicles
     if i > 0 and v[i].duration == 0.0:
         return 0.0
@@ -41,11 +41,11 @@ def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
 
 @inlined_kernel
 def bound_motion(w: World, braking: float, acceleration: float, s: Scratch) -> None:
-    """Bound how far everybody drives within the coming second, into `s.least` and `s.most`.
+    """Write bounds of how far each vehicle drives within the coming second into `s.least` and `s.most`.
 
-    Accelerations are constant or change at most to 0 (at standstill and at the highest speed), but the AV may decide
-    anew: it brakes with at most `braking` and accelerates with at most `acceleration` [m/s2]. The lead of one vehicle
-    over another then changes by no more than the difference of their bounds at the second's end, at any time within it:
+    A BV's acceleration is constant, or drops to 0 at standstill and at the highest speed. The AV may decide anew: it
+    brakes with at most `braking` and accelerates with at most `acceleration` [m/s2]. At any time within the second, the
+    lead of one vehicle over another changes by no more than the difference of their bounds at its end:
     t (d + c t / 2) for 0 <= t <= 1 and c >= 0 is at most max(0, d + c / 2).
     """
     v = w.vehicles
@@ -60,7 +60,7 @@ def bound_motion(w: World, braking: float, acceleration: float, s: Scratch) -> N
 def find_pairs(w: World, road: RoadNumbers, s: Scratch) -> None:
     """List the pairs of vehicles that can touch within the coming second.
 
-    By the bounds of `bound_motion`: testing only these is bitwise the same as testing all.
+    By the bounds of `bound_motion`: testing only these pairs gives the same bits as testing all.
     """
     v = w.vehicles
     order = w.order
@@ -93,14 +93,14 @@ def find_pairs(w: World, road: RoadNumbers, s: Scratch) -> None:
 
 @inlined_kernel
 def _falls_back(s: Scratch, j: int) -> float:
-    """Upper bound of what vehicle j loses against the AV within the coming second [m]."""
+    """Bound from above how far vehicle j falls back against the AV within the coming second [m]."""
     loss: float = max(0.0, s.most[0] - s.least[j]) + _ROUNDING
     return loss
 
 
 @inlined_kernel
 def _gains(s: Scratch, j: int) -> float:
-    """Upper bound of what vehicle j gains on the AV within the coming second [m]."""
+    """Bound from above how far vehicle j gains on the AV within the coming second [m]."""
     gain: float = max(0.0, s.most[j] - s.least[0]) + _ROUNDING
     return gain
 
@@ -109,8 +109,8 @@ def _gains(s: Scratch, j: int) -> float:
 def _bound_av_neighbours(w: World, s: Scratch, road: RoadNumbers) -> None:
     """Bound how far ahead and behind the AV's nearest vehicle of each lane can be within the coming second.
 
-    The nearest vehicle that surely stays in the lane, and surely ahead (or behind), is the bound. Who changes lanes or
-    may crash (and be taken off the road) is not sure.
+    The bound is the nearest vehicle that certainly stays in the lane, and certainly ahead (or behind). That is not
+    certain of a vehicle that changes lanes, or that may crash and be taken off the road.
     """
     v = w.vehicles
     for lane in range(road.n_lanes):
@@ -147,7 +147,7 @@ def _is_seen(w: World, j: int, s: Scratch, road: RoadNumbers) -> bool:
 def _note_av_neighbour(w: World, j: int, s: Scratch) -> None:
     """Note vehicle j, which the AV may see and which keeps its lane, as the AV's lead or rear there.
 
-    A lane where it could be either within the second, or is not the only one, is left to a look at all.
+    Where it could be both within the second, or is not the only one, the lane becomes UNKNOWN: all must be looked at.
     """
     v = w.vehicles
     lane = v[j].target_lane
@@ -161,7 +161,11 @@ def _note_av_neighbour(w: World, j: int, s: Scratch) -> None:
 
 @inlined_kernel
 def choose_current(w: World, s: Scratch, everybody: bool, road: RoadNumbers) -> None:
-    """List whose state is kept current: AV, whom it may look at, then who may touch somebody or changes lanes."""
+    """List the vehicles whose state is kept current within the second, into `w.current`.
+
+    First the AV and the vehicles that it may look at, then the vehicles that may touch another or that change lanes;
+    with `everybody`, all.
+    """
     if everybody:
         all_current(w)
         return

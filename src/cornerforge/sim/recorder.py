@@ -1,4 +1,4 @@
-"""Drive one test again and keep everything: how crashes become cases."""
+"""Drive one test and keep everything, as a `Scenario` or as a case."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["Recorder", "recording_of", "scenario_digest", "scenario_of"]
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """SHA-256 (hex) over all recorded numbers at full precision: what "identical" means for a replay."""
+    """Compute SHA-256 (hex) over all recorded numbers at full precision: a replay is identical if it has the same."""
     digest = hashlib.sha256()
     present = scenario.present
     for series in SERIES:
@@ -63,16 +63,16 @@ class Recorder:
         self._drive(seed, test)
 
     def record(self, seed: int, test: int) -> Scenario:
-        """Drive one test and return it whole: all vehicles, every 0.1 s."""
+        """Drive one test and return all of it: all vehicles, every 0.1 s."""
         self._record(seed, test)
         slots = np.arange(int(self._world.state["n_vehicles"][0]), dtype=np.int16)
         return scenario_of(self._world, self._keep, slots, self._odd, seed, test)
 
     def keep(self, seed: int, test: int, harvest: Harvest) -> None:
-        """Drive one test that ends in a crash of the AV, and store it as a case; there must be room for one.
+        """Drive one test that ends in a crash of the AV and append it to `harvest`, which must not be full.
 
         Raises:
-            InputError: It does not end so.
+            InputError: The test does not end in a crash of the AV.
         """
         self._record(seed, test)
         if int(self._world.state["outcome"][0]) != AV_CRASH:
@@ -81,12 +81,12 @@ class Recorder:
 
 
 def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisions, NDArray[np.void]]:
-    """The way back from `scenario_of`, for `harvest.keep_case`: how far it goes, frames, decisions and bodies.
+    """Turn a scenario back into a recording for `harvest.keep_case`: its extent, frames, decisions and bodies.
 
-    What the scenario does not know is NaN (shortfall) or 0 (probability under a policy).
+    What the scenario does not hold is NaN (shortfall) or 0 (log-probability under a policy).
 
     Raises:
-        InputError: It holds no crash of the AV, not its contact, or decisions after its last frame.
+        InputError: The scenario holds no crash of the AV, not its contact, or decisions after its last frame.
     """
     name, crash = f"{scenario.seed}:{scenario.test}", scenario.crash
     if crash is None or crash.slot_a != 0:
@@ -119,13 +119,13 @@ def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisi
 
 
 def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, seed: int, test: int) -> Scenario:
-    """What was recorded of one drive, copied.
+    """Copy what was recorded of one drive into a scenario.
 
     Args:
-        world: After the drive.
+        world: The world after the drive.
         keep: Frames and decisions of the drive.
-        slot: Names of the world's vehicles, (N,).
-        odd, seed, test: What the scenario says of itself.
+        slot: Slot numbers of the world's vehicles in the scenario, (N,).
+        odd, seed, test: Fields of the scenario.
     """
     n = slot.size
     state, decisions = world.state[0], keep.decisions

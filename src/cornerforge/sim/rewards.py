@@ -1,6 +1,6 @@
-"""For which crashes the adversary is paid: a registry of named rewards, and the kernel that knows them.
+"""The adversary's rewards: for which crashes it is paid, by name, and the kernel that knows the rules.
 
-One more reward: an entry in `REWARDS`, a rule in `_RULES`, a test, a row in docs/adr/0011-rewards.md.
+CONTRIBUTING.md says how to add a reward.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class Reward:
     """A named reward.
 
     Attributes:
-        code: How kernels know it.
-        pays_for: Which crashes of the AV give +1, in words. A crash of the controlled BV with another BV gives -1 and
-            all else 0, whatever the reward.
+        code: The number by which kernels know it.
+        pays_for: Which crashes of the AV give +1, in words. Under every reward a crash of the controlled BV with
+            another BV gives -1, and all else 0.
     """
 
     code: int
@@ -53,7 +53,7 @@ REWARDS = {
 
 
 class RewardNumbers(NamedTuple):
-    """A reward as kernels take it: its code, and how the AV could have braked (looked at by `avoidable` only)."""
+    """A reward as kernels take it: its code, and how the AV would have braked (used by `avoidable` only)."""
 
     code: int
     braking: Braking
@@ -71,12 +71,12 @@ def reward_named(name: str) -> Reward:
 
 
 def reward_numbers(name: str, delay_s: float = 1.0, deceleration_mps2: float = 8.0) -> RewardNumbers:
-    """A reward as kernels take it.
+    """Make a reward as kernels take it.
 
     Args:
         name: One of `REWARDS`.
-        delay_s: For `avoidable`: seconds from the begin of the manoeuvre to the AV's braking, 0 to 10.
-        deceleration_mps2: Of that braking [m/s2], 0.1 to 20.
+        delay_s: For `avoidable`: time from the begin of the manoeuvre to the AV's braking [s], 0 to 10.
+        deceleration_mps2: For `avoidable`: deceleration of that braking [m/s2], 0.1 to 20.
 
     Raises:
         UnknownNameError, InputError: The name is not known, or a number out of range.
@@ -103,7 +103,7 @@ class _Boxes(NamedTuple):
 def _separation(
     axis: tuple[float, float], apart: tuple[float, float], speed: tuple[float, float], boxes: _Boxes
 ) -> tuple[float, float]:
-    """How long ago an axis closed [s], inf if it does not close, and how far the boxes overlap on it [m].
+    """Compute how long ago the boxes began to overlap on an axis [s] (+inf: not closing), and their overlap there [m].
 
     `apart` [m] and `speed` [m/s] are the other box's centre and velocity relative to the AV's.
     """
@@ -124,13 +124,13 @@ def _separation(
 def av_strikes(v: NDArray[np.void], i: int, j: int) -> bool:
     """Does the AV's front take part in the first contact? The geometry of `analysis.contact`, for one crash.
 
-    Both boxes are moved back along their velocities to the moment at which they touched; the axis of separation that
-    closed last is that of the contact.
+    Both boxes are moved back along their velocities to the moment at which they touched; the axis of the contact is the
+    separating axis on which they began to overlap last.
 
     Args:
         v: Vehicles with x, y [m], speed along the road [m/s], heading [rad], length and width [m], in the first frame
             of overlap.
-        i, j: Which of them is the AV, and which the other.
+        i, j: The AV, and the other vehicle.
     """
     av, other = v[i], v[j]
     sa, ca = sin_cos(av.heading)
@@ -185,7 +185,7 @@ _rule_of: Any = kernel_by_code({name: reward.code for name, reward in REWARDS.it
 
 for _name, _rule in _RULES.items():
     _asks = any(_rule.py_func(strikes, True) != _rule.py_func(strikes, False) for strikes in (False, True))
-    if _asks and REWARDS[_name].code != AVOIDABLE:  # else it would be told "no" each time
+    if _asks and REWARDS[_name].code != AVOIDABLE:  # without this its rule would always get False
         raise LookupError(
             f'Reward "{_name}" asks whether braking would have avoided the crash, which is found out for "avoidable" '
             "only; name its code in `_reward_of` of sim/drive_bv.py, and here."

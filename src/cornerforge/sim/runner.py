@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 DriveChunk = Callable[[Setting, int, int, int, int, "bool | Census"], tuple[Outcomes, Counts]]
-"""Drives a range of tests: (setting, slots, seed, first, count, counting) as `drive_chunk`, from several threads."""
+"""A function that drives a range of tests, called as `drive_chunk` is, from several threads at once."""
 
 _CHUNK = 512
 _DIGESTED = np.dtype(
@@ -43,7 +43,7 @@ _DIGESTED = np.dtype(
         ("distance", "<f8"),
     ]
 )
-"""What a digest covers, test by test, so that it does not depend on how tests are cut into chunks."""
+"""One test in the digest of a `Tally`; because it covers test by test, the digest does not depend on chunks."""
 
 
 @dataclass
@@ -52,10 +52,10 @@ class Tally:
 
     Attributes:
         tests, av_crashes, bv_crashes, decisions: Counts; `bv_crashes` counts contacts between two BVs.
-        av_faults: Tests that an AV from outside spoiled; they are not among `tests`.
-        metres: Distance that the AV drove [m], each test rounded to 1 mm so that sums do not depend on their order.
+        av_faults: Tests with the outcome AV_FAULT; they are not among `tests`.
+        millimetres: Distance that the AV drove, rounded for each test so that the sum does not depend on the order.
         digest: SHA-256 over all outcomes, fed in test order.
-        counts: Histograms, when asked for.
+        counts: Histograms, if counting was asked for.
     """
 
     tests: int = 0
@@ -92,7 +92,10 @@ class Tally:
 def drive_chunk(
     setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | Census
 ) -> tuple[Outcomes, Counts]:
-    """Drive `count` tests from `first` on; releases the GIL for all of it."""
+    """Drive `count` tests from `first` on, with the GIL released.
+
+    `counting`: True for all BVs at all times, False for none, or a census.
+    """
     out, counts = allocate_outcomes(count), allocate_counts()
     drive_range(
         seed,
@@ -107,7 +110,7 @@ def drive_chunk(
 
 
 def census_of(counting: bool | Census) -> Census:
-    """Whom to count: everybody, nobody, or whom a census says."""
+    """Turn `counting` into a census: True counts all BVs at all times, False none; a census is returned as it is."""
     if isinstance(counting, Census):
         return counting
     return EVERYBODY if counting else NOBODY_COUNTED
@@ -133,7 +136,7 @@ def simulate_chunks(
     """Drive tests in a thread pool and yield (first test, outcomes, counts) per chunk, in test order.
 
     Results do not depend on `threads` or `chunk`. `counting` and `drive` are as in `simulate`. Closing the iterator
-    early drops what was not yet yielded.
+    early drops the chunks not yet yielded.
     """
 
     def work(start: int, count: int) -> tuple[int, Outcomes, Counts]:
@@ -163,9 +166,9 @@ def simulate(
         tests: How many, at least 1.
         first: Number of the first test.
         threads: Pool size; does not change the result.
-        counting: Fill the histograms too (slower): of all BVs at all times, or of those of a census.
+        counting: Fill the histograms too (slower): True for all BVs at all times, or a census.
         progress: Called with the number of tests done after each chunk.
-        drive: Who drives a chunk: the kernels, unless the AV decides outside of them.
+        drive: Drives a chunk; `drive_chunk`, unless the AV decides outside the kernels.
 
     Raises:
         InputError: A number is out of range.

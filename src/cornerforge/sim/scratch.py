@@ -23,7 +23,7 @@ _LAYER_ROWS = 4
 
 
 class AvScratch(NamedTuple):
-    """For one decision of an AV: who it sees, its view and features, and a learned one's mask, layers and Q."""
+    """Scratch for one decision of an AV: slots it sees, view, features; a learned AV's mask, layers and Q."""
 
     found: NDArray[np.int64]
     seen: NDArray[np.float32]
@@ -34,7 +34,7 @@ class AvScratch(NamedTuple):
 
 
 class ChoiceScratch(NamedTuple):
-    """For one choice of an adversary; `p`, `attentive` and `starters` are for probabilities of actions."""
+    """Scratch for one choice of an adversary; `p`, `attentive` and `starters` are for probabilities of actions."""
 
     observation: NDArray[np.float32]
     allowed: NDArray[np.bool_]
@@ -51,12 +51,12 @@ class Scratch(NamedTuple):
 
     Attributes:
         words: The random words with which each slot decides (`_philox.blocks`), uint64 (4, N).
-        front: The rearmost vehicle so far of a walk from the front to the rear, by lane, (MAX_LANES,).
+        front: In a walk from the front to the rear, slot of the last vehicle passed in each lane, (MAX_LANES,).
         least, most: How far a slot drives within the second at least and at most, (N,) [m].
         is_watched: Marks of `reach.choose_current`, (N,).
-        ahead, behind: How far off the AV's nearest vehicle of each lane is at most, (MAX_LANES,) [m].
-        av: For the AV.
-        choice: For the adversary.
+        ahead, behind: Upper bound of the distance to the AV's nearest vehicle in each lane, (MAX_LANES,) [m].
+        av: Scratch of the AV.
+        choice: Scratch of the adversary.
     """
 
     words: NDArray[np.uint64]
@@ -71,7 +71,7 @@ class Scratch(NamedTuple):
 
 
 def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
-    """Scratch for worlds of so many slots, and for a policy (`drivers.policy.NO_POLICY` where none drives)."""
+    """Allocate scratch for worlds of `slots` slots and for a policy (`drivers.policy.NO_POLICY` where none drives)."""
     widest = max(policy.width, policy.n_inputs, N_ACTIONS)
     return Scratch(
         words=np.zeros((4, slots), dtype=np.uint64),

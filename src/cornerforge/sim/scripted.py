@@ -1,9 +1,9 @@
-"""Scripted drives: a world starts from given vehicles, BVs do what they are told, the AV decides by itself.
+"""Scripted drives: a world starts from given vehicles, the BVs follow a script, the AV decides by itself.
 
-A test of a seed is named by two numbers because its start and its BVs' decisions are drawn from them. What has been
-taken apart (`analysis/shrink.py`) has no such name: it says itself where everybody starts and what every BV does.
-Rules, motion and contacts are those of natural tests, in the same kernels, so the script of a recorded crash of the AV
-gives that crash again, bit for bit.
+Seed and number name a test because its start and its BVs' decisions are drawn from them. A case that has been changed
+(`analysis/shrink.py`) has no name of that kind: a script gives every vehicle's start and every BV's actions. Rules,
+motion and contacts are those of natural tests, in the same kernels, so the script of a recorded crash of the AV gives
+that crash again, bit for bit.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ if TYPE_CHECKING:
 __all__ = ["NATURAL", "START_FIELDS", "Ending", "Script", "ScriptDriver", "scripted_start"]
 
 NATURAL = NO_ACTION
-"""Entry of a script: the likeliest action of the naturalistic model in the state at hand (the lowest index of several
-equally likely). Recordings have it where a vehicle is absent, and there it says nothing."""
+"""Entry of a script: the likeliest action of the naturalistic model in the present state (the lowest index of several
+equally likely). In recordings it stands where a vehicle is absent, and means nothing."""
 
 START_FIELDS = (
     "x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration",
     "c0", "c1", "c2", "c3", "c4", "c5", "target_lane", "lanes", "length", "width", "kind",
 )  # fmt: skip
-"""Fields of `world.VEHICLE` that make a start. The others follow: whoever starts is present, has decided nothing yet,
-and holds its acceleration from there on."""
+"""Fields of `world.VEHICLE` that make a start. The others follow: a vehicle that starts is present, has decided nothing
+yet, and has held its acceleration from that moment on."""
 
 
 @dataclass(frozen=True)
 class Script:
-    """A start and what the BVs do from there on; nothing is drawn.
+    """A start and the BVs' actions from there on; nothing is drawn.
 
     Attributes:
         slot: Names of the vehicles, int16 (N,), ascending, at least one; the first is 0, the AV.
-        start: Everybody's state, (N,) of `world.VEHICLE`; make it with `scripted_start`.
+        start: States of all vehicles, (N,) of `world.VEHICLE`; make them with `scripted_start`.
         action: Action index of each vehicle at each decision (1 s apart), int8 (K, N), K at least 1; NATURAL for the
-            likeliest. The AV's column is not looked at: it decides by itself.
+            likeliest. The AV's column is ignored: the AV decides by itself.
     """
 
     slot: NDArray[np.int16]
@@ -75,7 +75,7 @@ class Script:
                              f"{self.action.max()}.")  # fmt: skip
 
     def of(self, columns: NDArray[np.bool_]) -> Script:
-        """The same with some vehicles only, bool (N,); the AV must be one of them."""
+        """Take the script of some vehicles only, bool (N,); the AV must be one of them."""
         return Script(self.slot[columns], self.start[columns], self.action[:, columns])
 
 
@@ -98,7 +98,7 @@ class Ending:
 
 
 def scripted_start(fields: NDArray[np.float64]) -> NDArray[np.void]:
-    """States for `Script.start` from the values of START_FIELDS, float64 (N, len(START_FIELDS)).
+    """Make states for `Script.start` from values of START_FIELDS, float64 (N, len(START_FIELDS)).
 
     Raises:
         InputError: The shape is wrong, or a value is not finite.
@@ -126,12 +126,12 @@ def _put(w: World, start: NDArray[np.void]) -> None:
 
 @kernel
 def _drive_script(w: World, start: NDArray[np.void], setting: Setting, s: Scratch, keep: Keep) -> None:
-    """Drive from a start until the script or the test is at an end; its outcome is RUNNING where the script ended.
+    """Drive from a start until the script or the test ends; the outcome is RUNNING if the script ended first.
 
     Args:
-        w: The world, of at least as many slots as the start has vehicles.
+        w: The world, with at least as many slots as the start has vehicles.
         start: See `Script`.
-        setting: The run; its drivers are those of the script.
+        setting: The run; its controllers are those of the script.
         s: Scratch.
         keep: What is kept.
     """
@@ -146,7 +146,7 @@ class ScriptDriver:
     """Drives scripts in the world of one run; keeps its buffers, so one driver serves one thread.
 
     Args:
-        setting: The run, with a built-in AV; its adversary, if any, has no say.
+        setting: The run, with a built-in AV; its adversary, if any, is ignored.
         odd: The ODD that `setting.road` was made of.
     """
 
@@ -160,7 +160,7 @@ class ScriptDriver:
         self._decisions = allocate_decisions(most, slots)
         self._nothing = keep_nothing(slots)
         self.max_decisions = most
-        """Of a script."""
+        """Largest number of decisions of a script."""
         self.drives = 0
         """Scripts driven so far."""
 
@@ -183,7 +183,7 @@ class ScriptDriver:
         """Drive a script and say how it ended.
 
         Args:
-            script: What the BVs do.
+            script: The script.
             av_is_natural: The AV too takes the likeliest action of the naturalistic model, once a second.
 
         Raises:
@@ -203,8 +203,8 @@ class ScriptDriver:
         """Drive a script and keep everything.
 
         Args:
-            script: What the BVs do.
-            seed, test: What the scenario is named after; nothing is drawn.
+            script: The script.
+            seed, test: Name of the scenario; nothing is drawn.
             av_is_natural: As for `drive`.
 
         Returns:
@@ -222,15 +222,15 @@ class ScriptDriver:
         return scenario, chances
 
     def start_of_test(self, seed: int, test: int) -> NDArray[np.void]:
-        """Everybody's state at the start of a test of a seed, (N,) of `world.VEHICLE`; nobody changes lanes there."""
+        """Make the states of all vehicles at the start of a test, (N,) of `world.VEHICLE`; none changes lanes there."""
         reset_world(self._world, seed, test, self._setting)
         return self._world.vehicles[: self._world.state["n_vehicles"][0]].copy()
 
     def later(self, script: Script, decisions: int) -> Script | None:
-        """The script that starts where this one is after some decisions, 0 or more; None where it is over by then.
+        """Make the script that starts where this one is after some decisions, 0 or more; None if it is over by then.
 
-        Who has been taken off the road is left out. An AV whose decisions look at nothing but the present (all that are
-        built in) goes on from there as it did.
+        Vehicles taken off the road by then are left out. An AV that decides by the present state alone (all built-in
+        AVs do) goes on from there as it did.
         """
         if decisions == 0:
             return script

@@ -1,4 +1,4 @@
-"""All that is constant in a run, as kernels take it: the road, the AV, the naturalistic model, and who drives whom."""
+"""All that is constant in a run, as kernels take it: road, AV, naturalistic model, and controllers of the vehicles."""
 
 from __future__ import annotations
 
@@ -37,14 +37,15 @@ __all__ = [
 ]
 
 BUILT_IN, OUTSIDE, LIKELIEST = range(3)
-"""Who drives the AV: its own law, somebody outside the kernels, or the naturalistic model, by its likeliest action."""
+"""Controllers of the AV. BUILT_IN: its own law. OUTSIDE: somebody outside the kernels. LIKELIEST: the likeliest action
+of the naturalistic model."""
 NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
 ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
-"""Who drives the BV nearest to the AV. nobody: it drives naturally. policy: a Q-network. uniform: any allowed action.
-lane-changer: changes lanes two times in three. swerve: draws level with the AV in the next lane, then changes into it.
-Besides these there is TOLD: somebody outside the kernels."""
+"""Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a Q-network. uniform: any
+allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane, then
+changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
 NATURALISTIC, IDM_BVS, SCRIPTED = range(3)
-"""Who drives the other BVs: the naturalistic model, the IDM without lane changes, or a script for every BV."""
+"""Controllers of the other BVs: the naturalistic model, the IDM without lane changes, or a script for every BV."""
 
 MEMBER = np.dtype(
     [
@@ -63,10 +64,10 @@ MEMBER = np.dtype(
 
 
 class Cast(NamedTuple):
-    """Policies of a mixture, each test driven by one of them.
+    """Policies of a mixture, one of which drives each test.
 
     Attributes:
-        weights: Those of all networks, one after the other, float32.
+        weights: Weights of all networks, one after the other, float32.
         members: One row per policy, (K,) of MEMBER. K = 0: no mixture.
     """
 
@@ -79,16 +80,16 @@ NO_SCRIPT = np.zeros((0, 0), dtype=np.int8)
 
 
 class Controllers(NamedTuple):
-    """Who drives the AV, the critical BV (the one nearest to the AV) and the other BVs.
+    """The controllers of the AV, of the critical BV (the BV nearest to the AV) and of the other BVs.
 
     Attributes:
         av: BUILT_IN, OUTSIDE or LIKELIEST.
         critical: Code of ADVERSARIES, or TOLD.
         others: NATURALISTIC, IDM_BVS or SCRIPTED.
         bounded: 1 for the NDD-bounded mask.
-        policy: The adversary's network; of a mixture, the widest, for the size of scratch.
-        budget: Likelihood budget of a test (`observe.budget_units`); 0 no limit. Needs `bounded`.
-        temperature: At which a policy draws its actions; 0 for the best.
+        policy: The adversary's network; of a mixture the widest one, which decides the size of scratch.
+        budget: Likelihood budget of a test (`observe.budget_units`); 0: no limit. Needs `bounded`.
+        temperature: Temperature at which a policy draws its actions; 0: it takes the best one.
         cast: The mixture of policies, each with its own mask and budget; empty for none.
         script: Action of each vehicle at each decision, int8 (K, N), for SCRIPTED; the test is cut off after K.
     """
@@ -108,8 +109,10 @@ class Setting(NamedTuple):
     """All that is constant in a run.
 
     Attributes:
-        road, av, tables: The world.
-        who: Its drivers.
+        road: The road and the limits of the ODD.
+        av: The AV under test.
+        tables: The naturalistic model.
+        who: The controllers.
     """
 
     road: RoadNumbers
@@ -118,17 +121,17 @@ class Setting(NamedTuple):
     who: Controllers
 
     def with_drivers(self, **changed: object) -> Setting:
-        """The same run with other drivers, by the names of `Controllers`; for Python, not for kernels."""
+        """Copy the setting with other controllers, by the fields of `Controllers`; for Python, not for kernels."""
         return self._replace(who=self.who._replace(**changed))  # type: ignore[arg-type]
 
 
 def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets: Sequence[int]) -> Cast:
-    """Put policies together to a mixture.
+    """Make a mixture of policies.
 
     Args:
         policies: At least one.
-        bounded: Whose mask is the NDD-bounded one.
-        budgets: Each one's budget in units (`observe.budget_units`); 0: no limit.
+        bounded: Whether each policy's mask is the NDD-bounded one.
+        budgets: Each policy's budget (`observe.budget_units`); 0: no limit. Ignored where it is not bounded.
     """
     members = np.zeros(len(policies), dtype=MEMBER)
     begin = 0
@@ -141,14 +144,14 @@ def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets:
 
 @kernel
 def cast_index(seed: int, test: int, n: int) -> int:
-    """Which of n policies drives a test: each is as likely, whatever the others do; 0 for a single one."""
+    """Draw which of n policies drives a test, each with chance 1 / n; 0 for a single one."""
     draw = uniform(block(seed, test, 0, 0, PURPOSE_CAST)[0])
     return min(n - 1, math.floor(draw * n))
 
 
 @inlined_kernel
 def critical_of(seed: int, test: int, who: Controllers) -> tuple[PolicyNumbers, int, int]:
-    """The network, the mask and the budget of the adversary of one test."""
+    """Look up network, mask (1: bounded) and budget of the adversary of one test."""
     members = who.cast.members
     if members.size == 0:
         return who.policy, who.bounded, who.budget

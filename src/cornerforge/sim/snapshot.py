@@ -1,7 +1,7 @@
 """Worlds that are copied, stored, sent and taken up again: all that the future of a test depends on, to the bit.
 
 A world may be taken wherever `advance` returns; in the same setting it goes on as if it had never been left. With
-another `branch` its past stays and its future is drawn anew: what splitting needs.
+another `branch` its past stays and its future is drawn anew, as splitting needs.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _DIGEST_BYTES = 32
 
 
 def copy_of(world: World) -> World:
-    """A world of the same state with memory of its own."""
+    """Copy a world into memory of its own."""
     return World._make(array.copy() for array in world)
 
 
 def branch_of(world: World, branch: int) -> World:
-    """A copy of a world whose coming random words are others; branch 0 is the future that the test has by its name.
+    """Copy a world and give the copy other random words from now on; branch 0 keeps the words of the test's name.
 
     Args:
         world: A world, or a copy of one.
-        branch: 0 to 65,535. Copies of one world need branches of their own, or they do the same.
+        branch: 0 to 65,535. Copies of one world with the same branch do the same.
 
     Raises:
         InputError: The branch is out of range.
@@ -45,7 +45,7 @@ def branch_of(world: World, branch: int) -> World:
 
 
 def packed(world: World) -> bytes:
-    """A world as bytes: a line that says what it is, the arrays one after the other, a SHA-256 over all."""
+    """Pack a world into bytes: a line with format and layout, the arrays one after the other, a SHA-256 over all."""
     layout = {
         name: {"fields": np.lib.format.dtype_to_descr(array.dtype), "shape": list(array.shape)}
         for name, array in world._asdict().items()
@@ -56,7 +56,7 @@ def packed(world: World) -> bytes:
 
 
 def unpacked(content: bytes) -> World:
-    """The world that `packed` made bytes of.
+    """Unpack a world that `packed` made bytes of.
 
     Raises:
         FileFormatError: The bytes are no world, damaged, or of a version with another state.

@@ -1,7 +1,7 @@
-"""Distributions over bulk simulation: fixed histograms, counted in integers so that no order of summation matters.
+"""Distributions over bulk simulation: fixed histograms, counted in integers so that the order of sums does not matter.
 
-A BV is counted in two steps: its state at a decision time (`count_states`), then, after the second, what it chose there
-and whether it crashed (`count_choices`).
+A BV is counted in two steps: its state at a decision time (`count_states`), then, after the second, the action that it
+chose there and whether it crashed (`count_choices`).
 """
 
 from __future__ import annotations
@@ -64,9 +64,8 @@ EXPOSURE = (
     HistogramGrid("ttc_front", "s", 0.0, 0.5, 41),
     HistogramGrid("ttc_rear", "s", 0.0, 0.5, 41),
 )
-"""What the AV is exposed to once a second (paper, Figure 3): to the vehicles ahead and behind in its lane; TTC when
-closing. Vehicles that overlap it lengthwise, beside it while one of the two changes lanes, are neither ahead nor
-behind."""
+"""The AV's exposure once a second (paper, Figure 3): BBD and TTC to the vehicles ahead and behind in its lane, TTC only
+when closing. A vehicle that overlaps the AV lengthwise, which changes lanes beside it, is neither ahead nor behind."""
 JOINT = (
     HistogramGrid("gap", "m", 0.0, 0.5, 240),
     HistogramGrid("time_gap", "s", 0.0, 0.05, 240),
@@ -78,8 +77,8 @@ JOINT = (
     HistogramGrid("accepted_rear_gap", "m", 0.0, 1.0, 121),
 )
 """Quantities of BVs together with their speed, in classes of 1 m/s about 0, 1, ..., 40 m/s, so that traffic can be
-compared with data of other speeds. Inverse TTC is 0 when not closing; an accepted gap is the one in the next lane when
-a change begins, the last bin if nobody is there within 120 m."""
+compared with data of other speeds. Inverse TTC is 0 when not closing. An accepted gap is the gap in the next lane when
+a change begins; it is in the last bin if no vehicle is there within 120 m."""
 JOINT_SPEEDS = 41
 TTC_LIMITS = (3.0, 4.0, 5.0, 10.0, 15.0, 20.0)
 _N_BINS = 2400
@@ -97,7 +96,7 @@ _NOT_COUNTED, _FREE, _FOLLOWING = range(3)
 
 
 class Census(NamedTuple):
-    """Which BVs are counted, and when: those with low <= x - drift * time <= high, at decision times first..until - 1.
+    """Which BVs are counted, and when: BVs with low <= x - drift * time <= high, at decision times first .. until - 1.
 
     Attributes:
         on: Count at all; where False, counting costs nothing.
@@ -124,8 +123,8 @@ class Counts(NamedTuple):
     Attributes:
         histograms: (9, 2400), rows in the order of TRAFFIC then EXPOSURE.
         joint: (8, 41, 240), rows in the order of JOINT, by speed in classes of 1 m/s.
-        totals: BV states, following states, lane changes begun, BV travel [mm], AV decisions, BVs that crashed into
-            each other; then states with TTC below each limit.
+        totals: BV states, following states, lane changes begun, BV travel [mm], AV states, BVs that crashed into each
+            other; then states with TTC below each of TTC_LIMITS.
     """
 
     histograms: NDArray[np.int64]
@@ -143,7 +142,7 @@ BV_STATES, FOLLOWING_STATES, LANE_CHANGES, BV_TRAVEL_MM, AV_STATES, CRASHED_BVS,
 
 
 def allocate_counts() -> Counts:
-    """Zero counts."""
+    """Allocate counts of zero."""
     return Counts(
         np.zeros((_FIRST_JOINT, _N_BINS), dtype=np.int64),
         np.zeros((len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS), dtype=np.int64),
@@ -152,12 +151,12 @@ def allocate_counts() -> Counts:
 
 
 def grid_edges(grid: HistogramGrid) -> NDArray[np.float64]:
-    """Bin edges in the grid's unit, shape (bins + 1,)."""
+    """Compute the bin edges in the grid's unit, shape (bins + 1,)."""
     return np.round(grid.low + grid.width * np.arange(grid.bins + 1), 6)
 
 
 def histogram_summary(grid: HistogramGrid, counts: NDArray[np.int64]) -> dict[str, object]:
-    """n, mean, sd and quantiles of a histogram, exact to half a bin; NaN-free: null where n is 0."""
+    """Compute n, mean, sd and quantiles of a histogram, exact to half a bin; None, and no quantiles, where n is 0."""
     counts = counts[: grid.bins]
     n = int(counts.sum())
     if n == 0:
@@ -190,7 +189,7 @@ def _count_joint(counts: Counts, row: int, speed: float, value: float) -> None:
 
 @kernel
 def _nearest_lead(w: World, rank: int) -> int:
-    """Slot of the nearest vehicle ahead in any lane that the one at a rank of `order` occupies; -1 for none."""
+    """Find the nearest vehicle ahead in any lane that the vehicle at a rank of `order` occupies; -1 for none."""
     v = w.vehicles
     i = w.order[rank]
     for other in range(rank + 1, w.state[0].n_vehicles):
@@ -224,7 +223,7 @@ def _count_following(counts: Counts, speed: float, gap: float, rate: float) -> N
 
 @inlined_kernel
 def count_states(w: World, time: int, counts: Counts, census: Census) -> float:
-    """Count the states of the BVs of a census at decision time `time` [s], and remember them for `count_choices`.
+    """Count the states of a census's BVs at decision time `time` [s], and note them in `w.seen` for `count_choices`.
 
     Returns:
         The sum of their speeds, which is their travel in the coming second [m] to first order.
@@ -276,10 +275,10 @@ def _count_accepted(w: World, i: int, target: int, counts: Counts) -> None:
 
 @kernel
 def count_choices(w: World, counts: Counts) -> None:
-    """Count what the BVs that `count_states` counted chose then, and which of them crashed in the second since.
+    """Count the actions of the BVs that `count_states` counted, and which of them crashed in the second since.
 
-    A lane change holds the speed: it counts as acceleration 0. `crashes_before`: state.bv_crashes before the second;
-    a vehicle that vanishes in another way than by a crash is not taken for crashed, unless in the same second.
+    A lane change holds the speed: it counts as acceleration 0. A counted BV that is absent now counts as crashed if
+    there was any crash between BVs in that second.
     """
     v = w.vehicles
     n = w.state[0].n_vehicles
@@ -303,7 +302,7 @@ def count_choices(w: World, counts: Counts) -> None:
 
 @kernel
 def _count_pair(counts: Counts, row: int, gap: float, rate: float) -> None:
-    """One neighbour of the AV: its distance in row `row`, its TTC two rows on when closing."""
+    """Count a neighbour of the AV in EXPOSURE: its BBD in row `row`, its TTC two rows further when closing."""
     if gap <= 0.0:
         return
     _count(counts, 5 + row, gap)

@@ -1,4 +1,4 @@
-"""Motion and contacts: what happens within a second once everybody has begun to act; `advance.py` calls it."""
+"""Motion and contacts within a second, after all vehicles have decided; `advance.py` calls it."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ _DT = FRAME_S
 _FULL_STEERING_SPEED = 5.0
 _ACCELERATIONS = ACCELERATIONS
 _HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0
-"""What is reckoned with for an AV that does not drive by its own law [m/s2]; orders from outside are cut to less."""
+"""Limits assumed for an AV that does not drive by its own law [m/s2]; commands from outside are cut to less."""
 
 
 def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
-    """Room for so many frames, (frames, slots) of `fields.FRAME_FIELDS`, all absent; 0 frames record nothing."""
+    """Allocate a recording, (frames, slots) of `fields.FRAME_FIELDS`, all absent; 0 frames record nothing."""
     return np.zeros((frames, slots), dtype=FRAME_FIELDS)
 
 
@@ -64,8 +64,8 @@ def allocate_recording(frames: int, slots: int) -> NDArray[np.void]:
 def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) -> None:
     """Put vehicle i where it is `held` seconds after its acceleration began, and its lateral path 0.1 s further.
 
-    Position and speed along the road are functions of `held`, not sums of substeps, so a vehicle that nobody looks at
-    in between need not be moved in between. Speeds stay in [0, max_speed]. Below 5 m/s the lateral clock slows in
+    Position and speed along the road are functions of `held`, not sums of substeps, so a vehicle that no other looks at
+    within the second need not be moved within it. Speeds stay in [0, max_speed]. Below 5 m/s the lateral clock slows in
     proportion, so that a standing car cannot move sideways.
     """
     start = v[i].speed_held
@@ -116,7 +116,7 @@ def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
 
 @kernel
 def _drop_absent(w: World) -> None:
-    """Take vehicles that are no longer there off the list of current ones."""
+    """Remove absent vehicles from `w.current`."""
     kept = 0
     seen = 0
     for k in range(w.state[0].n_current):
@@ -134,8 +134,8 @@ def _drop_absent(w: World) -> None:
 def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
     """Look for contacts at this frame; returns True when one ends the test.
 
-    A crash of the AV goes before all others, then one of the controlled BV. Only if neither happens are BVs that crash
-    into each other counted and removed, so that the last frame of a crash still shows everybody.
+    A crash of the AV comes before all others, then a crash of the controlled BV. Only if neither happens, BVs that
+    crash into each other are counted and removed, so the last frame of a test that ends in a crash shows all vehicles.
     """
     state = w.state[0]
     for k in range(state.n_pairs):
@@ -169,7 +169,7 @@ def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
 
 @inlined_kernel
 def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
-    """Write the present state as a frame, if there is room."""
+    """Write the present state as a frame; a recording with fewer frames stays as it is."""
     if frame >= recording.shape[0]:
         return
     v = w.vehicles
@@ -187,7 +187,7 @@ def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
 
 @inlined_kernel
 def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
-    """The AV holds an acceleration [m/s2] from now on, and begins a change to `lane` if that is another."""
+    """Let the AV hold an acceleration [m/s2] from now on, and begin a change to `lane` if that is another lane."""
     v = w.vehicles
     hold(v, 0, command)
     if lane != v[0].target_lane:
@@ -196,9 +196,9 @@ def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
 
 @inlined_kernel
 def _move(w: World, substep: int, road: RoadNumbers) -> None:
-    """Move who is kept current to the end of a substep; at the end of the second everybody.
+    """Move the vehicles that are kept current to the end of a substep; in the last substep all vehicles.
 
-    What is known of the AV's neighbours holds at the second's end too, when the AV decides next.
+    What is known of the AV's neighbours still holds at the second's end, when the AV decides next.
     """
     v = w.vehicles
     if substep == SUBSTEPS - 1:
@@ -211,10 +211,10 @@ def _move(w: World, substep: int, road: RoadNumbers) -> None:
 
 @inlined_kernel
 def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: Setting, s: Scratch) -> None:
-    """Everybody begins to act: BVs by their `action`, the AV with `command` [m/s2] and target `lane`.
+    """Let all vehicles begin to act: BVs by their `action`, the AV with `command` [m/s2] and target `lane`.
 
-    `w.order` is sorted. `everybody`: somebody outside the kernels looks at the vehicles within the second, so all are
-    kept current.
+    `w.order` must be sorted. `everybody`: keep all vehicles current, because a recording, a script, or a controller
+    outside the kernels looks at them within the second.
     """
     v = w.vehicles
     road, av = setting.road, setting.av
@@ -233,7 +233,7 @@ def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: 
 
 @inlined_kernel
 def move_on(w: World, substep: int, road: RoadNumbers, recording: NDArray[np.void]) -> bool:
-    """Move to the end of a substep (0..9) of the second begun, look for contacts; True when the test ends with it."""
+    """Move to the end of a substep (0..9) of the running second, look for contacts; True when the test ends there."""
     state = w.state[0]
     first_frame = SUBSTEPS * (state.decisions - 1)
     frame = first_frame + substep + 1
@@ -274,7 +274,7 @@ def bring_up_to_date(w: World, road: RoadNumbers) -> None:
 
 @kernel
 def forget_frames(recording: NDArray[np.void], frames: int, slots: int) -> None:
-    """Nobody is there in the first frames of a recording: presence is the only trace that the next one would see."""
+    """Mark all vehicles absent in the first frames of a recording; the next test then sees no trace of this one."""
     for f in range(min(frames, recording.shape[0])):
         for i in range(slots):
             recording[f, i].present = 0

@@ -29,12 +29,12 @@ __all__ = ["clear_world", "reset_world"]
 _LENGTHS = np.array([user.length for user in CLASSES])
 _WIDTHS = np.array([user.width for user in CLASSES])
 _MAX_TRIES = 200
-"""So many refused draws of a neighbour, and there is none within the free gap."""
+"""After so many refused draws of a neighbour, it is put at the largest free gap with the same speed."""
 
 
 @inlined_kernel
 def _next_words(w: World) -> tuple[uint64, uint64, uint64, uint64]:
-    """The next four random words of the initial traffic."""
+    """Draw the next four random words of the initial traffic."""
     state = w.state[0]
     draw = state.draw
     state.draw += 1
@@ -43,7 +43,7 @@ def _next_words(w: World) -> tuple[uint64, uint64, uint64, uint64]:
 
 @kernel
 def _draw_speed(w: World, initial: InitialNumbers) -> float:
-    """A speed of the truncated normal [m/s]."""
+    """Draw a speed from the truncated normal distribution [m/s]."""
     while True:
         words = _next_words(w)
         speed = initial.speed_mean + initial.speed_sd * normal_pair(words[0], words[1])[0]
@@ -53,9 +53,9 @@ def _draw_speed(w: World, initial: InitialNumbers) -> float:
 
 @inlined_kernel
 def _draw_neighbour(w: World, speed: float, ahead: bool, initial: InitialNumbers) -> tuple[float, float]:
-    """Gap [m] and speed [m/s] of the next vehicle ahead of (or behind) one that drives at `speed`.
+    """Draw gap [m] and speed [m/s] of the next vehicle ahead of (or behind) a vehicle that drives at `speed`.
 
-    The chain of speeds is reversible, so that the same law serves both directions.
+    The chain of speeds is reversible, so the same distribution serves both directions.
     """
     for _ in range(_MAX_TRIES):
         words = _next_words(w)
@@ -82,7 +82,7 @@ def _draw_neighbour(w: World, speed: float, ahead: bool, initial: InitialNumbers
 
 @inlined_kernel
 def _join(w: World, road: RoadNumbers) -> bool:
-    """Give the next free slot a class and a size; False when there is none left. `_place` makes it one of the world."""
+    """Give the next free slot a class and a size; False when no slot is left. `_place` then puts it on the road."""
     state = w.state[0]
     slot = state.n_vehicles
     if slot >= w.vehicles.size:
@@ -103,7 +103,7 @@ def _join(w: World, road: RoadNumbers) -> bool:
 
 @inlined_kernel
 def _place(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> None:
-    """Put the vehicle that has joined on the road."""
+    """Put the vehicle of the last `_join` on the road, with its centre at x [m] in a lane, at `speed` [m/s]."""
     v = w.vehicles
     slot = w.state[0].n_vehicles
     speed = min(speed, road.max_speed)
@@ -126,7 +126,7 @@ def _place(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> No
 
 @kernel
 def _fill_ahead(w: World, x: float, speed: float, lane: int, before: float, setting: Setting) -> None:
-    """Chain vehicles ahead of one at x with `speed` that is `before` [m] long, up to the end of the traffic."""
+    """Add vehicles ahead of a vehicle at x with `speed` and length `before` [m], up to the end of the traffic."""
     road, initial = setting.road, setting.tables.initial
     while True:
         gap, speed = _draw_neighbour(w, speed, True, initial)
@@ -142,7 +142,7 @@ def _fill_ahead(w: World, x: float, speed: float, lane: int, before: float, sett
 
 @kernel
 def _fill_behind(w: World, x: float, speed: float, lane: int, before: float, setting: Setting) -> None:
-    """Chain vehicles behind one at x with `speed` that is `before` [m] long, back to the begin of the traffic."""
+    """Add vehicles behind a vehicle at x with `speed` and length `before` [m], back to the begin of the traffic."""
     road, initial = setting.road, setting.tables.initial
     while True:
         gap, speed = _draw_neighbour(w, speed, False, initial)
@@ -158,7 +158,7 @@ def _fill_behind(w: World, x: float, speed: float, lane: int, before: float, set
 
 @kernel
 def clear_world(w: World, seed: int, test: int, branch: int) -> None:
-    """An empty road at the start of a test, without a likelihood budget."""
+    """Empty the road and set the state to the start of a test, without a likelihood budget."""
     state = w.state[0]
     state.seed = seed
     state.test = test
@@ -192,8 +192,8 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
 def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     """Put test `test` of `seed` at its start: the AV in slot 0 at `av_start`, then its lane, then the others.
 
-    The AV's lead stands no nearer than the AV's own desired gap: starting closer makes crashes of its own. The world
-    has the likelihood budget of the adversary that drives this test.
+    The AV's lead is no nearer than the AV's own desired gap: a closer start would itself cause crashes. The world gets
+    the likelihood budget of the adversary that drives this test.
     """
     road, initial = setting.road, setting.tables.initial
     clear_world(w, seed, test, 0)

@@ -62,15 +62,14 @@ VEHICLE = np.dtype(
         ("kind", "i8"),
     ]
 )
-"""One vehicle. A record array: a kernel passes one pointer instead of eighteen, which measured 30 times faster in
-Numba.
+"""One vehicle. A record array passes a kernel one pointer, not one a field: measured 30 times faster in Numba.
 
 x, y: box centre [m]; speed, lateral_speed: along and across the road [m/s]; x_held, speed_held: x and speed when the
 present acceleration began; heading [rad]; acceleration: along the road, held until the next decision [m/s2]; clock,
 duration: time since the start of the lane change and its planned length [s], duration 0 means lane keeping; c0..c5:
 its quintic; target_lane: lane kept or changed to; lanes: bit mask of the lanes occupied (`road.straight.lane_bits`);
-present: 1 or 0; action: last decided index, -1 for none; length, width: of its box [m]; kind: its class, an index of
-`types.CLASSES`.
+present: 1 or 0; action: index of its last action, -1 for none; length, width: of its box [m]; kind: its class, an
+index of `types.CLASSES`.
 """
 
 
@@ -78,7 +77,7 @@ RUNNING, COMPLETED, AV_CRASH, BV_CRASH, TIME_UP = range(5)
 """Outcome codes. BV_CRASH ends a test only when the controlled BV takes part; others are counted and their vehicles
 removed."""
 AV_FAULT = 5
-"""Outcome code of a test that an AV from outside spoiled (it raised, hung, or gave no usable answer): it is no test."""
+"""Outcome code of a test that does not count: an AV from outside raised, hung, or gave no usable answer in it."""
 IDLE = -1
 """Outcome code of a world that drives no test."""
 NO_VEHICLE = -1
@@ -86,7 +85,7 @@ NO_VEHICLE = -1
 NO_ACTION = -1
 """Action index of a vehicle that has decided nothing, and of the AV."""
 UNKNOWN = -2
-"""Entry of `World.av_lead` where nobody alone is known to be the AV's lead."""
+"""Entry of `World.av_lead` and `World.av_rear` in a lane in which all vehicles must be looked at."""
 MAX_BRANCH = 2**16 - 1
 
 STATE = np.dtype(
@@ -122,12 +121,12 @@ STATE = np.dtype(
 seed, test: name of the test; branch: number of the future that the random words belong to (0: the test's own);
 draw: next unused draw of the initial traffic; n_vehicles: slots in use; decisions: seconds begun; substep: tenths of
 the running second that are over, 0 between seconds; controlled: slot of the BV that an adversary controls in this
-second, NO_VEHICLE for none; outcome, frame, slot_a, slot_b: how the test ended, in which frame, between whom;
-bv_crashes: crashes between BVs so far, bv_crashes_before: when the second began; budget_left: what is left of the
-adversary's likelihood budget, in millionths of a nat, plus 1 (0: no limit); n_current, n_seen, n_pairs: how much of
-`current` and of the pairs is in use; av_has_answered, av_command [m/s2], av_lane (target lane): the answer of an AV
-outside; bv_has_answered, bv_action: that of whoever controls a BV from outside; travel: metres that the counted BVs
-drove.
+second, NO_VEHICLE for none; outcome, frame, slot_a, slot_b: how the test ended, in which frame, and the slots in
+contact; bv_crashes: crashes between BVs so far, bv_crashes_before: the same when the second began; budget_left: the
+rest of the adversary's likelihood budget, in millionths of a nat, plus 1 (0: no limit); n_current, n_seen, n_pairs: how
+much of `current` and of the pairs is in use; av_has_answered, av_command [m/s2], av_lane (target lane): the answer of
+an AV outside; bv_has_answered, bv_action: the answer for a BV controlled from outside; travel: distance that the
+counted BVs drove [m].
 """
 
 
@@ -138,14 +137,14 @@ class World(NamedTuple):
         vehicles: (N,) of VEHICLE; slot 0 is the AV.
         state: (1,) of STATE.
         order: Slots by rising x, int64 (N,), the first `state.n_vehicles` entries.
-        current: Slots whose state is that of this moment, int64 (N,), the first `state.n_current` entries: at decision
-            times all that are present, within a second only those that somebody may touch or look at. The AV is the
-            first; the first `state.n_seen` are whom somebody may look at; both parts rise.
+        current: Slots of the vehicles whose state is that of this moment, int64 (N,), the first `state.n_current`
+            entries: at decision times all that are present, within a second only vehicles that another may touch or
+            look at. The AV comes first; the first `state.n_seen` may be looked at; slots rise within both parts.
         pair_a, pair_b: Slots of the pairs that can touch within the running second, int64 (8 N,), the first
             `state.n_pairs` entries; a < b.
-        av_lead, av_rear: For each lane the one vehicle that can be the AV's nearest ahead or behind until the end of
+        av_lead, av_rear: For each lane the only vehicle that can be the AV's nearest ahead or behind until the end of
             the second, int64 (MAX_LANES,), NO_VEHICLE for none; where `av_lead` is UNKNOWN all must be looked at.
-        seen: What is counted of each BV within the running second, (N,) of SEEN.
+        seen: Each BV's state at the last decision time, for counting, (N,) of SEEN.
     """
 
     vehicles: NDArray[np.void]
@@ -166,17 +165,17 @@ _PAIRS_PER_SLOT = 8
 
 
 def n_slots(odd: Odd) -> int:
-    """Vehicle slots per world: the AV and what fits on the road at the shortest spacings of the initial model."""
+    """Compute the vehicle slots per world: the AV, and one vehicle every 40 m of traffic in each lane."""
     return 1 + odd.n_lanes * int(np.ceil(odd.traffic_length / 40.0))
 
 
 def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> AvNumbers:
-    """Constants of a plain AV, IDM and MOBIL, for the kernels."""
+    """Make the constants of a plain AV (IDM and MOBIL) for the kernels."""
     return numbers_of_av(AvModel("", "", idm, mobil, sees_intentions))
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
-    """A batch of idle worlds of so many vehicle slots, cars, arrays with a leading axis of `n_worlds`."""
+    """Allocate a batch of idle worlds: arrays with a leading axis of `n_worlds`, `slots` vehicles each, all cars."""
     worlds = World(
         vehicles=np.zeros((n_worlds, slots), dtype=VEHICLE),
         state=np.zeros((n_worlds, 1), dtype=STATE),
@@ -195,7 +194,7 @@ def allocate_worlds(n_worlds: int, slots: int) -> World:
 
 @kernel
 def world_row(worlds: World, b: int) -> World:
-    """World b of a batch, as views."""
+    """Take world b of a batch, as views."""
     return World(
         worlds.vehicles[b],
         worlds.state[b],
@@ -210,12 +209,12 @@ def world_row(worlds: World, b: int) -> World:
 
 
 def world_of(worlds: World, b: int = 0) -> World:
-    """`world_row` for Python: world b of a batch, as views."""
+    """Take world b of a batch, as views; `world_row` for Python."""
     return World._make(array[b] for array in worlds)
 
 
 def arrays_of(worlds: World) -> dict[str, NDArray[Any]]:
-    """Everything that a world or a batch is, by name: views of plain numbers, records as bytes."""
+    """List the arrays of a world or a batch by name, as views; records as bytes."""
     return {
         name: array.view(np.uint8) if array.dtype.names else array
         for name, array in zip(World._fields, worlds, strict=True)
@@ -224,7 +223,7 @@ def arrays_of(worlds: World) -> dict[str, NDArray[Any]]:
 
 @inlined_kernel
 def moment_of(w: World) -> int:
-    """The step by which random numbers of the coming decision are named: its number, and the world's branch."""
+    """Compute the `step` of the coming decision's random words (`_philox.block`): its number and the world's branch."""
     state = w.state[0]
     moment: int = state.decisions | (state.branch << 16)
     return moment
@@ -232,7 +231,7 @@ def moment_of(w: World) -> int:
 
 @inlined_kernel
 def forget_av_neighbours(w: World) -> None:
-    """Note that nothing is known about who is the AV's nearest in any lane."""
+    """Note that the AV's nearest vehicles are UNKNOWN in every lane."""
     for lane in range(w.av_lead.size):
         w.av_lead[lane] = UNKNOWN
         w.av_rear[lane] = UNKNOWN
@@ -253,12 +252,12 @@ def list_all(w: World) -> None:
 
 @inlined_kernel
 def all_current(w: World) -> None:
-    """Note that the state of every vehicle is that of this moment, for all to see."""
+    """Note that the state of every vehicle is that of this moment, and that the AV's neighbours are UNKNOWN."""
     list_all(w)
     forget_av_neighbours(w)
 
 
 @inlined_kernel
 def path_of(v: NDArray[np.void], i: int) -> Path:
-    """Coefficients of vehicle i's lateral path."""
+    """Take the coefficients of vehicle i's lateral path."""
     return v[i].c0, v[i].c1, v[i].c2, v[i].c3, v[i].c4, v[i].c5
