@@ -34,7 +34,7 @@ from cornerforge.types import FRAME_S
 __all__ = ["FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "pair_margins"]
 
 FAULTS = ("av", "bv", "both", "none")
-"""Who broke a rule; `Faults.fault` holds places in this tuple."""
+"""Which vehicles broke a rule; `Faults.fault` holds places in this tuple."""
 
 RULES = (
     "none",
