@@ -1,4 +1,4 @@
-"""Checkpoints: an unfinished training on disk, from which it goes on as if it had never stopped."""
+"""Checkpoints: files of an unfinished training, which continues from them as if it had never stopped."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ __all__ = ["CHECKPOINT_SCHEMA", "CheckpointFile", "TrainingState"]
 
 CHECKPOINT_SCHEMA = 3
 _WRITING_SHARE = 20
-"""After a write at least this many times its duration passes until the next: a slow disk costs 5 % at most."""
+"""Least time between two writes as a multiple of the duration of one: a slow disk costs at most 5 %."""
 
 
 @dataclass(frozen=True)
 class TrainingState:
-    """A training between two iterations.
+    """State of a training between two iterations.
 
     Attributes:
         arrays: Plain arrays by name.
@@ -43,7 +43,7 @@ class CheckpointFile:
 
     Args:
         path: The file; beside the policy, usually.
-        identity: What decides the result, flat and JSON-compatible; a training goes on only from a state of its own.
+        identity: What decides the result, flat and JSON-compatible; a training continues only from its own states.
         every_seconds: Time between two writes [s], at least; 0 writes as often as the disk's speed allows.
     """
 
@@ -67,7 +67,7 @@ class CheckpointFile:
         return time.monotonic() >= self._next
 
     def write(self, state: TrainingState) -> None:
-        """Write a state; beside its place first, then renamed, so that a kill leaves the state before.
+        """Write a state to a file beside, then rename it, so that a kill leaves the state before.
 
         Raises:
             OutputError: It cannot be written; the state before is still there.
@@ -88,7 +88,7 @@ class CheckpointFile:
         self._next = end + max(self._every, _WRITING_SHARE * (end - begin))
 
     def read(self) -> TrainingState | None:
-        """The state that is there; None when there is no file. The time until the next write begins to run.
+        """Read the state; None when there is no file. The time until the next write starts now.
 
         Raises:
             FileFormatError: It is damaged, of another schema, or no checkpoint.
@@ -100,7 +100,7 @@ class CheckpointFile:
         try:
             with safe_open(self.path, framework="numpy") as file:
                 header = json.loads((file.metadata() or {})["cornerforge_checkpoint"])
-                # The identity first: whoever named the wrong file should hear that and not of schemas.
+                # The identity first: a user that named the wrong file should be told so, and nothing of schemas.
                 self._check_identity(header["identity"])
                 self._check_schema(header["schema_version"])
                 arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  (it is no mapping)

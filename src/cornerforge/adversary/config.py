@@ -1,4 +1,4 @@
-"""How the adversary learns: hyperparameters and the two presets."""
+"""Hyperparameters of the adversary's training and the two presets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Double DQN: from a replay memory to weights. Knows no world, so whoever fills the memory can use it.
+"""Double DQN: it learns weights from a replay memory and is independent of the worlds that fill it.
 
 Deterministic: the same transitions added in the same order, the same seed and the same numbers of updates give the same
 weights.
@@ -38,7 +38,7 @@ class DqnLearner:
 
     Args:
         config: Hyperparameters; the network's inputs decide how long an observation is.
-        seed: Of the initial weights and of what is drawn from the memory.
+        seed: Seed of the initial weights and of the draws from the memory.
 
     Attributes:
         memory: Add transitions here.
@@ -75,7 +75,7 @@ class DqnLearner:
         return values
 
     def learn(self, n_updates: int, learning_rate: float) -> float:
-        """Make so many gradient steps on replayed batches; returns the last loss (0 for no step).
+        """Make a number of gradient steps on replayed batches; returns the last loss (0 for no step).
 
         The memory must hold at least one transition.
         """
@@ -108,13 +108,13 @@ class DqnLearner:
         return cut, apart
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Both networks, what the optimiser remembers, and the replay memory, by name; views."""
+        """Give both networks, the optimiser's state and the replay memory, by name; views."""
         found = {f"replay.{name}": array for name, array in self.memory.state().items()}
         found |= {"online": self._online.flat.numpy(), "target": self._target.flat.numpy()}
         return found | {f"optimiser.{name}": tensor.numpy() for name, tensor in self._optimiser.arrays().items()}
 
     def values(self) -> dict[str, Any]:
-        """What is not an array, JSON-compatible."""
+        """Give the part of the state that is not in arrays, JSON-compatible."""
         return {
             "updates": self.updates,
             "steps": self._optimiser.steps,
@@ -123,7 +123,7 @@ class DqnLearner:
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> None:
-        """Take over what `arrays` and `values` gave.
+        """Restore the state that `arrays` and `values` gave.
 
         Raises:
             KeyError, ValueError: Something is missing or does not fit.

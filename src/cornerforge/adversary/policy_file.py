@@ -32,7 +32,7 @@ __all__ = [
 
 POLICY_SCHEMA = 1
 MAX_BUDGET = 1e6
-"""Far above what a test can spend [nats]; a larger one is a mistake for "no limit"."""
+"""Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Policy:
 
 
 def check_budget(budget: float | None, *, bounded: bool) -> float | None:
-    """A likelihood budget [nats] if it is one; None: no limit.
+    """Return a likelihood budget [nats] after checking it; None: no limit.
 
     Raises:
         InputError: It is out of range, or limits nothing because the adversary is not bounded.
@@ -83,7 +83,7 @@ def policy_hash(policy: Policy) -> str:
 
 
 def save_policy(policy: Policy, path: Path) -> None:
-    """Write a policy; beside its place first, then renamed, so that a reader never sees half of it.
+    """Write a policy to a file beside, then rename it, so that a reader never sees half of it.
 
     Raises:
         OutputError: It cannot be written; nothing is left of it then.

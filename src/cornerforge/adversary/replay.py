@@ -16,7 +16,7 @@ __all__ = ["BalancedMemory", "ReplayMemory", "allocate_transitions"]
 
 
 def allocate_transitions(n: int, n_inputs: int = N_OBSERVATION) -> Transitions:
-    """Room for n transitions with observations of `n_inputs` entries."""
+    """Allocate n transitions with observations of `n_inputs` entries."""
     return Transitions(
         np.zeros((n, n_inputs), dtype=np.float32),
         np.zeros(n, dtype=np.int64),
@@ -65,11 +65,11 @@ class ReplayMemory:
             np.take(getattr(self.arrays, name), indices, axis=0, out=getattr(out, name), mode="clip")
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Views of what is filled, by name of the field of `Transitions`; with `place` that is all it remembers."""
+        """Give views of the filled part, by field of `Transitions`; with `place` this is the whole state."""
         return {name: getattr(self.arrays, name)[: self.size] for name in Transitions._fields}
 
     def restore(self, state: Mapping[str, NDArray[Any]], place: int) -> None:
-        """Take over what `state` gave, with `place` of that moment.
+        """Restore the state that `state` gave, with `place` of the same moment.
 
         Raises:
             ValueError: It does not fit into this memory.
@@ -81,17 +81,18 @@ class ReplayMemory:
 
 
 class BalancedMemory:
-    """The last transitions, and for longer those of tests that were paid for, so that batches hold enough of them.
+    """Replay memory that holds transitions of paid tests for longer, so that batches contain enough of them.
 
-    Where one test in thousands is paid, a batch drawn alike from all transitions says next to nothing about what pays.
-    Drawn so that a given share comes from paid tests, what the network learns is no longer the chance of pay but grows
-    with it: the odds are multiplied by the same factor for every action, which keeps their order (ADR 7).
+    A test is paid if its last reward is above 0. Where one test in thousands is, a batch drawn uniformly from all
+    transitions says nearly nothing about what leads there. With a fixed share from paid tests the network learns
+    not the probability of pay but a value that grows with it: the odds of every action are multiplied by the same
+    factor, which keeps their order (ADR 7).
 
     Args:
         capacity: Of the last transitions; a quarter as many from paid tests.
         n_inputs: Entries of an observation.
-        share: At least this share of a batch comes from paid tests, as soon as a batch of them is there; 0 draws alike
-            from the last transitions.
+        share: At least this share of a batch comes from paid tests, as soon as a batch of them is there; 0 draws
+            uniformly from the last transitions.
 
     Attributes:
         recent, paid: The two memories.
@@ -112,7 +113,7 @@ class BalancedMemory:
     def add(self, batch: Transitions) -> None:
         """Append one decision of each of some worlds; with a share above 0 always of the same worlds in the same order.
 
-        A test is paid for where its last transition has a reward above 0.
+        A test is paid if its last transition has a reward above 0.
         """
         begin = self.recent.place
         self.recent.add(batch)
@@ -128,12 +129,12 @@ class BalancedMemory:
             self.paid.add(Transitions._make(array[rows] for array in self.recent.arrays))
 
     def _mark(self, rows: NDArray[np.int64] | slice, is_paid: np.bool_ | NDArray[np.bool_]) -> None:
-        """Note which of the last transitions are from paid tests; counted here, for every draw asks how many."""
+        """Mark which of the last transitions are from paid tests, and count them, because every draw needs that."""
         self._is_paid[rows] = is_paid
         self._n_paid = int(np.count_nonzero(self._is_paid))
 
     def _tests_before(self, begin: int, worlds: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-        """Rows, as far as they are there, of the tests that end in these worlds in the batch of `n` rows at `begin`."""
+        """Find the rows still in memory of the tests that end in these worlds in the batch of `n` rows at `begin`."""
         rows = [(begin + worlds) % self.recent.capacity]
         for back in range(1, self.recent.size // n):
             if worlds.size == 0:
@@ -161,7 +162,7 @@ class BalancedMemory:
             self.paid.sample(rng.integers(0, self.paid.size, more), paid)
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Views of all that it remembers, by name; with `places`."""
+        """Give views of both memories, by name; with `places` this is the whole state."""
         parts = {f"recent.{name}": array for name, array in self.recent.state().items()}
         parts |= {f"paid.{name}": array for name, array in self.paid.state().items()}
         return parts | {"is_paid": self._is_paid}
@@ -172,7 +173,7 @@ class BalancedMemory:
         return [self.recent.place, self.paid.place]
 
     def restore(self, state: Mapping[str, NDArray[Any]], places: Sequence[int]) -> None:
-        """Take over what `state` and `places` gave.
+        """Restore the state that `state` and `places` gave.
 
         Raises:
             KeyError, ValueError: Something is missing or does not fit into this memory.

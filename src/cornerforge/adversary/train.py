@@ -47,17 +47,16 @@ TRAINING_TESTS = 1 << 40
 _POINT_EVERY = 50
 """Iterations between two points of the training curve, at first."""
 _MOST_POINTS = 1000
-"""When the curve has so many points, pairs of them become one, and points come half as often: a long training does not
-drown in them."""
+"""At this many points of the curve pairs of neighbours are joined, and later points come half as often."""
 
 
 @dataclass(frozen=True)
 class CurvePoint:
     """One point of the training curve, over the tests that ended since the point before.
 
-    Exploring is on, at random only: tests of guided worlds (`TrainConfig.guided`) are not counted.
+    The tests explore, at random only: tests of guided worlds (`TrainConfig.guided`) are not counted.
     `paid_per_test` is the share of tests in which the reward was +1 (with the reward `crash` that of all AV crashes);
-    None where nobody counts them.
+    None where it is not counted.
     """
 
     decisions: int
@@ -72,7 +71,7 @@ class CurvePoint:
 
 @dataclass
 class TrainResult:
-    """What training gives: weights for `drivers.policy`, the curve, and totals."""
+    """Result of a training: weights for `drivers.policy`, the curve, and totals."""
 
     weights: NDArray[np.float32]
     decisions: int
@@ -82,7 +81,7 @@ class TrainResult:
 
 
 def _joined(first: CurvePoint, second: CurvePoint) -> CurvePoint:
-    """Two neighbouring points as one."""
+    """Join two neighbouring points."""
     tests = first.tests + second.tests
 
     def share(name: str) -> float | None:
@@ -98,8 +97,8 @@ class Actor(Protocol):
     """Worlds that produce transitions, with a network that learns from them.
 
     Attributes:
-        finished: Counts so far, int64 (3 or more,): tests, AV crashes, one of the actor's own, and tests that were paid
-            for where there are such.
+        finished: Counts so far, int64 (3 or more,): tests, AV crashes, one of the actor's own, and paid
+            tests if it counts them.
     """
 
     finished: NDArray[np.int64]
@@ -168,7 +167,7 @@ def _epsilon(config: TrainConfig, decisions: int) -> float:
 
 
 def _learning_rate(config: TrainConfig, decisions: int, share_of_time: float = 0.0) -> float:
-    """Cosine from the first to the final rate over the planned decisions, or over the time where that is shorter."""
+    """Let the rate fall as a cosine from first to final over the planned decisions, or over the time if shorter."""
     done = min(1.0, max(decisions / config.decisions, share_of_time))
     share = 0.5 * (1.0 + float(np.cos(np.pi * done)))
     return config.final_learning_rate + (config.learning_rate - config.final_learning_rate) * share
@@ -191,13 +190,13 @@ def train_adversary(
         setting: The run; its adversary and policy are replaced by the learning one, its mask (`bounded`) is used.
         slots: Vehicle slots per world.
         config: Hyperparameters; `config.decisions` says how long, rounded up to whole iterations.
-        seed: Names tests, exploration, initial weights and replay draws.
+        seed: Determines tests, exploration, initial weights and replay draws.
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
         max_seconds: Stop earlier after this time [s], over which the learning rate falls; then the result depends on
             the machine's speed.
         progress: Called with each new point of the curve.
-        checkpoint: Where to keep the state now and then and on Ctrl-C. What the file holds is gone on from, to the same
-            result as without the stop; seconds count on. It is left there: remove it once the result is safe.
+        checkpoint: File for the state, written now and then and on Ctrl-C. If it exists, training continues from it,
+            to the same result as without the stop; seconds count on. Remove it once the result is safe.
 
     Returns:
         Final weights and the training curve.
@@ -219,7 +218,7 @@ def train_in(
     worlds: Callable[[PolicyNumbers], Actor], config: TrainConfig, seed: int, threads: int, max_seconds: float | None,
     progress: Callable[[CurvePoint], None] | None, checkpoint: CheckpointFile | None,
 ) -> TrainResult:  # fmt: skip
-    """The same for any driver in any worlds; `worlds` makes them for the network's first weights."""
+    """Do the same for any driver in any worlds; `worlds` makes them for the network's first weights."""
     n_torch = torch.get_num_threads()
     torch.set_num_threads(1)  # one core for learning: results do not depend on the machine's number of cores
     try:
@@ -229,7 +228,7 @@ def train_in(
 
 
 class _Training:
-    """All that an iteration changes."""
+    """State of a training: all that an iteration changes."""
 
     def __init__(self, worlds: Callable[[PolicyNumbers], Actor], config: TrainConfig, seed: int) -> None:
         self._config = config
@@ -256,7 +255,7 @@ class _Training:
         self.result.decisions += config.worlds
 
     def add_point(self) -> CurvePoint:
-        """Close the running point of the curve."""
+        """Add the running point to the curve."""
         result, finished = self.result, self._actor.finished
         tests, crashes, _, *paid = (int(n) for n in finished - self._seen)
         self._seen[:] = finished
@@ -274,13 +273,13 @@ class _Training:
         return point
 
     def finish(self) -> TrainResult:
-        """The result, with the weights of now."""
+        """Give the result, with the present weights."""
         self.result.weights = self._learner.weights()
         self.result.updates = self._learner.updates
         return self.result
 
     def state(self) -> TrainingState:
-        """Everything as it is between two iterations; its arrays are views."""
+        """Give the state between two iterations; its arrays are views."""
         result = self.result
         arrays = {f"actor.{name}": array for name, array in self._actor.arrays().items()}
         arrays |= {"seen": self._seen, **{f"learner.{name}": a for name, a in self._learner.arrays().items()}}
@@ -295,7 +294,7 @@ class _Training:
         return TrainingState(arrays, values)
 
     def restore(self, saved: TrainingState) -> None:
-        """Take over what `state` gave."""
+        """Restore the state that `state` gave."""
         values = saved.values
         self._actor.restore(below("actor", saved.arrays))
         self._learner.restore(below("learner", saved.arrays), values["learner"])
@@ -308,7 +307,7 @@ class _Training:
 
 
 def _take_up(training: _Training, checkpoint: CheckpointFile) -> None:
-    """Go to where the checkpoint is, if there is one."""
+    """Restore the state of the checkpoint, if there is one."""
     saved = checkpoint.read()
     if saved is None:
         return
@@ -322,9 +321,9 @@ def _take_up(training: _Training, checkpoint: CheckpointFile) -> None:
 
 @contextmanager
 def _interrupt_held(wanted: bool) -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C wait if that is wanted; gives a function that says whether it came.
+    """Hold back Ctrl-C if wanted; gives a function that says whether it came.
 
-    Amid an iteration the weights are newer than the memory, so no state could be kept there. A second Ctrl-C goes
+    Within an iteration the weights are newer than the memory, so no state can be written there. A second Ctrl-C goes
     through at once. Only Python's own handler is replaced, and only in the main thread, where interrupts arrive.
     """
     came = threading.Event()

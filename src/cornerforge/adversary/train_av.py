@@ -1,6 +1,6 @@
-"""How the AV learns to drive: the adversary's learner, with the AV's worlds in place of the adversary's.
+"""Training of the AV: the adversary's learner, with the AV's worlds in place of the adversary's.
 
-Natural traffic, mixed with hostile BVs so that it meets danger often enough to learn from it.
+Some of its tests have hostile BVs, so that it meets danger often enough to learn from it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class AvTrainConfig(TrainConfig):
 
     Attributes:
         progress, acceleration, lane_change, nearness, time_gap: See `sim.drive_av.AvReward`.
-        hostile: Adversaries of one test in so many, by turns: name, and whether it is NDD-bounded. "nobody" is natural
+        hostile: Adversaries, one test each by turns: name, and whether it is NDD-bounded. "nobody" is natural
             traffic.
 
     Raises:
@@ -175,7 +175,7 @@ def train_av(
             (with them it explores, and starts a test at their desired gap).
         slots: Vehicle slots per world.
         config: Hyperparameters; `config.decisions` says how many seconds to drive, rounded up to whole iterations.
-        seed: Names tests, exploration, initial weights and replay draws.
+        seed: Determines tests, exploration, initial weights and replay draws.
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
         max_seconds: Stop earlier after this time [s]; then the result depends on the machine's speed.
         progress: Called with each new point of the curve, whose crashes count hostile tests too.

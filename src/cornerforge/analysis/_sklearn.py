@@ -1,4 +1,4 @@
-"""The one place that meets scikit-learn, an optional extra, imported on first use.
+"""The only module that uses scikit-learn, an optional extra; it imports it on first use.
 
 Callers wrap their work in `one_thread`: scikit-learn adds up the parts of its threads in the order in which they
 finish, so that with several the last bits, and with them a cluster's border, would differ from run to run.
@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 
 def require_sklearn() -> None:
-    """Load it, or say early that the extra is missing.
+    """Load scikit-learn, or say early that the extra is missing.
 
     Raises:
         MissingExtraError: scikit-learn is not installed.

@@ -110,7 +110,7 @@ def analyse(
         history: [x m, y m, speed m/s, heading rad] of the AV (0) and the crash partner (1) at k seconds before the
             crash, shape (S, 16, 2, 4); k = 0 is the first frame of contact; NaN where the test had not begun.
         steps: Seconds before the crash that the features look at, 1 to 15.
-        seed: Of the subsample and the starts of K-means, 0 to 2^32 - 1.
+        seed: Seed of the subsample and of the starts of K-means, 0 to 2^32 - 1.
         vehicle_length: Of AV and crash partner [m], one number or shape (S, 2).
         vehicle_width: Likewise.
         short: What happens to cases shorter than `steps`: "pad" or "exclude" (see `crash_features`).

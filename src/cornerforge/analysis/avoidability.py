@@ -55,7 +55,7 @@ LABELS: dict[str, str] = {
 """Label and meaning."""
 
 OTHERS = ("all", "partner")
-"""Who counts after the contact: everybody, or the partner alone as for the reward `avoidable` (ADR 11)."""
+"""Vehicles to avoid after the contact: all, or the partner alone as for the reward `avoidable` (ADR 11)."""
 
 _CHUNK = 32
 _DEFAULT_ACCELERATIONS = (-8.0, -4.0, 0.0, 2.0)
@@ -69,12 +69,12 @@ class AvoidParams:
         decision_s: Time between two decisions of the AV, 0.1 to 0.5, a multiple of 0.1.
         delay_s: A way out counts for the label if it may begin this long after the manoeuvre that led to the crash
             began, or later; 0 to 5.
-        accelerations_mps2: What it may hold between decisions: 0, at least one below, all in [-20, 10].
+        accelerations_mps2: Accelerations that it may hold between decisions: 0, at least one below 0, all in [-20, 10].
         max_lateral_acceleration_mps2: Of its lane changes, whose length follows from it; 1 to 20.
-        lane_changes: How often it may decide on another lane at most (an abort is one), 0 to 4.
-        horizon_s: After the time of the contact nobody may touch it for so long, 0 to 10.
-        lookback_s: Moments up to this long before the contact are looked at, 0.1 to 60.
-        others: Who counts after the contact, one of `OTHERS`.
+        lane_changes: Largest number of times that it may decide on another lane (an abort is one), 0 to 4.
+        horizon_s: How long after the time of the contact no vehicle may touch it, 0 to 10.
+        lookback_s: How long before the contact a way out may begin, 0.1 to 60.
+        others: Which vehicles count after the contact, one of `OTHERS`.
 
     Raises:
         InputError: A field is out of range.
@@ -110,7 +110,7 @@ class AvoidParams:
 
 @dataclass(frozen=True)
 class Witness:
-    """A way out, driven and found clear of everybody.
+    """A way out (glossary) that was driven and touches no vehicle.
 
     Attributes:
         begin_s: Its first decision, before the contact [s].
@@ -136,10 +136,10 @@ class Avoidability:
         label: A key of `LABELS`.
         manoeuvre_s: Begin of the manoeuvre that led to the crash (`sim.braking.manoeuvre_begin`).
         braking_s: Latest moment from which accelerations alone help, not before the manoeuvre's begin.
-        steering_s: The same of lane changes alone.
+        steering_s: The same for lane changes alone.
         latest_s: The last way out: latest moment from which anything helps; it may lie before the manoeuvre's begin.
         time_to_react_s: From the manoeuvre's begin to `latest_s`; negative when the AV would have had to foresee it.
-        exhaustive: False if some search ran out of room, so that a later moment, or another kind, may exist.
+        exhaustive: False if some search ran out of memory, so that a later moment, or another kind, may exist.
         witness: A way out from `latest_s` on, None if there is none.
     """
 
@@ -237,7 +237,7 @@ def avoidability_table(
 def avoidability_of_library(
     shards: Iterable[tuple[pa.Table, pa.Table]], odd: Odd, params: AvoidParams | None = None, *, threads: int = 1
 ) -> pa.Table:
-    """The same for all shards of a library, one after the other, so that one shard's trajectories are in memory.
+    """Do the same for all shards of a library, one after the other; only one shard's trajectories are in memory.
 
     Args:
         shards: Cases and tracks of each (`CaseLibrary.shards`).
@@ -251,7 +251,7 @@ _SPEED_TOLERANCE = 1e-3
 
 
 def _problem(case: Recordings, bv_slot: int, odd: Odd) -> str | None:
-    """What keeps one case, whose crash partner has slot `bv_slot`, from being judged; None: nothing."""
+    """Say why one case, whose crash partner has slot `bv_slot`, cannot be judged; None: it can."""
     frames, last, partner = int(case.frames[0]), int(case.last[0]), int(case.partner[0])
     there = case.present.reshape(-1, frames)
     speed = case.speed[case.present]
@@ -269,7 +269,7 @@ def _problem(case: Recordings, bv_slot: int, odd: Odd) -> str | None:
 
 
 def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
-    """What the kernel takes.
+    """Turn the parameters into what the kernel takes.
 
     A lane change from rest to rest over a way w within T has the peak acceleration 10 / sqrt(3) w / T^2.
     """
@@ -290,7 +290,7 @@ def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
 
 
 def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
-    """All cases, in a pool of threads that each take a few at a time."""
+    """Search all cases in a pool of threads, each of which takes a few cases at a time."""
     manoeuvres = _manoeuvres(odd, params)
     n = recordings.n_cases
     out = allocate_ways_out(manoeuvres, n)
@@ -311,7 +311,7 @@ def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int)
 
 
 def _check_witnesses(ids: Sequence[str], out: WaysOut) -> None:
-    """A way out on which somebody touches the AV when it is driven is a mistake of the search, never an answer."""
+    """Drive each way out and raise an error if a vehicle touches the AV on it: that is a mistake of the search."""
     wrong = np.argwhere(out.touched >= 0)
     if wrong.size:
         c, kind = wrong[0].tolist()

@@ -1,4 +1,4 @@
-"""All that is known of each case, side by side: measures, fault, avoidability, value (docs/case-columns.md)."""
+"""Tables of all that is known of each case: measures, fault, avoidability, value (docs/case-columns.md)."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class CaseTable:
     """One row a case.
 
     Attributes:
-        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where nobody looked) and
-            `fields.SHORTFALL` (null where the library does not know), after `case_id`.
+        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where it was not looked for) and
+            `fields.SHORTFALL` (null where the library lacks it), after `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
     """
 
@@ -56,7 +56,7 @@ class CaseTable:
 
 @dataclass(frozen=True)
 class ShardReading:
-    """What to make of each shard.
+    """How to read each shard.
 
     Attributes:
         odd: Road and rules of the library.
@@ -77,11 +77,11 @@ def _numbers(table: pa.Table, name: str) -> NDArray[np.float64]:
 
 
 def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReading) -> Iterable[CaseTable]:
-    """Measures, fault and avoidability of a library, shard after shard, so that one shard's motion is in memory.
+    """Read measures, fault and avoidability of a library, shard after shard; only one shard's motion is in memory.
 
     Args:
         shards: Cases and tracks of each (`CaseLibrary.shards`).
-        reading: What to make of them.
+        reading: How to read them.
 
     Yields:
         A part for each shard, in order.
@@ -113,12 +113,12 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
 def values_of(
     table: pa.Table, points: NDArray[np.float64], weights: dict[str, float] | None = None
 ) -> tuple[pa.Table, Value]:
-    """Value the cases, and put the parts beside what they are made of.
+    """Value the cases, and put the parts of the value beside the columns that they are made of.
 
     Args:
-        table: Of `read_shards`, S rows.
+        table: Table of `read_shards`, S rows.
         points: The cases in the plane of the analysis, shape (S, 2).
-        weights: Of the parts (`value_of`).
+        weights: Weights of the parts (`value_of`).
 
     Returns:
         The table with `VALUE_COLUMNS`, and the values.

@@ -19,7 +19,7 @@ from cornerforge.errors import InputError
 __all__ = ["FRONT", "REAR", "SIDE", "Contact", "find_contact"]
 
 FRONT, REAR, SIDE = 0, 1, 2
-"""Sectors of a box."""
+"""Faces of a box; both sides count as one."""
 
 _TOUCH_TOLERANCE_M = 0.1
 _ALONG_ROAD = 0.5
@@ -34,10 +34,10 @@ class Contact:
 
     Attributes:
         av_sector: FRONT, REAR or SIDE of the AV's box, int8, shape (S,); SIDE where the centres fall together.
-        bv_sector: The same of the BV's.
+        bv_sector: The same for the BV's box.
         relative_heading: Angle between the headings [rad], in [0, pi], shape (S,).
         av_approach: Speed at which the AV's motion across the road closes in on the BV [m/s], shape (S,).
-        bv_approach: The same of the BV's motion towards the AV.
+        bv_approach: The same for the BV's motion towards the AV.
         normal: Unit vector across the touching faces, from the AV to the BV, [along, across the road], shape (S, 2).
     """
 
@@ -134,7 +134,7 @@ def _touching_axis(
 def _shadow(
     half: NDArray[np.float64], axes: NDArray[np.float64], sides: NDArray[np.float64]
 ) -> NDArray[np.float64]:  # fmt: skip
-    """What one side of both boxes, half of it given, adds to their reach on each axis [m], shape (S, 4)."""
+    """Give what half lengths (or half widths) of both boxes add to their extent on each axis [m], shape (S, 4)."""
     av, bv = (np.abs(_dot(axes, sides[:, [i]])) for i in (0, 1))
     # The sum of half times share, so written that equal boxes give the bits of half * (av + bv).
     mean, difference = (0.5 * (half[:, :1] + sign * half[:, 1:]) for sign in (1.0, -1.0))

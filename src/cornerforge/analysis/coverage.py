@@ -1,4 +1,4 @@
-"""How much of what can happen a library has seen: a grid of kinds, a discovery curve, the chance of an unseen kind."""
+"""Coverage of a library: a grid of the kinds of crash, a discovery curve, the chance of a kind not seen yet."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _CURVE_POINTS = 20
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a library covers.
+    """The kinds of crash that a library covers.
 
     Attributes:
-        axes: Name of each axis of the grid to its labels: crash type, avoidability (left out where nobody looked),
-            impact speed.
+        axes: Name of each axis of the grid to its labels: crash type, avoidability (left out where it was not looked
+            for), impact speed.
         counts: Cases in each cell, one axis each.
         empty: Names of the cells without a case, such as "angle | by braking | 2-5 m/s".
         curve: (m, 2): number of cases looked at, and kinds (filled cells) expected among them.
@@ -75,14 +75,14 @@ def coverage_of(
     avoidability: NDArray[np.integer] | None = None,
     avoidability_labels: tuple[str, ...] = (),
 ) -> Coverage:
-    """Sort cases into kinds, and say what is missing.
+    """Sort cases into kinds, and name the kinds without a case.
 
     Head-on crashes cannot happen on a one-way road; their cells are left out of the grid unless one did.
 
     Args:
         crash_type: Codes of `CRASH_TYPES`, shape (S,), S at least 1.
         impact_speed: Length of the vehicles' relative velocity at contact [m/s], shape (S,), at least 0.
-        avoidability: Index into `avoidability_labels` of each case, shape (S,); None where nobody looked.
+        avoidability: Index into `avoidability_labels` of each case, shape (S,); None where it was not looked for.
         avoidability_labels: Names.
 
     Raises:
@@ -122,7 +122,7 @@ def coverage_of(
 
 
 def discovery_curve(counts: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Kinds expected among the first m cases, had the cases come in another order (rarefaction).
+    """Give the number of kinds expected among m cases, over all orders of the cases (rarefaction).
 
     Args:
         counts: Cases of each kind, at least 0, one case in all at least.

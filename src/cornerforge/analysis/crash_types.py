@@ -29,7 +29,7 @@ SIDESWIPE_BELOW = math.radians(40.0)
 HEAD_ON_ABOVE = math.radians(140.0)
 _AV, _BV, _MUTUAL = range(3)
 _MAIN_SHARE = 0.75
-"""Share of the closing speed above which a sideswipe is one vehicle's doing."""
+"""Share of the closing speed from which one vehicle alone counts as the striker of a sideswipe."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class CrashTypes:
         return {name: int((chosen == code).sum()) for code, name in CRASH_TYPES.items()}
 
     def striker_counts(self) -> dict[str, int]:
-        """Crashes by who struck, zeros included."""
+        """Crashes by striker, zeros included."""
         return {name: int((self.striker == index).sum()) for index, name in enumerate(STRIKERS)}
 
 
@@ -68,7 +68,7 @@ def classify_crashes(
     than 10 degrees apart: rear-end, struck by the vehicle whose front it was. A side took part with headings less than
     40 degrees apart: sideswipe, struck by the vehicle with at least 75 % of the closing speed across the road, else
     mutual.
-    All else: angle, struck by the vehicle whose front took part, mutual if both or neither did.
+    All other crashes: angle, struck by the vehicle whose front took part, mutual if both fronts or neither did.
 
     Args:
         pose: [x m, y m, speed m/s, heading rad] of the AV (0) and the BV (1) in the first frame of contact,
@@ -99,7 +99,7 @@ def classify_crashes(
 
 
 def _main_mover(av_approach: NDArray[np.float64], bv_approach: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Who closed the gap across the road: `_AV`, `_BV` or `_MUTUAL`."""
+    """Say which vehicle closed the gap across the road: `_AV`, `_BV` or `_MUTUAL`."""
     closing = av_approach + bv_approach
     is_closing = closing > 1e-9
     by_av = is_closing & (av_approach >= _MAIN_SHARE * closing)

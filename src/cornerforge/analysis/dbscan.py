@@ -1,4 +1,4 @@
-"""Majority and minority of cases: exact DBSCAN in the plane, with the radius chosen by a stated rule.
+"""Exact DBSCAN in the plane, which splits cases into majority and minority; a stated rule chooses the radius.
 
 scikit-learn's DBSCAN keeps every neighbourhood in memory, too much of it for 50,000 cases with heavy tails. In the
 plane the same clusters follow from points sorted into cells (`density_grid.py`, ADR 0003).
@@ -34,7 +34,7 @@ MAJORITY_SHARE = 0.1
 NOISE = -1
 
 _BLOCK = 65_536
-"""Points whose neighbours are held at a time."""
+"""Number of points whose neighbours are in memory at a time."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def split(points: NDArray[np.float64]) -> DensitySplit:
 
 
 def majority_of(labels: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which cases are the majority: those in dense clusters with a share of at least `MAJORITY_SHARE`, shape (S,).
+    """Mark the majority: cases in dense clusters with a share of at least `MAJORITY_SHARE`, bool, shape (S,).
 
     When no cluster is large enough, the largest alone is the majority; when there is no cluster, everything is.
 
@@ -94,7 +94,7 @@ def choose_min_samples(n: int) -> int:
 def neighbour_distance(points: NDArray[np.float64], k: int) -> NDArray[np.float64]:
     """Distance from each point to its k-th nearest, itself the first, shape (S,); k in 1..S.
 
-    Equal points are one point with a weight: a k-d tree cannot part them, and 45,000 equal ones took it minutes.
+    Equal points count as one point with a weight: a k-d tree cannot separate them; 45,000 of them took minutes.
     """
     order = np.lexsort((points[:, 1], points[:, 0]))
     is_new = np.concatenate([[True], (np.diff(points[order], axis=0) != 0.0).any(axis=1)])
@@ -113,7 +113,7 @@ def neighbour_distance(points: NDArray[np.float64], k: int) -> NDArray[np.float6
 
 
 def knee(values: NDArray[np.float64]) -> int:
-    """Index where an ascending curve leaves its chord most (Satopaa et al. 2011, without smoothing).
+    """Find the index at which an ascending curve is farthest from its chord (Satopaa et al. 2011, without smoothing).
 
     Args:
         values: Ascending, shape (n,), n >= 1.

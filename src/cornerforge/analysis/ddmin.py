@@ -12,11 +12,11 @@ T = TypeVar("T")
 
 
 def ddmin(items: Sequence[T], shows: Callable[[list[T]], bool]) -> list[T]:
-    """Leave out what the effect does not need, in ever smaller pieces, until no single item can be left out.
+    """Leave out items that the effect does not need, in ever smaller pieces, until no single item can be left out.
 
     Args:
-        items: What shows the effect as a whole; the order is kept.
-        shows: Does this part show the effect? Asked about parts only, never about all of `items`; about the empty one
+        items: A list that shows the effect; the order is kept.
+        shows: Does this part show the effect? Called with parts only, never with all of `items`; with the empty part
             first, which in many uses is the answer.
 
     Returns:

@@ -1,6 +1,6 @@
 """Kernels of DBSCAN in the plane: points sorted into square cells, in linear memory.
 
-A cell is 0.7 eps wide, so its diagonal is shorter than eps: whoever shares a cell is a neighbour, a cell that holds
+A cell is 0.7 eps wide, so its diagonal is shorter than eps: points in one cell are neighbours, a cell that holds
 `min_samples` points holds cores only, and the cores of a cell are in one cluster. Two cells whose indices differ by
 more than 2 hold no neighbours. So cores, clusters and noise follow from looking at most two cells far. (The idea is
 Gunawan's, 2013.) Every distance is compared as dx dx + dy dy <= eps eps, as scikit-learn's k-d tree does it.
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["CELL_WIDTH", "Cells", "attach_border", "join_cells", "mark_cores"]
 
 CELL_WIDTH = 0.7
-"""In units of eps; a hundredth below 1 / sqrt(2), which rounding cannot fill."""
+"""Width of a cell in units of eps: below 1 / sqrt(2) by a hundredth, more than any rounding error."""
 
 
 class Cells(NamedTuple):
@@ -100,7 +100,7 @@ def mark_cores(
 
 @kernel
 def _root(parent: NDArray[np.int64], cell: int) -> int:
-    """Representative of a cell's cluster; paths are halved on the way."""
+    """Find the representative of a cell's cluster, halving paths on the way."""
     while parent[cell] != cell:
         parent[cell] = parent[parent[cell]]
         cell = parent[cell]
@@ -143,11 +143,11 @@ def join_cells(
     box: NDArray[np.float64],
     cluster: NDArray[np.int64],
 ) -> None:
-    """Join the cells whose cores chain up.
+    """Give cells the same cluster if a chain of cores, each within eps of the next, connects them.
 
     Args:
         cells: The points.
-        is_core: As found by it.
+        is_core: Result of `mark_cores`.
         first: Scratch, zeros, shape (5,).
         box: Scratch, shape (C, 4).
         cluster: Result, shape (C,): the same number for cells of one cluster, -1 for cells without a core.
@@ -195,7 +195,7 @@ def attach_border(
 
     Args:
         cells: The points.
-        is_core, cluster: As found by it and by `join_cells`.
+        is_core, cluster: Results of `mark_cores` and `join_cells`.
         first: Scratch, zeros, shape (5,).
         label: Result, shape (S,).
     """

@@ -1,4 +1,4 @@
-"""Whose fault was a crash? Rules of responsibility-sensitive safety, RSS, applied to the recorded motion.
+"""Fault for a crash, found by the rules of responsibility-sensitive safety, RSS, from the recorded motion.
 
 Definitions are those of Shalev-Shwartz, Shammah and Shashua (2017), arXiv:1708.06374; what they leave open, and why our
 numbers are what they are, stands in docs/adr/0015-fault.md. For the AV and the vehicle that it touched first:
@@ -6,12 +6,13 @@ numbers are what they are, stands in docs/adr/0015-fault.md. For the AV and the 
 1. A moment is *dangerous* when both the longitudinal and the lateral distance are below the safe one.
 2. The danger that ended in the crash began, on each axis, after the last moment at which that axis was safe. The later
    of the two is the *blame time*, and its axis says which rule holds from there on (both, if they coincide).
-3. *Proper response*. Longitudinal: who is behind at the blame time may at most accelerate with `max_acceleration`
-   until its response time is over and then brakes with `min_braking` at least, until it stands; who is ahead does not
+3. *Proper response*. Longitudinal: the vehicle behind at the blame time accelerates with at most `max_acceleration`
+   until its response time is over and then brakes with at least `min_braking`, until it stands; the one ahead does not
    brake harder than `max_braking`. Lateral: both accelerate at most with `lateral_acceleration` towards each other
-   until their response times are over; then who still moves towards the other brakes laterally with `lateral_braking`
-   at least, and who does not move towards the other does not begin to, unless the two overlap sideways already.
-4. At fault is who broke a rule that held for it at any time from the blame time to the contact: one, both, or none.
+   until their response times are over; then a vehicle that still moves towards the other brakes laterally with at
+   least `lateral_braking`, and any other does not begin to move so, unless the two overlap sideways already.
+4. A vehicle is at fault if it broke a rule that held for it at any time from the blame time to the contact. So one
+   is, both are, or none is.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from cornerforge.types import FRAME_S
 __all__ = ["FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "pair_margins"]
 
 FAULTS = ("av", "bv", "both", "none")
-"""Who broke a rule; `Faults.fault` holds places in this tuple."""
+"""Which vehicles broke a rule; `Faults.fault` holds places in this tuple."""
 
 RULES = (
     "none",
@@ -43,7 +44,7 @@ RULES = (
     "lateral: moved in below the safe distance",
     "lateral: did not stop moving in",
 )
-"""Rules by which a vehicle can be at fault; `Faults.rule` and its kin hold places in this tuple."""
+"""Rules by which a vehicle can be at fault; `Faults.rule`, `av_rule` and `bv_rule` hold places in this tuple."""
 
 FAULT_COLUMNS: tuple[Field, ...] = (
     Field("fault", "string", "", f"Who broke a rule of RSS: {', '.join(FAULTS)}."),
@@ -71,14 +72,14 @@ _SPEED_TOLERANCE = 0.05
 
 @dataclass(frozen=True)
 class Duties:
-    """What RSS assumes of a vehicle, and asks of it.
+    """Numbers that RSS assumes of a vehicle, and duties that it gives it.
 
     Attributes:
-        response_time: Until it reacts to danger (rho).
-        max_acceleration: The most that it may gain meanwhile.
-        min_braking: What it brakes at least afterwards, when it is behind.
+        response_time: Time until it reacts to danger (rho).
+        max_acceleration: Its largest acceleration meanwhile.
+        min_braking: Its least braking afterwards, when it is behind.
         max_braking: The hardest that it may brake when it is ahead.
-        hardest_braking: What it can brake at all; who does so does all that `min_braking` may ask.
+        hardest_braking: The hardest that it can brake; doing so fulfils any `min_braking`.
 
     Raises:
         InputError: A value is out of range.
@@ -105,9 +106,10 @@ class RssRules:
         av: The AV's duties.
         bv: A BV's duties.
         lateral_acceleration: The most that a vehicle may accelerate towards another while it responds.
-        lateral_braking: What it brakes at least afterwards, while it still moves towards the other.
+        lateral_braking: Its least lateral braking afterwards, while it still moves towards the other.
         lateral_margin: Space that must be left beside a vehicle (mu).
-        free_evasion: Who did not move in may steer either way once the two overlap sideways; False: the paper's letter.
+        free_evasion: A vehicle that did not move in may steer either way once the two overlap sideways; False: as the
+            RSS paper says it.
 
     Raises:
         InputError: A value is out of range.
@@ -128,13 +130,13 @@ class RssRules:
 
 @dataclass(frozen=True)
 class Faults:
-    """Verdict on each case. Times are before the contact [s]; a later violation has a smaller one.
+    """The fault in each case. Times are before the contact [s]; a later violation has a smaller one.
 
     Attributes:
         case_ids: Names of the cases, length S.
         fault: Places in `FAULTS`, int8, shape (S,).
         rule: Place in `RULES` of the first violation of all, int8, shape (S,); that of the AV if both began at once.
-        violation_s: Its time, shape (S,); NaN where nobody broke a rule.
+        violation_s: Its time, shape (S,); NaN where no rule was broken.
         av_rule, bv_rule: Place in `RULES` of each vehicle's own first violation, int8, shape (S,).
         av_violation_s, bv_violation_s: Their times, shape (S,); NaN where it broke none.
         blame_s: Blame time, shape (S,): how long the danger lasted that ended in the crash.
@@ -176,7 +178,7 @@ class Faults:
         }
 
     def counts(self) -> dict[str, int]:
-        """Cases by who is at fault, zeros included."""
+        """Cases by value of `FAULTS`, zeros included."""
         return {name: int((self.fault == index).sum()) for index, name in enumerate(FAULTS)}
 
     def rule_counts(self) -> dict[str, int]:
@@ -185,7 +187,7 @@ class Faults:
 
 
 def pair_margins(motion: PairMotion, rules: RssRules) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """By how much the AV and its partner exceed the safe distances, longitudinal and lateral [m], shape (S, T) each.
+    """Give the margins of a pair over the safe distances, longitudinal and lateral [m], shape (S, T) each.
 
     Below 0 is unsafe; overlap always is.
     """
@@ -345,7 +347,7 @@ def _broken_sideways(
     responding: NDArray[np.bool_],
     towards: NDArray[np.float64],
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """From each frame to the next: does it move in, does it fail to stop moving in? Shape (S, T - 1) each.
+    """Say from each frame to the next whether a vehicle moves in, and whether it fails to stop, shape (S, T - 1) each.
 
     Once the two overlap sideways, a vehicle that was not moving in by itself may steer either way (`free_evasion`): it
     can no longer enter the other's path, only leave it.

@@ -57,7 +57,7 @@ class Features:
 
 
 def crash_features(history: NDArray[np.floating], steps: int = 1, *, short: ShortCases = "pad") -> Features:
-    """Relative motion of the AV and the crash partner in each of the last `steps` seconds.
+    """Give the relative motion of the AV and the crash partner in each of the last `steps` seconds.
 
     Each second k = 1..steps before the crash gives r_lon = x_BV - x_AV, r_lat = y_BV - y_AV, rr = v_BV - v_AV and the
     headings of both, as recorded. A case counts as recorded up to the last k before the first gap. One that crashed in
@@ -111,7 +111,7 @@ def check_history(history: NDArray[np.floating]) -> None:
     """Check the shape of a history and that every contact is there.
 
     Raises:
-        InputError: They are not.
+        InputError: The shape is wrong, or a contact is missing.
     """
     wanted = (MAX_STEPS + 1, 2, 4)
     if history.ndim != 4 or history.shape[1:] != wanted:
@@ -128,7 +128,7 @@ def check_history(history: NDArray[np.floating]) -> None:
 
 @dataclass(frozen=True)
 class Scaling:
-    """What makes z-scores of features: (values - mean) / spread, block by block, so that no second table is held.
+    """Means and spreads that turn features into z-scores, (values - mean) / spread; by blocks, without a second table.
 
     Attributes:
         mean: Of each column, in SI units, shape (F,).

@@ -1,6 +1,6 @@
 """From a table of features to groups: projection, majority and minority, clusters, typical and rare rows.
 
-The part of the analysis that knows numbers only, no case and no crash: `analyse` puts names and crash types to it,
+This part of the analysis works on numbers only: `analyse` adds case names and crash types,
 `periods` repeats it over longer and longer histories.
 """
 
@@ -26,7 +26,7 @@ from cornerforge.errors import InputError
 __all__ = ["MIN_CASES", "Clock", "Group", "Grouping", "group_features", "load"]
 
 MIN_CASES = 10
-"""With fewer cases there is no density to speak of: they form one cluster."""
+"""Fewer cases than this form one cluster, because their density says nothing."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _clustered(
     *,
     one_only: bool,
 ) -> list[tuple[str, NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]]:
-    """Name, rows, labels and centres of majority and minority, as the paper does; an empty group is left out."""
+    """Cluster majority and minority, as the paper does: name, rows, labels and centres of each that is not empty."""
     found = []
     for name, mask in (("majority", is_majority), ("minority", ~is_majority)):
         rows = np.flatnonzero(mask)

@@ -1,4 +1,4 @@
-"""One sentence on a case, for people: what happened, and whether the AV could have avoided it."""
+"""One sentence that tells a reader what happened in a case, and whether the AV could have avoided it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["avoidance_in_words", "case_in_words", "what_happened"]
 
 
 def what_happened(scenario: Scenario) -> str:
-    """What happened, such as "BV cuts in from the left at 11 m with -4 m/s2".
+    """Say what happened, for example "BV cuts in from the left at 11 m with -4 m/s2".
 
     The distance is from bumper to bumper when the lane change began, the acceleration the strongest braking that the
     mover (for rear-ends: the one in front) held from then on.
@@ -61,12 +61,12 @@ def _hardest(scenario: Scenario, frame: int, column: int, start: int) -> float:
 
 
 def avoidance_in_words(label: str | None, latest_s: float | None) -> str:
-    """Such as "avoidable by braking; last way out 1.2 s before contact"; "" where nobody looked.
+    """Say for example "avoidable by braking; last way out 1.2 s before contact"; "" where it was not looked for.
 
     The last way out is the latest of any kind, everywhere: for "by braking" it may begin with a lane change.
 
     Args:
-        label: Of `avoidability.LABELS`; None where nobody looked.
+        label: A key of `avoidability.LABELS`; None where it was not looked for.
         latest_s: `avoidability.Avoidability.latest_s`, column `latest_any_s`.
 
     >>> avoidance_in_words("by both", 0.8)
@@ -87,7 +87,7 @@ def case_in_words(scenario: Scenario, avoidance: str) -> str:
 
     Args:
         scenario: Recording of the case.
-        avoidance: What `avoidance_in_words` says; "" where nobody looked.
+        avoidance: What `avoidance_in_words` says; "" where it was not looked for.
 
     Raises:
         InputError: There is no crash of the AV, or the recording does not hold its contact.

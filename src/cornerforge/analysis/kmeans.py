@@ -15,7 +15,7 @@ __all__ = ["MAX_CLUSTERS", "MIN_CASES", "Choice", "Clusters", "choose_k", "clust
 
 MAX_CLUSTERS = 8
 MIN_CASES = 10
-"""A smaller group is one cluster: its silhouettes say nothing."""
+"""Fewer cases than this form one cluster, because their silhouettes say nothing."""
 
 _SUBSAMPLE = 400
 _START_SAMPLE = 10_000
@@ -111,7 +111,7 @@ def k_means_in(points: NDArray[np.float64], k: int, *, seed: int = 0) -> tuple[N
 def choose_k(points: NDArray[np.float64], *, seed: int = 0) -> Choice:
     """Number of clusters: the k in 2..8 with the largest mean silhouette, or 1 when that shows no structure.
 
-    "No structure" is measured: points spread evenly over the group's box along its principal axes (the reference of
+    "No structure" has a measure: points spread evenly over the group's box along its principal axes (the reference of
     Tibshirani et al.'s gap statistic, 2001) have silhouettes too, and long boxes have large ones. The group's best must
     exceed the mean best of 12 such references by 3 of their standard deviations. A fixed cut, such as the often quoted
     0.5, calls every straight line clustered. A subsample of 400 cases decides; that bounds the time.

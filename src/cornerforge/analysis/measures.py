@@ -3,9 +3,9 @@
 Definitions of the single measures stand in `metrics/`; the columns are documented in `MEASURES`, in the manner of
 `library/schema.py`. NaN stands for null: there is no such value.
 
-In the AV's path is who overlaps it sideways, boxes taken as parallel to the road, in any frame before the contact.
-"Level" is who neither is ahead by half of both lengths together nor behind by it. The partner is the vehicle that the
-AV touches.
+A vehicle is in the AV's path if it overlaps the AV sideways, boxes taken as parallel to the road, in any frame before
+the contact. It is level with the AV if its centre is less than half of both lengths together ahead or behind. The
+partner is the vehicle that the AV touches.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ _SECOND = round(1.0 / FRAME_S)
 
 @dataclass(frozen=True)
 class Impact:
-    """What is assumed of an impact: as given, perfectly plastic between equal masses that rub along each other.
+    """Assumptions about an impact; by default it is perfectly plastic, with friction, between equal masses.
 
     A vehicle's class and size do not change its mass.
 
@@ -176,9 +176,9 @@ def _in_path(recordings: Recordings, rules: RssRules) -> dict[str, NDArray[np.fl
 def _entries_in_path(
     recordings: Recordings,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """Entries of others in the AV's path before contact, ascending; the AV's at the same frames, cases, half lengths.
+    """Find the entries of others in the AV's path before contact, ascending.
 
-    The last is half of both vehicles' lengths together [m].
+    Returns them, the AV's entries at the same frames, their cases, and half of both vehicles' lengths together [m].
     """
     r = recordings
     frames = np.repeat(r.frames, r.vehicles)
@@ -196,7 +196,7 @@ def _entries_in_path(
 
 
 class _Worst:
-    """Least and most of values that stand case by case; NaN where a case has none."""
+    """Minimum and maximum over the values of each case, which lie side by side; NaN where a case has none."""
 
     def __init__(self, case: NDArray[np.intp], n: int) -> None:
         self._n = n
@@ -247,7 +247,7 @@ def _of_pair(motion: PairMotion, rules: RssRules) -> dict[str, NDArray[np.float6
 def _encroachment(motion: PairMotion) -> NDArray[np.float64]:
     """Post-encroachment time of AV and partner; the conflict area is where the front one's rear was on entering.
 
-    Who never overlaps the other sideways as parallel boxes met it with a corner, side by side.
+    A pair that never overlaps sideways as parallel boxes touched with a corner, side by side.
     """
     apart = (np.abs(motion.y[BV] - motion.y[AV]) >= motion.half_widths[:, None]) & motion.recorded
     n, contact = apart.shape[0], apart.shape[1] - 1

@@ -1,14 +1,15 @@
-"""How a crash of the AV came about, in plain categories, from its recording: what dominates a natural crash rate?
+"""Mechanism of a crash of the AV: how it came about, in plain categories, from its recording.
 
-A crash type says which faces met; a mechanism says who did what before. The rules read positions, target lanes and
-accelerations only, so they hold for any AV and any traffic. In this order (the first that fits names the crash):
+A crash type says which faces met; a mechanism says what the two vehicles did before. The rules read positions, target
+lanes and accelerations only, so they hold for any AV and any traffic. In this order (the first that fits names it):
 
 1. `follow-up`: two BVs had crashed into each other within 5 s before and 100 m of the AV.
 2. Both were changing lanes, at least partly at the same time: into one lane from the same side (`same-lane-same-side`)
    or from opposite sides (`same-lane-opposite-sides`), or each into the lane that the other came from (`swap`).
 3. A front met a rear. The one in front or the one behind had moved into the other's path (`...-cut-in`, `...-change`),
    or the one in front had braked hard (`...-braking`), or neither (`bv-rear`, `av-rear`).
-4. A side took part: who had moved into the other's path (`bv-side`, `av-side`); `other` if nobody had.
+4. A side took part: named after the vehicle that had moved into the other's path (`bv-side`, `av-side`); `other` if
+   neither had.
 
 A lane change counts while it lasts and for 3 s after; "moved into the path" means that when it began the two did not
 overlap laterally and it went towards the other. Both at once under 3 or 4: the one that began later. Hard braking:
@@ -63,7 +64,7 @@ MECHANISMS: dict[str, str] = {
 """Name and meaning, in the order of the rules."""
 
 AT_START_S = 4.0
-"""A crash before this time [s] owes much to how tests begin: everybody decides at once, in traffic just drawn."""
+"""A crash before this time [s] depends on how tests begin: all vehicles decide at once, in traffic just drawn."""
 
 _FRAMES_PER_SECOND = round(1.0 / FRAME_S)
 _RECENT_S = 3.0
@@ -82,7 +83,7 @@ class Mechanism:
         contact: "rear-end by AV", "rear-end by BV" or "side": which faces met.
         at_start: The crash came less than 4 s after the start of the test.
         av_changing: The AV changed lanes then, or had until 3 s before.
-        bv_changing: The same of the partner.
+        bv_changing: The same for the partner.
         bv_start_after_av_s: When both did: the partner's lane change began so many seconds after the AV's (negative:
             before); None otherwise.
     """
@@ -193,9 +194,9 @@ def _contact_kind(scenario: Scenario) -> str:
 
 
 def lane_changes_before(scenario: Scenario, frame: int, column: int) -> list[LaneChange]:
-    """Lane changes that a vehicle is in at a frame, or ended at most 3 s before, the newest first.
+    """Find the lane changes that a vehicle is in at a frame, or ended at most 3 s before, the newest first.
 
-    One that is aborted ends where the next, back to where it came from, begins. Frames hold the target lane that was
+    An aborted lane change ends where the next one, back to the old lane, begins. Frames hold the target lane that was
     decided at them, so a change decided at the start shows in frame 0.
     """
     first = int(np.argmax(scenario.present[:, column]))

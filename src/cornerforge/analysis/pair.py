@@ -1,4 +1,4 @@
-"""The AV and the vehicle that it touches, of many cases at once, all ending at the contact."""
+"""Motion of the AV and the vehicle that it touches, of many cases at once, all ending at the contact."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _MOTION = ("x", "y", "speed", "heading")
 class PairMotion:
     """The AV and its crash partner, all cases ending in the same column: the contact.
 
-    Frames before both were there repeat the first frame in which they were, so that differences there are 0.
+    Frames before both were present repeat the first frame in which both were, so that differences there are 0.
 
     Attributes:
         x, y, speed, heading: [m, m, m/s, rad], float64, shape (2, S, T); `AV` and `BV` on the first axis.
         recorded: The frame is of the recording, shape (S, T); the last column always is.
-        free_along, free_across: Room between what the two boxes, as they stand, cover along and across the road [m],
-            shape (S, T); negative: overlap. A box that stands askew covers more: that matters for vehicles that all but
-            stood while they changed lanes, and it makes every contact an overlap on both axes.
+        free_along, free_across: Distance between the extents of the two boxes along and across the road [m],
+            shape (S, T); negative: overlap. A turned box extends farther: that matters for vehicles that nearly stood
+            while they changed lanes, and it makes every contact an overlap on both axes.
         length, width: [m], float64, shape (2, S).
     """
 
@@ -45,7 +45,7 @@ class PairMotion:
 
     @property
     def half_lengths(self) -> NDArray[np.float64]:
-        """Half of both lengths together: so far apart the centres are when bumper touches bumper [m], shape (S,)."""
+        """Half of both lengths together [m], shape (S,): the distance of the centres when the bumpers touch."""
         return np.asarray(0.5 * (self.length[AV] + self.length[BV]))
 
     @property

@@ -1,4 +1,4 @@
-"""How much the split into majority and minority hangs on the two numbers of DBSCAN that a rule chose."""
+"""Dependence of the split into majority and minority on the two numbers of DBSCAN that a rule chose."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def split_sensitivity(
 
     Args:
         points: Shape (S, 2), those that were split.
-        chosen: Their split.
+        chosen: The split that the rule chose for them.
         eps_factors: Multiples of its eps, above 0.
         min_samples_factors: Multiples of its `min_samples`, above 0; rounded up, at least 2, at most S.
 

@@ -17,11 +17,11 @@ from cornerforge.types import FRAME_S, Scenario
 __all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "Reproducer", "Shrunk", "Size", "shrink"]
 
 BVS, AV, NOBODY = CAUSES = ("bvs", "av", "nobody")
-"""Whose driving makes the crash, found by driving the case with natural drivers instead: where all BVs drive naturally
-and nothing happens, the BVs'; else, where the AV drives naturally too and nothing happens, the AV's; else nobody's."""
+"""Whose driving causes the crash: the BVs', if nothing happens when all BVs drive naturally instead; else the AV's, if
+nothing happens when the AV drives naturally too; else nobody's."""
 
 AFTERMATH_S = 5
-"""A start from which natural driving ends in a crash of the AV within the window, or so long after it [s], is lost."""
+"""A start is lost if natural driving from it ends in a crash of the AV within the window or so long after it [s]."""
 
 _DECISION_FRAMES = round(1.0 / FRAME_S)
 
@@ -31,10 +31,10 @@ class Size:
     """How large a case is.
 
     Attributes:
-        vehicles: The AV among them.
-        decisions: Seconds begun.
+        vehicles: Number of vehicles, the AV among them.
+        decisions: Number of seconds begun.
         seconds: From the start to the contact.
-        deviating_actions: Of all BVs: those that were not the naturalistic model's likeliest in their state.
+        deviating_actions: Actions of all BVs that were not the naturalistic model's likeliest in their state.
         log_prob_nde: ln P(the critical BV's actions) in the NDE; -inf where one is impossible.
     """
 
@@ -53,7 +53,7 @@ class Shrunk:
         script: The smallest form, every action named.
         scenario: Its recording; times count from its own start.
         crash_type: Name of its type, that of the case.
-        striker: Who struck, as in the case.
+        striker: The striker, as in the case.
         cause: One of CAUSES.
         before, after: Sizes of the case and of its smallest form.
         drives: Scripts driven to find it.
@@ -70,12 +70,12 @@ class Shrunk:
 
 
 class Reproducer:
-    """Says of a script whether it shows a given crash, in a way that is worth anything.
+    """Decides whether a script shows a given crash from a start at which the crash is not yet certain.
 
     The AV crashes with the same BV, with the same type and striker, no later than in the case, and no more BVs crash
-    into each other. And the start is one from which a crash has to be brought about: nobody moves across the road, as
-    at the start of every test, and it is not lost, that is, with natural drivers nothing would happen. Without this the
-    shortest window of every crash would be the instant before contact, which shows nothing of how it came about.
+    into each other. At the start no vehicle moves across the road, as at the start of every test, and the start is
+    not lost: with natural drivers the AV would not crash. Without this the shortest window of every crash would be the
+    instant before contact, which shows nothing of how the crash came about.
 
     Args:
         driver: Drives scripts.
@@ -84,8 +84,8 @@ class Reproducer:
     Attributes:
         ending: How the case ends.
         kind: Crash partner (slot), type code, striker index.
-        cause: One of CAUSES; it says which drivers are replaced by natural ones in the last condition, which NOBODY
-            makes void.
+        cause: One of CAUSES; it says which drivers are replaced by natural ones to see whether a start is lost;
+            with NOBODY no start is.
 
     Raises:
         InputError: The script does not end in a crash of the AV.
@@ -113,13 +113,13 @@ class Reproducer:
         return ending.partner, int(found.code[0]), int(found.striker[0])
 
     def crashes_alike(self, script: Script) -> bool:
-        """Does it end in the same crash, no later, and without more crashes between BVs than the case has?"""
+        """Say whether it ends in the same crash, no later, with no more crashes between BVs than the case has."""
         ending = self._driver.drive(script)
         is_no_more = ending.frame <= self.ending.frame and ending.bv_crashes <= self.ending.bv_crashes
         return is_no_more and self._kind(script, ending) == self.kind
 
     def is_lost(self, script: Script) -> bool:
-        """Would the AV crash, with anybody and in any way, with natural drivers from this start on?"""
+        """Say whether the AV would crash, with any vehicle, if natural drivers drove from this start on."""
         if self.cause == NOBODY:
             return False
         decisions = min(len(script.action) + AFTERMATH_S, self._most)
@@ -128,7 +128,7 @@ class Reproducer:
         return ending.pose is not None
 
     def shows(self, script: Script) -> bool:
-        """All of these conditions."""
+        """Say whether a script fulfils all of these conditions."""
         # Whoever has stopped in the middle of a lane change is settled too; it may stand there for a long time.
         is_settled = not script.start["lateral_speed"].any()
         return is_settled and self.crashes_alike(script) and not self.is_lost(script)
@@ -137,9 +137,9 @@ class Reproducer:
 def shrink(driver: ScriptDriver, script: Script, *, seed: int = 0, test: int = 0) -> Shrunk:
     """Make a crash of the AV as small as it gets.
 
-    In turn, until nothing changes: leave out vehicles; start later; let BVs do the naturalistic model's likeliest
-    instead of what they did; replace what deviates still by something likelier. Every step keeps what `Reproducer`
-    asks for. Both the vehicles and the deviating actions are 1-minimal at the end, and no later start will do.
+    In turn, until nothing changes: leave out vehicles; start later; replace actions of BVs by the naturalistic
+    model's likeliest; replace actions that still deviate by likelier ones. After every step `Reproducer` still accepts
+    the script. At the end both the vehicles and the deviating actions are 1-minimal, and no later start is accepted.
 
     Args:
         driver: Drives scripts.
@@ -179,14 +179,14 @@ def shrink(driver: ScriptDriver, script: Script, *, seed: int = 0, test: int = 0
 
 
 class _Search:
-    """The single steps; each takes a script that `case` accepts and gives one that it accepts."""
+    """The single steps: each turns a script that `case` accepts into another that it accepts."""
 
     def __init__(self, driver: ScriptDriver, case: Reproducer) -> None:
         self._driver = driver
         self._case = case
 
     def fewest_vehicles(self, script: Script) -> Script:
-        """Leave out BVs, but for the crash partner."""
+        """Leave out BVs other than the crash partner."""
         needed = (script.slot == 0) | (script.slot == self._case.kind[0])
 
         def only(kept: list[int]) -> Script:
@@ -197,7 +197,7 @@ class _Search:
         return only(ddmin(np.flatnonzero(~needed).tolist(), lambda kept: self._case.shows(only(kept))))
 
     def latest_start(self, script: Script) -> Script:
-        """Start as late as can be. Where nobody's driving makes the crash, no start says more than another."""
+        """Start as late as possible; from the given start if the cause is NOBODY, because then no start says more."""
         if self._case.cause == NOBODY:
             return script
         for decisions in range(len(script.action) - 1, 0, -1):
@@ -216,7 +216,7 @@ class _Search:
         return replace(script, action=np.where(deviating, script.action, NATURAL).astype(np.int8))
 
     def fewest_actions(self, script: Script) -> Script:
-        """Let BVs do the likeliest instead of what deviates."""
+        """Replace deviating actions of BVs by the likeliest."""
         named = [tuple(place) for place in np.argwhere(script.action != NATURAL).tolist()]
 
         def only(kept: list[tuple[int, ...]]) -> Script:
@@ -228,7 +228,7 @@ class _Search:
         return only(ddmin(named, lambda kept: self._case.shows(only(kept))))
 
     def softened(self, script: Script) -> Script:
-        """Replace each deviating action by the likeliest that will do, the earliest first."""
+        """Replace each deviating action by the likeliest that `case` accepts, the earliest first."""
         for k, i in np.argwhere(script.action != NATURAL).tolist():
             _, chances = self._driver.record(script, seed=0, test=0)
             p = chances[k, i]
@@ -244,7 +244,7 @@ class _Search:
         return script
 
     def _deviating(self, script: Script) -> NDArray[np.bool_]:
-        """Which actions of the script are named, and not the likeliest in their state, bool (K, N)."""
+        """Mark actions of the script that are named and not the likeliest in their state, bool (K, N)."""
         scenario, chances = self._driver.record(script, seed=0, test=0)
         deviating = np.zeros(script.action.shape, dtype=np.bool_)
         deviating[: len(scenario.action)] = _deviations(scenario, chances)
@@ -252,7 +252,7 @@ class _Search:
 
 
 def _deviations(scenario: Scenario, chances: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which decisions of BVs were not the likeliest, bool (K, N)."""
+    """Mark decisions of BVs that were not the likeliest, bool (K, N)."""
     decided = scenario.action >= 0
     decided[:, 0] = False
     likeliest = np.where(np.isnan(chances), -1.0, chances).argmax(axis=2)[: len(decided)]
@@ -271,7 +271,7 @@ def _size(scenario: Scenario, chances: NDArray[np.float64]) -> Size:
 
 
 def _cut(script: Script, frame: int) -> Script:
-    """Without decisions that come after the contact."""
+    """Remove the decisions after the contact."""
     return replace(script, action=script.action[: math.ceil(frame / _DECISION_FRAMES)])
 
 

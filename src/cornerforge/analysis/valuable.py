@@ -1,4 +1,4 @@
-"""Valuable cases: typical ones stand for many, rare ones for none."""
+"""Valuable cases: typical ones, which resemble many others, and rare ones, which resemble no other."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from scipy.spatial import KDTree
 __all__ = ["N_RARE", "N_TYPICAL", "rare_cases", "typical_cases"]
 
 N_TYPICAL = 3
-"""Typical cases of each cluster."""
+"""Number of typical cases of each cluster."""
 N_RARE = 10
 
 
 def typical_cases(
     points: NDArray[np.float64], labels: NDArray[np.intp], centres: NDArray[np.float64]
 ) -> list[list[int]]:
-    """Up to three members of each cluster, nearest to its centre first (ties: the earlier case).
+    """Pick up to three members of each cluster, nearest to its centre first (ties: the earlier case).
 
     Args:
         points: Shape (S, 2).
@@ -35,10 +35,10 @@ def typical_cases(
 
 
 def rare_cases(points: NDArray[np.float64], is_noise: NDArray[np.bool_], is_majority: NDArray[np.bool_]) -> list[int]:
-    """Up to ten outliers, farthest first.
+    """Pick up to ten outliers, farthest first.
 
-    Far is the distance to the nearest case of the majority: that to its centre would call the ends of a long majority
-    rare, and something in the hole between two clusters common.
+    The distance is that to the nearest case of the majority. The distance to its centre would make the ends of a long
+    majority rare, and a case between two clusters common.
 
     Args:
         points: Shape (S, 2).

@@ -1,7 +1,7 @@
-"""What a case is worth an engineer's time: three parts between 0 and 1, and their weighted mean (docs/adr/0017).
+"""Value of a case: how much it is worth a look, as three parts from 0 to 1 and their weighted mean (docs/adr/0017).
 
-A part is a scale, not a rank, wherever a number means the same in every library; only novelty compares cases with each
-other. Nothing is hidden in the sum: the parts stand beside it, and 1 and 0 have a meaning of their own in each.
+Avoidability and severity mean the same in every library; only novelty compares the cases of one library with each
+other. In each part 0 and 1 have a meaning of their own. The parts are always given beside the mean.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ __all__ = [
 PARTS = ("avoidability", "severity", "novelty")
 
 REACTION_S = 2.0
-"""An AV that had so long to react [s] had all the time that it needs: part 1."""
+"""Time to react [s] from which the part of avoidability is 1."""
 RISK_DECADES = 3.0
-"""Severity is 1 at a certain injury and 0 at a chance of 10^-3 and less."""
+"""Decades of injury probability from severity 1 (certain injury) to severity 0 (probability 10^-3 or less)."""
 
 
 def avoidability_part(time_to_react_s: ArrayLike) -> NDArray[np.float64]:
-    """How well the AV could have avoided it: the time that it had to react over 2 s, at most 1.
+    """Rate how well the AV could have avoided the crash: the time that it had to react over 2 s, at most 1.
 
     Args:
         time_to_react_s: From the begin of the manoeuvre to the last moment at which some manoeuvre of the AV avoids the
-            crash [s], shape (S,); 0 or less where none does or only an immediate one; NaN where nobody looked.
+            crash [s], shape (S,); 0 or less where none does or only an immediate one; NaN where it was not looked for.
 
     Returns:
         Shape (S,), in [0, 1]; NaN stays NaN.
@@ -52,10 +52,10 @@ def avoidability_part(time_to_react_s: ArrayLike) -> NDArray[np.float64]:
 
 
 def severity_part(injury_probability: ArrayLike) -> NDArray[np.float64]:
-    """How bad it is: a factor of 10 in the chance of a serious injury counts a third.
+    """Rate how bad the crash is: a factor of 10 in the chance of a serious injury counts a third.
 
     Args:
-        injury_probability: Of a serious injury (MAIS 3 or more) in the AV, shape (S,), in [0, 1].
+        injury_probability: Probability of a serious injury (MAIS 3 or more) in the AV, shape (S,), in [0, 1].
 
     Returns:
         Shape (S,), in [0, 1]: 1 + log10(p) / 3, 0 below p = 10^-3.
@@ -68,7 +68,7 @@ def severity_part(injury_probability: ArrayLike) -> NDArray[np.float64]:
 
 
 def novelty_part(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How unlike the others it is: the share of the other cases that lie in denser company.
+    """Rate how unlike the others a case is: the share of the other cases that lie in denser regions.
 
     Args:
         points: The cases in the plane of the analysis, shape (S, 2), finite.

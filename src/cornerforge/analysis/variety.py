@@ -1,6 +1,7 @@
-"""How many kinds of crash a set of cases holds: cells of type x side x striker (or avoidability), and their entropy.
+"""Variety of a set of cases: how they spread over cells of type x side x striker (or avoidability), and the entropy.
 
-A library from one greedy policy knows one trick; its yield does not show that, this does (docs/adr/0012).
+A library from one greedy policy holds few kinds of crash; the yield does not show that, variety does
+(docs/adr/0012).
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ class Variety:
     Attributes:
         cases: Number of cases, at least 1.
         cells: Name of each filled cell, such as "sideswipe | left | bv", and its cases; the fullest first.
-        possible: Number of cells that there are, filled or not (some cannot happen).
+        possible: Number of all cells, filled or not; some of them cannot happen.
         entropy: -sum p ln p over the cells' shares [nats]; 0 when all cases fall into one cell.
         entropy_interval95: Its 95 % interval, by the basic bootstrap over cases (1000 resamples), within [0, ln
             possible].
-        effective: exp(entropy): as many equally full cells would be as varied.
+        effective: exp(entropy): the number of equally full cells with the same entropy.
         unseen: Good-Turing estimate of the chance that the next case falls into a cell not filled yet.
         unseen_interval95: Its 95 % interval (see `unseen_chance`).
     """
@@ -73,12 +74,12 @@ def crash_cells(
     vehicle_length: float | NDArray[np.floating] = 5.0,
     vehicle_width: float | NDArray[np.floating] = 2.0,
 ) -> tuple[NDArray[np.intp], tuple[str, ...]]:
-    """The cell of each crash: its type, the side of the AV that was touched, and who struck (or avoidability).
+    """The cell of each crash: its type, the side of the AV that was touched, and the striker (or avoidability).
 
     Args:
         pose: [x m, y m, speed m/s, heading rad] of the AV (0) and the crash partner (1) at first contact, shape
             (S, 2, 4).
-        avoidable: Whether the AV could have avoided it, shape (S,); it takes the place of who struck.
+        avoidable: Whether the AV could have avoided it, shape (S,); it takes the place of the striker.
         vehicle_length, vehicle_width: Of the vehicles [m], one number or shape (S, 2).
 
     Returns:
@@ -132,7 +133,7 @@ def unseen_chance(counts: NDArray[np.integer]) -> tuple[float, tuple[float, floa
 
 
 def variety_of(cell: NDArray[np.integer], names: tuple[str, ...], *, seed: int = 0) -> Variety:
-    """How varied cases are.
+    """Measure how varied cases are.
 
     Args:
         cell: Index of each case's cell, 0 to len(names) - 1, shape (S,), S at least 1.
@@ -163,7 +164,7 @@ def variety_of(cell: NDArray[np.integer], names: tuple[str, ...], *, seed: int =
         cells={names[k]: int(counts[k]) for k in order if counts[k]},
         possible=len(names),
         entropy=entropy,
-        # Resamples are less varied than their origin by as much as that is than the truth: hence reflected.
+        # A resample is as much less varied than the sample as the sample is than the truth: hence reflected.
         entropy_interval95=(
             min(most, max(0.0, 2.0 * entropy - float(high))),
             min(most, max(0.0, 2.0 * entropy - float(low))),

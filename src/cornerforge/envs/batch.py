@@ -1,4 +1,4 @@
-"""Worlds that an agent drives, many at a time: what single and vector environments have in common."""
+"""Batches of worlds that an agent drives, shared by single and vector environments."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ OUTCOMES = {
 """How a test ends: the AV drove its length; the AV crashed; the controlled BV crashed with another BV; the time limit;
 no BV is left."""
 _WORLDS_PER_THREAD = 64
-"""Fewer than this are not worth another thread."""
+"""Least number of worlds for each thread."""
 
 
 def check_seed(seed: int) -> int:
@@ -81,16 +81,16 @@ class Batch(ABC):
     Args:
         run: The world; `run.setting` is used as it is.
         n: B.
-        threads: Among how many threads the worlds are shared; None for all cores, but no fewer than 64 worlds each.
+        threads: Number of threads that share the worlds; None for all cores, but no fewer than 64 worlds each.
             Changes no result.
 
     Attributes:
         run: As given.
-        seeds, tests: Name each world's test, int64 (B,).
+        seeds, tests: Seed and number of each world's test, int64 (B,).
         is_seeded: Worlds whose seed was given or drawn, bool (B,).
         is_over: Worlds without a running test, bool (B,).
         outcome: int64 (B,), codes as in OUTCOMES, 0 while running.
-        worlds: Their state.
+        worlds: Their states.
     """
 
     observation: NDArray[np.float32]
@@ -125,18 +125,18 @@ class Batch(ABC):
             future.result()
 
     def close(self) -> None:
-        """Let the threads go."""
+        """End the threads."""
         if self._pool is not None:
             self._pool.shutdown()
 
     def name(self, b: int, seed: int | None, test: int | None, draw: Callable[[], int]) -> None:
-        """Say which test world b begins next: of another seed, of another number, or the next of its own.
+        """Set the test that world b begins next: of another seed, of another number, or the next of its own.
 
         Args:
             b: The world.
             seed: A seed, after which tests count from FIRST_TEST on; None to go on.
             test: A test number; None for the next.
-            draw: Gives a seed when none was ever given.
+            draw: Function that gives a seed when none was ever given.
         """
         if seed is not None or not self.is_seeded[b]:
             self.seeds[b] = check_seed(draw() if seed is None else seed)
@@ -148,7 +148,7 @@ class Batch(ABC):
         """Put the chosen worlds, bool (B,), at the start of the tests that `tests` names.
 
         Raises:
-            InputError: There is nobody to control in a test and in many after it.
+            InputError: A test and many after it have no BV to control.
         """
         self._start(chosen)
         self.outcome[chosen] = RUNNING
@@ -164,25 +164,25 @@ class Batch(ABC):
         self.is_over[chosen] = self.outcome[chosen] != RUNNING
 
     def case(self, b: int) -> str:
-        """Name of world b's test, `seed:test`."""
+        """Give the name of world b's test, `seed:test`."""
         return f"{self.seeds[b]}:{self.tests[b]}"
 
     def time(self) -> NDArray[np.float64]:
-        """When the tests ended [s], (B,); meaningless where they run."""
+        """Give the times at which the tests ended [s], (B,); meaningless where they run."""
         return np.asarray(np.round(self.worlds.state["frame"][:, 0] * FRAME_S, 1))
 
     @property
     @abstractmethod
     def truncated(self) -> NDArray[np.bool_]:
-        """Worlds whose test was cut off rather than decided, bool (B,)."""
+        """Mark worlds whose test was cut off, bool (B,): Gymnasium's `truncated`."""
 
     @abstractmethod
     def extra(self) -> dict[str, NDArray[Any]]:
-        """What `info` holds besides, for the present moment: fresh arrays with a leading axis B."""
+        """Give further entries of `info` for the present moment: fresh arrays with a leading axis B."""
 
     @abstractmethod
     def acted(self) -> dict[str, NDArray[Any]]:
-        """What `info` holds besides after a step: fresh arrays (B,)."""
+        """Give further entries of `info` after a step: fresh arrays (B,)."""
 
     @abstractmethod
     def _start(self, chosen: NDArray[np.bool_]) -> None: ...
@@ -196,7 +196,7 @@ class BvBatch(Batch):
 
     Args:
         run, n, threads, cores: As for `Batch`.
-        reward: What the agent is paid for.
+        reward: Which crashes give the agent its reward.
 
     Attributes:
         observation: float32 (B, N_OBSERVATION).
@@ -219,7 +219,7 @@ class BvBatch(Batch):
 
     @property
     def truncated(self) -> NDArray[np.bool_]:
-        """Only the time limit cuts off."""
+        """Mark worlds that the time limit cut off."""
         return np.asarray(self.outcome == TIME_UP)
 
     def extra(self) -> dict[str, NDArray[Any]]:
@@ -274,7 +274,7 @@ class AvBatch(Batch):
 
     @property
     def truncated(self) -> NDArray[np.bool_]:
-        """The time limit, and a crash among others, which is no doing of the AV."""
+        """Mark worlds that the time limit or a crash between BVs cut off."""
         return np.asarray((self.outcome == TIME_UP) | (self.outcome == BV_CRASH))
 
     def extra(self) -> dict[str, NDArray[Any]]:

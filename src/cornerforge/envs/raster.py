@@ -1,4 +1,4 @@
-"""The road around the AV, drawn from above with NumPy alone."""
+"""Picture of the road around the AV from above, drawn with NumPy alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LINE = 0.15
 
 
 def top_view(worlds: World, b: int, road: RoadNumbers) -> NDArray[np.uint8]:
-    """Picture of world b, uint8 (height, width, 3): x to the right, left lanes above, 6 pixels to the metre.
+    """Draw world b, uint8 (height, width, 3): x to the right, left lanes above, 6 pixels to the metre.
 
     From 50 m behind to 100 m ahead of the AV (blue); the controlled BV is red, others are grey; the dark stripe is the
     windscreen. Its size depends on the number and width of lanes only.

@@ -1,4 +1,4 @@
-"""From the options of an environment to the batch of worlds behind it; single and vector environments take the same."""
+"""Batches of worlds made from the options of an environment, the same for single and vector environments."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def adversary_batch(
     reward: str,
     delay: float = 1.0,
 ) -> BvBatch:
-    """Worlds for `Adversary-v0`; arguments as for `AdversaryEnv`."""
+    """Make the worlds for `Adversary-v0`; arguments as for `AdversaryEnv`."""
     pays = reward_numbers(reward, delay)
     path = None if model is None else Path(model)
-    # The choice of the controlled BV is the agent's; an adversary is named so that the mask may be bounded.
+    # The agent chooses the actions of the controlled BV; an adversary is named so that the mask may be bounded.
     run = experiment(av=av, odd=odd, lanes=lanes, model=path, bv="uniform", bounded=bounded)
     return BvBatch(run, n, threads, check_threads(None), pays)
 
@@ -47,7 +47,7 @@ def driving_batch(
     box: bool,
     act_every: int | None,
 ) -> AvBatch:
-    """Worlds for `Driving-v0`; arguments as for `DrivingEnv`."""
+    """Make the worlds for `Driving-v0`; arguments as for `DrivingEnv`."""
     path = None if model is None else Path(model)
     run = experiment(odd=odd, lanes=lanes, model=path, bv=bv, bounded=bounded)
     if act_every is not None:

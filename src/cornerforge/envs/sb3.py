@@ -1,7 +1,7 @@
-"""From a Stable-Baselines3 DQN that learnt in `cornerforge/Adversary-v0` to a policy file of cornerforge.
+"""Conversion of a Stable-Baselines3 DQN that learnt in `cornerforge/Adversary-v0` to a policy of cornerforge.
 
-Such a file acts inside the compiled kernels: `simulate`, `generate`, `replay` and `retest` take it as they take one of
-`cornerforge train`, at their full speed, and every crash it causes is a case that replays from its name.
+Its file acts inside the compiled kernels: `simulate`, `generate`, `replay` and `retest` take it like one of
+`cornerforge train`, at full speed, and every crash that it causes is a case that replays from its name.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ __all__ = ["policy_of_sb3"]
 
 
 def policy_of_sb3(model: Any, *, bounded: bool = False) -> Policy:
-    """The greedy policy of a DQN, to be written with `adversary.policy_file.save_policy`.
+    """Make the greedy policy of a DQN, to be written with `adversary.policy_file.save_policy`.
 
     A plain Q-network is a dueling one without streams whose value is the mean of its outputs: Q = mean Q + (Q - mean
     Q). So the values are the network's own up to rounding in float32.
 
     Args:
         model: `stable_baselines3.DQN` with "MlpPolicy", ReLU and hidden layers of one width.
-        bounded: It learnt with the NDD-bounded mask and shall act with it.
+        bounded: Whether it learnt, and acts, with the NDD-bounded mask.
 
     Returns:
         The policy; it acts with the mask, so it never takes the substitute of a forbidden action.
@@ -56,7 +56,7 @@ def policy_of_sb3(model: Any, *, bounded: bool = False) -> Policy:
 
 
 def _layers(model: Any) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Weights (out, in) and biases (out,) of the linear layers."""
+    """Read weights (out, in) and biases (out,) of the linear layers."""
     network = getattr(getattr(getattr(model, "policy", None), "q_net", None), "q_net", None)
     if network is None:
         raise InputError(f"{type(model).__name__} has no Q-network; only a DQN of Stable-Baselines3 can be taken.")

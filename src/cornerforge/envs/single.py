@@ -54,7 +54,7 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         """Begin a test.
 
         Args:
-            seed: Names the random numbers of this test and the following ones. None: the seed given before; one drawn
+            seed: Of the random numbers of this test and the following ones. None: the seed given before; one drawn
                 from the operating system's randomness if there was none.
             options: {"test": k} begins test k of the seed, else the test after the last one; the first after a seed is
                 `batch.FIRST_TEST`.
@@ -63,7 +63,7 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
             Observation, and info with `seed` and `test`, which together name the test.
 
         Raises:
-            InputError: Seed or test is out of range, or there is nobody to control.
+            InputError: Seed or test is out of range, or there is no BV to control.
             UnknownNameError: An option is not known.
         """
         wanted = _read_options(options, ("test",))
@@ -100,13 +100,13 @@ class _SingleEnv(gymnasium.Env[Any, Any]):
         return given
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The road around the AV from above, uint8 (height, width, 3); None without render_mode "rgb_array"."""
+        """Draw the road around the AV from above, uint8 (height, width, 3); None without render_mode "rgb_array"."""
         if self.render_mode is None:
             return None
         return top_view(self._batch.worlds, 0, self._batch.run.setting.road)
 
     def close(self) -> None:
-        """Let go of what the environment holds; a second call does nothing."""
+        """Release the environment's threads and memory; a second call does nothing."""
         self._batch.close()
 
 
@@ -147,20 +147,20 @@ class AdversaryEnv(_SingleEnv):
         self._finish(render_mode, 1)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions are allowed now, bool (33,); the name under which learners with masks look for it."""
+        """Give the actions that are allowed now, bool (33,); learners with masks look for this name."""
         return np.asarray(self._worlds.allowed[0].copy())
 
 
 class DrivingEnv(_SingleEnv):
     """The agent is the AV.
 
-    Observation: float32 (13, 8), `sim.av_view`. Reward: the share of the test's length that it drove in this step, less
-    1 for a crash.
+    Observation: float32 (13, 8), `sim.av_view`. Reward: the share of the test's length that it drove in this step,
+    minus 1 for a crash.
 
     Args:
         bv: The others: "nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.
         odd, lanes, model: The world, as for `simulate`.
-        bounded: A plain adversary does only what the naturalistic model calls possible; a policy brings its own answer.
+        bounded: A plain adversary does only what the naturalistic model calls possible; a policy file says it itself.
         actions: "discrete", one of 33, or "box", two numbers (`spaces.av_commands`).
         act_every: Tenths of a second between two decisions: 1, 2, 5 or 10; None for the ODD's own.
         render_mode: None or "rgb_array".

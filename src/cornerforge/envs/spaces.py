@@ -1,4 +1,4 @@
-"""What agents see and do, as Gymnasium spaces, with finite bounds that follow from the ODD."""
+"""Gymnasium spaces of what agents see and do, with finite bounds that follow from the ODD."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ __all__ = [
 ]
 
 _LATERAL_SPEED = 25.0
-"""More than any lane change reaches [m/s], were it broken off and taken up again all the time."""
+"""Bound above the lateral speed of any lane change [m/s], even one that is aborted and begun again all the time."""
 _LANE_ORDER_FROM = 1.0 / 3.0
-"""A lateral command beyond this is a lane order."""
+"""Least size of a lateral command that is a lane order."""
 
 
 def adversary_observations(odd: Odd) -> spaces.Box:
-    """Space of `sim.observe.observe`: float32 (N_OBSERVATION,), bounds in its own scaled units."""
+    """Give the space of `sim.observe.observe`: float32 (N_OBSERVATION,), bounds in its own scaled units."""
     speed, width, lanes = odd.max_speed / 10.0, odd.n_lanes * odd.lane_width / 4.0, odd.n_lanes - 1.0
     low, high = np.zeros(N_OBSERVATION), np.ones(N_OBSERVATION)
     limits = {2: width, 3: _LATERAL_SPEED / 2.0, 4: 4.0, 8: width, 9: _LATERAL_SPEED / 2.0}
@@ -43,7 +43,7 @@ def adversary_observations(odd: Odd) -> spaces.Box:
 
 
 def driving_observations(odd: Odd) -> spaces.Box:
-    """Space of `sim.av_view.view_of_av`: float32 (VIEW_ROWS, VIEW_COLUMNS), SI units."""
+    """Give the space of `sim.av_view.view_of_av`: float32 (VIEW_ROWS, VIEW_COLUMNS), SI units."""
     width = odd.n_lanes * odd.lane_width
     lanes = odd.n_lanes - 1.0
     low, high = np.zeros((VIEW_ROWS, VIEW_COLUMNS)), np.ones((VIEW_ROWS, VIEW_COLUMNS))
@@ -57,15 +57,15 @@ def driving_observations(odd: Odd) -> spaces.Box:
 
 
 def one_of_33() -> spaces.Discrete:
-    """The action set of all BVs, `types.ACTIONS`: two lane changes, which hold the speed, and 31 accelerations."""
+    """Give the action set of all BVs, `types.ACTIONS`: two lane changes, which hold the speed, and 31 accelerations."""
     return spaces.Discrete(N_ACTIONS)
 
 
 def driving_actions(kind: str) -> spaces.Space[NDArray[np.float32]] | spaces.Discrete:
-    """Action space of the AV: "discrete", the 33 actions of BVs, or "box", two numbers in [-1, 1] (`av_commands`).
+    """The action space of the AV: "discrete", the 33 actions of BVs, or "box", two numbers in [-1, 1] (`av_commands`).
 
     Raises:
-        InputError: It is neither.
+        InputError: The name is neither.
     """
     if kind == "discrete":
         return one_of_33()
@@ -75,13 +75,13 @@ def driving_actions(kind: str) -> spaces.Space[NDArray[np.float32]] | spaces.Dis
 
 
 def av_commands(actions: NDArray[np.generic], *, box: bool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Acceleration [m/s2] and lane order (1 left, 0 keep, -1 right) of B actions, each of shape (B,).
+    """Give acceleration [m/s2] and lane order (1 left, 0 keep, -1 right) of B actions, each of shape (B,).
 
     Args:
         actions: Indices, (B,), or for `box` float (B, 2): the first number times 8 m/s2 where it is negative and times
             2 m/s2 where it is positive, so that 0 holds the speed; the second above 1/3 changes to the left, below -1/3
             to the right. Numbers beyond [-1, 1] are cut.
-        box: Which of the two.
+        box: Whether the actions are for `box`.
     """
     if box:
         wish = np.clip(actions.astype(np.float64), -1.0, 1.0)

@@ -44,7 +44,7 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
         self.action_space = batch_space(self.single_action_space, num_envs)
 
     def _info(self, known: _Mask, stepped: _Mask) -> dict[str, Any]:
-        """What the chosen single environments would say, as arrays beside masks `_KEY` (Gymnasium's convention)."""
+        """Give `info` of the chosen single environments, as arrays beside masks `_KEY` (Gymnasium's convention)."""
         batch = self._batch
         parts: list[tuple[str, NDArray[Any], _Mask]] = []
         if known.any():
@@ -77,7 +77,7 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
                 worlds that begin anew, the others go on.
 
         Raises:
-            InputError: A seed, test or mask is not right, or there is nobody to control.
+            InputError: A seed, test or mask is not right, or there is no BV to control.
             UnknownNameError: An option is not known.
         """
         n = self.num_envs
@@ -175,13 +175,13 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
         return given
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """One picture a world, see `raster.top_view`; None without render_mode "rgb_array"."""
+        """Draw one picture for each world, see `raster.top_view`; None without render_mode "rgb_array"."""
         if self.render_mode is None:
             return None
         return tuple(top_view(self._batch.worlds, b, self._batch.run.setting.road) for b in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
-        """Let the threads go."""
+        """End the threads."""
         self._batch.close()
 
 
@@ -222,7 +222,7 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         self._finish(num_envs, autoreset_mode, render_mode, 1)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions are allowed now, bool (num_envs, 33)."""
+        """Give the actions that are allowed now, bool (num_envs, 33)."""
         return self._worlds.allowed.copy()
 
 

@@ -1,4 +1,4 @@
-"""From tests to the library's tables in bulk: thousands of cases a second, or one after the other."""
+"""Driving of tests in bulk, with crashes stored as rows of the library's tables."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from cornerforge.sim.world import allocate_worlds, world_of
 __all__ = ["CaseRoom", "Harvested", "Harvester", "extra_columns", "harvested_of"]
 
 _ROOM = 64
-"""Cases that buffers hold."""
+"""Number of cases that buffers hold."""
 
 
 @dataclass(frozen=True)
 class Harvested:
-    """A range of tests: outcomes of all, and the tables of the crashes, ascending by test.
+    """Result of a range of tests: outcomes of all, and the tables of the crashes, ascending by test.
 
     Attributes:
         first: Number of the first test.
@@ -49,7 +49,7 @@ class Harvested:
 
 
 class CaseRoom:
-    """Room for cases: a harvest that is emptied into tables whenever it is full. Serves one thread.
+    """Buffers for cases, emptied into tables whenever they are full. Serves one thread.
 
     Args:
         slots: Vehicle slots per world.
@@ -64,7 +64,7 @@ class CaseRoom:
         self._parts: list[tuple[pa.Table, pa.Table]] = []
 
     def room(self) -> Harvest:
-        """The harvest, with room for the longest case at least; what it held is in tables then."""
+        """Give the buffers with room for at least the longest case; cases in them are moved to tables if necessary."""
         if is_full(self._harvest, *self._longest):
             self._empty()
         return self._harvest
@@ -76,7 +76,7 @@ class CaseRoom:
         h.filled[: len(FILLED) - 2] = 0
 
     def take(self) -> tuple[pa.Table, pa.Table]:
-        """All cases so far, and their tracks; the room is empty afterwards."""
+        """Give all cases so far and their tracks, and empty the buffers."""
         self._empty()
         extra = extra_columns(with_policy=bool(self._policies))
         parts, self._parts = self._parts, []
@@ -124,7 +124,7 @@ class Harvester:
         harvest_range(0, 0, self._setting, nothing, allocate_outcomes(0), self._cases.room())
 
     def _buffers(self, counts: Counts, counting: bool) -> Buffers:
-        """Where tests are driven, counted into `counts`."""
+        """Give the buffers in which tests are driven, counted into `counts`."""
         census = census_of(counting)
         return Buffers(
             self._world,
@@ -136,11 +136,11 @@ class Harvester:
 
 
 def harvested_of(first: int, outcomes: Outcomes, counts: Counts, cases: CaseRoom) -> Harvested:
-    """What was driven, and the cases of it."""
+    """Make the result from the outcomes and the cases."""
     rows, tracks = cases.take()
     return Harvested(first, outcomes, counts, rows.column("test").to_numpy(), rows, tracks)
 
 
 def extra_columns(*, with_policy: bool) -> dict[str, str]:
-    """The extra columns of a library that is filled in bulk: name to a key of `schema.EXTRA_TYPES`."""
+    """Give the extra columns of a library that is filled in bulk: name to a key of `schema.EXTRA_TYPES`."""
     return dict(POLICY_COLUMNS) if with_policy else {}

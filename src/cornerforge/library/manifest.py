@@ -1,7 +1,7 @@
-"""The manifest: what a library holds and how far its run has come. Its replacement is the commit of a shard.
+"""The manifest: what a library holds and how far its run has come. Replacing it commits a shard.
 
-A kill leaves either the old manifest or the new one (`_files`). After a loss of power checksums tell which shards did
-not reach the disk; waiting for the disk at each shard would guard against nothing else.
+A kill leaves either the old manifest or the new one (`_files`). After a power failure checksums tell which shards did
+not reach the disk; waiting for the disk at each shard would protect against nothing else.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class StoredFile:
         return cls(name, content.nbytes, hashlib.sha256(content).hexdigest())
 
     def fault(self, content: memoryview) -> str | None:
-        """What is wrong with the content read back, or None."""
+        """Say what is wrong with the content read back, or None."""
         if content.nbytes != self.size:
             return f"has {content.nbytes} of {self.size} bytes"
         return None if hashlib.sha256(content).hexdigest() == self.sha256 else "has been changed (SHA-256 differs)"
@@ -79,7 +79,7 @@ class Shard:
 
 @dataclass(frozen=True)
 class Manifest:
-    """All that a library knows besides its cases.
+    """All that a library stores besides its cases.
 
     Attributes:
         created_by: Version of cornerforge that created it.
@@ -90,7 +90,7 @@ class Manifest:
         next_test: All tests below it are done.
         tests: Tests done.
         crashes: AV crashes among them; may exceed the cases stored.
-        finished: The run reached what it was asked for.
+        finished: The run reached its target.
     """
 
     created_by: str
@@ -105,7 +105,7 @@ class Manifest:
 
     @property
     def scripted(self) -> bool:
-        """Are all cases scripted (True), or tests of a seed?"""
+        """Whether all cases are scripted (True), or tests of a seed."""
         return self.run.get(SCRIPTED) is True
 
 
@@ -120,7 +120,7 @@ def shard_names(index: int, *, growing: bool = False) -> tuple[str, str]:
 
 
 def is_leftover(name: str, manifest: Manifest | None) -> bool:
-    """Is a file the trace of a killed run: ours by its name, but not listed?"""
+    """Say whether a file was left by a killed run: its name is one of ours, but it is not listed."""
     listed = {file.name for s in manifest.shards for file in (s.cases_file, s.tracks_file)} if manifest else set()
     return _OURS.fullmatch(name) is not None and name not in listed
 
@@ -199,7 +199,7 @@ def _parse_shard(index: int, content: dict[str, Any]) -> Shard:
 
 
 def first_difference(theirs: Manifest, run: Identity, odd: Odd) -> str | None:
-    """First difference between a library's run and another, as text, or None."""
+    """Give the first difference between a library's run and another, as text, or None."""
     for key in [*theirs.run, *(key for key in run if key not in theirs.run)]:
         if key not in theirs.run or key not in run or theirs.run[key] != run[key]:
             return f"{key} is {theirs.run.get(key)!r} there and {run.get(key)!r} here"

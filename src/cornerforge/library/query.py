@@ -1,4 +1,4 @@
-"""SQL over the cases, through DuckDB, shut off from everything else on the machine."""
+"""SQL over the cases, by DuckDB without access to anything else on the machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a recording to a case as the library takes it: the kernel of `sim/harvest.py` makes it, whoever drove."""
+"""Cases made from recordings, by the same kernel of `sim/harvest.py` for all drivers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class CaseRecord:
     """One case as `CaseLibrary.append` takes it; make it with `case_record`.
 
     Attributes:
-        odd: Road and rules, to be those of the library.
+        odd: Road and rules, equal to those of the library.
         cases: One row of `fields.CASES`.
         tracks: One row of `fields.TRACKS`, or of `schema.SCRIPTED_TRACKS` for a scripted case.
         extra: The caller's own columns.
@@ -44,13 +44,13 @@ class CaseRecord:
 
     @cached_property
     def case(self) -> dict[str, Any]:
-        """Values of the columns of `fields.CASES`, as Python has them; None for null."""
+        """Values of the columns of `fields.CASES` as Python objects; None for null."""
         row: dict[str, Any] = self.cases.to_pylist()[0]
         return row
 
     @property
     def scripted(self) -> bool:
-        """Does its replay start from what is stored (True), or from its seed?"""
+        """Whether its replay starts from what is stored (True), or from its seed."""
         return "start" in self.tracks.column_names
 
     @property
@@ -72,7 +72,7 @@ def case_record(
         scenario: Recording that ends in a crash of the AV.
         trajectory_digest: Hex digest to store instead of that of the recording (`sim.recorder.scenario_digest`).
         extra: Own columns, the same for all cases of a library; names end in their unit where they have one.
-        start: Of a scripted case everybody's state at frame 0 (`sim.scripted.Script.start`); all vehicles are stored
+        start: Of a scripted case all states at frame 0 (`sim.scripted.Script.start`); all vehicles are stored
             then. None for a test of a seed.
 
     Raises:

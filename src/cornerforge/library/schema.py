@@ -1,4 +1,4 @@
-"""The case library's files: Arrow schemas and documentation, made of the lists in `fields.py`.
+"""Schemas of the case library's files and their documentation, made from the lists in `fields.py`.
 
 A shard is two Parquet files with the same rows in the same order: `cases-NNNNNN.parquet`, one small row a case (what
 statistics and queries read), and `tracks-NNNNNN.parquet`, the trajectories (what one replay reads).
@@ -28,12 +28,12 @@ __all__ = [
 ]
 
 SCHEMA_VERSION = 2
-"""Rises whenever a reader of the version before would misread a file. 1: every case is a test of a seed. 2: the cases
-may be scripted. A library bears the lowest version whose readers understand it, so one of tests still bears 1."""
+"""Version of the files; it rises when a reader of the version before would misread a file. 1: every case is a test of a
+seed. 2: cases may be scripted. A library has the lowest version that can read it, so one of tests still has 1."""
 
 SCRIPTED = "scripted"
-"""What names the run has this key, and true, where all cases of a library are scripted: what their replay starts from
-and does is in their tracks, not drawn from their seed."""
+"""Key, with the value true, in the identity of a library whose cases are all scripted: their start and actions are
+stored in their tracks, not drawn from their seed."""
 
 SCRIPTED_TRACKS: tuple[Field, ...] = (
     *TRACKS,
@@ -71,7 +71,7 @@ def arrow_schema(columns: tuple[Field, ...], extra: Mapping[str, str] | None = N
 
     Args:
         columns: `CASES`, `TRACKS` or `SCRIPTED_TRACKS`.
-        extra: Caller's own columns, name to a key of `EXTRA_TYPES`; those that are among `columns` by now, as the
+        extra: Caller's own columns, name to a key of `EXTRA_TYPES`; columns that `columns` has too, as the
             shortfall of early libraries, are left out.
     """
     names = {column.name for column in columns}
@@ -82,10 +82,10 @@ def arrow_schema(columns: tuple[Field, ...], extra: Mapping[str, str] | None = N
 
 
 def schema_version(*, scripted: bool) -> int:
-    """The lowest version whose readers understand a library.
+    """Give the lowest version that can read a library.
 
     Args:
-        scripted: Its cases are scripted.
+        scripted: Whether its cases are scripted.
     """
     return SCHEMA_VERSION if scripted else 1
 

@@ -1,4 +1,4 @@
-"""Shards on disk: written whole, read only when they are what was written."""
+"""Writing of shards, and reading of shards that are undamaged."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ class EncodedShard:
 
     Attributes:
         cases: How many.
-        seeds: Of the cases, as a set; one in a sound library.
-        first_test, last_test: Its ends.
+        seeds: Seeds of the cases, as a set; one in an undamaged library.
+        first_test, last_test: Its first and last test.
         ascending: Each test is larger than the one before.
         extra: The caller's own columns, name to a key of `schema.EXTRA_TYPES`.
         contents: The two files.
-        sha256: Theirs, hex.
+        sha256: Their checksums, hex.
     """
 
     cases: int
@@ -63,7 +63,7 @@ class EncodedShard:
 
 
 def encode_tables(cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str]) -> EncodedShard:
-    """Pack tables for `CaseLibrary.append_shard`; slow, but without the GIL, so that threads may do it.
+    """Pack tables for `CaseLibrary.append_shard`; slow, but without the GIL, so that threads can do it in parallel.
 
     Args:
         cases: Rows of `schema.CASES` and the caller's own columns, at least one.
@@ -82,7 +82,7 @@ def encode_tables(cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str]) -
 
 
 def joined(cases: Sequence[CaseRecord], extra: Mapping[str, str]) -> tuple[pa.Table, pa.Table]:
-    """The tables of at least one record: cases with their own columns, and tracks.
+    """Give the tables of at least one record: cases with the caller's own columns, and tracks.
 
     Raises:
         InputError: A record's own columns are not those of `extra`.
@@ -109,10 +109,10 @@ def write_shard(folder: Path, index: int, shard: EncodedShard, *, growing: bool 
     """Write the two files of a shard; it counts only when a manifest that lists it is committed.
 
     Args:
-        folder: The library's.
-        index: Of the shard.
+        folder: Folder of the library.
+        index: Index of the shard.
         shard: Its content.
-        growing: Under the second pair of names (`shard_names`).
+        growing: Use the second pair of names (`shard_names`).
 
     Raises:
         OutputError: The folder cannot be written.
@@ -125,7 +125,7 @@ def write_shard(folder: Path, index: int, shard: EncodedShard, *, growing: bool 
 
 
 class ShardReader:
-    """Reads the files of a library; one that is damaged is named once, in `damaged` and by a warning, and then skipped.
+    """Reads the files of a library; a damaged file is named once, in `damaged` and by a warning, and then skipped.
 
     Attributes:
         damaged: File name to what is wrong with it.
@@ -148,9 +148,9 @@ class ShardReader:
                     self._note(file.name, f"has {size} of {file.size} bytes")
 
     def read(self, file: StoredFile) -> pa.Buffer | None:
-        """A file's content if it is what was written, else None. The bytes checked are the bytes parsed.
+        """Give a file's content if it is undamaged, else None. The bytes checked are the bytes parsed.
 
-        The memory is Arrow's own. One of its threads may be the last to let go of it, and to free a Python object a
+        The memory is Arrow's own. One of its threads may be the last to release it, and to free a Python object a
         thread needs the GIL: if the interpreter is ending by then, the process aborts.
         """
         if file.name in self.damaged:
@@ -167,7 +167,7 @@ class ShardReader:
         return content
 
     def cases(self, shard: Shard, columns: Sequence[str] | None) -> pa.Table | None:
-        """Columns (None: all) of a shard's cases, or None if the file is damaged."""
+        """Read columns (None: all) of a shard's cases, or None if the file is damaged."""
         content = self.read(shard.cases_file)
         if content is None:
             return None
@@ -179,9 +179,9 @@ class ShardReader:
         return table if wanted is None else table.select(wanted)
 
     def tracks(self, shard: Shard) -> pq.ParquetFile | None:
-        """A shard's trajectories, or None if the file is damaged.
+        """Read a shard's trajectories, or None if the file is damaged.
 
-        The last one is kept, because cases are mostly asked for one after the other.
+        The last table stays in memory, because cases are mostly read one after the other.
         """
         if self._last_tracks is None or self._last_tracks[0] != shard.tracks_file.sha256:
             content = self.read(shard.tracks_file)
@@ -196,7 +196,7 @@ class ShardReader:
 
 
 def _with_partner(table: pa.Table) -> pa.Table:
-    """The cases of an early library with the columns `PARTNER`: cars, of the ODD's size."""
+    """Add the columns `PARTNER` to the cases of an early library: cars of the ODD's size."""
     for field in PARTNER:
         if field.name not in table.column_names:
             kind = arrow_field(field).type
@@ -206,7 +206,7 @@ def _with_partner(table: pa.Table) -> pa.Table:
 
 
 def _with_shortfall(table: pa.Table) -> pa.Table:
-    """The cases of an early library with the columns `SHORTFALL`; null where it says nothing of them.
+    """Add the columns `SHORTFALL` to the cases of an early library; null where it lacks them.
 
     Its `shortfall_nats`, if any, is that of the possible actions, even where another was impossible.
     """
@@ -225,7 +225,7 @@ def _with_shortfall(table: pa.Table) -> pa.Table:
 
 
 def _arrow_bytes(path: Path) -> pa.Buffer:
-    """A file in memory that Arrow allocated; no Python object owns it.
+    """Read a file into memory that Arrow allocates; no Python object owns it.
 
     Raises:
         OSError: The file cannot be read.

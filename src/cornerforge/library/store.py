@@ -47,7 +47,7 @@ class StoredCase:
         scenario: The vehicles that were stored; values are those of float32.
         scalars: Column name to value, without the history; see `schema.CASES`.
         history: Shape (16, 2, 4); see `CaseLibrary.history`.
-        script: What its replay starts from and does; None where that is drawn from the seed.
+        script: Start and actions of its replay; None where they are drawn from the seed.
     """
 
     scenario: Scenario
@@ -92,7 +92,7 @@ class CaseLibrary:
     def resume(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
         """Continue a library of the same run after its last commit, or start it if there is none yet.
 
-        What a killed run left behind is removed. The next test to drive is `next_test`.
+        Files that a killed run left are removed. The next test to drive is `next_test`.
 
         Raises:
             OutputError: The folder cannot be written, or holds something else.
@@ -143,7 +143,7 @@ class CaseLibrary:
 
     @property
     def identity(self) -> dict[str, str | int | float | bool | None]:
-        """What names the run."""
+        """Identity of the run: flat JSON with its seed and hashes."""
         return dict(self._manifest.run)
 
     @property
@@ -153,7 +153,7 @@ class CaseLibrary:
 
     @property
     def next_test(self) -> int:
-        """All tests below it are done; where a resumed run goes on."""
+        """Next test to drive: all tests below it are done."""
         return self._manifest.next_test
 
     @property
@@ -168,16 +168,16 @@ class CaseLibrary:
 
     @property
     def finished(self) -> bool:
-        """The run reached what it was asked for."""
+        """Whether the run reached its target."""
         return self._manifest.finished
 
     @property
     def damaged(self) -> list[str]:
-        """Files found damaged so far, each with what is wrong; `verify` reads all."""
+        """Files found damaged so far, each with its fault; `verify` reads all."""
         return [f"{name} {fault}" for name, fault in self._reader.damaged.items()]
 
     def __len__(self) -> int:
-        """Cases, without those of shards known to be damaged."""
+        """Number of cases outside shards known to be damaged."""
         return sum(shard.cases for shard in self._manifest.shards if shard.cases_file.name not in self._reader.damaged)
 
     def append(
@@ -209,7 +209,7 @@ class CaseLibrary:
         self._append(None if not cases or extra is None else encode_shard(cases, extra), next_test, tests, crashes)
 
     def append_shard(self, shard: EncodedShard | None, *, next_test: int, tests: int, crashes: int) -> None:
-        """The same with cases that are packed already (`shards.encode_tables`), of this library's ODD; None: none.
+        """Do the same with cases that are packed already (`shards.encode_tables`), of this library's ODD; None: none.
 
         Raises:
             InputError: Cases or progress do not continue the library, or the caller's own columns are others.
@@ -222,7 +222,7 @@ class CaseLibrary:
         self._append(shard, next_test, tests, crashes)
 
     def _check_follows(self, shard: EncodedShard, next_test: int) -> None:
-        """New cases of the seed, after those that are there, with the same columns."""
+        """Check that cases are of the seed, come after the stored ones, and have the same columns."""
         in_order = shard.ascending and self.next_test <= shard.first_test <= shard.last_test < next_test
         if shard.seeds != {self._manifest.run["seed"]} or not in_order:
             raise InputError(
@@ -236,7 +236,7 @@ class CaseLibrary:
             )
 
     def open_cases(self, shard_cases: int) -> int:
-        """Cases in the last shard if `fill` would add to it: there are fewer than `shard_cases`, and it is sound."""
+        """Number of cases in the last shard if it is undamaged and has fewer than `shard_cases`: `fill` adds to it."""
         return 0 if (last := self._last_short(shard_cases)) is None else last[0].num_rows
 
     def _last_short(self, shard_cases: int) -> tuple[pa.Table, pa.Table] | None:
@@ -250,10 +250,10 @@ class CaseLibrary:
         self, cases: pa.Table, tracks: pa.Table, extra: Mapping[str, str], *, next_test: int, tests: int, crashes: int,
         shard_cases: int,
     ) -> None:  # fmt: skip
-        """Save cases so that the files do not depend on how often this is done: each shard but the last is full.
+        """Save cases so that the files do not depend on the number of calls: each shard but the last is full.
 
-        What the last shard lacks is added to it first. Its new files get other names than those that are listed, so
-        that a kill before the commit leaves it as it was.
+        The last shard is filled up first. Its new files do not replace the listed ones, but get other names, so that a
+        kill before the commit leaves it as it was.
 
         Args:
             cases, tracks, extra: New cases, as for `encode_tables`.
@@ -283,7 +283,7 @@ class CaseLibrary:
         self._commit(replace(now, next_test=next_test, tests=tests, crashes=crashes))
 
     def _settle(self) -> None:
-        """Give the shards that grew their usual names, and remove older states of them."""
+        """Give grown shards their usual names, and remove their older files."""
         shards = list(self._manifest.shards)
         for index, shard in enumerate(shards):
             if shard.cases_file.name != shard_names(index)[0]:
@@ -317,7 +317,7 @@ class CaseLibrary:
         check_integer("crashes", crashes, low=self.crashes)
 
     def finish(self) -> None:
-        """Note that the run reached what it was asked for. A later `append` takes it back.
+        """Mark the run as finished. A later `append` removes the mark.
 
         Raises:
             OutputError: As for `append`.
@@ -355,7 +355,7 @@ class CaseLibrary:
         self._manifest = manifest
 
     def scalars(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """All cases, one row each, ascending by test, without trajectories.
+        """Read all cases, one row each, ascending by test, without trajectories.
 
         Args:
             columns: Names from `schema.CASES` or the caller's own; None: all but the history.
@@ -374,7 +374,7 @@ class CaseLibrary:
         return pa.concat_tables([empty, *(table for table in tables if table is not None)])
 
     def shards(self) -> Iterator[tuple[pa.Table, pa.Table]]:
-        """All cases with their trajectories, a shard at a time; damaged shards are left out.
+        """Read all cases with their trajectories, a shard at a time; damaged shards are left out.
 
         Yields:
             Rows of `schema.CASES` with the caller's own columns, and of the same cases in the same order of
@@ -386,7 +386,7 @@ class CaseLibrary:
                 yield cases, tracks.read()
 
     def history(self) -> tuple[list[str], NDArray[np.float64]]:
-        """The last seconds before each crash.
+        """Read the last seconds before each crash.
 
         Returns:
             Case ids, and an array of shape (S, 16, 2, 4): [x m, y m, speed m/s, heading rad] of the AV and its crash
@@ -398,7 +398,7 @@ class CaseLibrary:
         return table.column("case_id").to_pylist(), flat.astype(np.float64).reshape(-1, *HISTORY_SHAPE)
 
     def sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lengths and widths [m] of the AV and its crash partner, (S, 2) each, in the order of `history`."""
+        """Read lengths and widths [m] of the AV and its crash partner, (S, 2) each, in the order of `history`."""
         table = self.scalars(["bv_length_m", "bv_width_m"])
         found = []
         for name, of_car in (("bv_length_m", self.odd.vehicle_length), ("bv_width_m", self.odd.vehicle_width)):
@@ -416,7 +416,7 @@ class CaseLibrary:
         return run_sql(self.scalars(), sql)
 
     def scenario(self, case_id: str) -> StoredCase:
-        """One case with its trajectories.
+        """Read one case with its trajectories.
 
         Raises:
             UnknownCaseError: There is no such case; the nearest are suggested.
@@ -462,7 +462,7 @@ class CaseLibrary:
         raise self._unknown(case_id, test, tests)
 
     def _unknown(self, case_id: str, test: int | None, tests: Sequence[int]) -> UnknownCaseError:
-        """Suggest the cases of the nearest tests; for what is no case id, the first ones."""
+        """Suggest the cases of the nearest tests; for an invalid case id, the first ones."""
         near = sorted(set(tests), key=lambda other: other if test is None else abs(other - test))[:3]
         seed = self._manifest.run["seed"]
         ids = [f"{seed}:{other}" for other in near]
@@ -470,7 +470,7 @@ class CaseLibrary:
 
 
 def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:
-    """Does a folder hold a library of this run (True), or nothing (False)?
+    """Say whether a folder holds a library of this run (True), or nothing (False).
 
     Raises:
         OutputError: It is no folder, or holds something else.

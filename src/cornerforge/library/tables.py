@@ -1,4 +1,4 @@
-"""Cases to Arrow tables and Parquet bytes, and rows back to a `Scenario`."""
+"""Conversion of cases to Arrow tables and Parquet bytes, and of rows back to a `Scenario`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ POLICY_COLUMNS = {"log_prob_policy": "float", "policy": "str"}
 """Extra columns where policies drive: log-probability of the critical BV's actions under the policy (0 when it acts
 greedily), and the hash of the policy that drove the test."""
 ROW_GROUP = 100
-"""Cases in a row group of a tracks file: what the reading of one case has to unpack."""
+"""Cases in a row group of a tracks file; reading one case unpacks one row group."""
 
 
 def tables_of(
@@ -38,13 +38,13 @@ def tables_of(
     digests: Sequence[str] | None = None,
     starts: Sequence[NDArray[np.void]] | None = None,
 ) -> tuple[pa.Table, pa.Table]:
-    """Everything that a harvest holds, copied: rows of `fields.CASES` (with `POLICY_COLUMNS`), and of `fields.TRACKS`.
+    """Copy all cases of a harvest: rows of `fields.CASES` (with `POLICY_COLUMNS`), and of `fields.TRACKS`.
 
     Args:
         h: At least one case.
         policies: Hashes of the policies that drove, in the order of the mixture; none: no columns of policies.
-        digests: To store instead of those of the recordings.
-        starts: Of scripted cases, each one's states at frame 0: the tracks are `SCRIPTED_TRACKS` then.
+        digests: Digests to store instead of those of the recordings.
+        starts: States at frame 0 of each scripted case; the tracks are `SCRIPTED_TRACKS` then.
     """
     rows = h.rows[: h.filled[N_CASES]]
     names = zip(rows["seed"].tolist(), rows["test"].tolist(), strict=True)
@@ -89,19 +89,19 @@ def tables_of(
 
 
 def _numbers(values: NDArray[Any], column: Field) -> pa.Array:
-    """A column of numbers; buffers are reused, so nothing may point into them."""
+    """Copy numbers into a column; buffers are reused, so nothing may point into them."""
     return pa.array(values.copy(), type=arrow_type(column.type), from_pandas=column.is_nullable)
 
 
 def _lists(flat: NDArray[Any], sizes: NDArray[Any]) -> pa.ListArray:
-    """Lists of these sizes, one after the other in `flat`."""
+    """Make lists of these sizes, one after the other in `flat`."""
     offsets = np.zeros(sizes.size + 1, dtype=np.int32)
     np.cumsum(sizes, out=offsets[1:])
     return pa.ListArray.from_arrays(pa.array(offsets), pa.array(flat[: offsets[-1]].copy()))
 
 
 def _digests(h: Harvest) -> list[str]:
-    """`sim.recorder.scenario_digest` of each case."""
+    """Compute `sim.recorder.scenario_digest` of each case."""
     found = []
     exact = marks = 0
     for row in h.rows[: h.filled[N_CASES]]:
@@ -119,9 +119,9 @@ def _digests(h: Harvest) -> list[str]:
 
 
 def parquet_bytes(table: pa.Table, row_group: int | None = None) -> memoryview:
-    """A table as a Parquet file in memory, zstd-compressed.
+    """Write a table as a Parquet file in memory, zstd-compressed.
 
-    Floats are split into byte planes first: the sign and exponent bytes of a trajectory hardly change, so they vanish.
+    Floats are split into byte planes first: sign and exponent bytes of a trajectory hardly change and compress well.
     """
     planes = [_leaf(field) for field in table.schema if pa.types.is_floating(_value_type(field.type))]
     words = [_leaf(field) for field in table.schema if not pa.types.is_floating(_value_type(field.type))]
@@ -142,7 +142,7 @@ def _leaf(field: pa.Field) -> str:
 
 
 def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Scenario:
-    """The stored part of a scenario: the kept vehicles, positions rounded to float32 on storing.
+    """Restore the stored part of a scenario: the stored vehicles, with positions rounded to float32.
 
     Args:
         case: The case's row of `schema.CASES`.
@@ -176,7 +176,7 @@ def restore(case: Mapping[str, Any], tracks: pa.Table, row: int, odd: Odd) -> Sc
 
 
 def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
-    """The script of a scripted case, None for a test of a seed.
+    """Restore the script of a scripted case; None for a test of a seed.
 
     Args:
         scenario: What `restore` gave.

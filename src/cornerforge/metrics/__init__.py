@@ -1,7 +1,7 @@
 """Measures of a traffic situation and of an impact: small pure, vectorised functions.
 
-All take arrays (or numbers) that broadcast against each other, in SI units, and return a new array. NaN is refused: it
-would go through and silently fall out of every histogram. An absent lead is a distance of +inf.
+All take arrays (or numbers) that broadcast against each other, in SI units, and return a new array. NaN raises an
+error: it would silently drop out of every histogram. An absent lead is a distance of +inf.
 Most functions have their module's name: import them from here, or as `from cornerforge.metrics.ttc import ttc`.
 """
 

@@ -1,4 +1,4 @@
-"""What all measures ask of their arguments."""
+"""Checks of arguments that all measures share."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ __all__ = ["bbd"]
 def bbd(
     x_subject: ArrayLike, x_lead: ArrayLike, length_subject: ArrayLike, length_lead: ArrayLike
 ) -> NDArray[np.float64]:
-    """Distance along the lane from the subject's front bumper to the lead's rear bumper [m].
+    """Give the distance along the lane from the subject's front bumper to the lead's rear bumper [m].
 
     Headings are taken as zero: over a lane change of 2.5 s and more that is wrong by less than 0.2 m.
 
@@ -28,7 +28,7 @@ def bbd(
         Shape (*d). Negative where the two overlap along the lane, 0 where they touch, +inf where there is no lead.
 
     Raises:
-        InputError: A value is NaN, the subject's place infinite, or the shapes do not match.
+        InputError: A value is NaN, the subject's position infinite, or the shapes do not match.
 
     Source: paper, Figure 3(a) and (b).
     >>> bbd(np.array([100.0, 100.0]), np.array([130.0, 104.0]), 5.0, 5.0)

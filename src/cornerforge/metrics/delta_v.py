@@ -11,8 +11,8 @@ from cornerforge.metrics._inputs import check_above_zero, check_at_least, matchi
 __all__ = ["FRICTION", "delta_v"]
 
 FRICTION = 0.5
-"""Friction between two vehicles' bodies that slide along each other, if nobody says otherwise: our choice. It is an
-input in all models of this kind; between 0.3 and 0.7 the delta-v of a pure sideswipe changes by a sixth."""
+"""Default friction between two vehicles' bodies that slide along each other, our choice. It is an input in all models
+of this kind; between 0.3 and 0.7 the delta-v of a pure sideswipe changes by a sixth."""
 
 
 def delta_v(
@@ -23,17 +23,17 @@ def delta_v(
     restitution: ArrayLike = 0.0,
     friction: ArrayLike = FRICTION,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Change of a vehicle's velocity in an impact with another one, across and along the touching faces [m/s].
+    """Give a vehicle's change of velocity in an impact with another, across and along the touching faces [m/s].
 
     Across the faces momentum is kept, and the two part with `restitution` times the speed at which they closed in.
     Along them friction pulls with `friction` times the impulse across, until they no longer slide. No outer force acts
-    meanwhile, and nobody turns: a blow past the centre of mass changes its velocity by less than this.
+    meanwhile, and no vehicle turns: an impact off the centre of mass changes its velocity by less than this.
 
     Args:
         closing_speed: Part of the relative velocity across the touching faces [m/s], shape (*d), not negative.
         sliding_speed: Part of the relative velocity along them [m/s], shape (*d), not negative.
-        mass: Of the vehicle asked for, in any unit, shape (*d), positive.
-        other_mass: Of the other vehicle, in the same unit, positive.
+        mass: Mass of this vehicle, in any unit, shape (*d), positive.
+        other_mass: Mass of the other vehicle, in the same unit, positive.
         restitution: 0 (perfectly plastic) to 1 (perfectly elastic). Measured ones fall from about 0.3 at low to about
             0.1 and less at high impact speeds.
         friction: Not negative; inf: they stick together.
@@ -64,5 +64,5 @@ def delta_v(
         raise InputError("A restitution is out of range; allowed: 0 (plastic) to 1 (elastic).")
     share = other / (own + other)
     met = (1.0 + bounce) * closing
-    held = np.where(met > 0.0, grip, 0.0) * met  # nobody presses: nothing rubs, however rough
+    held = np.where(met > 0.0, grip, 0.0) * met  # no pressure: no friction, however rough
     return np.asarray(share * met), np.asarray(share * np.minimum(held, sliding))

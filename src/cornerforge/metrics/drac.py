@@ -11,7 +11,7 @@ __all__ = ["drac"]
 
 
 def drac(bbd: ArrayLike, range_rate: ArrayLike) -> NDArray[np.float64]:
-    """Constant braking of the subject that just avoids contact if the lead keeps its speed [m/s^2].
+    """Give the constant braking of the subject that just avoids contact if the lead keeps its speed [m/s^2].
 
     Args:
         bbd: Bumper-to-bumper distance [m], shape (*d); negative means overlap, +inf no lead.

@@ -4,14 +4,14 @@ The curves are logistic in delta-v, one per crash mode: P = 1 / (1 + exp(-(a + b
 
 Frontal and rear: a and b are those of Wang (2022), "MAIS(05/08) injury probability curves as functions of delta V",
 NHTSA, DOT HS 813 219, for MAIS 3+ in the crashes of NASS-CDS 2010-2015, as later users of the report give them (they
-name its tables A-6 and A-9). We had not the report itself: hold them against it before anything rests on them.
+name its tables A-6 and A-9). We did not have the report itself: compare with it before you rely on them.
 
-Near and far side: that report has no curve for side impacts. Ours begin where its frontal curve does, because a blow of
-nothing has no direction, and are steeper, so that the odds ratio between the modes at 30 mph is that of Augenstein et
-al. (2003), "Characteristics of crashes that increase the risk of serious injuries", 47th AAAM conference (MAIS 3+ at
-a delta-v of 30 mph: frontal 38.9 %, near side 83.8 %, far side 47.8 %, rear 19.9 %). They are derived, not published.
+Near and far side: that report has no curve for side impacts. Ours begin where its frontal curve does, because an impact
+of size 0 has no direction, and are steeper, so that the odds ratio between the modes at 30 mph is that of Augenstein et
+al. (2003), "Characteristics of crashes that increase the risk of serious injuries", 47th AAAM conference (MAIS 3+ at a
+delta-v of 30 mph: frontal 38.9 %, near side 83.8 %, far side 47.8 %, rear 19.9 %). They are derived, not published.
 Only the ratios between the modes are taken from there, because the level is that of an older fleet: the frontal 38.9 %
-is 10.7 % in Wang. With that ratio at every speed, a brush of 1 m/s would injure one in a hundred.
+is 10.7 % in Wang. With that ratio at every speed, a contact with a delta-v of 1 m/s would injure one in a hundred.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cornerforge.metrics._inputs import matching_arrays
 __all__ = ["CRASH_MODES", "crash_mode", "injury_probability"]
 
 CRASH_MODES = ("frontal", "near side", "far side", "rear")
-"""Where the blow comes from, seen by a driver on the left. Their numbers are the places in this tuple."""
+"""Direction of the impact, seen by a driver on the left. Codes of modes are places in this tuple."""
 
 _FRONTAL, _NEAR, _FAR, _REAR = range(4)
 _MPS_PER_MPH = 0.44704
@@ -41,7 +41,7 @@ def _log_odds(probability: float) -> float:
 
 
 def _steeper(mode: int) -> float:
-    """By how much a side's log-odds grow faster than the frontal ones [1/mph]."""
+    """Give by how much a side's log-odds grow faster than the frontal ones [1/mph]."""
     return (_log_odds(_AT_30_MPH[mode]) - _log_odds(_AT_30_MPH[_FRONTAL])) / 30.0
 
 
@@ -51,7 +51,7 @@ _PER_MPH = np.array([_FRONTAL_B, _FRONTAL_B + _steeper(_NEAR), _FRONTAL_B + _ste
 
 
 def crash_mode(force_direction: ArrayLike) -> NDArray[np.int8]:
-    """Crash mode by the direction that the force comes from.
+    """Find the crash mode by the direction that the force comes from.
 
     Args:
         force_direction: From the vehicle's heading, counter-clockwise [rad], shape (*d): 0 from ahead, pi/2 from the
@@ -78,7 +78,7 @@ def crash_mode(force_direction: ArrayLike) -> NDArray[np.int8]:
 
 
 def injury_probability(delta_v: ArrayLike, force_direction: ArrayLike) -> NDArray[np.float64]:
-    """Probability that an occupant is seriously injured, MAIS 3 or more.
+    """Give the probability that an occupant is seriously injured, MAIS 3 or more.
 
     Args:
         delta_v: Change of the vehicle's velocity [m/s], shape (*d), not negative.

@@ -12,15 +12,15 @@ __all__ = ["pet"]
 
 
 def pet(enter_a: ArrayLike, leave_a: ArrayLike, enter_b: ArrayLike, leave_b: ArrayLike) -> NDArray[np.float64]:
-    """Time between the first vehicle leaving a conflict area and the second entering it [s].
+    """Give the time between the first vehicle leaving a conflict area and the second entering it [s].
 
-    Which of the two comes first is found here, so exchanging them changes nothing.
+    The order of the two is found here, so exchanging them changes nothing.
 
     Args:
         enter_a: When the foremost point of vehicle a reaches the area [s], shape (*d); +inf if it never does.
         leave_a: When its rearmost point leaves it [s], shape (*d), not before `enter_a`; +inf if it stays.
-        enter_b: The same of the other vehicle.
-        leave_b: The same of the other vehicle.
+        enter_b: The same for the other vehicle.
+        leave_b: The same for the other vehicle.
 
     Returns:
         Shape (*d), in [0, inf], never NaN: 0 where both are in the area at once (they need not touch) or one enters as

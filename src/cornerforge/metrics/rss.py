@@ -24,7 +24,7 @@ def rss_longitudinal(
     rear_braking: ArrayLike,
     lead_braking: ArrayLike,
 ) -> NDArray[np.float64]:
-    """The least bumper-to-bumper distance at which the vehicle behind cannot hit the one ahead [m].
+    """Give the least bumper-to-bumper distance at which the vehicle behind cannot hit the one ahead [m].
 
     The one ahead brakes with `lead_braking` from now on; the one behind accelerates with `acceleration` during its
     response time and brakes with `rear_braking` after it, both until they stand.
@@ -32,9 +32,9 @@ def rss_longitudinal(
     Args:
         rear_speed, lead_speed: [m/s], shape (*d), not negative.
         response_time: Of the vehicle behind [s], not negative.
-        acceleration: What the vehicle behind may gain meanwhile [m/s2], not negative.
-        rear_braking: What the vehicle behind brakes at least [m/s2], positive.
-        lead_braking: What the vehicle ahead brakes at most [m/s2], positive.
+        acceleration: Of the vehicle behind meanwhile, at most [m/s2], not negative.
+        rear_braking: Least braking of the vehicle behind [m/s2], positive.
+        lead_braking: Hardest braking of the vehicle ahead [m/s2], positive.
 
     Returns:
         Shape (*d), in [0, inf), never NaN: 0 where the vehicle ahead is so much faster that no distance is needed.
@@ -72,7 +72,7 @@ def rss_lateral(
     braking: ArrayLike,
     margin: ArrayLike = 0.0,
 ) -> NDArray[np.float64]:
-    """The least free space between the sides of two vehicles at which they cannot touch sideways [m].
+    """Give the least free space between the sides of two vehicles at which they cannot touch sideways [m].
 
     Each accelerates towards the other with `acceleration` during its own response time and brakes laterally with
     `braking` after it, until it has no lateral speed; then `margin` must be left.
@@ -113,7 +113,7 @@ def rss_lateral(
 
 
 def rss_margin(distance: ArrayLike, safe_distance: ArrayLike) -> NDArray[np.float64]:
-    """By how much a distance exceeds the safe one [m].
+    """Give by how much a distance exceeds the safe one [m].
 
     Args:
         distance: Bumper to bumper, or side to side [m], shape (*d); negative means overlap, +inf no vehicle.
@@ -140,6 +140,6 @@ def rss_margin(distance: ArrayLike, safe_distance: ArrayLike) -> NDArray[np.floa
 def _way_to_rest(
     speed: NDArray[np.float64], response: NDArray[np.float64], gain: NDArray[np.float64], brakes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """How far a vehicle comes towards the other [m]; negative: away."""
+    """Give how far a vehicle comes towards the other [m]; negative: away."""
     after = speed + response * gain
     return np.asarray(0.5 * (speed + after) * response + after * np.abs(after) / (2.0 * brakes))

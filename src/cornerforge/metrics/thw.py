@@ -11,7 +11,7 @@ __all__ = ["thw"]
 
 
 def thw(bbd: ArrayLike, v_subject: ArrayLike) -> NDArray[np.float64]:
-    """Time that the subject's front bumper needs to where the lead's rear bumper is now [s].
+    """Give the time that the subject's front bumper needs to where the lead's rear bumper is now [s].
 
     Args:
         bbd: Bumper-to-bumper distance [m], shape (*d); negative means overlap, +inf no lead.

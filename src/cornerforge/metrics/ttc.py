@@ -11,7 +11,7 @@ __all__ = ["ttc"]
 
 
 def ttc(bbd: ArrayLike, range_rate: ArrayLike) -> NDArray[np.float64]:
-    """Time until contact if both vehicles kept their speeds [s].
+    """Give the time until contact if both vehicles kept their speeds [s].
 
     Args:
         bbd: Bumper-to-bumper distance [m], shape (*d); negative means overlap, +inf no lead.

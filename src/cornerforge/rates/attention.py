@@ -1,4 +1,4 @@
-"""Was it an oversight? The chance of each action of one vehicle in a test, with and without overlooking neighbours."""
+"""Chance of each action of one vehicle in a test, with and without overlooking neighbours: was a crash an oversight?"""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = ["LOOK_BACK_S", "RARE_ACTION", "ActionChances", "Oversight", "action_c
 RARE_ACTION = 1e-3
 """An action with a smaller chance under the attentive model counts as rare."""
 LOOK_BACK_S = 5.0
-"""Decisions so long before a crash [s] are looked at; a lane change of the default ODD takes 4 s."""
+"""Time before a crash [s] whose decisions are judged; a lane change of the default ODD takes 4 s."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ActionChances:
 
 @dataclass(frozen=True)
 class Oversight:
-    """What the chances say of the last seconds before a crash.
+    """Judgement on the decisions in the last seconds before a crash.
 
     Attributes:
         rarest_chance: Smallest chance of an action under the attentive model, in [0, 1]; 0 is "an attentive driver
@@ -77,13 +77,13 @@ def action_chances(
     """Drive one natural test again and look up the chance of every action of the BV in `slot`.
 
     A BV that wanted to change lanes but gave way to another one's simultaneous change shows the acceleration it took;
-    the chances of both have that in them, given what the AV chose at that moment.
+    the chances of both include that, given what the AV chose at that moment.
 
     Args:
         setting, slots: The run, without an adversary, and its vehicle slots per world.
         seed, test: The test.
         slot: A BV, at least 1.
-        step: Who steps, when the AV decides outside the kernels; None for `sim.advance`.
+        step: Advances the world when the AV decides outside the kernels; None for `sim.advance`.
 
     Raises:
         InputError: The run has an adversary, BVs that follow the IDM, or there is no such BV.
@@ -124,9 +124,9 @@ def action_chances(
 def oversight(chances: ActionChances, crash_time: float, overlook: float, overlook_conflict: float) -> Oversight:
     """Judge the decisions of the last 5 s before a crash.
 
-    A lane change of attentive chance a and actual chance b > 0 was made with open eyes with probability
+    A lane change of attentive chance a and actual chance b > 0 was an attentive choice with probability
     (1 - overlook)^2 (1 - overlook_conflict) a / b or more (exactly that with two neighbours in the target lane, and
-    where somebody starts into it at the same moment): below one half it counts as overlooked.
+    where another vehicle starts into it at the same moment): below one half it counts as overlooked.
 
     Args:
         chances: Of the crash partner.

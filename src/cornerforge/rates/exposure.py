@@ -1,7 +1,7 @@
-"""How far the background vehicles drive, from a counted sample of tests: what turns BV-BV crashes into a rate per mile.
+"""Distance that the BVs drive, from a counted sample of tests: it turns BV-BV crashes into a rate per mile.
 
-Bulk simulation keeps no distance of BVs (to count it costs speed). The sample's mean is exact to a fraction of a
-percent, because it is a mean over thousands of tests of some tens of vehicles each.
+Bulk simulation does not count the distance of BVs, because that costs speed. The sample's mean is exact to a fraction
+of a percent, because it is a mean over thousands of tests of some tens of vehicles each.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ def bv_travel(
 ) -> BvTravel:
     """Drive tests 0 .. `tests` - 1 of a seed with counting on, and take the mean distance of all BVs.
 
-    Counted is speed times one second at every decision; a test ends within a second, so the sum is scaled by the time
-    driven over the seconds counted.
+    Speed times one second is counted at every decision; a test ends within a second, so the sum is scaled by the ratio
+    of the time driven to the seconds counted.
 
     Args:
         setting, slots: The run and its vehicle slots per world.
         seed: Of the tests.
         tests: How many, at least 1.
         threads: Pool size; does not change the result.
-        drive: Who drives a chunk (`sim.runner.simulate`).
+        drive: Function that drives a chunk (`sim.runner.simulate`).
 
     Raises:
         InputError: A number is out of range.

@@ -8,7 +8,7 @@ __all__ = ["binomial_interval", "poisson_interval", "rate_ratio_interval"]
 
 
 def binomial_interval(crashes: int, tests: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Clopper-Pearson interval of a probability: it holds the truth in at least `confidence` of all repetitions.
+    """Give the Clopper-Pearson interval of a probability, right in at least `confidence` of all repetitions.
 
     Args:
         crashes: Number of tests with a crash, 0 to `tests`.
@@ -39,7 +39,7 @@ def binomial_interval(crashes: int, tests: int, confidence: float = 0.95) -> tup
 
 
 def poisson_interval(count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact (Garwood) interval of a Poisson mean: divide by the exposure, such as miles, for a rate.
+    """Give the exact (Garwood) interval of a Poisson mean; divide by the exposure, such as miles, for a rate.
 
     Args:
         count: Events seen, at least 0.
@@ -69,7 +69,7 @@ def poisson_interval(count: int, confidence: float = 0.95) -> tuple[float, float
 def rate_ratio_interval(
     count: int, exposure: float, base_count: int, base_exposure: float, confidence: float = 0.95
 ) -> tuple[float, float | None]:
-    """Exact interval of the ratio of two Poisson rates, (count / exposure) / (base_count / base_exposure).
+    """Give the exact interval of the ratio of two Poisson rates, (count / exposure) / (base_count / base_exposure).
 
     Given the sum of both counts, the first is binomial; its Clopper-Pearson interval is turned into one of the ratio.
     Counts that rise and fall together, as on common random numbers, make it too wide, never too narrow.

@@ -1,4 +1,4 @@
-"""Natural crash rates by brute force: blocks of tests, what a resumable count holds, and when it is enough."""
+"""Natural crash rates by brute force: blocks of tests, and a count that can be resumed."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from cornerforge.types import METRES_PER_MILE
 __all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "relative_half_width"]
 
 BLOCK = 65_536
-"""Tests between two saved states. The digest is a chain over blocks of this size, so it must not change."""
+"""Tests between two saved states. The digest is a chain over blocks of this size, so the size must not change."""
 _CHUNK = 2048
 
 
 def relative_half_width(low: float, high: float, estimate: float) -> float | None:
-    """Half the interval's width over the estimate; None where the estimate is 0.
+    """Divide half the interval's width by the estimate; None where the estimate is 0.
 
     >>> relative_half_width(0.5, 1.5, 1.0)
     0.5
@@ -33,7 +33,7 @@ def relative_half_width(low: float, high: float, estimate: float) -> float | Non
 
 @dataclass(frozen=True)
 class Block:
-    """What some tests in a row came to.
+    """Counts over consecutive tests.
 
     Attributes:
         tests, bv_crashes, world_steps: Counts; `bv_crashes` counts contacts between two BVs.
@@ -41,7 +41,7 @@ class Block:
         seconds, cpu_seconds: Wall-clock, and time on processors over all threads of this process [s].
         crashed: Numbers of the tests in which the AV crashed, rising.
         digest: SHA-256 over the outcomes.
-        av_faults: Those of `tests` that an AV from outside spoiled.
+        av_faults: Number of `tests` that a foreign AV spoiled.
     """
 
     tests: int
@@ -72,8 +72,8 @@ def drive_block(
         setting, slots: The run and its vehicle slots per world.
         seed, first, tests: Which tests.
         threads: Pool size; does not change the result.
-        tell: Told the tests done and the AV crashes so far, about ten times a second.
-        drive: Who drives a chunk (`sim.runner.simulate`).
+        tell: Called with the tests done and the AV crashes so far, about ten times a second.
+        drive: Function that drives a chunk (`sim.runner.simulate`).
     """
     start, cpu_start = time.perf_counter(), time.process_time()
     tally = Tally()
@@ -110,7 +110,7 @@ class MonteCarlo:
         seconds, cpu_seconds: Wall-clock, and time on processors, over all sessions [s].
         crashed: Numbers of the tests in which the AV crashed, rising.
         digest: Chain of SHA-256: each block's digest hashed onto the chain before it; the same for any resume.
-        av_faults: Those of `tests` that an AV from outside spoiled: they are driven, but are no tests.
+        av_faults: Number of `tests` that a foreign AV spoiled: they were driven, but do not count.
     """
 
     tests: int = 0
@@ -125,7 +125,7 @@ class MonteCarlo:
     av_faults: int = 0
 
     def plus(self, block: Block) -> MonteCarlo:
-        """The counts after one more block, which must begin at test number `tests`."""
+        """Add one more block, which must begin at test number `tests`."""
         return replace(
             self,
             tests=self.tests + block.tests,
@@ -142,7 +142,7 @@ class MonteCarlo:
 
     @property
     def valid_tests(self) -> int:
-        """Tests that count: those that the AV did not spoil."""
+        """Number of tests that count: the AV did not spoil them."""
         return self.tests - self.av_faults
 
     @property
@@ -158,7 +158,7 @@ class MonteCarlo:
         return relative_half_width(low, high, self.av_crashes / self.valid_tests)
 
     def is_enough(self, target: float) -> bool:
-        """Is the relative half-width of the exact 95 % interval at most `target`?"""
+        """Say whether the relative half-width of the exact 95 % interval is at most `target`."""
         width = self.half_width()
         return width is not None and width <= target
 

@@ -1,8 +1,8 @@
-"""What verbs return: frozen dataclasses whose fields say their unit and meaning, and are the keys of `--json`.
+"""Results of verbs: frozen dataclasses whose fields say their unit and meaning, and are the keys of `--json`.
 
 A field's name is its key, and the order of fields is that of the keys; a class that is made of others has the fields of
-the last of its bases first. What `--json` prints is made of them by `as_json`, docs/results-json.md by
-`results_markdown`.
+the last of its bases first. `as_json` makes from them what `--json` prints, `results_markdown` makes
+docs/results-json.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What several results tell: a crash rate with its intervals and its tests."""
+"""Parts of several results: a crash rate with its intervals and tests."""
 
 from __future__ import annotations
 

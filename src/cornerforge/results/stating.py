@@ -1,4 +1,4 @@
-"""How a result says what its fields mean, and how it becomes JSON, comes back from it, and is documented."""
+"""Metadata of result fields, and conversion of results to JSON, back from it, and to documentation."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ T = TypeVar("T")
 
 
 def meant(meaning: str, unit: str = "") -> dict[str, str]:
-    """Metadata of a field.
+    """Make the metadata of a field.
 
     Args:
         meaning: One sentence, with the edge values.
-        unit: Of the values, "" for none.
+        unit: Unit of the values, "" for none.
     """
     return {"unit": unit, "meaning": meaning}
 
 
 def as_json(result: Any) -> dict[str, Any]:
-    """The object that `--json` prints: a result's fields in their order, results within it as objects, tuples as lists.
+    """Make what `--json` prints: a result's fields in their order, results within it as objects, tuples as lists.
 
-    A field whose default is None is left out where it is None. Numbers stay as they are; NaN and infinity are none of
-    JSON, and whoever writes refuses them.
+    A field whose default is None is left out where it is None. Numbers stay as they are; JSON has no NaN
+    and infinity, and the writer refuses them.
 
     Args:
         result: One of the dataclasses of this package.
@@ -55,7 +55,7 @@ def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
     """The inverse of `as_json`.
 
     Args:
-        kind: What it is: one of the dataclasses of this package.
+        kind: Its class: one of the dataclasses of this package.
         content: The object.
 
     Raises:
@@ -69,7 +69,7 @@ def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
 
 
 def _typed(kind: Any, value: Any) -> Any:
-    """A value of JSON as a field of this type holds it."""
+    """Convert a value of JSON to a field's type."""
     arguments = get_args(kind)
     if isinstance(kind, types.UnionType):
         return None if value is None else _typed(arguments[0], value)
@@ -87,7 +87,7 @@ _WORDS = {int: "integer", float: "number", str: "string", bool: "true or false",
 
 
 def _in_words(kind: Any) -> str:
-    """A field's type as JSON has it; results within it by their names, with a link to their tables."""
+    """Describe a field's type in JSON; results within it by name, with a link to their tables."""
     arguments = get_args(kind)
     if isinstance(kind, types.UnionType):
         return " or ".join(map(_in_words, arguments))
@@ -104,7 +104,7 @@ def _in_words(kind: Any) -> str:
 
 
 def _parts(kind: Any) -> Iterator[Any]:
-    """The results within a type, outermost first."""
+    """Find the results within a type, outermost first."""
     if is_dataclass(kind):
         yield kind
         for inner in get_type_hints(kind).values():
@@ -124,13 +124,13 @@ def _table(kind: Any) -> list[str]:
 
 
 def _type_of(one: Field[Any], hints: Mapping[str, Any]) -> Any:
-    """Its type; without the None of one that is left out then."""
+    """Give a field's type, without None if a None is left out."""
     kind = hints[one.name]
     return get_args(kind)[0] if _may_be_missing(one) else kind
 
 
 def results_markdown(verbs: Mapping[str, Any]) -> str:
-    """The page docs/results-json.md: a table for each verb, and one for each result within others.
+    """Write the page docs/results-json.md: a table for each verb, and one for each result within others.
 
     Args:
         verbs: A verb's name to its result's dataclass.
