@@ -1,4 +1,4 @@
-"""The numbers behind every chart, as tables: for readers who cannot see charts and for those who want digits."""
+"""The numbers behind every chart, as tables: for readers who cannot see charts or who want digits."""
 
 from __future__ import annotations
 
