@@ -1,4 +1,4 @@
-"""How the measured speeds stand to what was aimed at, in one table."""
+"""The measured speeds beside their aims, in one table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user waits for: training, driving a policy, generating, analysing, and the start of the command line."""
+"""Times that a user waits: training, driving a policy, generating, analysing, and the start of the command line."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def reference(leads: Leads, p: IdmParams, *, steps: int = 1000) -> tuple[Floats,
     """Gap [m] and speed [m/s] of the continuous IDM every 0.1 s, shape (10 SECONDS + 1, runs).
 
     Args:
-        leads: Whom it follows.
+        leads: The leads that it follows.
         p: Parameters.
         steps: Per second, a multiple of 10.
     """

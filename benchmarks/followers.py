@@ -1,4 +1,4 @@
-"""Why natural crashes come early in a test: who follows the AV, and how often it brakes hard, second by second.
+"""Why natural crashes come early in a test: the AV's follower, and how often it brakes hard, second by second.
 
     .venv/bin/python benchmarks/followers.py --tests 12000
 

@@ -1,4 +1,4 @@
-"""The ground truth of natural crash rates: long counts that go on where anybody stopped.
+"""The ground truth of natural crash rates: long counts, which any machine can continue.
 
     .venv/bin/python benchmarks/ground_truth.py --minutes 30 --write docs/results.md
 
@@ -9,7 +9,7 @@ model, AV, road, simulation code or seed are refused.
 
 After a change of the simulation code that should leave all outcomes as they are, `--same-bits` takes an entry over if
 this code drives its first block to the same digest and each of its crashes to the same crash again; the entry then
-names the old code among its `earlier_simulations`. What comes out otherwise is refused, and nothing is lost.
+names the old code among its `earlier_simulations`. If a digest or a crash differs, the entry is refused and kept.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Session:
         data: Trajectory files for variations that need a fit.
         threads: Pool size; does not change the result.
         until: Moment of `time.monotonic` at which no new block is begun.
-        most: Never more tests than this per setting, for a trial.
+        most: Largest number of tests per setting, for a trial.
         restart: Forget entries of other hashes.
         same_bits: Take over entries of other simulation code that drives the same.
     """
@@ -70,7 +70,7 @@ class Session:
 
 
 def prepare(setting: Setting, session: Session) -> tuple[Experiment, dict[str, Any]]:
-    """The run of a setting, and what must agree for its counts to mix."""
+    """Return the run of a setting, and the identity that counts must share to be added."""
     model = None
     if setting.variation is not None:
         varied = varied_model(load_model(default_model_path()), setting.variation, session.data)
@@ -82,7 +82,7 @@ def prepare(setting: Setting, session: Session) -> tuple[Experiment, dict[str, A
 
 
 def _identity(run: Experiment) -> dict[str, Any]:
-    """What names a count of natural traffic: nothing of adversaries, so that their new options leave counts alone."""
+    """Return what names a count of natural traffic, without adversaries: their new options keep counts valid."""
     names = run.identity(SEED)
     kept = {key: names[key] for key in ("seed", "odd", "lanes", "av", "av_hash", "model_hash")}
     return {**kept, "road_hash": config_hash(asdict(run.odd)), "simulation": simulation_hash()}
@@ -154,7 +154,7 @@ def _taken_over(setting: Setting, run: Experiment, entry: Entry, session: Sessio
     """An entry of other simulation code as one of this code, which drives the same.
 
     Raises:
-        InputError: It does not: the first block, or a crash, comes out otherwise.
+        InputError: The first block or a crash differs.
     """
     taken = entry.driven_by(simulation_hash())
     if entry.counts.tests == 0:
@@ -203,7 +203,7 @@ def _check_bits(setting: Setting, run: Experiment, entry: Entry, session: Sessio
 def work(chosen: Sequence[Setting], entries: dict[str, Entry], session: Session) -> None:
     """Go on with all chosen settings, in order; `entries` is kept up to date, so that a stop loses nothing.
 
-    All are taken up before the first is driven: what is refused is refused at once, not after a night.
+    All entries are checked before the first setting is driven, so that errors come at once and not after a night.
     """
     taken = [(setting, *take_up(setting, entries.get(setting.name), session)) for setting in chosen]
     for setting, run, begun in taken:

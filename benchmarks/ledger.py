@@ -1,4 +1,4 @@
-"""The ledger of the ground truth: what long counts came to so far, in one committed file from which anybody goes on.
+"""The ledger of the ground truth: results of long counts so far, in one committed file that any machine continues.
 
 An entry holds all that tests 0 .. n-1 of a setting gave, and the hashes of what they were driven with: natural traffic
 of the same model, AV, road, simulation code and seed gives the same tests to the bit, so test n follows on any machine.

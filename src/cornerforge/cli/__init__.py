@@ -20,14 +20,14 @@ from cornerforge.errors import CornerForgeError, InputError
 __all__ = ["app", "main"]
 
 EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_PIPE = 2, 130, 141
-"""EXIT_PIPE: nobody reads what we print; 128 + SIGPIPE, as a shell reports it of other programs."""
+"""Exit statuses. EXIT_PIPE: the reader of our output has gone; 128 + SIGPIPE, as a shell reports it."""
 _COMMANDS = (whole, driving, learning, cases, naturalistic)
 _KEEP_WITH_OUT = ("simulate", "rate")
-"""Commands with --resume that keep something only if --out is given; the others always do."""
+"""Commands with --resume that keep something only with --out; the other commands with --resume always do."""
 
 
 def _usage_message(error: Any) -> str:
-    """Typer's message (it suggests the nearest command) in one line, with where help is."""
+    """Return Typer's message (it suggests the nearest command) in one line, and say how to get help."""
     path = error.ctx.command_path if error.ctx is not None else "cornerforge"
     return f"{' '.join(error.format_message().split())} (see: {path} --help)"
 
@@ -44,7 +44,7 @@ def _complain(message: object, *, debug: bool) -> int:
 
 
 def _goes_on(given: list[str]) -> bool:
-    """Whether the call, interrupted, leaves something to go on with: only commands with --resume do."""
+    """Tell whether the call, when interrupted, can be resumed: only commands with --resume can."""
     command: Any = typer.main.get_command(app)
     for word in given:
         command = getattr(command, "commands", {}).get(word, command)
@@ -54,10 +54,10 @@ def _goes_on(given: list[str]) -> bool:
 
 
 def _check_words(given: list[str]) -> None:
-    """Refuse what is no UTF-8: as the name of a file it could be neither printed nor noted down.
+    """Refuse words that are not UTF-8: a file name of this kind could be neither printed nor stored.
 
     Raises:
-        InputError: A word is none.
+        InputError: A word is not UTF-8.
     """
     for word in given:
         try:
@@ -67,9 +67,9 @@ def _check_words(given: list[str]) -> None:
 
 
 def _open_closed_streams() -> None:
-    """Give the program the three streams that every program has: what was closed (`2>&-`) leads nowhere.
+    """Open each closed standard stream (`2>&-`) to the null device.
 
-    Otherwise the next file opened would take the number of a closed one, and receive what others print.
+    Otherwise the next file opened would take the number of a closed stream and receive its output.
     """
     for number in range(3):
         try:
@@ -82,7 +82,7 @@ def _open_closed_streams() -> None:
 
 
 def _stop_printing() -> int:
-    """Nobody reads on: lead both streams nowhere, so that the end of the program does not complain either."""
+    """Send both streams to the null device after the reader has gone, so that the end of the program is silent too."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, io.UnsupportedOperation):
             stream.flush()
@@ -93,7 +93,7 @@ def _stop_printing() -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit status (see the interface: 0, 1, 2, 130; 141 when nobody reads on)."""
+    """Run the command line and return its exit status: 0, 1, 2, 130; 141 when the reader of the output has gone."""
     _open_closed_streams()
     given = sys.argv[1:] if arguments is None else arguments
     streams = sys.stdout, sys.stderr
@@ -102,7 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         return _stop_printing()
-    except SystemExit as left:  # this is how Typer leaves when nobody reads on
+    except SystemExit as left:  # Typer leaves with this when the reader has gone
         if not isinstance(left.__context__, BrokenPipeError):
             raise
         sys.stdout, sys.stderr = streams

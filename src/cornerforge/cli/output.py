@@ -68,7 +68,7 @@ class Bars:
         name = stage.partition(" (")[0]  # what stands in brackets may change while a stage lasts
         if name != self._stage or self._task is None:
             self._stage = name
-            # Work done by an earlier session is no speed of this one.
+            # Work of an earlier session does not count for the speed of this one.
             self._task = self._bars.add_task(stage, total=total, completed=int(done), rate="")
         speed = self._bars.tasks[self._task].speed
         text = f"{speed:,.0f}/s" if speed else ""
@@ -156,7 +156,7 @@ def rate_text(r: Rate | Filled, what: str) -> str:
 
 
 def yield_text(r: Yield, what: str) -> str:
-    """The same of an adversary, with what braking would have avoided and in how many crashes the AV struck."""
+    """Write an adversary's yield, how much of it braking would have avoided, and in how many crashes the AV struck."""
     low, high = r.avoidable_interval95
     line = f"{rate_text(r, what)}, {r.avoidable_per_test:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
     share = r.striking_share

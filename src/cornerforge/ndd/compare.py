@@ -1,9 +1,9 @@
-"""Recorded traffic against simulated traffic, and recorded decisions against predicted ones, state by state.
+"""Comparisons of recorded with simulated traffic, and of recorded with predicted decisions, state by state.
 
 Simulated traffic is free-running at 20-40 m/s; recordings are often slower. So only states from 19.5 m/s on are
-compared, and the simulated side is taken at the same speeds: for each class of 1 m/s it gives the distribution of the
-quantity, and these are mixed in the shares in which the recorded decisions fall into the classes. Where that is not
-fair, because too little was recorded at such speeds, the answer is a sentence and no number.
+compared, and the simulated side is matched by speed: for each class of 1 m/s it gives the distribution of the quantity,
+and these distributions are mixed in the shares that the recorded decisions have in the classes. Where too little was
+recorded at these speeds for a fair comparison, the answer is a sentence and no number.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ Ints = NDArray[np.int64]
 SLOWEST = SPEED_GRID.lower
 """Speed from which the model's tables hold [m/s]."""
 FREE_RUNNING_SHARE = 0.9
-"""Only where at least this share of a file is that fast are its speeds those of free-running traffic."""
+"""Least share of a file's decisions from 19.5 m/s on; with less its speeds are not those of free-running traffic."""
 FEWEST_STATES = 200
-"""A speed class that the simulated traffic holds fewer states of is left out."""
+"""Least number of simulated states in a speed class; a class with fewer is left out."""
 FEWEST_OBSERVATIONS = 100
 FEWEST_GAPS = 30
-"""Of accepted gaps."""
+"""Least number of accepted gaps for a comparison."""
 FEWEST_MILES = 20.0
 TTC_LIMITS = (3.0, 5.0, 10.0, 20.0)
 SPEED_BANDS = (10.0, 15.0, SLOWEST, 22.0, 25.0, 30.0, SPEED_GRID.upper)
-"""Borders of the bands of speed within which predictions are compared [m/s]."""
+"""Borders of the speed bands in which predictions are compared [m/s]."""
 STEADY = 0.5
 """Range rates up to this [m/s] are neither closing nor opening."""
 _FREE_GAP = GAP_GRID.upper
@@ -73,7 +73,7 @@ class SimulatedQuantity:
     counts: Ints
 
     def place(self, values: Floats) -> Ints:
-        """Bin of each value, shape (n,)."""
+        """Return the bin of each value, shape (n,)."""
         found = np.floor((np.minimum(values, 1e6) - self.low) / self.width)
         return np.asarray(np.clip(found, 0, self.counts.shape[1] - 1), dtype=np.int64)
 
@@ -92,7 +92,7 @@ class SimulatedTraffic:
     lane_changes_per_mile: float = field(metadata={"unit": "1/mile"})
 
     def speed(self) -> SimulatedQuantity:
-        """Speeds from 19.5 m/s on, in classes of 1 m/s; not matched by speed, of course: every class holds them all."""
+        """Speeds from 19.5 m/s on, in classes of 1 m/s, not matched by speed: every class holds all of them."""
         both = (self.quantities[f"acceleration_{kind}"].counts.sum(axis=1) for kind in ("following", "free"))
         counts = sum(both, np.zeros(41, dtype=np.int64))
         counts[: int(SLOWEST + 0.5)] = 0
@@ -105,11 +105,12 @@ Result = dict[str, object]
 def compare_traffic(
     model: NddModel, readings: Sequence[Reading], traffic: SimulatedTraffic
 ) -> dict[str, dict[str, Result]]:
-    """Recorded against simulated traffic.
+    """Compare recorded with simulated traffic.
 
     Returns:
-        Quantity -> file -> either `not_compared` (why, in words) or the fields of `Distance` (of a rate: both sides)
-        with `recorded` and `simulated`: shares of the bins (`low`, `width`) for a picture. `caution`: read it so.
+        Quantity -> file -> either `not_compared` (the reason, in words) or the fields of `Distance` (of a rate: both
+        sides) with `recorded` and `simulated`: shares of the bins (`low`, `width`) for a picture. `caution`, if there
+        is one, says with what reservation to read the result.
     """
     found: dict[str, dict[str, Result]] = {}
     for name, reading in zip(reading_names(readings), readings, strict=True):
@@ -121,7 +122,7 @@ def compare_traffic(
 
 
 def _states(decisions: Decisions, traffic: SimulatedTraffic) -> dict[str, Result]:
-    """All that is told by states alone."""
+    """Compare the quantities that need only states."""
     fast = decisions.where((decisions.speed >= SLOWEST) & (decisions.speed < SPEED_GRID.upper))
     share = fast.size / max(decisions.size, 1)
     why = _too_few(np.unique(fast.vehicle).size, fast.size, f"at {SLOWEST} m/s and above ({share:.1%} of the file)")
@@ -153,7 +154,7 @@ def _states(decisions: Decisions, traffic: SimulatedTraffic) -> dict[str, Result
 
 
 def _too_few(vehicles: int, number: int, what: str, fewest: int = FEWEST_OBSERVATIONS) -> str:
-    """Why a comparison would not be fair; empty if it would."""
+    """Say why a comparison would not be fair; empty if it is fair."""
     if vehicles >= FEWEST_VEHICLES and number >= fewest:
         return ""
     return (
@@ -172,7 +173,7 @@ class _Matched:
 
 
 def _match(vehicle: Ints, speed: Floats, place: Ints, simulated: SimulatedQuantity) -> _Matched | None:
-    """Match by speed; None if the simulated traffic has too few states at all these speeds."""
+    """Match by speed; None if the simulated traffic has too few states at each of these speeds."""
     sizes = simulated.counts.sum(axis=1)
     speed_class = np.clip(np.floor(speed + 0.5), 0, sizes.size - 1).astype(np.int64)
     known = sizes[speed_class] >= FEWEST_STATES
@@ -188,7 +189,7 @@ def _match(vehicle: Ints, speed: Floats, place: Ints, simulated: SimulatedQuanti
 
 
 def _compare(d: Decisions, values: Floats, simulated: SimulatedQuantity, why: str) -> Result:
-    """One quantity of recorded decisions against simulated traffic at the same speeds."""
+    """Compare one quantity of recorded decisions with simulated traffic at the same speeds."""
     return _distance(d.vehicle, d.speed, values, simulated, why)
 
 
@@ -222,7 +223,7 @@ def _shares(rows: Floats, size: float) -> list[float]:
 
 
 def _ttc_shares(led: Decisions, inverse: Floats, simulated: SimulatedQuantity, why: str) -> Result:
-    """Shares of following states with a TTC below some limits, recorded (with intervals) and simulated."""
+    """Return the shares of following states with a TTC below some limits, recorded (with intervals) and simulated."""
     why = why or _too_few(np.unique(led.vehicle).size, led.size, "behind a leader")
     matched = None if why else _match(led.vehicle, led.speed, simulated.place(inverse), simulated)
     if matched is None:
@@ -243,7 +244,7 @@ def _ttc_shares(led: Decisions, inverse: Floats, simulated: SimulatedQuantity, w
 
 
 def _lanes(model: NddModel, seen: LaneObservations | None, traffic: SimulatedTraffic) -> dict[str, Result]:
-    """Rate of lane changes, and the gaps accepted."""
+    """Compare the rate of lane changes and the accepted gaps."""
     names = ("lane_changes_per_mile", "accepted_lead_gap", "accepted_rear_gap")
     if seen is None:
         return {name: {"not_compared": "The file does not give each row's lane."} for name in names}
@@ -270,7 +271,7 @@ def _lanes(model: NddModel, seen: LaneObservations | None, traffic: SimulatedTra
 
 
 def _rate(changed: Floats, miles: Floats, simulated: float) -> Result:
-    """Lane changes per mile in the file, over all its speeds, with an interval over vehicles."""
+    """Compare lane changes per mile over all speeds of the file, with an interval over vehicles."""
     weights = resampled_weights(miles.size)
     low, high = np.percentile((weights @ changed) / np.maximum(weights @ miles, 1e-9), [2.5, 97.5])
     return {
@@ -283,7 +284,7 @@ def _rate(changed: Floats, miles: Floats, simulated: float) -> Result:
 
 
 def _refused(accept: NDArray[np.float32], gap: Floats, closing: Floats) -> Result:
-    """How many of the gaps that drivers accepted the model calls impossible to an attentive driver, at any speed."""
+    """Count the accepted gaps that are impossible for the model's attentive driver, at any speed."""
     nobody = np.zeros_like(gap)
     states = Decisions(nobody + 20.0, gap, closing, nobody, nobody.astype(np.int64), nobody.astype(np.bool_))
     _, gap_index, rate_index, _, is_free = grid_place(states)
@@ -292,9 +293,9 @@ def _refused(accept: NDArray[np.float32], gap: Floats, closing: Floats) -> Resul
 
 
 def compare_decisions(model: NddModel, readings: Sequence[Reading]) -> dict[str, list[Result]]:
-    """One step ahead: observed accelerations against those predicted from the same states, by speed and range rate.
+    """Compare observed accelerations with the ones predicted from the same states, by speed and range rate.
 
-    Above 19.5 m/s the table predicts, below it the law that the model states (if it states one).
+    From 19.5 m/s on the table predicts; below it, the law in the model's provenance, if there is one.
 
     Returns:
         File -> cells with at least 10 vehicles and 100 decisions: `speed_mps` [low, high], `state` (free, closing,
@@ -329,7 +330,7 @@ def _in_state(d: Decisions, state: str) -> NDArray[np.bool_]:
 def _cell(
     model: NddModel, law: SafeLaw | None, decisions: Decisions, low: float, high: float, state: str
 ) -> Result | None:
-    """One cell; None where there is too little to say, or nothing to predict with."""
+    """Compare one cell; None if it has too few decisions or no prediction."""
     part = decisions.where((decisions.speed >= low) & (decisions.speed < high) & _in_state(decisions, state))
     if part.size < FEWEST_OBSERVATIONS or np.unique(part.vehicle).size < FEWEST_VEHICLES:
         return None

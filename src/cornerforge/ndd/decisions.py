@@ -1,4 +1,4 @@
-"""Driver decisions: what a driver saw, and how it accelerated over the next second, from trajectories at 5-25 Hz.
+"""Driver decisions (the state that a driver saw, its acceleration over the next second) from trajectories at 5-25 Hz.
 
 Shapes: `n` rows of a file, or `n` decisions. Rows are sorted by vehicle and time before they come here.
 """
@@ -30,7 +30,7 @@ class Decisions:
         range_rate: Lead minus subject [m/s]; 0 where there is no leader.
         acceleration: Mean over the next second [m/s2].
         vehicle: Number of the driver, unique within the file: the unit to resample in a bootstrap.
-        held_out: Not to be fitted on.
+        held_out: True for decisions that no fit may use.
     """
 
     speed: Floats = field(metadata={"unit": "m/s"})
@@ -46,12 +46,12 @@ class Decisions:
         return int(self.speed.size)
 
     def where(self, mask: NDArray[np.bool_]) -> Decisions:
-        """Those where `mask`, shape (n,), is true."""
+        """Return the decisions where `mask`, shape (n,), is true."""
         return Decisions(**{f.name: getattr(self, f.name)[mask] for f in fields(Decisions)})
 
 
 def concatenate(parts: Sequence[Decisions]) -> Decisions:
-    """Put decisions one after another; vehicles keep numbers of their own. `parts` holds at least one."""
+    """Join decisions; vehicles of different parts get different numbers. `parts` holds at least one part."""
     columns = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Decisions)}
     first = np.cumsum([0] + [int(part.vehicle.max()) + 1 if part.size else 0 for part in parts[:-1]])
     columns["vehicle"] = np.concatenate([part.vehicle + start for part, start in zip(parts, first, strict=True)])
@@ -59,13 +59,13 @@ def concatenate(parts: Sequence[Decisions]) -> Decisions:
 
 
 def _run_starts(vehicle: Ints, tick: Ints) -> Ints:
-    """First row of each stretch of one vehicle without a missing tick, shape (k,)."""
+    """Return the first row of each stretch of one vehicle without a missing tick, shape (k,)."""
     breaks = (np.diff(vehicle) != 0) | (np.diff(tick) != 1)
     return np.concatenate([[0], np.flatnonzero(breaks) + 1]).astype(np.int64)
 
 
 def smooth_tracks(vehicle: Ints, tick: Ints, position: Floats, step: float, window: float) -> tuple[Floats, Floats]:
-    """Position [m] and speed [m/s] by a Savitzky-Golay filter of order 2, each of shape (n,).
+    """Smooth position [m] and speed [m/s] by a Savitzky-Golay filter of order 2, each of shape (n,).
 
     Args:
         vehicle: Number of the vehicle, shape (n,), sorted.
@@ -91,7 +91,7 @@ def smooth_tracks(vehicle: Ints, tick: Ints, position: Floats, step: float, wind
 
 
 def leader_by_lane(recording: Ints, lane: Ints, tick: Ints, position: Floats) -> Ints:
-    """Row of the next vehicle ahead in the same lane at the same time, shape (n,); -1 where there is none."""
+    """Return the row of the next vehicle ahead in the same lane at the same time, shape (n,); -1 if there is none."""
     order = np.lexsort((position, lane, tick, recording))
     here, ahead = order[:-1], order[1:]
     same = (recording[here] == recording[ahead]) & (lane[here] == lane[ahead]) & (tick[here] == tick[ahead])
@@ -101,7 +101,7 @@ def leader_by_lane(recording: Ints, lane: Ints, tick: Ints, position: Floats) ->
 
 
 def leader_by_name(vehicle: Ints, tick: Ints, leader_vehicle: Ints) -> Ints:
-    """Row of the named leader at the same time, shape (n,); -1 where it is not named (-1) or not in the file then."""
+    """Return the row of the named leader at the same time, shape (n,); -1 if no name (-1) or no such row exists."""
     span = int(tick.max() - tick.min()) + 1 if tick.size else 1
     key = vehicle * span + (tick - tick.min())
     wanted = leader_vehicle * span + (tick - tick.min())
@@ -117,7 +117,7 @@ def decide_each_second(
     Args:
         decisions: States at every row; their `acceleration` is not read.
         tick: Time in steps, shape (n,).
-        partner: What must stay the same for the second (leader and lane), any numbers, shape (n,).
+        partner: Number of what must stay the same for the second (leader and lane), shape (n,).
         usable: Rows that may be used, shape (n,).
         steps: Ticks in a second.
 

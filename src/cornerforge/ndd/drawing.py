@@ -1,6 +1,6 @@
 """Figures by matplotlib and plain pages, the same bytes for the same numbers; no window, no global state.
 
-Colours are Okabe and Ito's, which colour-blind people tell apart; line styles say the same once more.
+Colours are Okabe and Ito's, which colour-blind people can tell apart; line styles carry the same meaning.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _STYLE = (
 
 
 def check_matplotlib() -> None:
-    """See that figures can be drawn.
+    """Check that figures can be drawn.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -50,7 +50,7 @@ def check_matplotlib() -> None:
 
 
 def new_figure(rows: int, columns: int, width: float, height: float) -> tuple[Any, list[Any]]:
-    """A figure of `width` x `height` inches and its panels, row by row.
+    """Make a figure of `width` x `height` inches; return it and its panels, row by row.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -69,7 +69,7 @@ def new_figure(rows: int, columns: int, width: float, height: float) -> tuple[An
 
 
 def png_of(drawing: Any) -> bytes:
-    """The figure as PNG; nothing of the machine or the time is in it."""
+    """Return the figure as PNG, without machine or time."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     FigureCanvasAgg(drawing)
@@ -79,33 +79,33 @@ def png_of(drawing: Any) -> bytes:
 
 
 def svg_of(drawing: Any) -> bytes:
-    """The figure as SVG, with text as text; nothing of the machine or the time is in it."""
+    """Return the figure as SVG, with text as text, without machine or time."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     FigureCanvasSVG(drawing)
-    # Element ids are drawn at random unless salted.
+    # Without a salt element ids are random.
     with io.BytesIO() as file, matplotlib.rc_context({"svg.hashsalt": "cornerforge", "svg.fonttype": "none"}):
         drawing.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
         return file.getvalue()
 
 
 def inline(png: bytes, caption: str) -> str:
-    """An HTML figure that holds the picture itself."""
+    """Return an HTML figure that contains the picture's data."""
     code = base64.b64encode(png).decode("ascii")
     text = escape(caption)
     return f'<figure><img alt="{text}" src="data:image/png;base64,{code}"><figcaption>{text}</figcaption></figure>'
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """An HTML table; cells are escaped. Long names in its head (of files) may break behind an underscore."""
+    """Return an HTML table; cells are escaped. Long file names in the head may break after an underscore."""
     cells = "".join(f"<th>{escape(text).replace('_', '_<wbr>')}</th>" for text in head)
     lines = ["<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows]
     return f"<table><tr>{cells}</tr>{''.join(lines)}</table>"
 
 
 def page(title: str, body: str) -> str:
-    """A whole page that needs nothing else."""
+    """Return a self-contained HTML page."""
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f"<style>{_STYLE}</style></head><body>{body}</body></html>\n"

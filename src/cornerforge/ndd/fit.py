@@ -1,8 +1,8 @@
 """Fitting the naturalistic model: counts of real decisions, shrunk towards the parametric prior with a stated strength.
 
-row = (counts + strength * prior) / (n + strength), the mean of a Dirichlet posterior. What is possible is the prior's
-support and whatever was observed. The grid starts at 20 m/s: slower decisions (most of NGSIM) shape the prior's law and
-the likelihoods, not the counts.
+row = (counts + strength * prior) / (n + strength), the mean of a Dirichlet posterior. An acceleration is possible if it
+is in the prior's support or was observed. The grid starts at 20 m/s: slower decisions (most of NGSIM) enter the prior's
+law and the likelihoods, not the counts.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ __all__ = ["DEFAULT_PRIOR_STRENGTH", "fit_model"]
 Floats = NDArray[np.float64]
 
 DEFAULT_PRIOR_STRENGTH = 200.0
-"""Pseudo-decisions per state that the prior is worth. Measured on the HOV lane's held-out half from 19.5 m/s
-on: log-likelihood -2.440 at strength 1, -2.290 at 10, -2.275 at 100, -2.274 from 200 on: so few counts do not help."""
+"""Weight of the prior, in pseudo-decisions per state. Log-likelihood on the HOV lane's held-out half from 19.5 m/s on:
+-2.440 at strength 1, -2.290 at 10, -2.275 at 100, -2.274 from 200 on. There are too few counts to help."""
 _FEWEST = 200
-"""With fewer following decisions a law of nine parameters is not fitted; the shipped law stands in."""
+"""Least number of following decisions to fit a law of nine parameters; with fewer the shipped law is used."""
 _LEAST_SPREAD = 0.05
-"""A quarter of a step between two accelerations [m/s2]: less cannot be told from none."""
+"""Least spread [m/s2], a quarter of the step between two accelerations: less looks the same as none."""
 _FOLLOWING_STATES = (SPEEDS.size, GAPS.size, RANGE_RATES.size)
 _ATTRIBUTION = {
     "ngsim": "NGSIM, US DOT FHWA",
@@ -65,16 +65,16 @@ def fit_model(
     Args:
         paths: Trajectory files, at least one; their order does not matter.
         data_format: One of `readers.DATA_FORMATS`.
-        prior_strength: Pseudo-decisions per state that the prior is worth, 1 to 1e6.
+        prior_strength: Weight of the prior, in pseudo-decisions per state, 1 to 1e6.
         window_factor: As for `read_decisions`.
-        progress: Is told in plain words what is being done.
+        progress: Called with a sentence on each step of the work.
 
     Returns:
-        The model, and what went into it and how well it predicts what was held out.
+        The model, and a report on its data and on how well it predicts held-out decisions.
 
     Raises:
         UnknownNameError: No such format.
-        InputError: No file, one file twice, or a strength out of range.
+        InputError: There is no file, a file is given twice, or a strength is out of range.
         DataError: A file cannot be read, or no decision is left to fit on.
     """
     strength = check_number("prior_strength", prior_strength, low=1.0, high=1e6)
@@ -111,7 +111,7 @@ def _refuse_twins(readings: Sequence[Reading]) -> None:
 
 
 def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
-    """Rows were read, but no decision came of them that may be fitted on."""
+    """Make the error for files whose rows give no decision to fit on."""
     used, read = sum(reading.rows_used for reading in readings), sum(reading.rows_read for reading in readings)
     made = f"{held_out} decision(s), all held out" if held_out else "no decision"
     faults = [
@@ -127,7 +127,7 @@ def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
 
 
 def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, FollowingLaw], list[str]]:
-    """The prior's law and the baseline to compare it with, both fitted at all speeds; notes."""
+    """Fit the prior's law and the baseline to compare it with, both at all speeds; return them with notes."""
     following = training.where(np.isfinite(training.gap))
     if following.size < _FEWEST:
         note = (
@@ -152,7 +152,7 @@ def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:
 def _assemble(
     safe: SafeLaw, training: Decisions, strength: float, provenance: dict[str, object]
 ) -> tuple[NddModel, NDArray[np.int64]]:
-    """Tables from prior and counts; also the number of decisions counted in each following state, (21, 116, 19)."""
+    """Make tables from prior and counts; also return the decisions counted in each following state, (21, 116, 19)."""
     following, free = _counts(training)
     lane_change = LaneChange()
     accept = _few_bits(lane_change.accept())
@@ -174,7 +174,7 @@ def _assemble(
 
 
 def _counts(training: Decisions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """How often each acceleration was chosen in each state: following (21, 116, 19, 31) and free (21, 31)."""
+    """Count each acceleration in each state: following (21, 116, 19, 31) and free (21, 31)."""
     speed, gap, range_rate, on_grid, is_free = grid_place(training)
     chosen = bin_index(training.acceleration)
     following = np.zeros((*_FOLLOWING_STATES, ACCELERATIONS.size), dtype=np.int64)
@@ -186,7 +186,7 @@ def _counts(training: Decisions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _rows(prior: Floats, counts: NDArray[np.int64], strength: float) -> NDArray[np.float32]:
-    """Posterior mean of each row, float32; rows sum to 1 within rounding, exact zeros stay."""
+    """Return the posterior mean of each row, float32; rows sum to 1 within rounding, exact zeros stay."""
     rows = (counts + strength * prior) / (counts.sum(axis=-1, keepdims=True) + strength)
     rows = _few_bits(rows).astype(np.float64)
     peak = rows.argmax(axis=-1)[..., None]
@@ -203,13 +203,13 @@ def _few_bits(values: Floats) -> NDArray[np.float32]:
 
 
 def _sparse(counted: NDArray[np.int64]) -> dict[str, list[int]]:
-    """States with data: flat index and number of decisions; with the strength, a row's Dirichlet spread."""
+    """List states with data (flat index, decisions); with the strength they give a row's Dirichlet spread."""
     state = np.flatnonzero(counted)
     return {"state": [int(i) for i in state], "decisions": [int(n) for n in counted.reshape(-1)[state]]}
 
 
 def _provenance(readings: Sequence[Reading], data_format: str, strength: float, safe: SafeLaw) -> dict[str, object]:
-    """What the model was made of. No times and no folders, so that the same data give the same file."""
+    """Describe the model's origin, without times and folders, so that the same data give the same file."""
     return {
         "made_by": f"cornerforge {importlib.metadata.version('cornerforge')}",
         "attribution": _ATTRIBUTION.get(data_format, _UNSTATED),

@@ -1,6 +1,6 @@
-"""The grids that the naturalistic model's tables stand on: those of the published IVBSS arrays (Feng et al. 2021).
+"""The grids of the naturalistic model's tables, which are the grids of the published IVBSS arrays (Feng et al. 2021).
 
-Lane-change tables (desire, acceptance) stand on gap and range rate too.
+Lane-change tables (desire, acceptance) use the grids of gap and range rate too.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ __all__ = ["GAP_GRID", "RANGE_RATE_GRID", "SPEED_GRID", "Grid"]
 
 
 class Grid(NamedTuple):
-    """Evenly spaced points. A value belongs to the nearest; one beyond the ends to the outermost.
+    """Evenly spaced points. A value belongs to the nearest point; beyond the ends, to the outermost.
 
     Attributes:
         low: The lowest point, a whole number of steps.
@@ -28,26 +28,26 @@ class Grid(NamedTuple):
 
     @property
     def lower(self) -> float:
-        """Where the cell of the lowest point begins, half a step below it."""
+        """Lower border of the lowest point's cell, half a step below the point."""
         return self.low - 0.5 * self.step
 
     @property
     def upper(self) -> float:
-        """Where the cell of the highest point ends, half a step above it."""
+        """Upper border of the highest point's cell, half a step above the point."""
         return self.low + (self.bins - 0.5) * self.step
 
     def points(self) -> NDArray[np.float64]:
-        """All points, rising, shape (bins,)."""
+        """Return all points, rising, shape (bins,)."""
         return np.asarray(self.low + self.step * np.arange(self.bins), np.float64)
 
     def edges(self) -> NDArray[np.float64]:
-        """Borders of the points' cells, shape (bins + 1,)."""
+        """Return the borders of the points' cells, shape (bins + 1,)."""
         return np.asarray(self.lower + self.step * np.arange(self.bins + 1), np.float64)
 
     def nearest(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Number of the nearest point of each finite value, in whatever shape; of two equally near the upper.
+        """Return the index of each finite value's nearest point, any shape; of two equally near, the upper.
 
-        It goes on beyond the ends, below 0 too; `place` does not.
+        Beyond the ends the index goes on, below 0 too; `place` cuts it.
 
         >>> SPEED_GRID.nearest(np.array([18.0, 20.5, 41.0]))
         array([-2,  1, 21])
@@ -55,7 +55,7 @@ class Grid(NamedTuple):
         return np.floor(values / self.step + 0.5).astype(np.int64) - round(self.low / self.step)
 
     def place(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The same, cut to the grid.
+        """Return the index of each value's nearest point, cut to the grid.
 
         >>> SPEED_GRID.place(np.array([18.0, 20.5, 41.0]))
         array([ 0,  1, 20])

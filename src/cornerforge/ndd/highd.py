@@ -20,7 +20,7 @@ from cornerforge.errors import DataError
 __all__ = ["FRAMES_PER_SECOND", "RecordingMeta", "is_companion", "read_recording_meta"]
 
 FRAMES_PER_SECOND = 25.0
-"""Of every published highD recording; taken where no meta file says otherwise."""
+"""Frame rate of every published highD recording; used without a meta file."""
 _COMPANIONS = re.compile(r".*_(recordingmeta|tracksmeta)\.csv(\.gz)?", re.IGNORECASE)
 _TRACKS = re.compile(r"(.*)_tracks\.csv(\.gz)?", re.IGNORECASE)
 _WIDEST_LANE = 7.0
@@ -28,7 +28,7 @@ _WIDEST_LANE = 7.0
 
 @dataclass(frozen=True)
 class RecordingMeta:
-    """What a recording's meta file says.
+    """The contents of a recording's meta file.
 
     Attributes:
         frames_per_second: Frame rate.
@@ -39,7 +39,7 @@ class RecordingMeta:
     lane_width: float = field(metadata={"unit": "m"})
 
     def notes(self, file: str) -> list[str]:
-        """A note where lanes are too wide to be in metres: 3.5 to 4 m are 11 to 13 ft."""
+        """Return a note if lanes are too wide to be in metres: 3.5 to 4 m are 11 to 13 ft."""
         if not self.lane_width > _WIDEST_LANE:
             return []
         return [
@@ -49,17 +49,17 @@ class RecordingMeta:
 
 
 def is_companion(path: Path) -> bool:
-    """Whether a file is one of those that stand beside the tracks and hold none itself."""
+    """Tell whether a file accompanies a tracks file and holds no tracks itself."""
     return _COMPANIONS.fullmatch(path.name) is not None
 
 
 def read_recording_meta(tracks: Path) -> RecordingMeta | None:
-    """The meta file beside a tracks file (`01_tracks.csv`: `01_recordingMeta.csv`); None if there is none.
+    """Read the meta file beside a tracks file (`01_tracks.csv`: `01_recordingMeta.csv`); None if there is none.
 
-    Either may be packed (`.csv.gz`), whatever the other is.
+    Each of the two may be packed (`.csv.gz`).
 
     Raises:
-        DataError: It is there, but holds no usable frame rate; or it is there twice.
+        DataError: The meta file holds no usable frame rate, or there are two.
     """
     named = _TRACKS.fullmatch(tracks.name)
     if named is None:
@@ -90,11 +90,11 @@ def read_recording_meta(tracks: Path) -> RecordingMeta | None:
 
 
 def _lane_width(markings: list[str | None]) -> float:
-    """Median distance of neighbouring markings, each a list of positions across the road with ";" between."""
+    """Return the median distance of neighbouring markings; each text lists positions across the road, split by ";"."""
     widths: list[float] = []
     for text in markings:
         try:
             widths += np.diff([float(part) for part in (text or "").split(";") if part.strip()]).tolist()
-        except ValueError:  # only a look at the units hangs on it
+        except ValueError:  # the width only serves to check the units
             continue
     return float(np.median(np.abs(widths))) if widths else float("nan")

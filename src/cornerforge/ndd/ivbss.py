@@ -1,7 +1,7 @@
 """Importing the published IVBSS arrays (Feng et al. 2021, 2023) as a naturalistic model.
 
-What a file holds replaces ours; what is missing, and states without data, are filled from a model of ours, counted and
-named. The layout is described in `docs/ivbss-arrays.md`. No pickle is ever loaded.
+Arrays in the files replace the tables of a base model. Missing arrays and states without data keep the base model's
+values, counted and named. `docs/ivbss-arrays.md` describes the layout. No pickle is ever loaded.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ _NEVER_IN_FILES = (
     "overlook",
     "overlook_conflict",
 )
-"""What no published array holds; the released code has some of it as constants (following share 0.682, ...)."""
+"""Parts of a model that no published array holds; the released code has some as constants (following share 0.682)."""
 
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What came from where.
+    """The source of each part of an imported model.
 
     Attributes:
         files: For each array found: `name`, `sha256`, and what was done with it (rows, empty, renormalised, filled,
             misfit; see `ivbss_rows`, `ivbss_lane_change`, `ivbss_initial`).
-        missing: Arrays that are not there; all that hangs on them is ours.
-        filled: Everything that is ours, in plain words.
-        unused: Files of arrays that were left for a preferred one.
+        missing: Arrays that no file holds; what depends on them comes from the base model.
+        filled: Everything that comes from the base model, in plain words.
+        unused: Files that were not used because a preferred file holds the same array.
         notes: What a reader must know, one plain sentence each.
     """
 
@@ -78,15 +78,15 @@ class ImportReport:
 def import_arrays(
     folder: Path, base: NddModel, progress: Callable[[str], None] | None = None
 ) -> tuple[NddModel, ImportReport]:
-    """Make a model of the arrays below a folder; the same files give the same model, to the bit.
+    """Make a model from the arrays below a folder; the same files give the same model, to the bit.
 
     Args:
         folder: `NDD_DATA` of the released data, one above it, or any folder with files of these names.
         base: Model that fills what is missing.
-        progress: Is told in plain words what is being done.
+        progress: Called with a sentence on each step of the work.
 
     Returns:
-        The model, and what came from where.
+        The model, and the source of each of its parts.
 
     Raises:
         FileFormatError: No array is found, or one is damaged, a pickle, of another shape, or holds no probabilities.
@@ -121,7 +121,7 @@ def import_arrays(
 
 
 def _accelerations(path: Path, own: NDArray[np.float32], role: str) -> tuple[NDArray[np.float32], Mapping[str, int]]:
-    """The table of `path` on our axes, its empty rows filled with ours."""
+    """Load the table of `path` onto our axes and fill its empty rows from `own`."""
     array = load_array(path)
     shapes = (_PUBLISHED, _FOLLOWING) if role == "following" else ((SPEEDS.size, N_ACCELERATIONS),)
     if array.shape not in shapes:
@@ -136,7 +136,7 @@ def _accelerations(path: Path, own: NDArray[np.float32], role: str) -> tuple[NDA
 
 
 def _with_initial(model: NddModel, paths: Mapping[str, Path]) -> tuple[NddModel, dict[str, dict[str, Any]]]:
-    """The model with the initial state that the cumulative tables ask for."""
+    """Return the model with an initial state fitted to the cumulative tables."""
     initial, entries = model.initial, dict[str, dict[str, Any]]()
     speeds = speed_law(initial)
     if "initial_speed" in paths:
@@ -158,7 +158,7 @@ def _with_initial(model: NddModel, paths: Mapping[str, Path]) -> tuple[NddModel,
 
 
 def _rounded(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Numbers to 9 digits, so that the last bits of a sum do not decide the bytes of the model file."""
+    """Round numbers to 9 digits, so that the last bits of a sum do not change the bytes of the model file."""
     return {key: round(value, 9) if isinstance(value, float) else value for key, value in entry.items()}
 
 
@@ -181,7 +181,7 @@ _OURS_WITHOUT = {
     "initial_speed": "start: speeds",
     "initial_gap": "start: time gaps and range rates",
 }
-"""What is ours if the array is missing; the table with both adjacent vehicles is only compared with."""
+"""What comes from the base model if an array is missing; the table with both adjacent vehicles is only compared."""
 
 
 def _report(files: Mapping[str, Mapping[str, Any]], unused: list[str]) -> ImportReport:
@@ -204,7 +204,7 @@ def _report(files: Mapping[str, Mapping[str, Any]], unused: list[str]) -> Import
 
 
 def _provenance(report: ImportReport, base: NddModel) -> dict[str, object]:
-    """What the model was made of. No times and no folders, so that the same files give the same bytes."""
+    """Describe the model's origin, without times and folders, so that the same files give the same bytes."""
     return {
         "made_by": f"cornerforge {importlib.metadata.version('cornerforge')}",
         "attribution": _ATTRIBUTION,

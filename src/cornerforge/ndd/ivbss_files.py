@@ -1,7 +1,7 @@
-"""The published IVBSS arrays on disk: which file is what, and reading them without ever loading a pickle.
+"""Finding and reading the published IVBSS arrays on disk; no pickle is ever loaded.
 
-Names, axes and meanings are those of the data that come with the released code of Feng et al. (NADE, Nature
-Communications 12:748, 2021; D2RL, Nature 615:620, 2023), folder `NDD_DATA`. `docs/ivbss-arrays.md` lists them.
+Names, axes and meanings come from the data in folder `NDD_DATA` of the released code of Feng et al. (NADE, Nature
+Communications 12:748, 2021; D2RL, Nature 615:620, 2023). `docs/ivbss-arrays.md` lists them.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Role:
-    """What one of the arrays is.
+    """One of the arrays.
 
     Attributes:
-        about: In words, for reports.
+        about: Its meaning in words, for reports.
         patterns: Regular expressions of file names, the preferred one first.
     """
 
@@ -62,16 +62,16 @@ ROLES: Mapping[str, Role] = {
         (r"Optimized_presum_list_forward\.npy", r"presum_list_forward\.npy"),
     ),
 }
-"""The arrays that are known, by our name for them."""
+"""The known arrays by our names."""
 
 _ENDINGS = (".npy", ".npz", ".pkl", ".pickle")
 
 
 def find_arrays(folder: Path) -> tuple[dict[str, Path], list[Path]]:
-    """Which file below `folder` holds which array.
+    """Find the file below `folder` that holds each array.
 
     Returns:
-        Role -> file, and the files of arrays that were not taken because a preferred one is there.
+        Role -> file, and the files that are not used because a preferred file holds the same array.
 
     Raises:
         FileFormatError: No folder, no known array in it, two files for one array, or an array given as a pickle.
@@ -119,7 +119,7 @@ def _needs_pickle(path: Path) -> FileFormatError:
 
 
 def load_array(path: Path) -> NDArray[np.number]:
-    """The array of a `.npy` file, left on disk until it is looked at.
+    """Open the array of a `.npy` file; its values stay on disk until they are read.
 
     Raises:
         FileFormatError: Damaged, no array of numbers, or a pickle.
@@ -158,13 +158,13 @@ class Coordinates:
 
 
 def load_coordinates(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Coordinates:
-    """A lane-change table, stored whole (`.npy`) or as a coordinate list (`.npz`).
+    """Load a lane-change table, stored whole (`.npy`) or as a coordinate list (`.npz`).
 
     Args:
         path: The file. A coordinate list holds `coords`, integers (axes, k), `data`, (k,), and perhaps `shape` and
             `fill_value` (0): what the package `sparse` writes.
         shape: All axes but the last.
-        lengths: What the last axis may be.
+        lengths: Allowed lengths of the last axis.
 
     Raises:
         FileFormatError: Damaged, a pickle, another shape, or another kind of sparse array.
@@ -196,7 +196,7 @@ def _from_whole(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> C
 
 def _from_list(path: Path, shape: tuple[int, ...], lengths: Sequence[int]) -> Coordinates:
     try:
-        # Of a damaged file np.load would leave the handle open.
+        # With a damaged file np.load would leave the handle open.
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             parts = {name: file[name] for name in ("coords", "data", "shape", "fill_value") if name in file.files}
     except (OSError, EOFError, ValueError, pickle.UnpicklingError, zipfile.BadZipFile, zipfile.LargeZipFile) as error:

@@ -1,8 +1,8 @@
 """The published distributions of traffic at the start, reduced to the law of `InitialState` by maximum likelihood.
 
 Speeds: P(speed), 21 values. Gap and range rate of the next vehicle ahead: P(gap, range rate | speed of the follower).
-Each grid value stands for the interval of half a step to both sides. `InitialState` is a law of few parameters; what it
-cannot follow is reported as `misfit`, the total variation distance between the table and the law (0 to 1).
+Each grid value stands for the interval of half a step to both sides. `InitialState` is a law of few parameters; its
+error is reported as `misfit`, the total variation distance between the table and the law (0 to 1).
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ Floats = NDArray[np.float64]
 
 _TINY = 1e-300
 _FLOOR = 1e-9
-"""What the law calls (almost) impossible counts as this, so that a few odd states do not decide the fit."""
+"""Least probability of a state in the fit, so that a few states that the law calls impossible do not decide it."""
 _OPTIONS = {"xatol": 1e-7, "fatol": 1e-10, "maxiter": 4000}
 
 
 def _phi(z: Floats) -> Floats:
-    """Normal distribution function."""
+    """Evaluate the standard normal distribution function."""
     from scipy.special import ndtr
 
     return np.asarray(ndtr(z), dtype=np.float64)
 
 
 def speed_law(initial: InitialState) -> Floats:
-    """P(speed) on the grid, shape (21,): the normal, cut to [speed_low, speed_high]."""
+    """Compute P(speed) on the grid, shape (21,): the normal, cut to [speed_low, speed_high]."""
     edges = np.clip(SPEED_GRID.edges(), initial.speed_low, initial.speed_high)
     mass = np.diff(_phi((edges - initial.speed_mean) / initial.speed_sd))
     return np.asarray(mass / max(float(mass.sum()), _TINY))
 
 
 def gap_law(initial: InitialState) -> Floats:
-    """P(gap, range rate | speed) of a following vehicle on the grid, shape (21, 116, 19); gap 0 is impossible.
+    """Compute P(gap, range rate | speed) of a following vehicle on the grid, shape (21, 116, 19); gap 0 is impossible.
 
-    Impossible, as for the simulator, are times to collision below `min_ttc` and leaders slower than `speed_low` or
-    faster than `speed_high`. A speed at which nothing is possible has a row of zeros.
+    As in the simulator, times to collision below `min_ttc` and leaders slower than `speed_low` or faster than
+    `speed_high` are impossible. A speed at which nothing is possible has a row of zeros.
     """
     speed, gap = SPEEDS[:, None], GAPS[None, 1:]
     edges = np.log(GAP_GRID.edges()[None, 1:] / speed / initial.time_gap_median)
@@ -60,7 +60,7 @@ def gap_law(initial: InitialState) -> Floats:
 
 
 def _possible(initial: InitialState) -> NDArray[np.bool_]:
-    """Which states the limits of the law allow, shape (21, 116, 19)."""
+    """Tell which states the limits of the law allow, shape (21, 116, 19)."""
     lead = SPEEDS[:, None, None] + RANGE_RATES
     slow_enough = GAPS[:, None] >= -initial.min_ttc * RANGE_RATES
     inside = (lead >= initial.speed_low) & (lead <= initial.speed_high)
@@ -72,10 +72,10 @@ def _distance(p: Floats, q: Floats) -> float:
 
 
 def fit_speeds(table: Floats, start: InitialState) -> tuple[InitialState, dict[str, float]]:
-    """The speeds' mean and spread that make P(speed), shape (21,), most likely.
+    """Fit the mean and spread of speeds that make P(speed), shape (21,), most likely.
 
     Returns:
-        `start` with them, and `misfit`, `mean` and `sd` (of the table itself [m/s]).
+        `start` with mean and spread fitted, and `misfit`, `mean` and `sd` (of the table itself [m/s]).
     """
     from scipy.optimize import minimize
 
@@ -93,10 +93,10 @@ def fit_speeds(table: Floats, start: InitialState) -> tuple[InitialState, dict[s
 
 
 def fit_gaps(table: Floats, speeds: Floats, start: InitialState) -> tuple[InitialState, dict[str, float]]:
-    """The law of gap and range rate that makes P(gap, range rate | speed), shape (21, 116, 19), most likely.
+    """Fit the law of gap and range rate that makes P(gap, range rate | speed), shape (21, 116, 19), most likely.
 
     Args:
-        table: Rows (one a speed) sum to 1, or are 0 where there are no data.
+        table: Rows (one for each speed) sum to 1, or are 0 without data.
         speeds: Weights of the speeds, shape (21,).
         start: Its speeds, TTC limit and follow share are kept.
 

@@ -3,14 +3,14 @@
 The tables hold P(change) by speed and the states to two neighbours at a time: leader (no adjacent vehicle), leader and
 adjacent leader, leader and adjacent follower, both adjacent ones. Our model is a product (`NddModel`):
 base(speed) desire(leader) accept_lead(adjacent leader) accept_rear(adjacent follower). The reduction keeps the tables'
-totals and loses what is not a product; how much is reported as `misfit`:
+totals and loses what is not a product; `misfit` says how much:
 
-- base and desire: the product nearest (least Kullback-Leibler divergence) to the first table, so that the total
-  chance is kept for each speed and each state. Only their product has a meaning; desire is scaled to the mean that our
-  own has over the same states.
-- each acceptance: the changes that its table holds for a state of the neighbour, over those that base and desire give
-  in the same cells; at most 1.
-- the table with both adjacent vehicles does not tell the leader, and is only compared with the product.
+- base and desire: the product nearest (least Kullback-Leibler divergence) to the first table, so that the total chance
+  is kept for each speed and each state. Only their product has a meaning; desire is scaled to the mean of the base
+  model's desire over the same states.
+- each acceptance: the changes in its table for a state of the neighbour, divided by the changes that base and desire
+  give in the same cells; at most 1.
+- the table with both adjacent vehicles holds no state of the leader and is only compared with the product.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LAST_AXIS = (2, 3)
-"""Last axis: (change to the side, keep), or (left, keep, right), whose sides are averaged, as ours are alike."""
+"""Lengths of the last axis: (change to the side, keep), or (left, keep, right); our model is the mean of both sides."""
 STATE_SHAPE = (GAPS.size, RANGE_RATES.size)
 _STATES = GAPS.size * RANGE_RATES.size
 _ROUNDS = 500
@@ -40,7 +40,7 @@ _STILL = 1e-12
 
 
 def table_shape(role: str) -> tuple[int, ...]:
-    """Axes of a lane-change table but the last: speed, then (gap, range rate) of one or two neighbours."""
+    """Return all axes of a lane-change table but the last: speed, then (gap, range rate) of one or two neighbours."""
     return (SPEEDS.size, *STATE_SHAPE) if role == "lc_alone" else (SPEEDS.size, *STATE_SHAPE, *STATE_SHAPE)
 
 
@@ -51,10 +51,10 @@ class Cells:
     Attributes:
         speed: Index of the speed, shape (n,).
         first: Index gap * 19 + range rate of the first neighbour in the table, shape (n,).
-        second: The same of the second; 0 where the table has one only.
+        second: Index of the second neighbour, likewise; 0 where the table has only one.
         change: Chance of a change to one given side, shape (n,).
-        counts: `cells` with data out of `rows`, `renormalised`, and `unnormalised` (sum off by more than 0.01: the
-            chance of a change taken as it stands, as the released code does).
+        counts: `cells` with data out of `rows`, `renormalised`, and `unnormalised` (the sum differs from 1 by more than
+            0.01; the chance of a change is then used unchanged, as in the released code).
     """
 
     speed: Ints
@@ -65,7 +65,7 @@ class Cells:
 
 
 def cells_of(name: str, table: Coordinates) -> Cells:
-    """The cells of a lane-change table, checked.
+    """Check a lane-change table and return its cells.
 
     Raises:
         FileFormatError: NaN, negative numbers, or chances above 1.
@@ -100,15 +100,15 @@ def cells_of(name: str, table: Coordinates) -> Cells:
 
 
 def _sums(owner: Ints, value: Floats, n: int) -> Floats:
-    """Sum of `value` for each owner 0..n-1, shape (n,)."""
+    """Sum `value` for each owner 0..n-1, shape (n,)."""
     return np.bincount(owner, weights=value, minlength=n).astype(np.float64)
 
 
 def reduce_lane_changes(base: NddModel, tables: Mapping[str, Cells]) -> tuple[NddModel, dict[str, dict[str, float]]]:
-    """A model whose lane changes come from the tables where they hold data, else from `base`.
+    """Make a model whose lane changes come from the tables where they hold data, else from `base`.
 
     Args:
-        base: Model that is changed.
+        base: Model to start from.
         tables: Cells of `lc_alone`, `lc_lead`, `lc_rear` and `lc_both`; any may be missing.
 
     Returns:
@@ -144,7 +144,7 @@ def _misfit(table: Floats, product: Floats) -> float:
 
 
 def _with_wish(model: NddModel, cells: Cells) -> tuple[NddModel, dict[str, float]]:
-    """Base and desire by alternating updates, which keep the sums over each speed and each state."""
+    """Fit base and desire by alternating updates, which keep the sums over each speed and each state."""
     chance, known = np.zeros((SPEEDS.size, _STATES)), np.zeros((SPEEDS.size, _STATES))
     chance[cells.speed, cells.first] = cells.change
     known[cells.speed, cells.first] = 1.0
@@ -177,7 +177,7 @@ def _with_wish(model: NddModel, cells: Cells) -> tuple[NddModel, dict[str, float
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:
-    """Ratio of two arrays of one shape, 0 where below is 0."""
+    """Divide two arrays of one shape; 0 where `below` is 0."""
     return np.divide(above, below, out=np.zeros_like(above), where=below > 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Rows of probabilities from outside: checked, counted, brought to sum 1."""
+"""Checks of rows of probabilities from files: they are counted and scaled to sum 1."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 EXACT = 1e-6
-"""A row whose sum is this near to 1 is taken as it stands."""
+"""A row whose sum is this near to 1 is used unchanged."""
 TOLERANCE = 0.01
-"""A row whose sum is this near to 1 is divided by it; one farther away holds no probabilities, and is refused."""
+"""A row whose sum is this near to 1 is divided by it; any other row is refused: it holds no probabilities."""
 _NOISE = 1e-9
-"""Negative numbers smaller than this are rounding, and count as 0."""
+"""Negative numbers up to this size are rounding errors and count as 0."""
 
 
 @dataclass(frozen=True)
 class RowCounts:
-    """What was done with the rows of one table.
+    """Counts of the rows of one table.
 
     Attributes:
         rows: All rows (states) of the table.
-        empty: Rows that are all 0: no data. They are filled from our model.
+        empty: Rows that are all 0, without data. They are filled from the base model.
         renormalised: Rows divided by their sum.
     """
 
@@ -46,7 +46,7 @@ def check_numbers(name: str, values: Floats) -> None:
     """Check that there is no NaN, infinite or negative number (beyond rounding of 1e-9) in `values`, any shape.
 
     Raises:
-        FileFormatError: There is; the message counts them and names the first place.
+        FileFormatError: There is one; the message counts them and names the first place.
     """
     odd = ~np.isfinite(values)
     below = values < -_NOISE
@@ -59,13 +59,13 @@ def check_numbers(name: str, values: Floats) -> None:
 
 
 def checked_rows(name: str, table: Floats) -> tuple[Floats, Bools, RowCounts]:
-    """Rows of probabilities, shape (*d, k), brought to sum 1.
+    """Check rows of probabilities, shape (*d, k), and scale them to sum 1.
 
     Returns:
         The rows (an empty one stays 0), which rows hold data, shape (*d), and the counts.
 
     Raises:
-        FileFormatError: Numbers that are no probabilities, or a sum farther than `TOLERANCE` from 1.
+        FileFormatError: A number is no probability, or a sum is farther than `TOLERANCE` from 1.
     """
     check_numbers(name, table)
     rows = np.maximum(table, 0.0)
@@ -84,13 +84,13 @@ def checked_rows(name: str, table: Floats) -> tuple[Floats, Bools, RowCounts]:
 
 
 def checked_cumulative(name: str, table: Floats) -> tuple[Floats, Bools, RowCounts]:
-    """Rows of cumulative probabilities, shape (n, k), taken apart into probabilities; a row of NaN is empty.
+    """Check rows of cumulative probabilities, shape (n, k), and return probabilities; a row of NaN is empty.
 
     Returns:
         As `checked_rows`.
 
     Raises:
-        FileFormatError: Numbers that are no probabilities, a row that falls, or one that does not end at 1.
+        FileFormatError: A number is no probability, or a row falls or does not end at 1.
     """
     empty = np.asarray(np.isnan(table).all(axis=-1))
     table = np.where(empty[:, None], 0.0, table)

@@ -1,8 +1,8 @@
 """The lane-change prior: how often a driver wants to change lanes, and which gaps in the next lane it accepts.
 
-Trajectories at 20-40 m/s with all lanes are not among the data (NGSIM US-101 is a weaving section, far above the usual
-rate), so this part is prior alone: a rate set to about 0.3 lane changes per vehicle-mile (between 0.36, Lee, Olsen,
-Wierwille 2004, and 0.20, Krajewski et al. 2018), a wish that grows behind a slower leader, kinematic gap acceptance.
+The data hold no trajectories of all lanes at 20-40 m/s (NGSIM US-101 is a weaving section, far above the usual rate).
+So nothing here is fitted: the rate is set to about 0.3 lane changes per vehicle-mile (between 0.36, Lee, Olsen,
+Wierwille 2004, and 0.20, Krajewski et al. 2018), desire grows behind a slower leader, gap acceptance is kinematic.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LaneChange:
-    """Wish and gap acceptance of a lane change that takes about 4 s.
+    """Desire and gap acceptance of a lane change that takes about 4 s.
 
     A gap is critical when, after `reaction` seconds at constant speeds, the one behind must brake harder than `braking`
     to keep `standstill`: critical = standstill + reaction c + c^2 / (2 braking), c the closing speed. At or below it
-    acceptance is exactly 0; above it rises as 1 - exp(-((gap - critical) / smooth)^2). The wish has such a factor too,
-    with the numbers named `own_...`: nobody begins to steer, which keeps the foot still for a second, close behind a
-    leader or closing in on one fast. Without it such drivers made most of the crashes between BVs.
+    acceptance is exactly 0; above, it is 1 - exp(-((gap - critical) / smooth)^2). Desire has the same factor for the
+    leader, with the numbers `own_...`: no driver begins a change, which holds its speed for a second, close behind a
+    leader or closing in on one fast. Without this factor these changes made most of the crashes between BVs.
 
-    `rate` is per 1 s decision and side at a wish of 1: with traffic as at the start of a test 0.0111 gives 0.30 a mile
-    (simulated).
+    `rate` is per 1 s decision and side at a desire of 1: 0.0111 gives 0.30 changes a mile in traffic as at the start of
+    a test (simulated).
     """
 
     rate: float = 0.0111
@@ -49,14 +49,14 @@ class LaneChange:
     overlook_conflict: float = 1e-4
 
     def base(self) -> Floats:
-        """Chance per 1 s decision and side, before wish and gaps, shape (21,); the same at all speeds."""
+        """Return the chance per 1 s decision and side, without desire and gaps, shape (21,); the same at all speeds."""
         return np.full(SPEEDS.size, self.rate)
 
     def desire(self) -> Floats:
-        """Multiplier of the chance by (gap, range rate) to the leader, shape (116, 19).
+        """Return the factor of the chance by (gap, range rate) to the leader, shape (116, 19).
 
-        Grows with the closing speed and falls with the gap, from `desire_free` far off; 0 where the leader is too near
-        to begin.
+        It rises with the closing speed and tends to `desire_free` for large gaps; 0 where the leader is too near to
+        begin a change.
         """
         gap, closing = GAPS[:, None], np.maximum(-RANGE_RATES, 0.0)[None, :]
         wish = self.desire_free + (0.5 + self.slower_leader * closing) * np.exp(-gap / self.near)
@@ -64,18 +64,18 @@ class LaneChange:
         return np.asarray(wish * _acceptance(critical, self.own_smooth))
 
     def accept(self) -> Floats:
-        """Acceptance by (gap, range rate), shape (116, 19); range rate front minus rear, negative when closing."""
+        """Return the acceptance by (gap, range rate), shape (116, 19); range rate front minus rear, < 0: closing."""
         critical = _critical_gap(RANGE_RATES, self.standstill, self.reaction, self.braking)
         return _acceptance(critical, self.smooth)
 
 
 def _critical_gap(range_rate: Floats, standstill: float, reaction: float, braking: float) -> Floats:
-    """Gap [m] at or below which an attentive driver refuses; range rate front minus rear, negative when closing."""
+    """Return the largest gap [m] that an attentive driver refuses; range rate front minus rear, < 0 when closing."""
     closing = np.maximum(-range_rate, 0.0)
     return np.asarray(standstill + reaction * closing + closing**2 / (2.0 * braking))
 
 
 def _acceptance(critical: Floats, smooth: float) -> Floats:
-    """Chance to accept each gap of the grid, shape (116, 19); 0 at and below the critical gap (19,)."""
+    """Return the chance to accept each gap of the grid, shape (116, 19); 0 at and below the critical gap (19,)."""
     above = np.maximum(GAPS[:, None] - critical[None, :], 0.0)
     return np.asarray(-np.expm1(-((above / smooth) ** 2)))

@@ -1,4 +1,4 @@
-"""Lane changes in recorded trajectories: how often, and into which gaps. Needs a file that gives each row's lane.
+"""Lane changes in recorded trajectories: how often, and into which gaps. The file must give each row's lane.
 
 Shapes: `n` rows of a file, sorted by vehicle and time; `c` lane changes.
 """
@@ -22,10 +22,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 START_BEFORE = 2.0
-"""A lane change starts about this long before the vehicle is counted to its new lane [s] (one takes 4-6 s): the gaps
-are taken then."""
+"""Time from the start of a lane change (of 4-6 s) to the row that gives the new lane [s]; gaps are taken at the
+start."""
 _DWELL = 0.5
-"""A vehicle seen in a lane for less than this [s] on its way is noise of the lane number."""
+"""Least time in a lane [s]; a shorter stay is noise of the lane number."""
 _SEEN_AHEAD = 120.0
 _FASTEST = 70.0
 
@@ -35,15 +35,15 @@ class LaneObservations:
     """Lane changes of one file.
 
     Attributes:
-        vehicles: Vehicles whose lane is known, those without a lane change too.
-        miles: Driven by each, shape (vehicles,).
-        miles_fast: Thereof at the speed `fast` and above, shape (vehicles,).
-        vehicle: Who changed lanes, 0 to vehicles - 1, shape (c,).
-        speed: When the change began [m/s], shape (c,); NaN where the track was not seen then, as in all that follow.
-        lead_gap: Bumper to bumper to the next one in the new lane [m], +inf with nobody within 120 m; NaN where the
-            recorded stretch of road ends before.
-        lead_rate: Its speed minus the subject's [m/s], 0 with nobody.
-        rear_gap, rear_rate: The same behind; the rate is subject minus rear, negative when the rear closes.
+        vehicles: Number of vehicles whose lane is known, with or without a lane change.
+        miles: Distance of each, shape (vehicles,).
+        miles_fast: Part of it at speed `fast` and above, shape (vehicles,).
+        vehicle: Vehicle that changed lanes, 0 to vehicles - 1, shape (c,).
+        speed: Speed at the start of the change [m/s], shape (c,). NaN, here and below, where the track begins later.
+        lead_gap: Bumper-to-bumper distance to the lead in the new lane [m]; +inf without a lead within 120 m; NaN
+            where the recorded stretch of road ends before.
+        lead_rate: Lead's speed minus the subject's [m/s]; 0 without a lead.
+        rear_gap, rear_rate: The same for the rear; the rate is subject minus rear, negative when the rear closes.
     """
 
     vehicles: int
@@ -59,7 +59,7 @@ class LaneObservations:
 
 @dataclass(frozen=True)
 class _Tracks:
-    """Rows that are used, sorted by vehicle and tick; positions grow in the direction of travel."""
+    """The usable rows, sorted by vehicle and tick; positions grow in the direction of travel."""
 
     vehicle: Ints
     tick: Ints
@@ -72,10 +72,10 @@ class _Tracks:
 
 
 def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations | None:
-    """Lane changes of a file; None if its layout does not give each row's lane.
+    """Find the lane changes of a file; None if its layout does not give each row's lane.
 
     Args:
-        reading: The file, read before.
+        reading: The file, already read.
         fast: Speed from which miles count as fast [m/s].
     """
     if reading.layout.kind != "lanes":
@@ -100,7 +100,7 @@ def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations |
 
 
 def _tracks(reading: Reading) -> _Tracks:
-    """The usable rows of a file (some there are: it was read before), smoothed as the decisions are."""
+    """Return the usable rows of a file, smoothed like its decisions; `reading` ensures that there are some."""
     layout, header = reading.layout, read_header(reading.path)
     table = read_table(
         reading.path,
@@ -130,7 +130,7 @@ def _tracks(reading: Reading) -> _Tracks:
 
 
 def _along(table: Table, order: Ints, vehicle: Ints, length: Floats, *, corner: bool, front: bool) -> Floats:
-    """Centre of each vehicle in its direction of travel [m], shape (n,), rows in the order given."""
+    """Return each vehicle's centre in its direction of travel [m], shape (n,), rows in the order given."""
     position = table.numbers["position"][order]
     if corner:
         position = position + length / 2.0
@@ -144,9 +144,9 @@ def _along(table: Table, order: Ints, vehicle: Ints, length: Floats, *, corner: 
 
 
 def _changes(t: _Tracks, step: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """For each lane change the row `START_BEFORE` seconds before it, and the new lane.
+    """Return for each lane change the row `START_BEFORE` seconds before it, and the new lane.
 
-    The row is that of the change itself, made negative, where the track was not seen so early.
+    Where the track begins later, the row is that of the change itself, made negative.
     """
     dwell = max(round(_DWELL * t.per_second), 1)
     before = round(START_BEFORE * t.per_second)
@@ -166,7 +166,7 @@ def _changes(t: _Tracks, step: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def _gaps_at(t: _Tracks, row: int, lane: int) -> tuple[float, float, float, float, float]:
-    """Speed, lead gap, lead rate, rear gap, rear rate of the vehicle of a row towards a lane at that row's time."""
+    """Return speed, lead gap, lead rate, rear gap, rear rate of a row's vehicle in another lane at that row's time."""
     if row < 0 or not np.isfinite(t.speed[row]):
         return (np.nan,) * 5
     at = np.flatnonzero((t.tick == t.tick[row]) & (t.scene == t.scene[row]))

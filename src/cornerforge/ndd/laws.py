@@ -1,11 +1,11 @@
 """Stochastic car-following laws: mean, spread and heavy tails of the next second's acceleration, and their fit.
 
 A law maps a state (speed, gap, range rate) to a Student-t distribution of the mean acceleration over the next second,
-which is then gathered into the 31 acceleration bins of the model. `LogLaw` is the one that the model stands on;
-`IdmLaw` is the fairly fitted baseline it is measured against.
+which is then summed into the 31 acceleration bins of the model. The model is made from `LogLaw`; `IdmLaw` is the
+baseline, fitted to the same data.
 
-Sources: the LOG form was found by comparing laws on the NGSIM I-80 data (docs/design.md); IDM: Treiber, Hennecke,
-Helbing (2000), doi:10.1103/PhysRevE.62.1805.
+Sources: the LOG form was found by comparing laws on the NGSIM I-80 data (docs/adr/0008-likely-and-safe.md); IDM:
+Treiber, Hennecke, Helbing (2000), doi:10.1103/PhysRevE.62.1805.
 """
 
 from __future__ import annotations
@@ -32,36 +32,36 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 MIN_GAP = 0.5
-"""Gaps are taken as at least this [m], so that a touching pair has a finite law."""
+"""Smaller gaps count as this [m], so that a touching pair has a finite law."""
 _EDGES: Floats = np.concatenate([[-np.inf], ACCELERATIONS[:-1] + ACCELERATION_STEP / 2, [np.inf]])
 _FLOOR = 1e-6
-"""Log-likelihoods count a decision that a law calls (almost) impossible as this probability."""
+"""Least probability of a decision in a log-likelihood, also if a law calls it impossible."""
 
 
 class FollowingLaw(Protocol):
-    """What all laws here can do; arrays broadcast against each other."""
+    """Interface of all laws; arrays broadcast against each other."""
 
     @property
     def degrees(self) -> float:
         """Degrees of freedom of the Student-t noise."""
 
     def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
-        """Centre of the acceleration's distribution [m/s2]."""
+        """Return the centre of the acceleration's distribution [m/s2]."""
 
     def scale(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
-        """Scale of the Student-t noise [m/s2], above 0."""
+        """Return the scale of the Student-t noise [m/s2], above 0."""
 
 
 @dataclass(frozen=True)
 class LogLaw:
-    """Follow the leader's speed, and pull the logarithm of the time gap gently towards its usual value.
+    """A law that follows the leader's speed and pulls the logarithm of the time gap gently to its usual value.
 
     mean = response * rr * (v + 1)^0.24 / (gap + reach) + pull * ln(tg / headway) - 0.067 c^2 / (2 gap) + offset,
     with time gap tg = gap / (v + 0.55) and closing speed c = max(-rr, 0);
     scale = spread + spread_closing |rr| / gap^spread_power, less below 7 m/s (`_scale`).
 
-    The defaults are what the NGSIM files of the default model gave; they stand in where a user's data are too few.
-    The pull of a logarithm, unlike IDM's, lets drivers keep very different time gaps, as real ones do.
+    The defaults were fitted to the NGSIM files of the default model; they are used where a user has too few data.
+    The pull on a logarithm, unlike the IDM's, lets drivers keep very different time gaps, as real drivers do.
     """
 
     response: float = 3.486
@@ -91,7 +91,7 @@ class LogLaw:
 class IdmLaw:
     """The intelligent driver model with the same noise as `LogLaw`; desired speed fixed at 36 m/s.
 
-    Fixed, because congested data cannot tell it: left free it is extrapolated, and ruins the baseline.
+    It is fixed because congested data do not determine it: a fitted value would be extrapolated and spoil the baseline.
     """
 
     acceleration: float = field(default=1.0, metadata={"unit": "m/s2"})
@@ -124,7 +124,7 @@ def _scale(
 
 
 def bin_index(acceleration: Floats) -> NDArray[np.int64]:
-    """Nearest of the 31 accelerations; what lies beyond -4 or 2 m/s2 counts to the outermost.
+    """Return the index of the nearest of the 31 accelerations; beyond -4 or 2 m/s2, of the outermost.
 
     >>> bin_index(np.array([-9.0, -0.09, 0.11, 5.0]))
     array([ 0, 20, 21, 30])
@@ -134,9 +134,9 @@ def bin_index(acceleration: Floats) -> NDArray[np.int64]:
 
 
 def bin_probabilities(mean: Floats, scale: Floats, degrees: float) -> Floats:
-    """Student-t probabilities of the 31 acceleration bins, shape (*d, 31), from centre and scale of shape (*d).
+    """Return Student-t probabilities of the 31 acceleration bins, shape (*d, 31), from centre and scale, shape (*d).
 
-    The outermost bins hold everything beyond, so rows sum to 1 wherever the centre lies.
+    The outermost bins include the tails, so rows sum to 1 for every centre.
     """
     from scipy.special import stdtr
 
@@ -145,7 +145,7 @@ def bin_probabilities(mean: Floats, scale: Floats, degrees: float) -> Floats:
 
 
 def log_likelihood(law: FollowingLaw, speed: Floats, gap: Floats, range_rate: Floats, acceleration: Floats) -> float:
-    """Mean natural log of the probability of the observed bins; higher is better, uniform is -ln 31 = -3.43.
+    """Return the mean natural log of the observed bins' probability; higher is better, uniform is -ln 31 = -3.43.
 
     Args:
         law: The law.
@@ -167,10 +167,10 @@ Law = TypeVar("Law", LogLaw, IdmLaw)
 
 
 def fit_law(start: Law, speed: Floats, gap: Floats, range_rate: Floats, acceleration: Floats) -> Law:
-    """Maximum-likelihood parameters of a law, started at `start`, rounded to 4 significant digits.
+    """Fit a law by maximum likelihood, starting at `start`; parameters are rounded to 4 significant digits.
 
-    All parameters but the offset are kept positive by fitting their logarithms. The rounding makes a second fit, or one
-    on another machine, give the same bytes. Arrays as for `log_likelihood`.
+    All parameters but the offset stay positive: their logarithms are fitted. Thanks to the rounding a second fit gives
+    the same bytes, mostly on another machine too. Arrays as for `log_likelihood`.
     """
     from scipy.optimize import minimize
 

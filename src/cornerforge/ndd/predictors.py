@@ -1,4 +1,4 @@
-"""What a law, a model's table or a baseline expects of each decision: the chances of the 31 accelerations.
+"""Predictions of each decision by a law, a model's table or a baseline: probabilities of the 31 accelerations.
 
 `table_predictor` must look states up as the simulator does; all validation of the tables goes through it.
 """
@@ -38,7 +38,7 @@ _BINS = ACCELERATIONS.size
 
 
 def law_predictor(law: FollowingLaw) -> Predictor:
-    """A law at the true state; it needs a leader (finite gap)."""
+    """Return the predictor of a law at the true state; it needs a leader (finite gap)."""
 
     def predict(d: Decisions) -> Floats:
         state = d.speed, d.gap, d.range_rate
@@ -48,19 +48,19 @@ def law_predictor(law: FollowingLaw) -> Predictor:
 
 
 def table_predictor(model: NddModel) -> Predictor:
-    """The model's tables, looked up as the simulator does; speeds outside the grid take its end rows."""
+    """Return the predictor of a model's tables, read as in the simulator; speeds off the grid take its end rows."""
     return lambda d: table_probabilities(model, d)
 
 
 def uniform_predictor(d: Decisions) -> Floats:
-    """Every acceleration is as likely as every other."""
+    """Give every acceleration the same probability."""
     return np.full((d.size, _BINS), 1.0 / _BINS)
 
 
 def fitted_idms(training: Decisions) -> tuple[dict[str, IdmLaw], list[str]]:
-    """The stochastic IDMs of `IDM_FITS` that these decisions (all with a leader) make most likely, and notes.
+    """Fit the stochastic IDMs of `IDM_FITS` to these decisions (all with a leader); return them with notes.
 
-    Where too few decisions are fast enough, an IDM is fitted to all; where these are too few as well, it has defaults.
+    If too few decisions are fast enough, an IDM is fitted to all; if these are too few as well, it has its defaults.
     """
     notes: list[str] = []
     fits: dict[int, IdmLaw] = {}
@@ -75,14 +75,14 @@ def fitted_idms(training: Decisions) -> tuple[dict[str, IdmLaw], list[str]]:
             notes.append(f"{what}: it has defaults.")
             idms[name] = IdmLaw()
             continue
-        if part.size not in fits:  # a part of the same size is the same part
+        if part.size not in fits:  # parts of equal size are equal
             fits[part.size] = fit_law(IdmLaw(), part.speed, part.gap, part.range_rate, part.acceleration)
         idms[name] = fits[part.size]
     return idms, list(dict.fromkeys(notes))
 
 
 def raw_table_predictor(training: Decisions) -> Predictor:
-    """Counts per state, with one decision's worth of uniform guessing; the model's grid, carried on below 20 m/s."""
+    """Predict by counts per state plus one decision spread uniformly; the model's grid goes on below 20 m/s."""
     states, place = np.unique(_state(training), return_inverse=True)
     counts = np.zeros((states.size + 1, _BINS))  # the last row: never seen
     np.add.at(counts, (place, bin_index(training.acceleration)), 1.0)

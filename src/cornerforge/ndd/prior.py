@@ -1,11 +1,11 @@
 """The parametric prior of the naturalistic model at 20-40 m/s, where trajectories are thin: tables from a fitted law.
 
-The law that is most likely (`laws.LogLaw`) is not safe in free running: errors in measured speeds and the mixture of
-drivers bias its response weak. Here it is blended, where gaps are short or a collision is near, into a stronger one,
-with repulsion and a kinematic floor; nothing is forbidden by it, only the centre of the distribution moves.
-At motorway speeds, for which there are no trajectories, its noise shrinks as the published free-flow spread does, and
-its pull towards a time gap is what keeps the published distribution of time gaps for half a minute.
-Its constants were set so that simulated traffic meets the published facts with few crashes: docs/results.md.
+The most likely law (`laws.LogLaw`) is not safe in free running: errors in measured speeds and the mixture of drivers
+make its response too weak. So where gaps are short or a collision is near, it is blended into a stronger response with
+repulsion and a kinematic floor; this forbids nothing and only moves the centre of the distribution. At motorway speeds,
+for which there are no trajectories, its noise shrinks as the published free-flow spread does, and its pull towards a
+time gap keeps the published distribution of time gaps for half a minute. Its constants were set so that simulated
+traffic meets the published facts with few crashes: docs/results.md.
 """
 
 from __future__ import annotations
@@ -24,22 +24,23 @@ __all__ = ["SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior",
 Floats = NDArray[np.float64]
 
 SUPPORT_SD = 5.0
-"""Accelerations farther than this many standard deviations from the centre are impossible; 3 forbid 2 % of real."""
+"""Accelerations farther than this many standard deviations from the centre are impossible; 3 would forbid 2 % of the
+recorded ones."""
 _HALF_BIN = ACCELERATION_STEP / 2 + 1e-9
-"""From halfway between two accelerations to either [m/s2]."""
+"""Half the step between two accelerations [m/s2]."""
 
 
 @dataclass(frozen=True)
 class SafeLaw:
-    """A fitted law, blended into a safe response where the leader is near or is closed in on fast.
+    """A fitted law, blended into a safe response where the leader is near or the gap closes fast.
 
     The weight of the safe response is 1 below `time_gap_full` or `ttc_full`, 0 above both `time_gap_none` and
-    `ttc_none`, smooth between. All of this is for motorway speeds: it fades out from `speed_full` down to `speed_none`,
-    below which the fitted law stands as it is. (Queues crawl at time gaps that would be reckless on a motorway.)
+    `ttc_none`, smooth between. It is for motorway speeds: it fades out from `speed_full` down to `speed_none`, below
+    which only the fitted law acts. (Queues crawl at time gaps that would be reckless on a motorway.)
 
-    From `motorway_none` to `motorway_full`, `pull` and `headway` take the place of the law's own, and the noise shrinks
-    to `calm` of it. `headway` is far below the usual time gap: it balances the repulsion and the kinematic floor, which
-    push apart.
+    From `motorway_none` to `motorway_full`, `pull` and `headway` replace the law's own, and the noise shrinks to the
+    share `calm`. `headway` is far below the usual time gap: it balances the repulsion and the kinematic floor, which
+    widen gaps.
     """
 
     law: LogLaw
@@ -75,7 +76,7 @@ class SafeLaw:
         return np.asarray(ramp * ramp * (3.0 - 2.0 * ramp))
 
     def mean(self, speed: Floats, gap: Floats, range_rate: Floats) -> Floats:
-        """Centre of the acceleration's distribution [m/s2]; it may lie below -4 (then the lowest bin takes all)."""
+        """Return the centre of the acceleration's distribution [m/s2]; below -4 the lowest bin takes all."""
         gap = np.maximum(gap, MIN_GAP)
         closing = np.maximum(-range_rate, 0.0)
         fitted = self.law.mean(speed, gap, range_rate)
@@ -104,9 +105,10 @@ class SafeLaw:
 class FreeFlow:
     """Acceleration with no leader within 115 m, after the published IVBSS facts.
 
-    Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: what keeps a normal distribution of
-    speeds stationary under that spread, times `pull` (followers feel it only through their leaders; 0.5 compromises
-    between a stationary distribution and the published mean of 0.02-0.05 m/s2 at all speeds), plus `offset`.
+    Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: the acceleration that keeps a normal
+    distribution of speeds stationary under that spread, times `pull`, plus `offset`. (Followers feel the pull only
+    through their leaders; 0.5 is a compromise between a stationary distribution and the published mean of 0.02-0.05
+    m/s2 at all speeds.)
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
@@ -126,7 +128,7 @@ class FreeFlow:
 
 
 def support(mean: Floats, scale: Floats, degrees: float) -> NDArray[np.bool_]:
-    """Which of the 31 accelerations are possible, shape (*d, 31): within 5 standard deviations, never none.
+    """Tell which of the 31 accelerations are possible, shape (*d, 31): within 5 standard deviations, at least one.
 
     However small the spread, the nearest acceleration is possible; with 2 degrees of freedom or fewer, all are.
     """

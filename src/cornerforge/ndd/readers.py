@@ -42,14 +42,14 @@ from cornerforge.ndd.tables import BadRows, Table, file_sha256, read_header, rea
 __all__ = ["GAP_RANGE", "Reading", "guess_format", "read_decisions"]
 
 _BACKWARDS = 2.0
-"""A vehicle seen to reverse faster than this [m/s] is a tracking error; up to it, noise of a standing one."""
+"""Faster reversing than this [m/s] is a tracking error; slower reversing is noise of a standing vehicle."""
 _FREE = -2
-"""Partner of a driver that is known to have no leader; -1 is "not known"."""
+"""Partner of a driver that is known to have no leader; -1 means that the leader is not known."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What came out of one file.
+    """The decisions of one file, and notes on its rows.
 
     Attributes:
         path: The file.
@@ -83,7 +83,7 @@ def read_decisions(
     Args:
         paths: The files, CSV or gzipped CSV. highD's meta files among them are read with their tracks.
         data_format: One of `DATA_FORMATS`; None to tell it from the columns (`guess_format`).
-        window_factor: Of the layouts' smoothing windows, to see how far these matter.
+        window_factor: Factor of the layouts' smoothing windows, to see how far these matter.
 
     Raises:
         UnknownNameError: No such format.
@@ -101,10 +101,10 @@ def read_decisions(
 
 
 def guess_format(paths: Sequence[Path]) -> str:
-    """The one format whose columns all these files have.
+    """Find the one format whose columns all these files have.
 
-    A name that says who published a file (`ngsim`) is taken only for columns that nobody else uses: for plain pairs
-    and tracks the answer is `pairs` or `tracks`.
+    A format named after its publisher (`ngsim`) is the answer only for columns that no other format has: for plain
+    pairs and tracks the answer is `pairs` or `tracks`.
 
     Raises:
         InputError: No file, or more than one format fits, or the files differ; the message says which fit.
@@ -137,10 +137,10 @@ def _formats_of(path: Path) -> set[str]:
 
 
 def _with_tracks(paths: Sequence[Path]) -> list[Path]:
-    """The files without those that only stand beside highD's tracks.
+    """Leave out the files that only accompany highD's tracks.
 
     Raises:
-        DataError: Nothing else is there.
+        DataError: No other file is left.
     """
     tracks = [Path(path) for path in paths if not is_companion(Path(path))]
     if paths and not tracks:
@@ -178,7 +178,7 @@ def _recognise(path: Path, header: list[str], data_format: str) -> Layout:
 
 
 def _no_fit(path: Path, header: list[str], known: Sequence[Layout], what: str) -> DataError:
-    """What the nearest layout would need."""
+    """Make the error that names the columns that the nearest layout needs."""
 
     def missing(layout: Layout) -> list[str]:
         return [name for name in required_columns(layout) if name not in header]
@@ -275,7 +275,7 @@ def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
 
 
 def _jumps(table: Table, along: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Rows that a vehicle cannot have reached from its row before, shape (n,): smoothing would hide them."""
+    """Tell which rows a vehicle cannot have reached from its previous row, shape (n,): smoothing would hide them."""
     driver = drivers(table)
     jump = np.zeros(along.size, dtype=bool)
     same = np.diff(driver) == 0
@@ -290,7 +290,7 @@ def _raw_speeds(table: Table, along: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def _along_road(table: Table, layout: Layout, driver: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Position in the direction of travel [m], shape (n,): the longer axis, turned round in lanes that run backward."""
+    """Return the position in the direction of travel [m], shape (n,): the longer axis, reversed in opposite lanes."""
     position = table.numbers["position"]
     if layout.corner:
         position = position + table.numbers["length"] / 2.0
@@ -318,7 +318,7 @@ def _leader_driver(table: Table, driver: NDArray[np.int64]) -> NDArray[np.int64]
 def _leader_in_lane(
     table: Table, driver: NDArray[np.int64], tick: NDArray[np.int64], along: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Row of the leader (-1: none), and what must stay for a second: leader and lane, `_FREE`, or -1 (not known)."""
+    """Return the leader's row (-1: none) and the partner: leader and lane as one number, `_FREE`, or -1 (not known)."""
     lane = np.rint(table.numbers["lane"]).astype(np.int64)
     recording = table.texts.get("recording", np.zeros_like(driver))
     leader = leader_by_lane(recording, lane, tick, along)

@@ -33,15 +33,15 @@ class FitReport:
         rows_used: Rows that passed every check.
         bad_rows: For each file, reason -> rows left out and the line of the first.
         decisions_fitted: Decisions (one a second) that were fitted on.
-        decisions_on_grid: Those of them that were counted into the following table.
+        decisions_on_grid: Fitted decisions that were counted into the following table.
         states: Following states with at least one counted decision.
         states_total: Following states of the grid.
         data_share_of_states: Share of the table's probability that is counts, not prior, mean over all states.
-        data_share_where_data: The same, mean over the counted decisions.
+        data_share_where_data: The same share, mean over the counted decisions.
         speed_99_percent: 99th percentile of the fitted decisions' speeds [m/s].
         held_out_log_likelihood: For each file with held-out decisions: see `scores.held_out_scores`.
         notes: What a reader must know, one plain sentence each.
-        sensitivity: What other choices would have given: see `sensitivity.fit_sensitivity`; empty if not studied.
+        sensitivity: Results of other choices: see `sensitivity.fit_sensitivity`; empty if not studied.
     """
 
     rows_read: int
@@ -109,10 +109,10 @@ def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
 
 
 def counted_states(model: NddModel) -> NDArray[np.int64]:
-    """Decisions counted in each following state, shape (21, 116, 19), as the provenance has them; zeros if it has not.
+    """Read the decisions counted in each following state from the provenance, shape (21, 116, 19); zeros if absent.
 
     Raises:
-        FileFormatError: What it has names no states of the grid.
+        FileFormatError: The provenance names a state that is not on the grid.
     """
     counted = np.zeros((SPEEDS.size, GAPS.size, RANGE_RATES.size), dtype=np.int64)
     stated: Any = model.provenance.get("counted")
@@ -276,7 +276,7 @@ def _summary(report: FitReport) -> str:
 
 
 def _held_out(report: FitReport) -> str:
-    """How likely each law and the table hold what drivers did whom the fit did not see, a table for each file."""
+    """Show how well each law and the table predict drivers that the fit did not see, in a table for each file."""
     if not report.held_out_log_likelihood:
         return "<p>No decision was held out.</p>"
     text = (

@@ -18,12 +18,12 @@ _SEED = 2021
 
 @dataclass(frozen=True)
 class Distance:
-    """How far what vehicles did lies from what was expected of them.
+    """Distance between the observed and the expected distribution of a quantity.
 
     Attributes:
         decisions: Observations.
-        vehicles: Drivers who made them.
-        unit: Of the quantity, hence of `wasserstein`.
+        vehicles: Number of drivers of these observations.
+        unit: Unit of the quantity and of `wasserstein`.
         wasserstein: Earth mover's distance: the mean shift that would make the two equal.
         wasserstein_interval95: Its 95 % interval by bootstrap over vehicles.
         kolmogorov_smirnov: Largest difference of the two distribution functions, 0 to 1.
@@ -53,7 +53,7 @@ def bootstrap_mean(values: Floats, vehicle: Ints) -> tuple[float, float]:
 
     Args:
         values: One number per decision, shape (n,), n at least 1.
-        vehicle: Who made it, shape (n,).
+        vehicle: Vehicle of each value, shape (n,).
 
     Returns:
         The 2.5 and 97.5 % points over 1000 resamples with a fixed seed; equal if there is but one vehicle.
@@ -84,8 +84,9 @@ def distance(observed: Floats, expected: Floats, width: float, unit: str) -> Dis
         unit: Of the quantity.
 
     Returns:
-        With basic (reflected) bootstrap intervals, cut off at 0: a distance of a sample is biased upwards, and its
-        resamples are so by about as much again, which the reflection takes out (Efron and Tibshirani 1993, section 13).
+        The distance with basic (reflected) bootstrap intervals, cut off at 0. A sample's distance is biased upwards;
+        resampling adds about the same bias again, and the reflection removes it (Efron and Tibshirani 1993, section
+        13).
     """
     gaps = np.cumsum(observed - expected, axis=1)
     sizes = observed.sum(axis=1)

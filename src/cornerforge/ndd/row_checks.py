@@ -1,4 +1,4 @@
-"""Checks of trajectory rows: what cannot be used is left out, counted and named; what is odd is noted.
+"""Checks of trajectory rows: unusable rows are left out, counted and named; oddities of a file are noted.
 
 Rows are left out for: empty names, no number, values out of range, overlapping vehicles, the same vehicle twice at one
 time. Notes are about the whole file: rows out of order (they are sorted), and units that look like feet.
@@ -26,7 +26,7 @@ SPEED_RANGE = (0.0, 70.0)
 """Speeds outside this are measuring errors [m/s]."""
 LANE_LIMIT = 999
 IMPLAUSIBLE_SPEED = 60.0
-"""If the 95th percentile of speeds is above this [m/s], the file is in other units than it says."""
+"""Limit of the 95th percentile of speeds [m/s]; above it the file is in other units than it says."""
 PLAUSIBLE_LENGTH = (2.5, 10.0)
 """The median vehicle length is within this [m]: cars have 4 to 5, which in feet are 13 to 16."""
 _LENGTH_RANGE = (1.0, 40.0)
@@ -92,7 +92,7 @@ def drivers(table: Table) -> Ints:
 
 
 def _drop_twins(table: Table, layout: Layout) -> None:
-    """Of equal rows of one vehicle and time keep the first; of rows that contradict each other keep none."""
+    """Keep the first of equal rows of one vehicle and time; keep none of rows that contradict each other."""
     driver, time = drivers(table), table.numbers["time"]
     order = np.lexsort((time, driver))
     twin = np.zeros(order.size, dtype=bool)
@@ -111,7 +111,7 @@ def _drop_twins(table: Table, layout: Layout) -> None:
 
 
 def _like_the_row_before(table: Table, order: Ints) -> Bools:
-    """Whether a row holds what the one before it in `order` does, shape (n,); the first does not."""
+    """Tell whether a row equals the previous row in `order`, shape (n,); False for the first."""
     same = np.ones(order.size, dtype=bool)
     same[:1] = False
     for numbers in table.numbers.values():

@@ -1,4 +1,4 @@
-"""Scoring laws and models on decisions they were not fitted to: mean log-probability of what drivers did."""
+"""Scores of laws and models on decisions that no fit used: mean log-probability of the observed accelerations."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def held_out_scores(
 
     Returns:
         For each file: `decisions` (their number), `uniform`, each law's name, and, where at least one lies on the grid,
-        `table_decisions`, `table`, and each law on those, named `..._on_grid`.
+        `table_decisions`, `table`, and each law on the decisions on the grid, named `..._on_grid`.
     """
     scores: dict[str, dict[str, float]] = {}
     for name, all_decisions in decisions.items():

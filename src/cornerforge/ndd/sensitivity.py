@@ -1,8 +1,8 @@
 """How far a fit's own choices matter: the prior's strength, and the window by which noisy positions are smoothed.
 
 Each variant is a whole fit of the same files with one choice changed; all are scored on the same held-out decisions,
-read as the shipped choices read them. Where somebody can drive the variants, how often their traffic crashes stands
-beside the scores, and the chance to overlook a neighbour is varied too, which no held-out decision can score.
+read with the shipped choices. If the caller can drive the variants, their crash rates stand beside the scores, and the
+chance to overlook a neighbour is varied too, which no held-out decision can score.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from cornerforge.types import ACCELERATIONS
 __all__ = ["OVERLOOK_FACTORS", "STRENGTHS", "WINDOW_FACTORS", "fit_sensitivity"]
 
 STRENGTHS = (10.0, 50.0, 1000.0)
-"""Beside the strength that the fit uses."""
+"""Other prior strengths to try."""
 WINDOW_FACTORS = (0.6, 1.4)
-"""Of the smoothing windows, beside 1."""
+"""Other factors of the smoothing windows to try."""
 OVERLOOK_FACTORS = (0.0, 10.0)
-"""Of both chances to overlook somebody (`NddModel.overlook`, `overlook_conflict`), beside 1."""
+"""Other factors of both chances to overlook a vehicle (`NddModel.overlook`, `overlook_conflict`) to try."""
 Row = dict[str, object]
 
 

@@ -1,6 +1,6 @@
-"""The key numbers of a naturalistic model: what its tables say, beside the published facts, and what they rest on.
+"""The key numbers of a naturalistic model, beside the published facts and the numbers of decisions behind them.
 
-All numbers are read off the tables at grid points; nothing is simulated (that is `ndd validate`).
+All numbers are read from the tables at grid points; nothing is simulated (`ndd validate` does that).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ TIME_GAP_FACTS = {5: 0.55, 25: 0.80, 50: 1.14, 75: 1.78, 95: 2.90}
 """Published quantiles (percent -> value) of speed [m/s], gap [m] and time gap [s] while following. All facts: computed
 from the IVBSS tables of Feng et al., Nature 615:620 (2023)."""
 _HARD = -0.99
-"""At or below -1 m/s2, safe from rounding."""
+"""Limit for "at or below -1 m/s2" [m/s2], with room for rounding."""
 
 
 def mean_and_sd(rows: NDArray[np.float32]) -> tuple[Floats, Floats]:
@@ -196,7 +196,7 @@ def _initial(initial: InitialState) -> dict[str, Any]:
 
 
 def _named(points: Mapping[int, float]) -> dict[str, float]:
-    """With text for keys, as JSON has them."""
+    """Return the points with text keys, for JSON."""
     return {str(percent): round(value, 3) for percent, value in points.items()}
 
 

@@ -89,7 +89,7 @@ def file_sha256(path: Path) -> str:
 
 
 def _simple(name: str) -> str:
-    """Column names differ in case and hyphens between releases of the same data."""
+    """Unify a column name: names differ in case and hyphens between releases of the same data."""
     return name.strip().strip('"').lstrip("\ufeff").lower().replace("-", "_").replace(" ", "_")
 
 
@@ -98,7 +98,7 @@ def _is_number(text: str) -> bool:
 
 
 def _opened(path: Path) -> pa.NativeFile:
-    """The file's text, unpacked if it is gzip. The whole path, because Arrow takes ~ at its beginning for the home."""
+    """Open the file's text, unpacked if gzip; by its absolute path, as Arrow reads a leading ~ as the home folder."""
     return pa.input_stream(str(path.absolute()), compression="detect")
 
 
@@ -128,7 +128,7 @@ def read_header(path: Path) -> list[str]:
 
 
 def _unreadable(path: Path, error: Exception) -> DataError:
-    """What to say of a file that could not be read to its end."""
+    """Make the error for a file that could not be read to its end."""
     if path.suffix == ".gz":
         lines, cut = _whole_lines(path)
         if cut:
@@ -210,16 +210,16 @@ def _lines(rows: int, broken: list[int]) -> NDArray[np.int64]:
 
 
 def _floats(column: pa.ChunkedArray) -> Floats:
-    """Text to numbers; NaN where it is none."""
+    """Turn text into numbers; NaN where it is no number."""
     fine = pc.match_substring_regex(column, _NUMBER)
     text = pc.if_else(fine, pc.utf8_trim_whitespace(column), pa.scalar(None, pa.string()))
     return np.asarray(pc.cast(text, pa.float64()).to_numpy(), dtype=np.float64)
 
 
 def _codes(column: pa.ChunkedArray) -> tuple[NDArray[np.int64], list[str]]:
-    """Text to numbers 0, 1, ... in the order of the sorted texts; -1 where empty.
+    """Turn text into numbers 0, 1, ... in the order of the sorted texts; -1 where empty.
 
-    "12.0" counts as "12": tables that passed through floating point write vehicle numbers so.
+    "12.0" counts as "12": tables that passed through floating point write vehicle numbers with ".0".
     """
     text = pc.replace_substring_regex(pc.utf8_trim_whitespace(column), r"^(\d+)\.0+$", r"\1")
     encoded = pc.dictionary_encode(text.combine_chunks())

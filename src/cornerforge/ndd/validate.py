@@ -1,9 +1,9 @@
-"""Validating a model on decisions it was not fitted to: how likely it finds them, against fairly made baselines.
+"""Validation of a model on decisions that no fit used: their log-likelihood, compared with fair baselines.
 
-Two things are scored: the `law` that the model's provenance states, on every following decision (also below 20 m/s,
-where tables end), and the `table`, which is what the simulator drives by, on the grid; `law_on_grid` shows beside it
-what the look-ups cost. Each is compared with stochastic IDMs, with a table of raw counts, and with uniform guessing,
-decision by decision, on the same decisions. The IDMs are given the true state.
+Two parts are scored: the `law` in the model's provenance, on every following decision (also below 20 m/s, where the
+tables end), and the `table` that the simulator uses, on the grid. `law_on_grid` shows how much the look-ups cost. Each
+part is compared with stochastic IDMs, with a table of raw counts and with uniform guessing, on the same decisions. The
+IDMs get the true state.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 GATES = ("idm", "uniform")
-"""Baselines that a model must beat. `idm_fast` is shown only, and so is the raw table: on states it has never seen, it
-guesses."""
+"""Baselines that a model must beat. `idm_fast` and the raw table are only shown: the raw table guesses in states that
+it has not seen."""
 GATED_PARTS = ("law", "table")
 FEWEST_VEHICLES = 10
-"""With fewer vehicles a bootstrap over them says nothing."""
+"""Least number of vehicles; a bootstrap over fewer says nothing."""
 _FLOOR = 1e-6
-"""What is (almost) impossible to a predictor counts as this probability, as in `laws.log_likelihood`."""
+"""Least probability of a decision in a log-likelihood, as in `laws.log_likelihood`."""
 _CHUNK = 50_000
 _BINS = ACCELERATIONS.size
 _BIN_WIDTH = 0.2
@@ -81,11 +81,11 @@ class PartScore:
 
     Attributes:
         decisions: How many were scored.
-        vehicles: Drivers who made them.
+        vehicles: Number of drivers of these decisions.
         model: Log-likelihood per decision [nat]; uniform guessing has -3.43.
-        interval95: Of it, by bootstrap over vehicles, as all intervals here.
-        baselines: The same of each baseline.
-        model_minus: The comparison with each baseline.
+        interval95: Interval of `model`, by bootstrap over vehicles, as all intervals here.
+        baselines: Log-likelihood per decision of each baseline [nat].
+        model_minus: The comparison of the model with each baseline.
         accelerations: Distance between observed and predicted accelerations, over all states together, both in the
             model's 31 bins.
     """
@@ -140,10 +140,10 @@ class Validation:
 
 
 def stated_law(model: NddModel) -> SafeLaw | None:
-    """The car-following law that a model was made from, out of its provenance; None if that states none.
+    """Read the car-following law that a model was made from in its provenance; None if it states none.
 
     Raises:
-        FileFormatError: What it states is no such law.
+        FileFormatError: The provenance states something else than a law.
     """
     stated = model.provenance.get("following")
     if stated is None:
@@ -160,7 +160,7 @@ def stated_law(model: NddModel) -> SafeLaw | None:
 
 
 def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validation:
-    """Score a model on the held-out following decisions of files; on all of a file that holds out none.
+    """Score a model on the held-out following decisions of files, or on all decisions of a file without held-out ones.
 
     The baselines are fitted to the decisions of these files that are not scored.
 
@@ -189,19 +189,19 @@ def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validatio
 
 
 def decisions_to_score(decisions: Decisions) -> Decisions:
-    """Those held out; all of a file that holds out none."""
+    """Return the held-out decisions, or all if none is held out."""
     return decisions.where(decisions.held_out) if decisions.held_out.any() else decisions
 
 
 def _split(decisions: Decisions) -> tuple[Decisions, Decisions]:
-    """Following decisions: those to score (held out, or all where none is), and the others."""
+    """Split the following decisions into the ones to score (held out, or all if none is) and the others."""
     following = decisions.where(np.isfinite(decisions.gap))
     to_score = following.held_out if following.held_out.any() else np.ones(following.size, dtype=bool)
     return following.where(to_score), following.where(~to_score)
 
 
 def reading_names(readings: Sequence[Reading]) -> list[str]:
-    """File names, in full where two files bear the same."""
+    """Return file names, as full paths where two files have the same name."""
     if not readings:
         raise InputError("No trajectory file to validate against; name at least one with --against.")
     digests = [reading.sha256 for reading in readings]
@@ -214,7 +214,7 @@ def reading_names(readings: Sequence[Reading]) -> list[str]:
 
 
 def _in_sample_note(name: str, reading: Reading, model: NddModel) -> str:
-    """What weakens the evidence of a file that holds nothing out."""
+    """Say what weakens the evidence of a file without held-out decisions."""
     fitted = model.provenance.get("files")
     digests = [file.get("sha256") for file in fitted if isinstance(file, dict)] if isinstance(fitted, list) else []
     if reading.sha256 in digests:
@@ -260,7 +260,7 @@ def _score(predict: Predictor, decisions: Decisions, baselines: Mapping[str, Pre
 
 
 def _predict(predict: Predictor, decisions: Decisions) -> tuple[Floats, Floats]:
-    """Log-probability of each observed bin, shape (n,), and the predicted shares summed by vehicle, shape (V, 31)."""
+    """Return each observed bin's log-probability, shape (n,), and the predicted shares by vehicle, shape (V, 31)."""
     log_p = np.empty(decisions.size)
     vehicles, owner = np.unique(decisions.vehicle, return_inverse=True)
     total = np.zeros((vehicles.size, _BINS))
@@ -274,7 +274,7 @@ def _predict(predict: Predictor, decisions: Decisions) -> tuple[Floats, Floats]:
 
 
 def observed_and_predicted(predict: Predictor, decisions: Decisions) -> tuple[Floats, Floats]:
-    """Counts of the observed accelerations, and those predicted, by vehicle and bin; each of shape (V, 31)."""
+    """Count observed and predicted accelerations by vehicle and bin; each of shape (V, 31)."""
     return _observed(decisions), _predict(predict, decisions)[1]
 
 

@@ -1,4 +1,4 @@
-"""Where items get adversaries and measurements from: each is made once and kept, whatever item asks for it first."""
+"""Adversaries and measurements for the items: each is made once, when an item first needs it, and kept."""
 
 from __future__ import annotations
 
@@ -37,28 +37,28 @@ from cornerforge.world_options import WorldOptions
 __all__ = ["PLAIN", "REPRODUCE_EFFORTS", "Adversary", "Bench", "ReproduceEffort"]
 
 PLAIN = ("uniform", "lane-changer", "swerve")
-"""Plain adversaries, that every learned one stands beside."""
+"""Plain adversaries, shown beside every learned one."""
 BRAKING = Braking(1.0, 8.0)
 """What "avoidable" means here: braking at 8 m/s2 from 1 s after the manoeuvre began."""
 NATURAL_TESTS = 1 << 43
-"""Number of the first natural test of a bench: far from all that somebody trains on or generates with."""
+"""Number of the first natural test of a bench: far from the tests of training and generation."""
 
 
 @dataclass(frozen=True)
 class ReproduceEffort:
-    """How much of everything; in counts, never in seconds, so that results do not depend on speed.
+    """The amount of work, as counts, never as seconds, so that results do not depend on speed.
 
     Attributes:
         decisions: Length of a training without the bound.
-        bounded_decisions: With it; crashes are rarer there, so it needs more.
+        bounded_decisions: Length of a training with the bound; crashes are rarer there, so it needs more decisions.
         seeds: Trainings of each kind, each with a seed of its own.
         trained_on: AVs that adversaries are trained on; None for all built-in ones.
-        rewards: Rewards that they are trained for; None for all.
+        rewards: Rewards that adversaries are trained for; None for all.
         tests: Evaluation tests of each adversary and AV.
         natural_tests: Tests of each AV in natural traffic.
-        typed: Crashes of each that are driven again and classified, the first ones in test order.
-        miles: Of Figure 3, that the AV drives in each world; the paper has about 50.
-        cases: Of the library that timings are taken on; the paper has about 50,000.
+        typed: Crashes of each adversary and AV that are driven again and classified, the first ones in test order.
+        miles: Miles of the AV in each world of Figure 3; the paper has about 50.
+        cases: Cases of the library on which timings are taken; the paper has about 50,000.
     """
 
     decisions: int
@@ -92,13 +92,13 @@ REPRODUCE_EFFORTS = {
 
 @dataclass(frozen=True)
 class Adversary:
-    """How BVs are hostile.
+    """An adversary of a bench.
 
     Attributes:
         name: "learned", or one of `PLAIN`.
         bounded: Under the NDD-bounded mask.
-        trained_on: The AV that a learned one met; None for a plain one.
-        reward: What a learned one was paid for; None for a plain one.
+        trained_on: The AV on which a learned adversary was trained; None for a plain one.
+        reward: The reward of a learned adversary; None for a plain one.
     """
 
     name: str
@@ -176,7 +176,7 @@ class Bench:
         return keep(self.folder / "parts" / f"{name}.json", {**self.inputs(), **inputs}, work)
 
     def forget(self, name: str) -> None:
-        """Drop `parts/NAME.json`, when what it tells of is gone."""
+        """Delete `parts/NAME.json` when the files that it describes are gone."""
         (self.folder / "parts" / f"{name}.json").unlink(missing_ok=True)
 
     def experiment(self, av: str, adversary: Adversary | None = None, k: int = 0) -> Experiment:
@@ -188,22 +188,22 @@ class Bench:
         return experiment(self._world, av=av, policy=self.policy(adversary, k))
 
     def config(self, adversary: Adversary) -> TrainConfig:
-        """Hyperparameters of a learned adversary: preset `fast` at the effort's length, paid by its reward."""
+        """Return the hyperparameters of a learned adversary: preset `fast` with the effort's length and its reward."""
         decisions = self.size.bounded_decisions if adversary.bounded else self.size.decisions
         return replace(preset_named("fast"), decisions=decisions, reward=adversary.reward or "crash")
 
     def policy(self, adversary: Adversary, k: int = 0) -> Policy:
         """The k-th training of a learned adversary: from `policies/`, where it was made of the same, or trained now.
 
-        A training that is interrupted goes on where it was. Policies are reused after changes of code, for they are
-        dear; each names the code that made it.
+        An interrupted training goes on where it stopped. Policies are reused after changes of code, since training is
+        expensive; each names the code that made it.
         """
         if (adversary.key, k) not in self._policies:
             self._policies[adversary.key, k] = self._trained(adversary, k)
         return self._policies[adversary.key, k]
 
     def timed_policy(self, adversary: Adversary, k: int = 0) -> Policy:
-        """The same, its curve with times."""
+        """Return the same policy, with times in its curve."""
         self.policy(adversary, k)
         return load_timed_policy(self._place(adversary, k))
 
@@ -253,7 +253,7 @@ class Bench:
         return self.kept(f"natural.{av}", {"av_hash": av_hash(run.av)}, work)
 
     def judged(self, adversary: Adversary, av: str, k: int = 0) -> dict[str, Any]:
-        """What an adversary does to an AV on evaluation tests, which nothing was trained on.
+        """Measure an adversary against an AV on evaluation tests, which no training uses.
 
         Returns:
             The object of `rate_summary` with `crashes`; how many of these are `avoidable` (by braking at 8 m/s2 from
@@ -263,7 +263,7 @@ class Bench:
         return self._kept_judgement(self.experiment(av, adversary, k), f"{adversary.key}.{k}")
 
     def judged_policy(self, policy: Policy, av: str, name: str) -> dict[str, Any]:
-        """The same of a policy from elsewhere; `name` is for files and progress."""
+        """Measure a policy from elsewhere likewise; `name` is for files and progress."""
         return self._kept_judgement(experiment(self._world, av=av, policy=policy), name)
 
     def _kept_judgement(self, run: Experiment, name: str) -> dict[str, Any]:
@@ -310,7 +310,7 @@ class Bench:
 def keep(path: Path, inputs: dict[str, Any], work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """Give the result that a file holds if it was made of the same inputs; else do the work and write it there.
 
-    Both ways give what JSON gives back, so that a resumed run sees the same as an unbroken one.
+    The result is always the one read back from JSON, so that a resumed run sees the same as an unbroken one.
     """
     if path.exists():
         content = read_json_file(path)

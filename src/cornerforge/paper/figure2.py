@@ -37,7 +37,7 @@ def _curve(policy: Policy, name: str) -> dict[str, Any]:
 def seconds_to_yield(policy: Policy, wanted: float = PAPER_YIELD) -> float | None:
     """Training time [s] to the first point of the curve with at least this yield, exploration included; None if never.
 
-    A point covers the tests that ended since the one before. None, too, where nobody noted the times.
+    A point covers the tests that ended since the previous point. None also if the times were not recorded.
     """
     curve = _curve(policy, "")
     times = zip(curve["seconds"], curve["crashes_per_test"], strict=True)

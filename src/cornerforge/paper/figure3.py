@@ -24,7 +24,7 @@ __all__ = ["FIGURE3"]
 EXPOSURE_TESTS = 1 << 42
 """Number of the first test that is counted here, in each world."""
 BLOCKS = 20
-"""Tests are dealt out to so many blocks for the jackknife; a test is in one of them as a whole."""
+"""Number of blocks for the jackknife; each test belongs to one block as a whole."""
 _CHUNK = 32
 _NEAR = {"bbd_front": 10.0, "bbd_rear": 10.0, "ttc_front": 5.0, "ttc_rear": 5.0}
 """Limits of "near"; edges of bins."""
@@ -75,7 +75,7 @@ def _from_json(content: dict[str, Any]) -> _Exposure:
 
 
 def _count(bench: Bench, run: Experiment, label: str) -> dict[str, Any]:
-    """Drive until the AV has gone the wished miles, and every block has a test."""
+    """Drive until the AV has travelled the effort's miles and every block has a test."""
     warm_up(run.setting, run.slots)
     widest = max(grid.bins for grid in EXPOSURE)
     samples = np.zeros((BLOCKS, len(EXPOSURE), widest), dtype=np.int64)

@@ -37,7 +37,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Finding:
-    """Ours.
+    """Our result for an item.
 
     Attributes:
         headline: The row that stands for the item.

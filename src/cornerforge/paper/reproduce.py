@@ -1,4 +1,4 @@
-"""`reproduce`: the paper's figures and tables, ours beside theirs, item by item."""
+"""`reproduce` makes the paper's figures and tables again, item by item, with our values beside the paper's."""
 
 from __future__ import annotations
 
@@ -124,17 +124,17 @@ def _path(bench: Bench, item: Item) -> Path:
 
 
 def _inputs(bench: Bench) -> dict[str, Any]:
-    """What decides every item: code, seed, size, world, and what there is to compare."""
+    """Return what decides every item: code, seed, effort, world, and the AVs and rewards to compare."""
     return {**bench.inputs(), "avs": _av_hashes(bench), "rewards": list(bench.rewards)}
 
 
 def _av_hashes(bench: Bench) -> dict[str, str]:
-    """Hash of each built-in AV as it drives, a learned one's weights included."""
+    """Hash each built-in AV as it drives, with the weights of a learned AV."""
     return {name: av_hash(bench.experiment(name).av) for name in bench.avs}
 
 
 def _made(bench: Bench, item: Item) -> dict[str, Any]:
-    """The item's object: kept, if it was made of the same, else computed now."""
+    """Return an item's object: the kept one if its inputs are the same, else compute it."""
 
     def work() -> dict[str, Any]:
         start = time.perf_counter()
@@ -146,9 +146,9 @@ def _made(bench: Bench, item: Item) -> dict[str, Any]:
 
 
 def _finished(bench: Bench, item: Item) -> dict[str, Any] | None:
-    """An item that is there; None else, or if code or world have changed since.
+    """Return a finished item; None if there is none, or if code or world have changed since.
 
-    Its own inputs may be others: who asks for Figure 3 only does not take a curve out of Figure 2.
+    The item's own inputs may differ: a request for Figure 3 alone does not remove a curve from Figure 2.
     """
     path = _path(bench, item)
     if not path.exists():
@@ -159,7 +159,7 @@ def _finished(bench: Bench, item: Item) -> dict[str, Any] | None:
 
 
 def reproduction_text(result: dict[str, Any]) -> str:
-    """What the command line prints: the number that stands for each item, and where the page is."""
+    """Write what the command line prints: the headline number of each item, and where the page is."""
     lines = []
     for item in result["items"]:
         ends = "" if item["interval"] is None else " ({:.3g} to {:.3g})".format(*item["interval"])

@@ -1,4 +1,4 @@
-"""What cornerforge does, as functions: names and files in, the object that the command line prints out."""
+"""The functions behind the commands: each takes names and files, and returns the object that the command prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`analyse`: kinds of crash, typical and rare cases; what was avoidable, whose fault, and what is worth a look."""
+"""`analyse` finds kinds of crash, typical and rare cases, and judges avoidability, fault and value of each case."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["DEFAULT_LOOKS", "analyse"]
 
 DEFAULT_LOOKS = 2000
-"""Cases drawn for the search for ways out, unless another number is asked for: a few seconds on two cores."""
+"""Default number of cases drawn for the search for ways out: it takes a few seconds on two cores."""
 _TOP = 10
 
 
@@ -51,11 +51,11 @@ def analyse(
         steps: Seconds before the crash that the features cover, 1 to 15.
         out: Folder for `analysis.json`, `points.parquet`, `cases.parquet` (every case with all its measures) and
             `witnesses.parquet` (ways out), new or empty, or with this same analysis; None for none.
-        avoidability: For how many cases, drawn at random, a way out is searched for; "all" or "none". Typical and rare
-            cases are looked at besides, unless "none".
-        reaction: Time that the AV needs to react [s], 0 to 5: an avoiding manoeuvre may begin so long after the
-            manoeuvre that led to the crash began.
-        seed: Of K-means' starts and of the draw.
+        avoidability: Number of cases, drawn at random, that are searched for a way out; or "all" or "none". Typical and
+            rare cases are searched too, unless it is "none".
+        reaction: Time that the AV needs to react [s], 0 to 5: an avoiding manoeuvre begins at the earliest this long
+            after the begin of the manoeuvre that led to the crash.
+        seed: Seed of the starts of K-means and of the draw.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
 
@@ -99,7 +99,7 @@ def analyse(
 
 
 def _looks(avoidability: int | str) -> int | None:
-    """How many cases to draw; None for all.
+    """Return how many cases to draw; None for all.
 
     Raises:
         InputError: It is neither a number nor "all" nor "none".
@@ -125,7 +125,7 @@ def _draw(ids: tuple[str, ...], looks: int | None, seed: int) -> frozenset[str]:
 
 
 def _outstanding(found: Analysis) -> frozenset[str]:
-    """Typical and rare cases."""
+    """Return the ids of the typical and rare cases."""
     return frozenset(found.rare).union(*(one.typical for one in found.clusters))
 
 
@@ -133,7 +133,7 @@ def _judge(
     cases: CaseLibrary, found: Analysis, chosen: frozenset[str], reaction: float, threads: int, progress: Progress,
     seconds: dict[str, float],
 ) -> tuple[pa.Table, pa.Table, Value]:  # fmt: skip
-    """Everything case by case, in the order of the analysis; the time that it took goes into `seconds`."""
+    """Judge case by case, in the order of the analysis; add the time that each part took to `seconds`."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -172,7 +172,7 @@ def _judge(
 def _judged(
     cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], value: Value, reaction: float
 ) -> dict[str, Any]:
-    """What judging adds to the keys of an analysis."""
+    """Return the keys that judging adds to an analysis."""
     from cornerforge.analysis.coverage import coverage_of
 
     is_drawn = np.array([case in drawn for case in found.case_ids], np.bool_)
@@ -208,7 +208,7 @@ def _counts(values: list[str | None]) -> dict[str, int]:
 
 
 def _labels(table: pa.Table, is_drawn: NDArray[np.bool_]) -> tuple[tuple[str, ...], NDArray[np.int64] | None]:
-    """Names of the labels, and the label of each drawn case; no labels when nothing was drawn or a case has none."""
+    """Return label names and each drawn case's label; no labels when nothing was drawn or a case has none."""
     from cornerforge.analysis.avoidability import LABELS
 
     names = tuple(LABELS)
@@ -219,7 +219,7 @@ def _labels(table: pa.Table, is_drawn: NDArray[np.bool_]) -> tuple[tuple[str, ..
 
 
 def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float) -> dict[str, Any] | None:
-    """Labels of the drawn cases; None when nothing was drawn."""
+    """Count the labels of the drawn cases; None when nothing was drawn."""
     from cornerforge.analysis.avoidability import LABELS
 
     n = int(is_drawn.sum())
@@ -242,7 +242,7 @@ def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float)
 
 
 def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> list[dict[str, Any]]:
-    """The most valuable cases with a sentence each."""
+    """Return the most valuable cases, each with a sentence."""
     import pyarrow as pa
 
     from cornerforge.analysis.in_words import avoidance_in_words, case_in_words
@@ -278,6 +278,6 @@ def _write(out: Path, analysed: Analysed, found: Analysis, table: pa.Table, witn
             everything = everything.append_column(field, table.column(field.name))
     write_json(out / "analysis.json", as_json(analysed))
     for name, content in (("points", points), ("cases", everything), ("witnesses", witnesses)):
-        # An open file: Arrow takes a path like run-10:30 for an address, and ~ for the home.
+        # Arrow gets an open file: it reads a path like run-10:30 as an address, and ~ as the home folder.
         with writing(out / f"{name}.parquet") as part, part.open("wb") as file:
             pq.write_table(content, file)

@@ -26,12 +26,12 @@ _KEY = "cornerforge_av"
 
 
 def rl_av_path() -> Path:
-    """The learned AV that ships with the package."""
+    """Return the path of the learned AV that ships with the package."""
     return Path(__file__).parent.parent / "drivers" / "rl_av.safetensors"
 
 
 def av_of(name: str) -> AvModel:
-    """A built-in AV by its name, or a learned one by its file (`.safetensors`); with all that it needs to drive.
+    """Return a built-in AV by its name, or a learned AV by its file (`.safetensors`), ready to drive.
 
     Raises:
         UnknownNameError: There is no built-in AV of that name.
@@ -47,9 +47,9 @@ def save_av(network: AvNetwork, about: Mapping[str, Any], path: Path) -> None:
     """Write a learned AV whole, or not at all.
 
     Args:
-        network: What it learned.
-        about: How it was made, JSON-compatible.
-        path: Where to.
+        network: Its network.
+        about: How the AV was trained, JSON-compatible.
+        path: The file to write.
 
     Raises:
         OutputError: It cannot be written.
@@ -66,7 +66,7 @@ def save_av(network: AvNetwork, about: Mapping[str, Any], path: Path) -> None:
 
 
 def load_av(path: Path) -> AvModel:
-    """Read a learned AV; its name is the path, its IDM and MOBIL parameters are those of `rl`.
+    """Read a learned AV; its name is the path, its IDM and MOBIL parameters are the ones of `rl`.
 
     Raises:
         FileFormatError: Missing, damaged, no learned AV, of another schema, or made for another observation.

@@ -1,4 +1,4 @@
-"""`avs`: the AVs that are built in."""
+"""`avs` lists the built-in AVs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`replay` and `query`: cases driven again, and asked for."""
+"""`replay` drives cases again; `query` asks a library in SQL."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _ANALYSED = "cases.parquet"
 
 
 def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:
-    """The experiment that made a library, from its identity and the files beside it.
+    """Rebuild the experiment that made a library from its identity and the files beside it.
 
     Raises:
         FileFormatError: A file is missing or is not the one of the library.
@@ -74,7 +74,7 @@ def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Ex
 
 
 def is_same(driven: Scenario, stored: StoredCase) -> bool:
-    """Is the driven test the stored one: all numbers at full precision by digest, the stored ones by value?"""
+    """Compare a driven test with the stored case: by digest (all numbers, full precision) and by the stored values."""
     if scenario_digest(driven) != stored.scalars["trajectory_digest"]:
         return False
     columns = np.searchsorted(driven.slot, stored.scenario.slot)
@@ -89,7 +89,7 @@ def is_same(driven: Scenario, stored: StoredCase) -> bool:
 
 
 def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
-    """What drives stored cases of a run again, each from its seed or by its script; serves one thread."""
+    """Return a function that drives a stored case again, from its seed or by its script; it serves one thread."""
     recorder = run.recorder()
     scripts = ScriptDriver(run.setting, run.odd)
 
@@ -164,7 +164,7 @@ def replay(
 
 
 def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str | None:
-    """What may explain that a case, driven again, is another."""
+    """Say what may explain that a case differs when it is driven again; None if nothing is known."""
     if run.foreign is not None and not run.foreign.repeats(run.setting, run.slots, driven.seed, driven.test):
         return (
             f"The AV {run.av.name} is not deterministic: asked twice about the same test, it drives differently. "
@@ -176,7 +176,7 @@ def _why_different(cases: CaseLibrary, run: Experiment, driven: Scenario) -> str
 
 
 def query(library: Path | str, sql: str) -> Queried:
-    """SQL over a library, or over the cases of an analysis (table `cases`, key `case_id`), read only.
+    """Run SQL on a library, or on the cases of an analysis (table `cases`, key `case_id`), read only.
 
     Args:
         library: The library's folder, or the folder of an analysis: the table is then its `cases.parquet`.
@@ -196,10 +196,10 @@ def query(library: Path | str, sql: str) -> Queried:
 
 
 def _point_below(folder: Path) -> None:
-    """Where the folder of a run is given, say which of its folders have cases.
+    """Refuse the folder of a run, and say which of its folders have cases.
 
     Raises:
-        InputError: It is one.
+        InputError: The folder is one of a run.
     """
     below = [path for path in (folder / "library", folder / "analysis") if path.is_dir()]
     if below and not (folder / MANIFEST).exists():
@@ -207,20 +207,20 @@ def _point_below(folder: Path) -> None:
 
 
 def _read_parquet(path: Path) -> pa.Table:
-    """A table of ours.
+    """Read a Parquet file that cornerforge wrote.
 
     Raises:
-        FileFormatError: It is damaged.
+        FileFormatError: The file is damaged.
     """
     try:
-        # Said so, because Arrow takes a path like run-10:30 for an address, and ~ for the home.
+        # The local file system is named, because Arrow reads a path like run-10:30 as an address, ~ as the home folder.
         return pq.read_table(str(path.absolute()), filesystem=LocalFileSystem())
     except (pa.ArrowException, OSError) as error:
         raise FileFormatError(f"{path} is damaged ({error}); write it again with: cornerforge analyse") from None
 
 
 def _plain(value: object) -> Any:
-    """A value of SQL as JSON has it: NaN and infinity become None; times, intervals and the like their text."""
+    """Turn a value of SQL into JSON: NaN and infinity become None; times and intervals become text."""
     if isinstance(value, decimal.Decimal):
         value = float(value)
     if isinstance(value, float):

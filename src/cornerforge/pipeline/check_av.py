@@ -1,4 +1,4 @@
-"""`check-av`: try an AV that is not built in on edge cases, and measure its speed."""
+"""`check-av` tries a foreign AV on edge cases and measures its speed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ROUNDING = 1e-3
 
 
 class _Bench:
-    """Asks one AV in processes of its own, and keeps a list of what was found."""
+    """Trials of one AV, each in a process of its own, and the list of findings."""
 
     def __init__(self, spec: str, odd: Odd, seed: int, timeout: float) -> None:
         self._spec, self._odd, self._seed, self._timeout = spec, odd, seed, timeout
@@ -42,11 +42,11 @@ class _Bench:
         self.about: dict[str, str] = {}
 
     def note(self, name: str, verdict: str, found: str) -> None:
-        """Add a line to the list."""
+        """Add a finding to the list."""
         self.checks.append(AvCheck(name=name, verdict=verdict, found=found))
 
     def process(self, batch: int) -> AvProcess:
-        """The AV set up for so many worlds."""
+        """Return the AV's process, set up for `batch` worlds."""
         if self._process is None or self._batch != batch:
             self.close()
             process = AvProcess(self._spec, timeout=self._timeout, first_timeout=FIRST_TIMEOUT)
@@ -62,7 +62,7 @@ class _Bench:
             self._process = None
 
     def answers(self, views: NDArray[np.float32], order: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
-        """Answers (T, B, 2) to T views in a row after a reset of all worlds; world b is put into row order[b]."""
+        """Return the answers (T, B, 2) to T successive views after a reset; world b stands in row order[b]."""
         steps, batch = views.shape[:2]
         rows = np.arange(batch) if order is None else order
         process, given = self.process(batch), []
@@ -86,11 +86,11 @@ def check_av(
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
 ) -> AvChecked:
-    """Try an AV on edge cases, ask whether its answers repeat, and measure its speed.
+    """Try an AV on edge cases, check that its answers repeat, and measure its speed.
 
     Args:
         tests: Tests to drive in natural traffic at the end.
-        seed: Of tests and views.
+        seed: Seed of tests and views.
         progress: Told how far it is.
         world: The AV (`module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file) and its world, keyword by keyword;
             see `WorldOptions`.
@@ -153,13 +153,13 @@ def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
 
 
 def _difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Largest difference of two sets of answers; +inf where one is not finite."""
+    """Return the largest difference of two sets of answers; +inf if one of them is not finite."""
     difference = np.abs(a - b)
     return float(difference.max()) if np.isfinite(difference).all() else np.inf
 
 
 def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
-    """Same views twice, in another order, in batches of other sizes: are the answers the same?"""
+    """Check that answers do not change when views come again, in another order, or in batches of other sizes."""
     rng = np.random.default_rng(seed)
     views = random_views(rng, (_STEPS, 512), odd)
     few = views[:, :_BATCH]
@@ -223,7 +223,7 @@ def _speed(bench: _Bench, odd: Odd, seed: int, batch: int) -> AvSpeed:
 
 
 def _drive(bench: _Bench, world: WorldOptions, tests: int, seed: int, progress: Progress) -> None:
-    """Natural traffic: does it get through, and how often does it crash?"""
+    """Drive tests in natural traffic and count crashes."""
     try:
         run = experiment(world, takes_foreign=True, seed=seed)
         tally, seconds = simulate_experiment(run, tests=tests, seed=seed, threads=1, progress=progress, stage="tests")

@@ -1,4 +1,4 @@
-"""Tests driven and counted: the sums of an experiment, and the objects that say them with units and intervals."""
+"""Driving and counting the tests of an experiment, and result objects with units and intervals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["check_not_all_spoiled", "distributions_of", "rate_summary", "simulat
 
 
 def rate_summary(crashes: int, tests: int, miles: float) -> Rate:
-    """A crash rate with its units, its n and its exact 95 % intervals, per test and per mile."""
+    """Make a crash rate per test and per mile, with n and exact 95 % intervals."""
     low, high = binomial_interval(crashes, tests)
     per_mile = tests / miles if miles > 0.0 else None
     return Rate(
@@ -33,7 +33,7 @@ def rate_summary(crashes: int, tests: int, miles: float) -> Rate:
 
 
 def distributions_of(counts: statistics.Counts) -> Distributions:
-    """What the traffic of BVs was like, from its counts."""
+    """Describe the traffic of BVs by the distributions in its counts."""
     quantities: dict[str, Any] = {
         grid.name: from_json(
             Quantity, {"unit": grid.unit, **statistics.histogram_summary(grid, counts.histograms[row])}
@@ -56,7 +56,7 @@ def distributions_of(counts: statistics.Counts) -> Distributions:
 
 
 def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> Simulated:
-    """The result of `simulate`."""
+    """Make the result of `simulate`."""
     return Simulated(
         **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
         av_crashes=tally.av_crashes,
@@ -72,10 +72,10 @@ def tally_summary(tally: Tally, seconds: float, *, with_distributions: bool) -> 
 
 
 def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
-    """Without a valid test there is nothing to tell.
+    """Check that at least one test is valid.
 
     Raises:
-        AvFaultError: The foreign AV spoiled all.
+        AvFaultError: The foreign AV failed in all tests.
     """
     if valid == 0 and tests > 0 and run.foreign is not None and run.foreign.faults:
         fault = next(iter(run.foreign.faults.values()))
@@ -96,7 +96,7 @@ def simulate_experiment(
     progress: Progress = NO_PROGRESS,
     stage: str = "simulate",
 ) -> tuple[Tally, float]:
-    """Drive tests of an experiment; returns the sums and the seconds it took."""
+    """Drive tests of an experiment; return the sums and the time that it took [s]."""
     run.warm_up()
     start = time.perf_counter()
     tally = drive(

@@ -1,4 +1,4 @@
-"""Natural crashes driven again: recorded, classified, and summed up in tables."""
+"""Natural crashes are driven again, recorded, classified, and summed up in tables."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ __all__ = ["CrashStudy", "NaturalCrashes", "crash_tables"]
 
 @dataclass(frozen=True)
 class CrashStudy:
-    """What is kept of one natural AV crash; also the extra columns of a library of natural crashes.
+    """Facts about one natural AV crash; also the extra columns of a library of natural crashes.
 
     Attributes:
         crash_type: A name of `CRASH_TYPES`.
         mechanism: A key of `MECHANISMS`.
-        at_start: Less than 4 s after the start of the test.
+        at_start: The crash came less than 4 s after the start of the test.
         rarest_chance: Smallest chance of an action of the crash partner in the last 5 s under the attentive model;
             None if it decided nothing.
-        rare_action: That is below 1e-3.
+        rare_action: `rarest_chance` is below 1e-3.
         overlooked: The partner began a lane change that more likely than not overlooked a neighbour.
     """
 
@@ -40,12 +40,12 @@ class CrashStudy:
     overlooked: bool
 
     def columns(self) -> dict[str, Any]:
-        """Name to value, as the library takes them."""
+        """Return the values by column name, as the library takes them."""
         return asdict(self)
 
 
 class NaturalCrashes:
-    """Records and studies crashed tests of one run of natural traffic; serves one thread.
+    """Recorder and classifier of the crashed tests of one run of natural traffic; serves one thread.
 
     Args:
         run: Natural traffic, no adversary.
@@ -58,10 +58,10 @@ class NaturalCrashes:
         self._recorder = run.recorder()
 
     def record(self, test: int) -> tuple[Scenario, CrashStudy]:
-        """Drive a test that is known to end in an AV crash again.
+        """Drive again a test that is known to end in an AV crash.
 
         Raises:
-            InputError: It does not end so.
+            InputError: The test does not end in an AV crash.
         """
         scenario = self._recorder.record(self._seed, test)
         mechanism = mechanism_of(scenario)
@@ -85,7 +85,7 @@ class NaturalCrashes:
 
 
 def crash_tables(studies: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Fields of `NaturalRate`: counts over crashes by `crash_types`, `mechanisms` and `crash_circumstances`.
+    """Count crashes for the fields `crash_types`, `mechanisms` and `crash_circumstances` of `NaturalRate`.
 
     Args:
         studies: `CrashStudy.columns` of each crash.

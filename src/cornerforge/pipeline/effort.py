@@ -1,4 +1,4 @@
-"""How much work is done: `effort` names it. Its old name `budget` means a likelihood budget elsewhere."""
+"""`effort` names how much work is done. Its old name was `budget`, which elsewhere means a likelihood budget."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ __all__ = ["effort_and_budget"]
 
 
 def effort_and_budget(effort: str, budget: float | str | None, efforts: Iterable[str]) -> tuple[str, float | None]:
-    """The name of an effort, and a likelihood budget [nats] or None.
+    """Return the name of an effort, and a likelihood budget [nats] or None.
 
     Args:
         effort: Name of an effort.
-        budget: Likelihood budget, as a number or its text; or the name of an effort, which goes before `effort`.
+        budget: Likelihood budget, as a number or its text; or the name of an effort, which then replaces `effort`.
         efforts: All names.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Published facts about motorway traffic, what is allowed of simulated traffic, and what was found."""
+"""Published facts about motorway traffic, the range allowed for simulated traffic, and the values found."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from cornerforge.sim import statistics
 __all__ = ["CRASH_LIMIT", "FACTS", "Fact", "compare_with_facts"]
 
 CRASH_LIMIT = 2e-5
-"""Crashes between background vehicles per vehicle-mile that the upper bound must stay below; the human rate is 2e-6."""
+"""Limit of the upper bound of crashes between BVs per vehicle-mile; the human rate is 2e-6."""
 HUMAN_CRASHES = 1.9e-6
 _T_95 = 2.093
-"""97.5 % point of Student's t with 19 degrees of freedom: 20 blocks."""
+"""97.5 % point of Student's t with 19 degrees of freedom, for 20 blocks."""
 
 Measure = Callable[[statistics.Counts], float | None]
 
 
 class Fact(NamedTuple):
-    """A quantity of simulated traffic beside what was published; `low` <= found <= `high` where a range is allowed.
+    """A quantity of simulated traffic with its published value and, for a gate, the range allowed: `low` to `high`.
 
     Attributes:
-        name, unit: For people.
-        published: The published value, or the range of several; None where there is none for just this.
-        low, high: What is allowed; both None where the fact is shown and not a gate.
-        measure: How it is found.
+        name, unit: As shown to people.
+        published: The published value, or the range of several; None where none is published for this quantity.
+        low, high: Ends of the allowed range, both allowed; None where the fact is shown and is no gate.
+        measure: Computes the quantity.
     """
 
     name: str
@@ -45,7 +45,7 @@ def _row(name: str) -> int:
 
 
 def _moment(name: str, key: str) -> Measure:
-    """Mean or sd of a quantity of TRAFFIC."""
+    """Return a measure: mean or sd of a quantity of TRAFFIC."""
 
     def measure(counts: statistics.Counts) -> float | None:
         row = _row(name)
@@ -56,7 +56,7 @@ def _moment(name: str, key: str) -> Measure:
 
 
 def _quantile(name: str, percent: float) -> Measure:
-    """A quantile of a quantity of TRAFFIC, interpolated within its bin (intervals need it smooth)."""
+    """Return a measure: a quantile of a quantity of TRAFFIC, interpolated within its bin (intervals need it smooth)."""
 
     def measure(counts: statistics.Counts) -> float | None:
         row = _row(name)
@@ -94,7 +94,7 @@ def _accelerations(row: int, speed: int | None = None) -> Callable[[statistics.C
 
 
 def _acceleration(row: int, what: str, speed: int | None = None) -> Measure:
-    """Mean or sd of an acceleration, or its share at or below -1 m/s2; at all speeds, or about one [m/s]."""
+    """Return a measure: mean or sd of an acceleration, or its share at or below -1 m/s2; at all speeds or one [m/s]."""
     rows = _accelerations(row, speed)
 
     def measure(counts: statistics.Counts) -> float | None:
@@ -166,12 +166,12 @@ range of the acceleration's sd over all states, are ours. A lane change holds th
 
 
 def compare_with_facts(part: FreeRunning) -> list[dict[str, Any]]:
-    """Each of `FACTS`, and crashes between background vehicles, with what was found in one window.
+    """Compare each of `FACTS`, and crashes between BVs, with the counts of one window.
 
     Returns:
         Objects with `when`, `fact`, `unit`, `published`, `found`, `interval95` (by jackknife over 20 blocks of worlds;
-        of crashes: 0 and the exact upper 95 % bound), `allowed` [low, high] (null where only shown) and `within` (null
-        there). What was not seen at all (found is null) is not within.
+        of crashes: 0 and the exact upper 95 % bound), `allowed` [low, high] and `within` (both null where the fact is
+        only shown). `within` is false for a quantity that was not seen (`found` is null).
     """
     total = part.total()
     reduced = [part.total(without) for without in range(len(part.blocks))]
@@ -197,7 +197,7 @@ def compare_with_facts(part: FreeRunning) -> list[dict[str, Any]]:
 
 
 def _jackknife(found: float, without_one: list[float | None]) -> list[float] | None:
-    """95 % interval from the values that leave out one block each; None if one of them holds nothing."""
+    """Return the 95 % interval from values that each leave out one block; None if one of them is None."""
     values = np.array([np.nan if value is None else value for value in without_one])
     if not np.isfinite(values).all():
         return None
@@ -207,7 +207,7 @@ def _jackknife(found: float, without_one: list[float | None]) -> list[float] | N
 
 
 def _crashes(part: FreeRunning, total: statistics.Counts) -> dict[str, Any]:
-    """Crashes per vehicle-mile: two vehicles each; one whose partner was not counted counts as a whole one."""
+    """Compare crashes per vehicle-mile. A crash has two vehicles; it counts as one if its partner was not counted."""
     crashes = (int(total.totals[statistics.CRASHED_BVS]) + 1) // 2
     miles = miles_of(total)
     bound = upper_rate(crashes, miles) if miles else None

@@ -1,10 +1,10 @@
 """Free-running natural traffic, and the published facts that it is measured against.
 
-The traffic fills 2400 m of three lanes and drives for 15 s, and again for 34 s. The AV, which is no natural driver,
-starts at the very rear, so that nobody who is counted follows it. Counted is who is in the stretch that starts 350 m
-from the rear and ends 465 m from the front, and moves on at 30 m/s: what the empty road before and behind the traffic
-does cannot reach it within 34 s (at 10 m/s faster or slower than 30), nor hide a leader. So no vehicle that was counted
-lacked neighbours that a longer road would have given it.
+The traffic fills 2400 m of three lanes and drives for 15 s, and again for 34 s. The AV is no natural driver; it starts
+at the very rear, so that no counted vehicle follows it. Vehicles are counted in a stretch that starts 350 m from the
+rear and ends 465 m from the front, and moves at 30 m/s. The empty road before and behind the traffic neither hides a
+leader of a counted vehicle nor has an effect that reaches the stretch within 34 s (effects travel at 10 m/s faster or
+slower than 30 m/s). So every counted vehicle has the neighbours that it would have on a longer road.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ __all__ = [
 ]
 
 MILES = 2e6
-"""Vehicle-miles of background vehicles in each window: at the human rate times 6 (1.2e-5 crashes per mile) an upper
-bound below 2e-5 is then likely (95 %)."""
+"""Vehicle-miles of BVs in each window. At 6 times the human rate (1.2e-5 crashes per mile) the upper bound is then
+below 2e-5 with a chance of 95 %."""
 TRAFFIC_LENGTH = 2400.0
 COUNTED = (350.0, 1935.0)
-"""Stretch that is counted, at time 0 [m]."""
+"""Ends of the stretch in which vehicles are counted, at time 0 [m]."""
 DRIFT = 30.0
 _LANES = 3
 _CHUNK = 64
@@ -48,7 +48,7 @@ _BLOCKS = 20
 
 
 class Window(NamedTuple):
-    """Decision times first .. until - 1 [s] after the start."""
+    """Decision times `first` to `until` - 1 [s] after the start."""
 
     name: str
     first: int
@@ -60,10 +60,10 @@ WINDOWS = (Window("0-15 s", 0, 15), Window("26-34 s", 26, 34))
 
 @dataclass(frozen=True)
 class FreeRunning:
-    """What was counted in one window.
+    """The counts of one window.
 
     Attributes:
-        window: When.
+        window: The decision times that were counted.
         tests: Worlds that were driven.
         blocks: The same counts in 20 parts of whole worlds, the sampling unit of all intervals.
     """
@@ -73,7 +73,7 @@ class FreeRunning:
     blocks: tuple[statistics.Counts, ...]
 
     def total(self, without: int = -1) -> statistics.Counts:
-        """The sum of all blocks, without one if named."""
+        """Return the sum of all blocks, without block `without` unless it is -1."""
         total = statistics.allocate_counts()
         for number, block in enumerate(self.blocks):
             if number != without:
@@ -93,12 +93,12 @@ class FreeRunning:
 
 
 def miles_of(counts: statistics.Counts) -> float:
-    """Vehicle-miles of the background vehicles."""
+    """Return the vehicle-miles of the BVs."""
     return int(counts.totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
 
 
 def free_running_odd(window: Window) -> Odd:
-    """The road on which a window's traffic drives; a world ends by time, never by distance."""
+    """Return the road on which a window's traffic drives; a world ends by time, never by distance."""
     return Odd(
         name="free-running",
         n_lanes=_LANES,
@@ -110,7 +110,7 @@ def free_running_odd(window: Window) -> Odd:
 
 
 def on_road(run: Experiment, odd: Odd) -> Experiment:
-    """The same experiment on another road."""
+    """Return the same experiment on another road."""
     return replace(run, odd=odd, setting=run.setting._replace(road=road_numbers(odd)), slots=n_slots(odd))
 
 
@@ -123,12 +123,12 @@ def simulate_free_running(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> FreeRunning:
-    """Drive worlds until so many vehicle-miles are counted in a window; the same for any number of threads.
+    """Drive worlds until `miles` vehicle-miles are counted in a window; the same for any number of threads.
 
     Args:
         run: The experiment, whose own road is not used.
         window: When to count.
-        miles: At least so many vehicle-miles, 100 to 1e9 (but no more worlds than that number).
+        miles: Least number of vehicle-miles, 100 to 1e9; also the largest number of worlds.
         seed: 0 or more.
         threads: None for all cores.
         progress: Told how far it is, in miles.
@@ -161,13 +161,13 @@ def simulate_free_running(
 
 
 def quantities_of(parts: list[FreeRunning]) -> dict[str, tuple[statistics.HistogramGrid, NDArray[np.int64]]]:
-    """Quantities by speed class, all windows together: name -> grid and counts (41, bins)."""
+    """Sum the quantities by speed class over all windows: name -> grid and counts (41, bins)."""
     joint = sum((part.total().joint for part in parts), np.zeros_like(statistics.allocate_counts().joint))
     return {grid.name: (grid, joint[row, :, : grid.bins]) for row, grid in enumerate(statistics.JOINT)}
 
 
 def upper_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
-    """Exact upper bound of a Poisson rate, one-sided: seen with 0 events in 1e6 miles, 3.0e-6 per mile.
+    """Return the exact one-sided upper bound of a Poisson rate: 3.0e-6 per mile for 0 events in 1e6 miles.
 
     Source: Garwood (1936), by the chi-square distribution.
 

@@ -1,4 +1,4 @@
-"""`generate`: fill a case library with recorded crashes; also where `simulate --out` stores its natural ones."""
+"""`generate` fills a case library with recorded crashes; `simulate --out` stores natural crashes with it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MODEL_FILE = "model.npz"
 
 
 def policy_file(index: int) -> str:
-    """Name of a policy beside a library, by its place in the mixture.
+    """Name the file of a policy beside a library by its place in the mixture.
 
     >>> policy_file(0), policy_file(1)
     ('policy.safetensors', 'policy-1.safetensors')
@@ -54,7 +54,7 @@ def policy_file(index: int) -> str:
 
 
 def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> CaseLibrary:
-    """Start or take up the library of a run and put the policy and model that its replays need beside it."""
+    """Start a run's library, or go on with it, and put the policy and model that its replays need beside it."""
     identity = {**run.identity(seed), "cornerforge": version(), "code": code_hash()}
     library = (CaseLibrary.resume if resume else CaseLibrary.create)(out, identity, run.odd)
     for index, policy in enumerate(run.policies):
@@ -66,7 +66,7 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
 
 
 class _Harvest:
-    """Drives tests in a thread pool and gives them in test order; the pool packs shards too."""
+    """A thread pool that drives tests, gives them in test order, and packs shards."""
 
     def __init__(self, run: Experiment, seed: int, threads: int, *, counting: bool = False) -> None:
         self._run = run
@@ -84,9 +84,9 @@ class _Harvest:
         return self._run.recorder(), cases
 
     def _foreign(self, first: int, count: int) -> Harvested:
-        """The same for a foreign AV: every crashed test is driven again, alone, with the answers that the AV gave."""
+        """Drive a range of tests of a foreign AV; drive each crashed test again, alone, with the AV's first answers."""
         run = self._run
-        # lent before the tests: the recorder has the AV's answers kept, for AVs that draw lots
+        # The recorder is taken before the tests: it keeps the AV's answers, since an AV may draw random numbers.
         with self._recorders.lend() as (recorder, cases):
             outcomes, counts = run.drive(run.setting, run.slots, self._seed, first, count, self._counting)
             for test in crashed_tests(first, outcomes):
@@ -100,8 +100,8 @@ class _Harvest:
             return harvester.harvest(self._seed, first, count, counting=self._counting)
 
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
-        """Ranges of tests with their cases. Results do not depend on the number of threads or the ranges' size."""
-        # Of an adversary most tests are cases, and cases fill memory; natural crashes are rare.
+        """Yield ranges of tests with their cases; the number of threads and the ranges' size change no result."""
+        # With an adversary most tests are cases, and cases fill memory; natural crashes are rare.
         chunk = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
         return in_order(self._one, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
 
@@ -125,14 +125,14 @@ def harvest_tests(
 
 
 class _Filler:
-    """Cuts cases into shards, has them packed in the pool, and commits them one after the other.
+    """Writer of a library: it cuts cases into shards, has the pool pack them, and commits them in order.
 
-    Shards are cut by the number of cases only, so the files are the same whatever the clock did; what is saved by the
-    clock before a shard is full is added to it later.
+    Shards are cut by the number of cases only, so the files do not depend on the clock. A shard that is saved by the
+    clock before it is full gets its missing cases later.
 
     Args:
         library, harvest: Where cases go, and where they come from.
-        tally: What is taken is added to it.
+        tally: Sums to which the taken tests are added.
     """
 
     def __init__(self, library: CaseLibrary, harvest: _Harvest, tally: Tally | None = None) -> None:
@@ -151,11 +151,11 @@ class _Filler:
         """Crashes taken so far, committed or not."""
 
     def _tests_below(self, next_test: int) -> int:
-        """How many tests below `next_test` count: those that the AV spoiled are done, and are no tests."""
+        """Count the valid tests below `next_test`; a test that a foreign AV spoiled is done but does not count."""
         return next_test - self._earlier_faults - sum(test < next_test for test in self._faults)
 
     def take(self, harvested: Harvested, most: int | None) -> int:
-        """Take the cases of a range of tests, `most` at most; returns the first test that is not done."""
+        """Take the cases of a range of tests, `most` at most; return the first test that is not done."""
         if self._tally is not None:
             self._tally.add(harvested.outcomes, harvested.counts)
         self._faults += [harvested.first + int(k) for k in np.flatnonzero(harvested.outcomes.code == AV_FAULT)]
@@ -186,7 +186,7 @@ class _Filler:
         self._cases, self._tracks, self._loose = [], [], 0
 
     def _save(self, next_test: int) -> None:
-        """Add what is loose to the library's last shard, or begin one with it."""
+        """Add the cases that are in no shard yet to the library's last shard, or begin a shard with them."""
         self._commit_packed(wait_beyond=0)
         cases, tracks = pa.concat_tables(self._cases), pa.concat_tables(self._tracks)
         self._library.fill(
@@ -197,7 +197,7 @@ class _Filler:
         self._cases, self._tracks, self._loose = [], [], 0
 
     def _commit_packed(self, *, wait_beyond: int) -> None:
-        """Commit what is packed, in order; wait while more shards than that are under way."""
+        """Commit packed shards in order; wait while more than `wait_beyond` shards are being packed."""
         while self._packing and (self._packing[0][0].done() or len(self._packing) > wait_beyond):
             future, next_test, crashes = self._packing[0]
             shard = future.result()
@@ -207,7 +207,7 @@ class _Filler:
             self._committed_at = time.monotonic()
 
     def commit(self, next_test: int) -> None:
-        """Store all that was taken; all tests below `next_test` are done."""
+        """Store all taken cases; all tests below `next_test` are done."""
         if self._loose:
             self._save(next_test)
         self._commit_packed(wait_beyond=0)
@@ -217,14 +217,14 @@ class _Filler:
         self._committed_at = time.monotonic()
 
     def commit_if_due(self, next_test: int) -> None:
-        """Where crashes are rare, or the AV is slow, a shard takes long to fill: save by the clock what there is."""
+        """Store the taken cases if the last commit is long ago: with rare crashes or a slow AV a shard fills slowly."""
         if time.monotonic() - self._committed_at >= _COMMIT_SECONDS:
             self.commit(next_test)
 
     def rescue(self) -> None:
-        """Keep what was taken when the work is interrupted."""
-        # An interrupt within a commit leaves a library that is ahead of this object and refuses to be written
-        # twice; then the cases are safe already.
+        """Store the taken cases when the work is interrupted."""
+        # After an interrupt within a commit the library is ahead of this object and refuses a second write; the cases
+        # are stored then.
         with contextlib.suppress(CornerForgeError):
             if self._loose:
                 self.commit(int(self._cases[-1].column("test")[-1].as_py()) + 1)
@@ -246,13 +246,13 @@ def fill_library(
     counting: bool = False,
     tally: Tally | None = None,
 ) -> Filled:
-    """Drive tests 0, 1, 2, ... of a seed and store every AV crash, until there are enough cases or tests.
+    """Drive tests 0, 1, 2, ... of a seed and store every AV crash until there are enough cases or tests.
 
     Args:
         run: The experiment.
         out: The library's folder.
         seed: Of the tests.
-        cases: Stop at this many stored cases; the test of the last one is the last counted.
+        cases: Stop at this many stored cases; the test of the last case is the last counted.
         tests: Stop after this many tests.
         threads, progress, stage: As for `simulate`.
         resume: Go on where an earlier call, or its kill, stopped.
@@ -270,7 +270,7 @@ def fill_library(
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
     if tally is not None:
-        # of the tests that the library has done already it keeps the crashes only
+        # The library keeps only the crashes of tests that are done, so their sums need another drive.
         earlier = min(library.next_test, tests or 0)
         for first, outcomes, counts in simulate_chunks(
             run.setting, run.slots, seed=seed, first=0, tests=earlier, threads=n_threads, counting=counting,
@@ -295,7 +295,7 @@ def fill_library(
 def _fill(
     harvest: _Harvest, filler: _Filler, first: int, cases: int | None, tests: int | None, progress: Progress, stage: str
 ) -> None:
-    """Drive from test `first` on until there are enough cases or tests; everything is committed then."""
+    """Drive from test `first` on until there are enough cases or tests, and commit everything."""
     if cases is not None and filler.crashes >= cases:
         return
     last = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
@@ -319,7 +319,7 @@ def _fill(
 
 
 def _library_summary(library: CaseLibrary, seconds: float) -> Filled:
-    """The result of `generate`: cases, and crashes per test of all tests that were driven for them."""
+    """Make the result of `generate`: cases, and crashes per test over all tests that were driven."""
     return Filled(
         cases=len(library),
         tests=library.tests,
@@ -336,7 +336,7 @@ def store_tests(
     run: Experiment, out: Path, *, tests: int, seed: int, threads: int | None, counting: bool, resume: bool,
     progress: Progress,
 ) -> Simulated:  # fmt: skip
-    """`simulate --out`: drive each test once, count it and store its crash."""
+    """Drive each test once, count it and store its crash, for `simulate --out`."""
     tally = Tally()
     filled = fill_library(
         run, out, seed=seed, tests=tests, threads=threads, resume=resume, progress=progress, stage="store",

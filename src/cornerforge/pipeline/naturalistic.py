@@ -1,4 +1,4 @@
-"""`ndd fit` and `ndd import`: a naturalistic model from trajectories or from published arrays, with its report."""
+"""`ndd fit` and `ndd import` make a naturalistic model from trajectories or from published arrays, with a report."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ def ndd_fit(
         data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
         out: Model file, `.npz`; an existing one is replaced (the fit of the same data gives the same bytes).
         prior_strength: Pseudo-counts per state with which the prior enters.
-        study: Fit it again with other prior strengths and smoothing windows, drive the traffic of each, and report what
-            changes (six fits, eight drives).
+        study: Fit again with other prior strengths and smoothing windows, drive the traffic of each fit, and report
+            what changes (six fits, eight drives).
         study_tests: Tests of each drive, 0 to 1e12; 0 drives none.
-        seed: Of those tests.
-        threads: Pool size of those tests; all cores by default. Does not change the result.
+        seed: Seed of the tests of the study.
+        threads: Pool size for these tests; None for all cores. Does not change the result.
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge ndd fit --json` prints; `format` is the one taken.
+        The object that `cornerforge ndd fit --json` prints; `format` is the format that was used.
 
     Raises:
         CornerForgeError: A file cannot be used, or the place cannot be written.
@@ -70,7 +70,7 @@ def ndd_fit(
     model, report = fit_model(paths, data_format, prior_strength=prior_strength, progress=say)
     save_model(model, path)
     page = path.with_suffix(".report.html")
-    write_fit_report(report, model, page)  # now, so that stopping the study loses no fit
+    write_fit_report(report, model, page)  # before the study, so that a stop loses no fit
     if study:
         from cornerforge.ndd.sensitivity import fit_sensitivity
 
@@ -87,7 +87,7 @@ def ndd_fit(
 
 
 def fit_text(result: dict[str, Any]) -> str:
-    """What `ndd_fit` found, for people: rows, what was left out and where, what to know."""
+    """Tell the result of `ndd_fit` in text: rows, what was left out and where, notes."""
     lines = [f"{result['rows_used']:,} of {result['rows_read']:,} rows used, {result['states']:,} states"]
     lines += [
         f"Left out of {name}: {reason}, {entry['rows']:,} row(s), first at line {entry['first_line']}"
@@ -105,7 +105,7 @@ def ndd_import(
     model: Path | str | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> dict[str, Any]:
-    """Make a naturalistic model of the published IVBSS arrays and write it with a report (JSON) beside it.
+    """Make a naturalistic model from the published IVBSS arrays, and write it with a report (JSON) beside it.
 
     Args:
         folder: `NDD_DATA` of the released data, or one above it (see docs/ivbss-arrays.md).
@@ -136,7 +136,7 @@ def ndd_import(
 
 
 def import_text(result: dict[str, Any]) -> str:
-    """What `ndd_import` found, for people."""
+    """Tell the result of `ndd_import` in text."""
     lines = []
     for role, entry in result["files"].items():
         numbers = ", ".join(
@@ -152,10 +152,10 @@ def import_text(result: dict[str, Any]) -> str:
 
 
 def _model_place(out: Path | str) -> Path:
-    """Where a model is to be written; only a model is replaced there, never something else of the same name.
+    """Check the file that a model is to be written to; only a model is replaced, never another file of that name.
 
     Raises:
-        CornerForgeError: It cannot be written, or holds something else.
+        CornerForgeError: The file cannot be written, or holds something else than a model.
     """
     path = Path(out)
     check_new_file(path, overwrite=True)

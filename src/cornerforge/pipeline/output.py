@@ -1,4 +1,4 @@
-"""Output places: what may be written where, provenance, and files that are whole or absent."""
+"""Output: checks of what may be written where, provenance, and files that are whole or absent."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ IDENTITY = "provenance.json"
 
 
 def version() -> str:
-    """The installed version of cornerforge."""
+    """Return the installed version of cornerforge."""
     return importlib.metadata.version("cornerforge")
 
 
 @functools.cache
 def code_hash() -> str:
-    """SHA-256 (first 16 hex digits) over the package's Python sources: results of other code are never mixed in."""
+    """Hash the package's Python sources (SHA-256, first 16 hex digits); results of different code are never mixed."""
     package = Path(__file__).parent.parent
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
@@ -51,7 +51,7 @@ def code_hash() -> str:
 
 
 def config_hash(config: Mapping[str, Any]) -> str:
-    """SHA-256 (first 16 hex digits) over settings, JSON-compatible; the order of keys does not matter."""
+    """Hash JSON-compatible settings (SHA-256, first 16 hex digits); the order of keys does not matter."""
     return hashlib.sha256(json.dumps(config, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
 
 
@@ -86,11 +86,11 @@ def read_json_file(path: Path) -> dict[str, Any]:
 
 
 def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dict[str, Any]:
-    """What an output folder says of its making.
+    """Describe how an output folder was made.
 
     Args:
         identity: What decides the result: seed, hashes, settings.
-        seconds: Wall-clock of the work, when it is done.
+        seconds: Wall-clock time of the work [s]; None while it is not done.
     """
     return {
         "cornerforge": version(),
@@ -108,16 +108,16 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
 
 
 def _command() -> str:
-    """The command line of this process; for a Python program that calls cornerforge, that program's."""
+    """Return the command line of this process, or of the Python program that calls cornerforge."""
     name = Path(sys.argv[0]).name if sys.argv else ""
     return shlex.join(["cornerforge" if name in ("", "__main__.py") else name, *sys.argv[1:]])
 
 
 def check_path(path: Path) -> None:
-    """Check that a path is text: of bytes that are none it could be made, but neither printed nor noted down.
+    """Check that a path is valid text: a file can have another name, but no message or file could hold that name.
 
     Raises:
-        InputError: It is not.
+        InputError: The path is no valid text.
     """
     try:
         str(path).encode()
@@ -126,7 +126,7 @@ def check_path(path: Path) -> None:
 
 
 def check_new_file(path: Path, *, overwrite: bool = False) -> None:
-    """Check, before long work, that a file can be written at `path` without losing anything; makes nothing.
+    """Check, before long work, that a file can be written at `path` without losing anything; create nothing.
 
     Raises:
         OutputError: Something is there already, or its folder cannot be written.
@@ -135,7 +135,7 @@ def check_new_file(path: Path, *, overwrite: bool = False) -> None:
     try:
         is_folder, is_there = path.is_dir(), path.exists()
         nearest = next((folder for folder in path.absolute().parents if folder.exists()), path)
-    except OSError as error:  # such as a name that is too long
+    except OSError as error:  # for example, the name is too long
         raise OutputError(f"Cannot write {path}: {reason(error)}; choose another place.") from error
     if is_folder:
         raise OutputError(f"{path} is a folder; name a file.")
@@ -148,15 +148,15 @@ def check_new_file(path: Path, *, overwrite: bool = False) -> None:
 
 
 def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> bool:
-    """Make an output folder ours, or take it up again.
+    """Claim an output folder, or go on with one.
 
     Args:
-        folder: The place; parents are made.
-        identity: What decides the result; a resumed folder must have the same.
-        resume: Go on with what is there.
+        folder: The folder; its parents are made.
+        identity: What decides the result; a resumed folder must have the same identity.
+        resume: Go on with the work that the folder holds.
 
     Returns:
-        Whether earlier work of the same identity is there.
+        True if the folder holds earlier work of the same identity.
 
     Raises:
         OutputError: The folder holds something else, holds results and `resume` is False, or cannot be written.
@@ -177,7 +177,7 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
                     "choose another place, or remove it."
                 )
         return True
-    foreign = sorted(names - {part_of(mark).name})  # what a kill in the first moment leaves
+    foreign = sorted(names - {part_of(mark).name})  # a kill in the first moment leaves this file
     if foreign:
         raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
     write_json(mark, provenance(identity))
@@ -185,7 +185,7 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
 
 
 def _entries(folder: Path) -> set[str]:
-    """Names in a folder; none if it is not there.
+    """Return the names in a folder; none if the folder does not exist.
 
     Raises:
         OutputError: It is no folder, or cannot be read.

@@ -1,4 +1,4 @@
-"""A crash and its way out as a picture file."""
+"""Drawing a crash and its way out into a picture file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_picture(path: Path) -> None:
 
 
 def write_picture(scenario: Scenario, path: Path) -> None:
-    """Draw a crash of the AV from above, speeds over time, and the latest way out that there was.
+    """Draw a crash of the AV: the road from above, speeds over time, and the latest way out, if there was one.
 
     Raises:
         InputError: The scenario holds no crash of the AV.

@@ -1,4 +1,4 @@
-"""`plausibility`: what an adversary can do within a likelihood budget; yield against plausibility, plotted."""
+"""`plausibility` measures and plots what an adversary reaches within each likelihood budget."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def plausibility(
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
 ) -> Plausibility:
-    """Train one adversary per budget and training seed, with no budget (the paper's mask), and with no mask at all.
+    """Train an adversary for each budget and training seed, also without a budget (the paper's mask) and without mask.
 
     Args:
         out: Folder for the policies, `plausibility.json` and `plausibility.png`; must be new or empty unless `resume`.
@@ -55,7 +55,7 @@ def plausibility(
         decisions: Length of each training; None for that of preset `fast`.
         tests: Evaluation tests of each policy.
         resume: Keep policies that are finished.
-        seed: The first training seed, and that of the tests.
+        seed: The first training seed, and the seed of the tests.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
         world: The world, keyword by keyword; see `WorldOptions`.
@@ -112,7 +112,7 @@ def _one(
     folder: Path, run: Experiment, config: TrainConfig, train_seed: int, seed: int, tests: int, threads: int,
     progress: Progress, world: WorldOptions,
 ) -> PlausibilityRun:  # fmt: skip
-    """Train and measure one policy; kept in a file of its own."""
+    """Train and measure one policy; keep the result in a file of its own."""
     mask = "unbounded" if not run.bounded else "bounded" if run.budget is None else f"{run.budget:g}"
     done = folder / f"{mask}-{train_seed}.json"
     if done.exists():
@@ -133,7 +133,7 @@ def _one(
 
 
 def _likelihood(run: Experiment, tests: int, seed: int, threads: int, progress: Progress) -> dict[str, Any]:
-    """How plausible the adversary's part is in the crashes of the evaluation tests."""
+    """Measure how plausible the adversary's actions are in the crashes of the evaluation tests."""
     names = ("log_prob_nde", "n_decisions", "possible_shortfall_nats", "n_implausible")
     parts: list[np.ndarray[Any, Any]] = []
     for done, harvested in harvest_tests(run, seed, EVALUATION_TESTS, tests, threads):
@@ -151,7 +151,7 @@ def _likelihood(run: Experiment, tests: int, seed: int, threads: int, progress: 
 
 
 def _natural(run: Experiment, seed: int) -> NaturalPlausibility:
-    """The same of natural drivers: the BV nearest to the AV in each second, over whole tests."""
+    """Measure how plausible natural drivers are: the BV nearest to the AV in each second, over whole tests."""
     setting, slots = run.setting, run.slots
     world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
     decisions = allocate_decisions(setting.road.max_decisions, slots)
@@ -180,9 +180,9 @@ def _mask_name(row: PlausibilityRow) -> str:
 
 
 def _draw(path: Path, result: Plausibility) -> None:
-    """Yield of every policy with its exact interval, log scale, from the tightest budget to none.
+    """Draw every policy's yield with its exact interval, on a log scale, from the tightest budget to none.
 
-    Where there was no crash at all only the upper end is drawn.
+    Without any crash only the upper end is drawn.
     """
     figure, (panel,) = new_figure(1, 1, 7.2, 4.4)
     rows = result.rows
@@ -213,7 +213,7 @@ def _draw(path: Path, result: Plausibility) -> None:
 
 
 def plausibility_text(result: Plausibility) -> str:
-    """One line per budget, with the worst seed's lower limit."""
+    """Write one line per budget, with the worst seed's lower limit."""
     natural = result.natural
     lines = [
         f"natural drivers: {natural.log_prob_per_decision:.2f} nats per decision, shortfall "

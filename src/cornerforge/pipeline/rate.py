@@ -1,8 +1,8 @@
-"""`rate`: the AV's natural crash rate, with its exact interval; every finished block of tests is kept.
+"""`rate` measures the AV's natural crash rate with its exact interval; it keeps every finished block of tests.
 
 The output folder holds `counts.json` (whole blocks only, replaced after each), `library/` (all crashes, driven again)
-and `rate.json`. The counts lead: a kill at any moment loses the block in progress, and a resumed run drives again what
-the library lacks.
+and `rate.json`. The counts are written first: a kill at any moment loses only the block in progress, and a resumed run
+drives again the crashes that the library lacks.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ __all__ = ["rate"]
 _BLOCK = BLOCK
 _SHARD_CASES = 500
 _STORE_SECONDS = 600.0
-"""The library and `rate.json` are brought up to the counts so often: each time a shard, so not after every block."""
+"""Time between two updates of the library and `rate.json` [s]; each writes a shard, so not every block does."""
 _COLUMNS = ("test", "crash_type", "mechanism", "at_start", "rare_action", "overlooked")
 _ENOUGH_TO_FORESEE = 10
 
 
 class _Keeper:
-    """Keeps crashes: in a library when there is a folder, else only what the tables need.
+    """Keeper of crashes: in a library if there is a folder, else only what the tables need.
 
     Args:
-        run, seed: The tests.
+        run, seed: The experiment and seed of the tests.
         out: The output folder, or None.
     """
 
@@ -58,7 +58,7 @@ class _Keeper:
         self._next_test = 0 if self._library is None else self._library.next_test
 
     def catch_up(self, counts: MonteCarlo, progress: Progress) -> None:
-        """Drive again and keep every crash of `counts` that is not kept yet."""
+        """Drive every crash of `counts` that is not kept yet again, and keep it."""
         missing = [test for test in counts.crashed if test >= self._next_test]
         pending: list[CaseRecord] = []
         for done, test in enumerate(missing, start=1):
@@ -80,12 +80,12 @@ class _Keeper:
         self._next_test = max(self._next_test, next_test)
 
     def finish(self) -> None:
-        """Note in the library that the run reached what it was asked for."""
+        """Note in the library that the run is complete."""
         if self._library is not None:
             self._library.finish()
 
     def tables(self, tests: int) -> dict[str, Any]:
-        """Fields of `NaturalRate`: `crash_tables` of the crashes in tests 0 .. `tests` - 1."""
+        """Make the fields of `NaturalRate` that `crash_tables` gives for the crashes in tests 0 .. `tests` - 1."""
         rows = self._studies
         if self._library is not None:
             rows = self._library.scalars(_COLUMNS).to_pylist() if len(self._library) else []
@@ -93,10 +93,10 @@ class _Keeper:
 
 
 class _Session:
-    """One session of a run: drives blocks and keeps them, so that nothing but the block in progress can be lost.
+    """One session of a run: it drives blocks and keeps them, so that only the block in progress can be lost.
 
     Attributes:
-        counts: All tests so far; the last block may be a part of one.
+        counts: All tests so far; the last block may be incomplete.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class _Session:
         self._keeper: _Keeper
 
     def start(self, identity: dict[str, Any], *, resume: bool) -> None:
-        """Take up what the folder holds, and load the kernels."""
+        """Read the folder's counts, if there are any, and load the kernels."""
         if self._out is not None:
             save = self._out / "counts.json"
             if open_output(self._out, identity, resume=resume) and save.exists():
@@ -134,8 +134,8 @@ class _Session:
                 drive=self._run.drive,
             )
             self.counts = self.counts.plus(block)
-            # A part of a block at the end is not saved: a later, longer run drives the whole block, so that its digest
-            # is that of a run without a break.
+            # An incomplete last block is not saved: a later, longer run drives the whole block, so that its digest is
+            # the one of a run without a break.
             if self._out is not None and tests == _BLOCK:
                 write_json(self._out / "counts.json", self.counts.to_json())
             if self._out is not None and time.monotonic() - stored >= _STORE_SECONDS:
@@ -144,7 +144,7 @@ class _Session:
         return "target" if enough else "max_tests"
 
     def _tell(self, target: float, max_tests: int, done: int, crashes: int) -> None:
-        """Report tests; the total is what the target will probably need, once there are crashes to foresee it by."""
+        """Report tests; once there are crashes, the total is the number that the target will probably need."""
         total = max_tests
         width = self.counts.half_width()
         if width is not None and self.counts.av_crashes >= _ENOUGH_TO_FORESEE:
@@ -153,8 +153,8 @@ class _Session:
         self._progress(f"rate ({self.counts.av_crashes + crashes} crashes)", now, max(total, now))
 
     def store(self, state: str) -> NaturalRate:
-        """Bring library and `rate.json` up to the counts; returns the summary. `state` says why it is done now."""
-        # on the way no bar of its own: a long run would leave hundreds of them
+        """Bring library and `rate.json` up to the counts; return the summary. `state` says why it is done now."""
+        # No progress bar before the end: a long run would leave hundreds of bars.
         self._keeper.catch_up(self.counts, NO_PROGRESS if state == "running" else self._progress)
         if self._travel is None or self._travel.tests < SAMPLE_TESTS:
             sample = min(SAMPLE_TESTS, self.counts.tests)
@@ -187,12 +187,12 @@ def rate(
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
 ) -> NaturalRate:
-    """The AV's natural crash rate in 400 m tests, without bias.
+    """Measure the AV's natural crash rate in 400 m tests, without bias.
 
     Args:
         method: "mc", plain Monte Carlo.
         target_rhw: Stop when half the exact 95 % interval is at most this share of the rate, 0.001 to 10.
-        max_tests: Stop here at the latest.
+        max_tests: Largest number of tests.
         out: Folder for `rate.json`, the counts so far, and `library/` with all crashes; None keeps nothing.
         resume: Go on with that folder, after an end, an interrupt or a kill.
         seed: 0 or more.
@@ -222,7 +222,7 @@ def rate(
         summary = session.store(session.drive(target_rhw, max_tests))
     except KeyboardInterrupt:
         if folder is not None and session.counts.tests:
-            # An interrupt within a commit leaves a library that refuses a second writer; then the crash is safe there.
+            # After an interrupt within a commit the library refuses a second write; the crash is stored then.
             with contextlib.suppress(CornerForgeError):
                 session.store("interrupted")
         raise

@@ -1,4 +1,4 @@
-"""What `rate` found, in lines for people."""
+"""The result of `rate` as text."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _STOPPED = {"target": "the interval is narrow enough", "max_tests": "all tests a
 
 
 def rate_text(found: NaturalRate) -> list[str]:
-    """Lines below the rate itself: precision, BV-BV crashes, crash types, the table of mechanisms, cost."""
+    """Write the lines below the rate: precision, BV-BV crashes, crash types, the table of mechanisms, cost."""
     width, crashes = found.relative_half_width, found.av_crashes
     narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
     lines = [f"{crashes:,} AV crashes, {narrow}; {_STOPPED.get(found.state, found.state)}"]

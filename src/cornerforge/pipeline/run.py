@@ -1,4 +1,4 @@
-"""`run`: the whole job in stages; each leaves a file when it is done, so a killed run goes on there."""
+"""`run` does the whole job in stages; each finished stage leaves a file, so a killed run goes on after it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ EXPOSURE_TESTS_START = 1 << 42
 
 @dataclass(frozen=True)
 class Effort:
-    """How much of everything a run does; in counts, never in seconds, so that results do not depend on speed."""
+    """The amount of work in a run, as counts, never as seconds, so that results do not depend on speed."""
 
     nde_tests: int
     decisions: int
@@ -84,7 +84,7 @@ EFFORTS = {
 
 
 class _Stages:
-    """Runs each stage once; its result is kept in `stages/NAME.json`, which appears only when the stage is whole."""
+    """Runner of stages: each runs once; `stages/NAME.json` holds its result and appears only when it is complete."""
 
     def __init__(self, out: Path) -> None:
         self._folder = out / "stages"
@@ -93,7 +93,7 @@ class _Stages:
         path = self._folder / f"{name}.json"
         if not path.exists():
             write_json(path, as_json(work()))
-        # What the file gives back is what a resumed run sees, so that is what this one goes on with too.
+        # A resumed run reads the result from the file, so this run goes on with the same values.
         content = read_json_file(path)
         try:
             return from_json(kind, content)
@@ -103,7 +103,7 @@ class _Stages:
 
 @dataclass(frozen=True)
 class _Counted:
-    """Tests with all histograms: what they came to, and what the AV was exposed to, counts by quantity."""
+    """Tests with all histograms: their result, and the AV's exposure as counts by quantity."""
 
     rate: Simulated
     exposure: dict[str, tuple[int, ...]]
@@ -145,7 +145,7 @@ _LABELS = {
 
 
 def _write_exposure(out: Path, nde: _Counted, adversary: _Counted) -> None:
-    """`exposure.json`: the paper's Figure 3; the last bin holds all beyond the grid and is left out."""
+    """Write `exposure.json`, the paper's Figure 3, without the last bin, which holds all values beyond the grid."""
     quantities = {}
     for grid in EXPOSURE:
         quantities[grid.name] = {
@@ -179,7 +179,7 @@ def _train(
 
 
 def _plain_rates(plain: Experiment, tests: int, seed: int, threads: int | None, progress: Progress) -> _PlainRates:
-    """Yields of the plain adversaries; what happens with nobody is the natural traffic, counted on many more tests."""
+    """Measure the plain adversaries; traffic without an adversary is measured as the baseline, on many more tests."""
     rates = measure_baselines(plain, tests=tests, seed=seed, threads=threads, progress=progress)
     return _PlainRates(tuple(rate for rate in rates if rate.name != "nobody"))
 
@@ -189,7 +189,7 @@ def _train_config(size: Effort) -> TrainConfig:
 
 
 def _identity(plain: Experiment, effort: str, seed: int) -> dict[str, Any]:
-    """What decides the results of a run; there is no policy yet, and the BVs are driven in more than one way."""
+    """Return what decides the results of a run, without a policy and a way to drive BVs: a run has several of them."""
     identity: dict[str, Any] = plain.identity(seed)
     size = EFFORTS[effort]
     settings = {"world": identity.pop("config_hash"), "effort": asdict(size), "train": asdict(_train_config(size))}
@@ -215,7 +215,7 @@ def run(
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
 ) -> RunDone:
-    """The whole job: natural baseline, training, cases, analysis, report.
+    """Do the whole job: natural baseline, training, cases, analysis, report.
 
     Args:
         effort: "quick", "standard" or "paper" (see `EFFORTS`).

@@ -1,4 +1,4 @@
-"""From names and files to what the simulator takes: the model, the AV, the ODD, the adversary."""
+"""Building what the simulator takes (model, AV, ODD, adversary) from names and files."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 __all__ = ["TEMPERATURE", "Experiment", "check_av_timeout", "check_threads", "experiment", "road_of", "temperature_of"]
 
 TEMPERATURE = 0.05
-"""Of `softmax` without a number, in units of Q: actions of nearly equal chance to crash are taken nearly as often."""
+"""Temperature of `softmax` without a number [units of Q]: actions with nearly equal Q are taken nearly as often."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Everything constant in a run, by its user's names and as the kernels take it.
+    """Everything constant in a run, under the user's names and in the form for kernels.
 
     Attributes:
-        odd, av, model: The world. For a foreign AV `av` is idm-mobil under the foreign one's name: tests start at no
-            less than its desired gap.
+        odd, av, model: The world. For a foreign AV `av` is idm-mobil under the foreign AV's name: tests start with at
+            least the desired gap of idm-mobil.
         bv: How BVs drive: "nde", "idm", a plain adversary's name, or "policy".
         bounded: The NDD-bounded mask is on (in a mixture: for every policy).
         policies: The adversary's policies when `bv` is "policy"; each test is driven by one of them.
@@ -61,7 +61,7 @@ class Experiment:
         acting: How policies act: "greedy" or "softmax:T".
         setting: The kernels' form of all this.
         slots: Vehicle slots per world.
-        foreign: The AV, when it is not a built-in one.
+        foreign: The foreign AV; None for a built-in AV.
     """
 
     odd: Odd
@@ -78,29 +78,29 @@ class Experiment:
 
     @property
     def drive(self) -> DriveChunk:
-        """Who drives a range of tests."""
+        """Return the function that drives a range of tests."""
         return drive_chunk if self.foreign is None else self.foreign
 
     def warm_up(self) -> None:
-        """Load the compiled kernels, or compile them (once per installation), so that timings do not count it."""
+        """Load the compiled kernels, or compile them (once per installation), so that timings leave it out."""
         if self.foreign is not None:
             self.foreign.warm_up(self.setting, self.slots)
         else:
             warm_up(self.setting, self.slots)
 
     def recorder(self) -> Recorder:
-        """Who records a test; serves one thread."""
+        """Return the recorder of tests; it serves one thread."""
         if self.foreign is not None:
             return ForeignRecorder(self.foreign, self.setting, self.odd)
         return Recorder(self.setting, self.odd)
 
     @property
     def policy(self) -> Policy | None:
-        """The (first) policy, None where none drives."""
+        """The first policy; None if no policy drives."""
         return self.policies[0] if self.policies else None
 
     def identity(self, seed: int) -> dict[str, str | int | float | bool | None]:
-        """What names a test together with its number: seed, names, and hashes of settings, model, policy and AV."""
+        """Return what names a test, with its number: seed, names, and hashes of settings, model, policy and AV."""
         return {
             "seed": seed,
             "odd": self.odd.name,
@@ -114,7 +114,7 @@ class Experiment:
             "acting": self.acting,
             "policies": len(self.policies),
             "policy_hash": _joint_hash(self.policies),
-            # Last: where two runs differ, messages name the first key, and a setting says more than its hash.
+            # Hashes come last: where two runs differ, messages name the first key, and a setting says more than a hash.
             "config_hash": config_hash(
                 {
                     "odd": self.odd.stated(),
@@ -128,7 +128,7 @@ class Experiment:
 
 
 def check_threads(threads: int | None) -> int:
-    """The number of threads to use; None means all cores.
+    """Return the number of threads to use; None means all cores.
 
     Raises:
         InputError: It is below 1.
@@ -137,16 +137,16 @@ def check_threads(threads: int | None) -> int:
 
 
 def check_av_timeout(seconds: float) -> float:
-    """How long an AV from outside may take for an answer [s].
+    """Check how long a foreign AV may take for an answer [s].
 
     Raises:
-        InputError: It is not in [0.01, 3600].
+        InputError: The time is not in [0.01, 3600].
     """
     return check_number("av_timeout", seconds, low=0.01, high=3600.0, unit="s")
 
 
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
-    """Hash of a policy, or of a mixture in its order; None for none."""
+    """Hash a policy, or the policies of a mixture in their order; None without a policy."""
     hashes = [policy_hash(policy) for policy in policies]
     if len(hashes) <= 1:
         return hashes[0] if hashes else None
@@ -154,10 +154,10 @@ def _joint_hash(policies: Sequence[Policy]) -> str | None:
 
 
 def temperature_of(acting: str) -> float:
-    """Temperature of a way to act: 0 for "greedy", T for "softmax:T" (units of Q), `TEMPERATURE` for "softmax".
+    """Return the temperature [units of Q]: 0 for "greedy", T for "softmax:T", `TEMPERATURE` for "softmax".
 
     Raises:
-        UnknownNameError: It is neither.
+        UnknownNameError: The name is neither greedy nor softmax.
         InputError: T is not a number in [0.0001, 100].
 
     >>> temperature_of("greedy"), temperature_of("softmax:0.2")
@@ -178,7 +178,7 @@ def temperature_of(acting: str) -> float:
 
 
 def _load_policies(bv: Sequence[str], known: Sequence[str]) -> tuple[Policy, ...]:
-    """The policies that files hold.
+    """Load policies from files.
 
     Raises:
         UnknownNameError, InputError: A name is no file of a policy.
@@ -195,10 +195,10 @@ def _load_policies(bv: Sequence[str], known: Sequence[str]) -> tuple[Policy, ...
 
 
 def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) -> None:
-    """Say so where a policy was trained with another model or on another highway; it drives here all the same.
+    """Warn if a policy was trained with another model or on another highway; it drives here all the same.
 
-    Another AV goes without saying: trying an adversary on other AVs is what policies are for. A policy that does not
-    say where it learned, such as one of Stable-Baselines3, is not asked.
+    Another AV causes no warning: policies are made to be tried on other AVs. A policy without a record of its world,
+    for example one of Stable-Baselines3, causes none either.
     """
     odd = policy.about.get("odd")
     theirs = dict(odd) if isinstance(odd, dict) else {}
@@ -215,10 +215,10 @@ def _warn_of_another_world(policy: Policy, name: str, road: Odd, ndd: NddModel) 
 
 
 def road_of(world: WorldOptions) -> Odd:
-    """The ODD that a user names.
+    """Return the ODD that a user names.
 
     Raises:
-        UnknownNameError, InputError: There is no such ODD, or it cannot have so many lanes.
+        UnknownNameError, InputError: There is no ODD of that name, or it cannot have that many lanes.
     """
     odd = odd_named(world.odd)
     return odd if world.lanes is None else replace(odd, n_lanes=world.lanes)
@@ -234,7 +234,7 @@ def experiment(
     seed: int = 0,
     **keywords: Unpack[WorldKeywords],
 ) -> Experiment:
-    """Put a run together.
+    """Build the experiment of a run.
 
     Args:
         world: The world; None for the default one.
@@ -242,9 +242,9 @@ def experiment(
             paths: each test is driven by one of these policies, drawn at random.
         policy: One or more policies in memory instead of paths in `bv`.
         acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
-        takes_foreign: A foreign AV may be given.
-        seed: Told to a foreign AV.
-        keywords: Instead of those of `world`.
+        takes_foreign: A foreign AV is allowed.
+        seed: Seed that a foreign AV is told.
+        keywords: Values that replace fields of `world`.
 
     Raises:
         UnknownNameError, InputError: A name or number is not known or out of range.

@@ -1,4 +1,4 @@
-"""`ndd show`: a naturalistic model's key numbers, and figures of its tables."""
+"""`ndd show` tells a naturalistic model's key numbers and draws figures of its tables."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = ["ndd_show", "show_text"]
 def ndd_show(
     model: Path | str | None = None, *, out: Path | str | None = None, progress: Progress = NO_PROGRESS
 ) -> dict[str, Any]:
-    """Key numbers of a model and, where a folder is named, figures of its tables.
+    """Return the key numbers of a model and, if a folder is given, draw figures of its tables.
 
     Args:
         model: Model file; the shipped one by default.
-        out: Folder for the figures (PNG) and `numbers.json`; one of the same model is drawn again.
+        out: Folder for the figures (PNG) and `numbers.json`; a folder of the same model is written again.
         progress: Told how far it is.
 
     Returns:
@@ -40,7 +40,7 @@ def ndd_show(
     if out is not None:
         from cornerforge.ndd.show_figures import draw_figures, require_matplotlib
 
-        require_matplotlib()  # before anything is written
+        require_matplotlib()  # fails before anything is written
         folder = Path(out)
         identity = {"command": "ndd show", "model": numbers["model_hash"]}
         open_output(folder, identity, resume=True)
@@ -54,7 +54,7 @@ def ndd_show(
 
 
 def show_text(result: dict[str, Any]) -> str:
-    """What `ndd_show` found, for people."""
+    """Tell the result of `ndd_show` in text."""
     return "\n".join(
         [
             f"Model {result['model_hash']} ({result['model']})",

@@ -1,4 +1,4 @@
-"""`shrink`: the smallest forms of a library's cases, in a library of their own."""
+"""`shrink` makes cases of a library as small as possible and stores them in a library of their own."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _MEASURES = {
     "deviating_actions": ("source_deviating_actions", "deviating_actions"),
     "log_prob_nde": ("source_log_prob_nde", "log_prob_nde"),
 }
-"""Fields of `CaseSize`, and the columns that hold them before and after."""
+"""Field of `CaseSize` -> the columns with its value before and after."""
 _LABELS = ("crash_type", "striker", "cause")
 
 
@@ -50,14 +50,14 @@ def shrink(
     resume: bool = False,
     progress: Progress = NO_PROGRESS,
 ) -> ShrunkLibrary:
-    """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash.
+    """Make cases as small as possible: fewest vehicles, shortest window, most natural actions, the same crash.
 
     Args:
-        library: The library's folder; it may itself be of shrunk cases.
+        library: The library's folder; its cases may be shrunk already.
         cases: Case ids, in any order, or "all".
-        out: Folder of the library of shrunk cases, new or empty unless `resume`; each bears the name of its case. None:
-            beside the library, named after it and the case; for one case only.
-        resume: Go on with the library that an earlier call, or its end by Ctrl-C, left.
+        out: Folder of the library of shrunk cases, new or empty unless `resume`; cases keep their names. None: beside
+            the library, named after it and the case; for one case only.
+        resume: Go on with the library of an earlier call, finished or ended by Ctrl-C.
         progress: Told how far it is.
 
     Returns:
@@ -77,7 +77,7 @@ def shrink(
         )
     place = _place(Path(library), ids) if out is None else Path(out)
     run = experiment_of(source)
-    _check_same(source.scenario(ids[0]), driver_of_cases(run))  # what does not replay is told before a folder is made
+    _check_same(source.scenario(ids[0]), driver_of_cases(run))  # a case that does not replay fails before out is made
     shrunk = _open(source, run, place, resume=resume)
     left = _left(shrunk, ids)
     _fill(source, run, shrunk, left, progress)
@@ -88,25 +88,25 @@ def shrink(
 
 
 def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
-    """Ids of the wanted cases, ascending by test, each once.
+    """Return the ids of the wanted cases, ascending by test, each once.
 
     Raises:
-        InputError: None is wanted, or there is none.
-        UnknownNameError: One is not there.
+        InputError: No case is wanted, or the library has none.
+        UnknownNameError: The library lacks a wanted case.
     """
     known = source.scalars(["case_id"])["case_id"].to_pylist()
     ids = known if list(wanted) == ["all"] else list(dict.fromkeys(wanted))
     there = set(known)
     for case_id in ids:
         if case_id not in there:
-            source.scenario(case_id)  # says what is wrong
+            source.scenario(case_id)  # raises the error
     if not ids:
         raise InputError(f"There is no case to shrink; name some of the library {source.path}.")
     return sorted(ids, key=lambda case_id: int(case_id.partition(":")[2]))
 
 
 def _place(library: Path, ids: Sequence[str]) -> Path:
-    """Where the shrunk case goes when nobody says so."""
+    """Return the default folder of a shrunk case."""
     if len(ids) > 1:
         raise InputError(f"{len(ids)} cases are to be shrunk; say where their library goes with --out FOLDER.")
     path = library.absolute()
@@ -114,9 +114,9 @@ def _place(library: Path, ids: Sequence[str]) -> Path:
 
 
 def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) -> CaseLibrary:
-    """Start or take up the library of shrunk cases, with the model beside it that its replays need.
+    """Start the library of shrunk cases, or go on with it, and put the model that its replays need beside it.
 
-    It is a run of natural traffic to all who read it: who drove the BVs once does not matter any more.
+    Its identity is that of natural traffic: the scripts hold the actions, so the adversary does not matter any more.
     """
     seed = int(str(source.identity["seed"]))
     natural = experiment(
@@ -138,10 +138,10 @@ def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) ->
 
 
 def _left(shrunk: CaseLibrary, ids: Sequence[str]) -> list[str]:
-    """Ids of the cases that are not shrunk yet.
+    """Return the ids of the cases that are not shrunk yet.
 
     Raises:
-        InputError: A library is written in the order of tests, and one of them comes too early.
+        InputError: A case comes before one that is stored: a library is written in the order of tests.
     """
     done = set(shrunk.scalars(["case_id"])["case_id"].to_pylist())
     left = [case_id for case_id in ids if case_id not in done]
@@ -153,7 +153,7 @@ def _left(shrunk: CaseLibrary, ids: Sequence[str]) -> list[str]:
 
 
 def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequence[str], progress: Progress) -> None:
-    """Shrink cases and store them; what is done is stored too when the work is stopped."""
+    """Shrink cases and store them; when the work is stopped, store the finished ones."""
     again = driver_of_cases(run)
     driver = ScriptDriver(run.setting, run.odd)
     loose: list[CaseRecord] = []
@@ -179,7 +179,7 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
             progress("shrink", done + 1, len(ids))
         commit()
     except (KeyboardInterrupt, CornerForgeError):
-        # Stopped within a commit, the library is ahead of what is known here and takes nothing twice; all is safe then.
+        # After a stop within a commit the library is ahead and refuses a second write; all finished cases are stored.
         with contextlib.suppress(CornerForgeError):
             commit()
         raise
@@ -191,10 +191,10 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
 
 
 def _check_same(stored: StoredCase, again: Callable[[StoredCase], Scenario]) -> Scenario:
-    """The case, driven again.
+    """Drive a case again and check it against what is stored.
 
     Raises:
-        ReplayError: It is not what is stored.
+        ReplayError: The driven test is not the stored one.
     """
     driven = again(stored)
     if not is_same(driven, stored):
@@ -206,12 +206,12 @@ def _check_same(stored: StoredCase, again: Callable[[StoredCase], Scenario]) -> 
 
 
 def _script(stored: StoredCase, driven: Scenario, driver: ScriptDriver) -> Script:
-    """The whole case as a script."""
+    """Make a script of the whole case."""
     return stored.script or Script(driven.slot, driver.start_of_test(driven.seed, driven.test), driven.action)
 
 
 def _record(small: Shrunk) -> CaseRecord:
-    """A shrunk case as the library takes it."""
+    """Make the library's record of a shrunk case."""
     before, after = small.before, small.after
     return case_record(
         small.scenario,
@@ -231,7 +231,7 @@ def _record(small: Shrunk) -> CaseRecord:
 
 
 def _rows(shrunk: CaseLibrary, ids: Sequence[str]) -> tuple[ShrunkCase, ...]:
-    """What the library says of these cases."""
+    """Read the sizes of these cases from the library."""
     columns = ["case_id", *_LABELS, *(name for pair in _MEASURES.values() for name in pair)]
     wanted = set(ids)
     rows = [row for row in shrunk.scalars(columns).to_pylist() if row["case_id"] in wanted]
@@ -260,7 +260,7 @@ def _median(sizes: Sequence[CaseSize]) -> MedianSize:
 
 
 def shrink_text(r: ShrunkLibrary) -> str:
-    """The summary in words, a line a case and one of medians where there are several."""
+    """Tell the result in text: a line for each case and, if there are several, a line of medians."""
     lines = [f"Case {c.case}, {c.crash_type}: {_change(c.before, c.after)}" for c in r.cases]
     if len(lines) > 1:
         lines.append(f"Median of {len(lines)} cases: {_change(r.median.before, r.median.after)}")

@@ -1,4 +1,4 @@
-"""`simulate`: drive tests, count crashes."""
+"""`simulate` drives tests and counts crashes."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def simulate(
             each test is driven by one of these policies, drawn at random.
         acting: How a policy acts: "greedy", or "softmax:T" to draw actions by exp(Q / T).
         stats: Add distributions over all BVs at decision times.
-        out: Library that the crashes go to.
-        resume: Go on with that library.
+        out: Library in which crashes are stored; None to store none.
+        resume: Go on with the library `out`.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.

@@ -1,4 +1,4 @@
-"""How often the traffic of a naturalistic model crashes, of itself and into the built-in AV: for studies of a fit."""
+"""Crash counts in the traffic of a naturalistic model, between BVs and with a built-in AV; for studies of a fit."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def traffic_crashes(
     """Drive tests of the default ODD with `idm-mobil` among the BVs of a model, and count crashes.
 
     Args:
-        name: Of the model, for the progress.
-        model: How the BVs drive.
-        tests: How many, at least 1.
-        seed: Of the tests.
+        name: Name of the model, for the progress.
+        model: The model by which the BVs drive.
+        tests: Number of tests, at least 1.
+        seed: Seed of the tests.
         threads: Pool size; does not change the result.
         progress: Told how far it is.
 
     Returns:
         `tests`, `av_crashes`, `av_crashes_per_test`, `av_interval95` (Clopper-Pearson); `bv_crashes` (between two BVs),
-        `bv_miles` (of all BVs together; from a sample, good to some tenths of a percent), `bv_crashes_per_mile`,
+        `bv_miles` (of all BVs together; from a sample, exact to some tenths of a percent), `bv_crashes_per_mile`,
         `bv_interval95` (exact Poisson).
     """
     run = experiment(model=model)

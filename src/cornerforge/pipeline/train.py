@@ -1,4 +1,4 @@
-"""`train`: learn an adversary and measure it on tests that it never saw."""
+"""`train` trains an adversary and measures it on tests that it never saw."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ __all__ = [
 EVALUATION_TESTS = 1 << 41
 """Number of the first evaluation test: far from those of training and of generation."""
 BASELINES = ("uniform", "lane-changer", "swerve")
-"""Plain adversaries that every yield is shown beside, each unmasked and masked; and so is driving with nobody."""
+"""Plain adversaries, each unmasked and masked, and traffic without an adversary stand beside every yield."""
 
 
 def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int) -> dict[str, Any]:
@@ -68,22 +68,22 @@ def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int)
 
 
 def canonical_curve(result: TrainResult) -> list[dict[str, Any]]:
-    """The training curve for files, without times: the same training gives the same bytes, however long it took."""
+    """Return the training curve without times, for files: the same training then gives the same bytes."""
     return [asdict(point) | {"seconds": None} for point in result.curve]
 
 
 def point_seconds(result: TrainResult) -> list[float]:
-    """When the points of the curve were reached [s], for provenance files."""
+    """Return the times at which the points of the curve were reached [s], for provenance files."""
     return [point.seconds for point in result.curve]
 
 
 def provenance_beside(policy: Path) -> Path:
-    """Where it stands when and how long a policy was trained: beside NAME.safetensors in NAME.provenance.json."""
+    """Return the provenance file of a policy, NAME.provenance.json beside NAME.safetensors: date, duration, machine."""
     return policy.with_name(f"{policy.stem}.provenance.json")
 
 
 def write_provenance_beside(policy: Path, run: Experiment, result: TrainResult, seed: int) -> None:
-    """Write it.
+    """Write the provenance file beside a policy.
 
     Raises:
         OutputError: It cannot be written.
@@ -94,7 +94,7 @@ def write_provenance_beside(policy: Path, run: Experiment, result: TrainResult, 
 
 
 def load_timed_policy(path: Path) -> Policy:
-    """A policy whose curve tells times, from the provenance beside it; policies of old carry them themselves.
+    """Load a policy and add to its curve the times from the provenance file; old policies hold the times themselves.
 
     Raises:
         FileFormatError: A file is damaged.
@@ -105,13 +105,13 @@ def load_timed_policy(path: Path) -> Policy:
         return policy
     seconds = read_json_file(beside).get("point_seconds")
     if not isinstance(seconds, list) or len(seconds) != len(curve):
-        return policy  # of another policy that stood here before
+        return policy  # the provenance belongs to a policy that stood here before
     timed = [{**point, "seconds": at} for point, at in zip(curve, seconds, strict=True)]
     return replace(policy, about={**policy.about, "curve": timed})
 
 
 def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: int) -> CheckpointFile:
-    """Where the training that shall make `policy` keeps its state; other settings or other code are refused there."""
+    """Return the checkpoint file of the training of `policy`; it refuses the state of other settings or other code."""
     identity = {
         "seed": seed,
         "bounded": run.bounded,
@@ -126,7 +126,7 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
 
 
 def curve_report(progress: Progress, config: TrainConfig, max_seconds: float | None) -> Callable[[CurvePoint], None]:
-    """Tell how far a training is: in decisions, or in seconds where the time ends it."""
+    """Return a function that reports a training's progress: in decisions, or in seconds if the time ends it."""
 
     def report(point: CurvePoint) -> None:
         if max_seconds is None:
@@ -147,7 +147,7 @@ def learn(
     progress: Progress = NO_PROGRESS,
     checkpoint: CheckpointFile | None = None,
 ) -> tuple[Policy, TrainResult]:
-    """Train on an experiment (`bounded` and `budget` give its mask), or go on with what the checkpoint holds."""
+    """Train on an experiment (`bounded` and `budget` give the mask), or go on from the checkpoint."""
     from cornerforge.adversary.train import train_adversary
 
     result = train_adversary(
@@ -173,12 +173,12 @@ def evaluate(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Yield:
-    """Yield of an experiment on evaluation tests: all crashes, those avoidable by braking, those that the AV struck in.
+    """Measure the yield on evaluation tests: all crashes, crashes avoidable by braking, crashes in which the AV struck.
 
     Args:
         run: The experiment.
-        tests: How many, at least 1.
-        seed: Of the tests.
+        tests: Number of tests, at least 1.
+        seed: Seed of the tests.
         delay_s: The AV's time to react, for `sim.braking.is_avoidable` [s].
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
@@ -214,9 +214,9 @@ def measure_baselines(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Baseline, ...]:
-    """Yields of nobody and of the plain adversaries, each with and without the NDD-bounded mask, on the same tests.
+    """Measure the plain adversaries with and without the NDD-bounded mask, and no adversary, on the same tests.
 
-    Nobody, who has no mask, is measured once.
+    Traffic without an adversary has no mask and is measured once.
     """
     rates = []
     for name in ("nobody", *BASELINES):
@@ -248,22 +248,22 @@ def train(
 ) -> Trained:
     """Train the adversary (dueling double DQN) and write its policy.
 
-    The policy is the one at the end of training: none is picked by a look at tests. It is measured, as are the plain
-    adversaries beside it, on evaluation tests, which no training and no generation ever uses.
+    The policy is the one at the end of training; tests are not used to pick one. It and the plain adversaries are
+    measured on evaluation tests, which no training and no generation uses.
 
     Args:
-        out: Policy file, `.safetensors`; must not exist unless `resume`. When and how long it was trained stands in
-            `NAME.provenance.json` beside it: the policy is the same bytes for the same training.
+        out: Policy file, `.safetensors`; must not exist unless `resume`. Date and duration of the training stand in
+            `NAME.provenance.json` beside it, so that the same training gives a policy of the same bytes.
         preset: "fast" or "paper".
-        reward: Which crashes of the AV are paid for: a name of `sim.rewards.REWARDS`.
+        reward: Which crashes of the AV give a reward: a name of `sim.rewards.REWARDS`.
         delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
-        decisions: Length in decisions; None for the preset's own. Same seed and decisions, same weights (on another
-            processor PyTorch may round otherwise, and other weights come out).
+        decisions: Length in decisions; None for the preset's. The same seed and decisions give the same weights
+            (PyTorch may round differently on another processor; the weights then differ).
         minutes: Stop after this time [min], and let the learning rate fall over it; the result then depends on the
-            machine's speed. With `decisions` too, what comes first ends it.
-        resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
-            weights are those of a training without the stop, unless `minutes` ends it. Where `out` holds a finished
-            policy of the same seed, length and world, keep it and only measure it again.
+            machine's speed. If `decisions` is given too, the training ends at whichever comes first.
+        resume: Go on with a stopped training of the same command (its state is in `OUT.checkpoint`); the weights are
+            the same as without the stop, unless `minutes` ends it. If `out` holds a finished policy of the same seed,
+            length and world, keep it and only measure it again.
         tests: Evaluation tests.
         seed: 0 or more.
         threads: None for all cores; does not change the weights.
@@ -271,7 +271,7 @@ def train(
         world: The world to learn in, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        What `cornerforge train --json` prints: the yield, those of plain adversaries, and where the policy is.
+        What `cornerforge train --json` prints: the yield, the yields of plain adversaries, and where the policy is.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
@@ -285,7 +285,7 @@ def train(
     if minutes is not None:
         check_number("minutes", minutes, low=0.01, high=1e5, unit="min")
         if decisions is None:
-            config = replace(config, decisions=10**12)  # the time alone ends it
+            config = replace(config, decisions=10**12)  # only the time ends it
     options = WorldOptions(**world)
     run = experiment(options, bv="uniform")
     check_new_file(path, overwrite=resume)
@@ -335,10 +335,10 @@ def train(
 
 
 def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int, path: Path) -> None:
-    """A kept policy must be the one that this command would train.
+    """Check that a kept policy is the one that this command would train.
 
     Raises:
-        OutputError: It is another one.
+        OutputError: The file holds another policy.
     """
     found = {**policy.about, "bounded": policy.bounded, "budget": policy.budget}
     wanted = {

@@ -1,4 +1,4 @@
-"""`train-av`: teach an AV to drive, and measure how often it crashes in natural traffic that it never saw."""
+"""`train-av` trains an AV and measures how often it crashes in natural traffic that it never saw."""
 
 from __future__ import annotations
 
@@ -40,19 +40,20 @@ def train_av(
 
     Args:
         out: AV file, `.safetensors`; must not exist unless `overwrite`.
-        decisions: Seconds of driving to learn from; None for the default. Same seed and decisions, same weights.
+        decisions: Seconds of driving to learn from; None for the default. The same seed and decisions give the same
+            weights.
         minutes: Stop after this time [min]; the result then depends on the machine's speed.
         tests: Tests in natural traffic to measure it on.
-        overwrite: Replace what is there.
-        resume: Go on with a training of the same command that was stopped (its state is in `OUT.checkpoint`); the
-            weights are those of a training without the stop, unless `minutes` ends it.
+        overwrite: Replace an existing file.
+        resume: Go on with a stopped training of the same command (its state is in `OUT.checkpoint`); the weights are
+            the same as without the stop, unless `minutes` ends it.
         seed: 0 or more.
         threads: None for all cores; does not change the weights.
         progress: Told how far it is.
         world: The world to learn in, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        What `cornerforge train-av --json` prints: how often it crashes in natural traffic, and where it is.
+        What `cornerforge train-av --json` prints: how often the AV crashes in natural traffic, and where its file is.
 
     Raises:
         CornerForgeError: Input, files or output place are not right, or PyTorch is missing.

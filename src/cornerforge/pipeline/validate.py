@@ -1,4 +1,4 @@
-"""`ndd validate`: a model against held-out trajectories, and its free-running traffic against published facts."""
+"""`ndd validate` compares a model with held-out trajectories, and its free-running traffic with published facts."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ def ndd_validate(
 
     Args:
         model: Model file.
-        against: Trajectory files, all of one format. Their held-out decisions are scored (all, where none is held
-            out); the others fit the baselines.
+        against: Trajectory files, all of one format. The held-out decisions of a file are scored (all of them if none
+            is held out); the others fit the baselines.
         data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
         miles: Vehicle-miles of free-running traffic in each of the two windows (0-15 s, 26-34 s), at least 100. Below
-            150,000 no bound on crashes can be met.
-        out: Folder for `validation.json`, the page `validation.html` and its figures; nothing is written without.
-        seed: Of the free-running traffic, 0 or more.
+            150,000 the bound on crashes cannot be met.
+        out: Folder for `validation.json`, the page `validation.html` and its figures; None to write nothing.
+        seed: Seed of the free-running traffic, 0 or more.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
 
@@ -115,7 +115,7 @@ def ndd_validate(
 
 
 def _open(folder: Path, identity: dict[str, Any]) -> None:
-    """Claim the folder before the work, and see that the figures can be drawn."""
+    """Claim the folder before the work, and check that the figures can be drawn."""
     from cornerforge.report.validation import check_figures
 
     check_figures()
@@ -133,7 +133,7 @@ def _write(folder: Path, result: dict[str, Any]) -> None:
 
 
 def _simulated(parts: list[FreeRunning]) -> SimulatedTraffic:
-    """Both windows together, as `ndd.compare` takes it."""
+    """Join both windows, in the form for `ndd.compare`."""
     from cornerforge.ndd.compare import SimulatedQuantity, SimulatedTraffic
     from cornerforge.sim import statistics
 
@@ -146,7 +146,7 @@ def _simulated(parts: list[FreeRunning]) -> SimulatedTraffic:
 
 
 def _traffic(part: FreeRunning) -> dict[str, Any]:
-    """One window: how much was counted, its distributions, and shares of bins for pictures."""
+    """Describe one window: how much was counted, its distributions, and shares of bins for pictures."""
     curves = {}
     quantities = quantities_of([part])
     for name, (grid, counts) in quantities.items():
@@ -172,7 +172,7 @@ def _shares(counts: NDArray[np.int64]) -> list[float]:
 
 
 def _traffic_notes(parts: list[FreeRunning]) -> list[str]:
-    """What a reader must know of the simulated traffic."""
+    """Return notes that a reader needs about the simulated traffic."""
     notes = [
         f"Free-running traffic: {part.tests:,} worlds, {part.miles:,.0f} vehicle-miles at {part.window.name}."
         for part in parts
@@ -193,7 +193,7 @@ def _traffic_notes(parts: list[FreeRunning]) -> list[str]:
 
 
 def validation_text(result: dict[str, Any]) -> str:
-    """What `ndd_validate` found, as a table for people."""
+    """Tell the result of `ndd_validate` as a table."""
     lines = [*_likelihood_lines(result), *_fact_lines(result), *_distance_lines(result)]
     lines += [f"Note: {note}" for note in result["notes"]]
     if "report" in result:
@@ -247,7 +247,7 @@ def _fact_line(fact: dict[str, Any]) -> str:
 
 
 def _distance_lines(result: dict[str, Any]) -> list[str]:
-    """Recorded against simulated traffic at the same speeds, from 19.5 m/s on; why not, where not."""
+    """Compare recorded with simulated traffic at the same speeds, from 19.5 m/s on, or say why it is not compared."""
     lines = ["Recorded against simulated traffic at the same speeds, from 19.5 m/s on"]
     for name in result["log_likelihood_per_decision"]:
         reasons: dict[str, list[str]] = {}

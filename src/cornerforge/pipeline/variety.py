@@ -1,4 +1,4 @@
-"""`variety`: how many kinds of crash libraries hold, or ways to generate them would give at equal tests."""
+"""`variety` counts the kinds of crash in libraries, or in equally many tests of several ways to generate."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 __all__ = ["VARIETY_TESTS", "variety"]
 
 VARIETY_TESTS = (1 << 41) + (1 << 40)
-"""Number of the first test that ways to generate are compared on: far from those of training and evaluation."""
+"""Number of the first test on which ways to generate are compared: far from training and evaluation tests."""
 
 
 def variety(
@@ -38,14 +38,14 @@ def variety(
     progress: Progress = NO_PROGRESS,
     **world: Unpack[WorldKeywords],
 ) -> Varied:
-    """Kinds of crash in libraries, or in what policies make on the same tests: greedy, at random, and mixed.
+    """Count the kinds of crash in libraries, or in the same tests driven by policies: greedy, at random, and mixed.
 
     Args:
-        libraries: Folders; each is a row. Their tests are driven already: nothing else but `seed` may be given.
-        policies: Policy files. Rows: each greedy, each at random; with two and more also all mixed, both ways.
-        tests: Per row of policies.
+        libraries: Folders; each is a row. Nothing but `seed` may be given with them: their tests are driven already.
+        policies: Policy files. Rows: each greedy, each at random; for two or more also all mixed, both ways.
+        tests: Number of tests for each row of policies.
         acting: How to act at random, "softmax" or "softmax:T".
-        seed: Of the tests and of the bootstrap.
+        seed: Seed of the tests and of the bootstrap.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
         world: The world of the policies, keyword by keyword; see `WorldOptions`.
@@ -79,10 +79,10 @@ def variety(
 
 
 def _refuse_idle(given: dict[str, Any], usual: dict[str, Any]) -> None:
-    """Refuse what only policies need.
+    """Refuse arguments that only policies need.
 
     Raises:
-        InputError: Something else than usual is given.
+        InputError: An argument has another value than its default.
     """
     for name, value in given.items():
         if value != usual[name]:
@@ -128,7 +128,7 @@ def _generated_row(run: Experiment, name: str, tests: int, seed: int, threads: i
 
 
 def variety_text(result: Varied) -> str:
-    """The rows as text, with the fullest cells of each."""
+    """Write the rows as text, with the fullest cells of each."""
     lines = []
     for row in result.rows:
         yielded = "" if row.crashes_per_test is None else f"{row.crashes_per_test:.3f} crashes per test; "

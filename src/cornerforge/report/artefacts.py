@@ -1,4 +1,4 @@
-"""What the report shows, read from the folder of a run and checked once; nothing here draws or simulates."""
+"""Reading and checking what the report shows, from the folder of a run; nothing here draws or simulates."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Rate:
     """Crashes of the AV in independent tests, with its 95 % interval.
 
     Attributes:
-        name: Who drove the background vehicles.
+        name: What drove the background vehicles.
         tests: Number of tests, the sampling unit.
         per_test: Crashes per test, in [0, 1].
         low, high: 95 % interval of `per_test`.
@@ -51,12 +51,12 @@ class Rate:
 
     @property
     def is_bound(self) -> bool:
-        """No crash was seen: the rate is known only to lie below 3 / tests (95 %)."""
+        """True if no crash was seen: the rate is known only to lie below 3 / tests (95 %)."""
         return self.per_test == 0.0
 
     @property
     def digits(self) -> int:
-        """Significant digits worth showing: chance moves the third one unless there are hundreds of crashes."""
+        """Number of significant digits to show: the third is noise unless there are hundreds of crashes."""
         return 3 if self.per_test * self.tests >= 100.0 else 2
 
     @property
@@ -205,7 +205,7 @@ def read_artefacts(out: Path) -> Artefacts:
 
 
 def analyse_command(out: Path) -> str:
-    """What writes the analysis of a run again."""
+    """Return the command that writes the analysis of a run again."""
     return f"cornerforge analyse {out / 'library'} --out {out / 'analysis'}"
 
 
@@ -222,7 +222,7 @@ def _rate(reader: Reader, name: str) -> Rate:
 
 
 def _training(reader: Reader, provenance: Reader) -> Training:
-    """The curve; its times from the provenance, or from the points themselves, where older versions wrote them."""
+    """Read the curve; its times come from the provenance, or from the points in files of older versions."""
     points = reader.children("points")
     found = provenance.values.get("point_seconds")
     timed = isinstance(found, list) and len(found) == len(points)
@@ -301,7 +301,7 @@ def _points(file: Path, command: str) -> Points:
 
 
 def _points_fault(columns: dict[str, list[Any]]) -> str | None:
-    """What is wrong with the columns, or None."""
+    """Say what is wrong with the columns; None if nothing is."""
     for name, values in columns.items():
         if any(value is None or (isinstance(value, float) and not math.isfinite(value)) for value in values):
             return f'the column "{name}" holds a value that is missing or not finite'

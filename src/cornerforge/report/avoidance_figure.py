@@ -1,4 +1,4 @@
-"""One crash and the way out that there was, side by side: by matplotlib, the same bytes for the same numbers."""
+"""A figure of a crash beside its way out, by matplotlib; the same numbers give the same bytes."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _LABELS = {
 def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
     """Draw the recorded crash and the witness of its avoidability.
 
-    Above: the road from above at the moment of the contact, with the tracks that led there as seen by somebody who
-    travels at the AV's mean recorded speed. Below: speeds over time, with the moments that matter.
+    The upper panel shows the road from above at the moment of the contact, with the tracks before it in a frame that
+    moves at the AV's mean recorded speed. The lower panel shows speeds over time, with the moments that matter.
 
     Args:
         scenario: The recording.
-        answer: Of `analysis.avoidability` for it; without a witness only what was recorded is drawn.
+        answer: The answer of `analysis.avoidability` for it; without a witness only the recording is drawn.
 
     Returns:
         A matplotlib figure; `ndd.drawing.png_of` and `svg_of` make files of it.

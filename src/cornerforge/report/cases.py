@@ -42,7 +42,7 @@ def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str
 
 
 def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -> dict[str, Any]:
-    """What the animation needs of a case, as JSON values.
+    """Return what the animation needs of a case, as JSON values.
 
     Positions are in metres (x counted from the AV's centre at its start), speeds in m/s, times in s, rounded to 3
     decimals, headings in rad, rounded to 4. `vehicles[0]` is the AV. A vehicle's lists begin at its frame `from`;
@@ -53,7 +53,7 @@ def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -
     Args:
         case_id: Name of the case, `seed:test`.
         scenario: The case; vehicles far from the AV may have been left out.
-        way_out: How the AV could have avoided the crash; None if nobody knows.
+        way_out: How the AV could have avoided the crash; None if no way is known.
     """
     n_frames = len(scenario.x)
     first = max(0, n_frames - 1 - round(SHOWN_S / FRAME_S))
@@ -82,7 +82,7 @@ def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -
 
 
 def _near(scenario: Scenario, first: int) -> NDArray[np.bool_]:
-    """Present and in sight of the AV, shape (T, N); False before frame `first`. The partner is always in sight."""
+    """Mark vehicles that are present and near the AV, shape (T, N), none before `first`; the partner is always near."""
     distance = np.abs(along(scenario.x[:, :1], np.where(scenario.present, scenario.x, np.inf)))
     near = scenario.present & (distance <= SIGHT_M)
     partner = _partner(scenario)
@@ -118,7 +118,7 @@ def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: in
 
 
 def _ghost(scenario: Scenario, way_out: WayOut, first: int) -> dict[str, Any] | None:
-    """The AV on its way out, over the frames shown; None where it begins at the contact or the case holds none."""
+    """Return the AV on its way out, over the frames shown; None if there is none or it begins at the contact."""
     if scenario.crash is None:
         return None
     begin = round((scenario.crash.time - way_out.begin_s) / FRAME_S)
@@ -145,7 +145,7 @@ def _rounded(values: NDArray[np.float64], decimals: int = 3) -> list[float | Non
 
 
 def _action(scenario: Scenario, k: int) -> str:
-    """What the critical BV decided, in words."""
+    """Say what the critical BV decided."""
     column = int(scenario.critical_bv[k])
     index = int(scenario.action[k, column]) if column >= 0 else -1
     return ACTIONS[index].name if index >= 0 else ""

@@ -1,4 +1,4 @@
-"""What `analyse` made of the cases one by one: value, avoidability, fault, severity, coverage; read and checked."""
+"""Reading and checking what `analyse` says about single cases: value, avoidability, fault, severity, coverage."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Avoided:
 
     Attributes:
         cases: Number drawn, at least 1.
-        reaction_s: Time from the manoeuvre's begin from which on a way out counts [s].
+        reaction_s: A way out counts if it begins at least this long after the manoeuvre's begin [s].
         labels: Cases of each label; with `not_judged` they sum to `cases`.
         not_judged: Cases that cannot be judged.
         share, low, high: Share with a way out, in [0, 1], and its 95 % interval.
@@ -96,12 +96,12 @@ class Judged:
     """The judgement of a library.
 
     Attributes:
-        fault: Cases by who broke a rule of RSS.
+        fault: Number of cases by the vehicle that broke a rule of RSS.
         rules: Cases by the rule that was broken first.
         severity: Quantity to its quantiles, percent to value.
-        avoided: None where nobody looked for ways out.
-        weights: Of the parts of the value.
-        top: The most valuable cases, the best first; empty where nobody looked for ways out.
+        avoided: Avoidability; None if ways out were not searched for.
+        weights: Weights of the parts of the value.
+        top: The most valuable cases, the best first; empty if ways out were not searched for.
         coverage: Kinds seen and not seen.
     """
 
@@ -132,7 +132,7 @@ class WayOut:
 
 @dataclass(frozen=True)
 class CaseJudgement:
-    """One case's row: times are seconds before the contact; None where there is none, or nobody looked."""
+    """The row of one case. Times are seconds before the contact; None where there is none or none was searched for."""
 
     fault: str
     rule: str
@@ -144,12 +144,12 @@ class CaseJudgement:
 
 
 def read_judged(reader: Reader) -> Judged:
-    """The keys of `analysis.json` about single cases.
+    """Read the keys of `analysis.json` about single cases.
 
     Raises:
         FileFormatError: A key is missing, as in an analysis by an earlier version, or holds something else.
     """
-    # A missing key must not pass for a library without a case of that fault.
+    # A missing key must not look like a library without a case of that fault.
     for key in ("fault", "fault_rules"):
         reader.child(key)
     fault = reader.counts("fault")
@@ -267,7 +267,7 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
     if not file.is_file():
         raise FileFormatError(f"{file} is missing; write it with: {command}")
     try:
-        # Said so, because Arrow takes a path like run-10:30 for an address, and ~ for the home.
+        # The local file system is named, because Arrow reads a path like run-10:30 as an address, ~ as the home folder.
         place, local = str(file.absolute()), LocalFileSystem()
         missing = [name for name in names if name not in pq.read_schema(place, filesystem=local).names]
         if not missing:
@@ -285,7 +285,7 @@ _WAY = ["witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad"
 
 
 def read_case_judgements(analysis: Path, case_ids: Iterable[str], command: str) -> dict[str, CaseJudgement]:
-    """What was found about single cases, by case id; cases that the analysis does not hold are left out.
+    """Read the judgements of single cases by case id; cases that the analysis does not hold are left out.
 
     Args:
         analysis: Folder of the analysis.

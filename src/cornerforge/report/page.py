@@ -88,7 +88,7 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _verdict(known: CaseJudgement) -> str:
-    """Whose fault a case was, and whether the AV could have avoided it."""
+    """Say whose fault a case was, and whether the AV could have avoided it."""
     if known.fault == "none":
         fault = "No rule of RSS was broken"
     else:
@@ -105,7 +105,7 @@ _HOW = {"by both": "by braking or by steering", "by combination": "by braking an
 
 
 def _way_in_words(known: CaseJudgement) -> str:
-    """How long the AV could have avoided a case that was looked at."""
+    """Say until when the AV could have avoided a case that was searched for a way out."""
     last = "" if known.latest_s is None else f"{known.latest_s:.1f} s before contact"
     if known.avoidability == "undecided":
         return "No way out of the AV was found, but not all could be tried."
@@ -120,7 +120,7 @@ def _way_in_words(known: CaseJudgement) -> str:
 
 
 def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
-    """Why each case is shown, in reading order: typical cases by cluster, the rare, and the rest of the top.
+    """Say why each case is shown, in reading order: typical cases by cluster, rare cases, other top cases.
 
     A lower rank matters more.
     """
@@ -155,7 +155,7 @@ def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 
 def _ratio(adversary: Rate, natural: Rate) -> str:
-    """How many times more often the AV crashes in a test with the adversary, with what is known about its error."""
+    """Say how many times more often the AV crashes in a test with the adversary, and how sure that is."""
     if adversary.is_bound:
         return "The adversary caused no crash, so there is no ratio."
     unit = "times as many crashes per test as natural traffic"

@@ -1,6 +1,6 @@
 """The page of `reproduce`: figures and tables from `items.json`, nothing computed anew.
 
-An item without a renderer of its own is shown as its table; `RENDERERS` says who has pictures.
+An item without a renderer of its own is shown as its table; `RENDERERS` lists the items with pictures.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class _Section:
 
 
 def check_reproduction() -> None:
-    """See that the page can be made, before long work.
+    """Check, before long work, that the page can be made.
 
     Raises:
         MissingExtraError: matplotlib or jinja2 is not installed.

@@ -1,4 +1,4 @@
-"""The numbers behind every chart, as tables: for readers who cannot see charts and for those who want digits."""
+"""The numbers behind every chart, as tables: for readers who cannot see charts or who want digits."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class HeatCell:
 
 @dataclass(frozen=True)
 class HeatRow:
-    """A row of the heat table: a crash type, and its cells by avoidability (one group where nobody looked), speed."""
+    """A row of the heat table: a crash type, and its cells by avoidability (one group if not searched for), speed."""
 
     name: str
     groups: list[list[HeatCell]]

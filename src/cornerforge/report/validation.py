@@ -35,7 +35,7 @@ _RANGES = {"speed": (15.0, 45.0), "range_rate": (-6.0, 6.0), "time_gap": (0.0, 5
 
 
 def check_figures() -> None:
-    """See that the page can be made.
+    """Check that the page can be made.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -205,7 +205,7 @@ def page_of(result: Result, figures: Mapping[str, bytes]) -> str:
 
 
 _UNBROKEN = {ord(" "): "\u00a0", ord("-"): "\u2011"}
-"""What a browser may break a line at, and what it may not."""
+"""Characters at which a browser may break a line -> characters at which it may not."""
 _WHAT_IS_SCORED = (
     "<p><code>law</code> is the car-following law at every speed, <code>table</code> what the simulator looks up from "
     "19.5 m/s on, <code>law_on_grid</code> the law on the same decisions. Fitted to the decisions of these files that "
@@ -267,7 +267,7 @@ def _with(value: float, interval: list[float], sign: str) -> str:
 
 
 def _file_parts(result: Result, figures: Mapping[str, bytes], number: int, name: str) -> list[str]:
-    """What is told of one file: recorded against simulated traffic, and one step ahead."""
+    """Show one file: recorded against simulated traffic, and predictions one step ahead."""
     rows: list[list[object]] = []
     reasons: dict[str, list[str]] = {}
     for quantity, files in result["distances"].items():
