@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import cornerforge
 from cornerforge import pipeline, results
 from cornerforge.errors import FileFormatError
 from cornerforge.results import VERBS, Cluster, Queried, Rate, Simulated, as_json, from_json, results_markdown
@@ -89,7 +90,7 @@ def test_results_are_not_changed() -> None:
 def test_every_verb_returns_its_class() -> None:
     """By their signatures; a verb that is not listed returns an object that is JSON already."""
     for verb, kind in VERBS.items():
-        said = getattr(pipeline, verb.replace("-", "_").replace(" ", "_")).__annotations__["return"]
+        said = getattr(cornerforge, verb.replace("-", "_").replace(" ", "_")).__annotations__["return"]
         assert said == kind.__name__
 
 

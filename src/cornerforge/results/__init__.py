@@ -34,6 +34,19 @@ from cornerforge.results.driving import (
     Simulated,
 )
 from cornerforge.results.learning import Baseline, Learned, LearnedPolicy, Trained, TrainedAv
+from cornerforge.results.naturalistic import (
+    NddShown,
+    PublishedFree,
+    ShownCounts,
+    ShownFollowing,
+    ShownFreeFlow,
+    ShownInitial,
+    ShownLaneChanges,
+    ShownOrigin,
+    ShownQuantiles,
+    ShownSpeeds,
+    ShownSupport,
+)
 from cornerforge.results.rates import Rate, Yield
 from cornerforge.results.stating import as_json, from_json, results_markdown
 from cornerforge.results.whole import RunDone, RunTrained
@@ -62,15 +75,26 @@ __all__ = [
     "MedianSize",
     "NaturalPlausibility",
     "NaturalRate",
+    "NddShown",
     "Plausibility",
     "PlausibilityRow",
     "PlausibilityRun",
+    "PublishedFree",
     "Quantity",
     "Queried",
     "Rate",
     "Replayed",
     "RunDone",
     "RunTrained",
+    "ShownCounts",
+    "ShownFollowing",
+    "ShownFreeFlow",
+    "ShownInitial",
+    "ShownLaneChanges",
+    "ShownOrigin",
+    "ShownQuantiles",
+    "ShownSpeeds",
+    "ShownSupport",
     "ShrunkCase",
     "ShrunkLibrary",
     "Simulated",
@@ -101,5 +125,6 @@ VERBS: dict[str, type] = {
     "query": Queried,
     "variety": Varied,
     "plausibility": Plausibility,
+    "ndd show": NddShown,
 }
 """Commands, and the classes of their results."""
