@@ -14,6 +14,7 @@ from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
 from cornerforge.pipeline.traffic_crashes import traffic_crashes
+from cornerforge.results import NddImported, from_json
 
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
@@ -104,7 +105,7 @@ def ndd_import(
     out: Path | str,
     model: Path | str | None = None,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> NddImported:
     """Make a naturalistic model of the published IVBSS arrays and write it with a report (JSON) beside it.
 
     Args:
@@ -114,7 +115,7 @@ def ndd_import(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge ndd import --json` prints.
+        What `cornerforge ndd import --json` prints.
 
     Raises:
         CornerForgeError: An array cannot be used, or the place cannot be written.
@@ -132,23 +133,23 @@ def ndd_import(
     page = path.with_suffix(".report.json")
     result = {**report.to_json(), "model_hash": model_hash(made)}
     write_json(page, result)
-    return {**result, "report": str(page), "out": str(path)}
+    return from_json(NddImported, {**result, "report": str(page), "out": str(path)})
 
 
-def import_text(result: dict[str, Any]) -> str:
+def import_text(result: NddImported) -> str:
     """What `ndd_import` found, for people."""
     lines = []
-    for role, entry in result["files"].items():
+    for role, entry in result.files.items():
         numbers = ", ".join(
             f"{key} {value:,}" if isinstance(value, int) else f"{key} {value:.3g}"
             for key, value in entry.items()
             if key not in ("name", "sha256")
         )
         lines.append(f"{role:<14}{entry['name']}: {numbers}")
-    lines += [f"ours          {what}" for what in result["filled"]]
-    lines += [f"not used      {name}" for name in result["unused"]]
-    lines += [f"Note: {note}" for note in result["notes"]]
-    return "\n".join([*lines, f"Model {result['model_hash']}: {result['out']}, report: {result['report']}"])
+    lines += [f"ours          {what}" for what in result.filled]
+    lines += [f"not used      {name}" for name in result.unused]
+    lines += [f"Note: {note}" for note in result.notes]
+    return "\n".join([*lines, f"Model {result.model_hash}: {result.out}, report: {result.report}"])
 
 
 def _model_place(out: Path | str) -> Path:

@@ -35,6 +35,7 @@ from cornerforge.results.driving import (
 )
 from cornerforge.results.learning import Baseline, Learned, LearnedPolicy, Trained, TrainedAv
 from cornerforge.results.naturalistic import (
+    NddImported,
     NddShown,
     PublishedFree,
     ShownCounts,
@@ -75,6 +76,7 @@ __all__ = [
     "MedianSize",
     "NaturalPlausibility",
     "NaturalRate",
+    "NddImported",
     "NddShown",
     "Plausibility",
     "PlausibilityRow",
@@ -126,5 +128,6 @@ VERBS: dict[str, type] = {
     "variety": Varied,
     "plausibility": Plausibility,
     "ndd show": NddShown,
+    "ndd import": NddImported,
 }
 """Commands, and the classes of their results."""

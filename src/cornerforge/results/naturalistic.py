@@ -1,4 +1,4 @@
-"""Results of `ndd show`."""
+"""Results of `ndd import` and `ndd show`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from cornerforge.results.stating import meant
 
 __all__ = [
+    "NddImported",
     "NddShown",
     "PublishedFree",
     "ShownCounts",
@@ -21,6 +22,8 @@ __all__ = [
 ]
 
 _MODEL_HASH = meant("Hash of everything in the model that decides how vehicles drive.")
+_NOTES = meant("What a reader must know, one sentence each.")
+_OUT = meant("File of the model.")
 _SPEEDS = meant("Speeds of the grid that are shown.", "m/s")
 _GAPS = meant("Gaps of the grid that are shown.", "m")
 _RATES = meant("Range rates of the grid that are shown; negative is closing.", "m/s")
@@ -183,3 +186,22 @@ class NddShown:
     figures: tuple[str, ...] = field(
         metadata=meant("Files of the figures; none without `--out`; not in `numbers.json`.")
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NddImported:
+    """A naturalistic model made of published arrays, and what came from where."""
+
+    files: dict[str, dict[str, float | str]] = field(
+        metadata=meant(
+            "By array: `name` and `sha256` of its file, and numbers that say what was done with it: rows, cells, those "
+            "empty, filled or renormalised, and the misfit of a fitted law; the keys depend on the array."
+        )
+    )
+    missing: tuple[str, ...] = field(metadata=meant("Arrays that are not there."))
+    filled: tuple[str, ...] = field(metadata=meant("What comes from the other model, in plain words."))
+    unused: tuple[str, ...] = field(metadata=meant("Files left unused because a preferred one is there."))
+    notes: tuple[str, ...] = field(metadata=_NOTES)
+    model_hash: str = field(metadata=_MODEL_HASH)
+    report: str = field(metadata=meant("File of the report: this object without `report` and `out`."))
+    out: str = field(metadata=_OUT)
