@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from cornerforge._checks import check_integer
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
@@ -14,7 +13,7 @@ from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
 from cornerforge.pipeline.traffic_crashes import traffic_crashes
-from cornerforge.results import NddImported, from_json
+from cornerforge.results import NddFitted, NddImported, from_json
 
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
@@ -30,7 +29,7 @@ def ndd_fit(
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> NddFitted:
     """Fit a naturalistic model from trajectories and write it with a fit report beside it.
 
     Args:
@@ -46,7 +45,7 @@ def ndd_fit(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge ndd fit --json` prints; `format` is the one taken.
+        What `cornerforge ndd fit --json` prints.
 
     Raises:
         CornerForgeError: A file cannot be used, or the place cannot be written.
@@ -78,25 +77,20 @@ def ndd_fit(
         rows = fit_sensitivity(paths, data_format, prior_strength=prior_strength, progress=say, drive=drive)
         report = replace(report, sensitivity=rows)
         write_fit_report(report, model, page)
-    return {
-        **report.to_json(),
-        "format": data_format,
-        "model_hash": model_hash(model),
-        "report": str(page),
-        "out": str(path),
-    }
+    about = {"format": data_format, "model_hash": model_hash(model), "report": str(page), "out": str(path)}
+    return from_json(NddFitted, report.to_json() | about)
 
 
-def fit_text(result: dict[str, Any]) -> str:
+def fit_text(result: NddFitted) -> str:
     """What `ndd_fit` found, for people: rows, what was left out and where, what to know."""
-    lines = [f"{result['rows_used']:,} of {result['rows_read']:,} rows used, {result['states']:,} states"]
+    lines = [f"{result.rows_used:,} of {result.rows_read:,} rows used, {result.states:,} states"]
     lines += [
-        f"Left out of {name}: {reason}, {entry['rows']:,} row(s), first at line {entry['first_line']}"
-        for name, reasons in result["bad_rows"].items()
+        f"Left out of {name}: {reason}, {entry.rows:,} row(s), first at line {entry.first_line}"
+        for name, reasons in result.bad_rows.items()
         for reason, entry in reasons.items()
     ]
-    lines += [f"Note: {note}" for note in result["notes"]]
-    return "\n".join([*lines, f"Model: {result['out']}, report: {result['report']}"])
+    lines += [f"Note: {note}" for note in result.notes]
+    return "\n".join([*lines, f"Model: {result.out}, report: {result.report}"])
 
 
 def ndd_import(

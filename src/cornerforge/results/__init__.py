@@ -35,6 +35,11 @@ from cornerforge.results.driving import (
 )
 from cornerforge.results.learning import Baseline, Learned, LearnedPolicy, Trained, TrainedAv
 from cornerforge.results.naturalistic import (
+    BadRows,
+    FitTraffic,
+    FitVariant,
+    HeldOutScore,
+    NddFitted,
     NddImported,
     NddShown,
     PublishedFree,
@@ -61,6 +66,7 @@ __all__ = [
     "AvSpeed",
     "Avoidability",
     "Avs",
+    "BadRows",
     "Baseline",
     "BvMilesEstimate",
     "CaseMedians",
@@ -71,11 +77,15 @@ __all__ = [
     "CrashCircumstances",
     "Distributions",
     "Filled",
+    "FitTraffic",
+    "FitVariant",
+    "HeldOutScore",
     "Learned",
     "LearnedPolicy",
     "MedianSize",
     "NaturalPlausibility",
     "NaturalRate",
+    "NddFitted",
     "NddImported",
     "NddShown",
     "Plausibility",
@@ -129,5 +139,6 @@ VERBS: dict[str, type] = {
     "plausibility": Plausibility,
     "ndd show": NddShown,
     "ndd import": NddImported,
+    "ndd fit": NddFitted,
 }
 """Commands, and the classes of their results."""

@@ -1,12 +1,18 @@
-"""Results of `ndd import` and `ndd show`."""
+"""Results of `ndd fit`, `ndd import` and `ndd show`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from cornerforge.results.rates import Interval
 from cornerforge.results.stating import meant
 
 __all__ = [
+    "BadRows",
+    "FitTraffic",
+    "FitVariant",
+    "HeldOutScore",
+    "NddFitted",
     "NddImported",
     "NddShown",
     "PublishedFree",
@@ -204,4 +210,90 @@ class NddImported:
     notes: tuple[str, ...] = field(metadata=_NOTES)
     model_hash: str = field(metadata=_MODEL_HASH)
     report: str = field(metadata=meant("File of the report: this object without `report` and `out`."))
+    out: str = field(metadata=_OUT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BadRows:
+    """Rows of a file that were left out for one reason."""
+
+    rows: int = field(metadata=meant("How many."))
+    first_line: int = field(metadata=meant("Line of the first, from 1."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOutScore:
+    """How likely a fit holds the decisions of one file that it has not seen."""
+
+    law: float | None = field(
+        metadata=meant("Mean log-likelihood of the car-following law, at all speeds; null: no law.", "nat")
+    )
+    table: float | None = field(
+        metadata=meant("Mean log-likelihood of the table, from 19.5 m/s on; null: no decision there.", "nat")
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitTraffic:
+    """How often the traffic of a fit crashes, with the AV `idm-mobil` among it."""
+
+    tests: int = field(metadata=meant("Tests driven."))
+    av_crashes: int = field(metadata=meant("Tests that ended in a crash of the AV."))
+    av_crashes_per_test: float = field(metadata=meant("`av_crashes` over `tests`.", "per test"))
+    av_interval95: Interval = field(metadata=meant("Its exact interval (Clopper-Pearson).", "per test"))
+    bv_crashes: int = field(metadata=meant("Crashes between two BVs."))
+    bv_miles: float = field(metadata=meant("Distance that all BVs drove, from the mean of a sample.", "miles"))
+    bv_crashes_per_mile: float = field(metadata=meant("`bv_crashes` over `bv_miles`.", "per BV-mile"))
+    bv_interval95: Interval = field(metadata=meant("Its exact interval (Garwood).", "per BV-mile"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitVariant:
+    """The same files fitted with one choice changed."""
+
+    variant: str = field(metadata=meant("What was changed, in words; the fit itself is the first."))
+    held_out: dict[str, HeldOutScore] = field(metadata=meant("By file, its scores."))
+    probes: tuple[tuple[float, float], ...] = field(
+        metadata=meant(
+            "Mean and standard deviation of the table's acceleration, at 20 and 30 m/s, each 30 m behind a leader at "
+            "range rates 0 and -2 m/s.",
+            "m/s2",
+        )
+    )
+    traffic: FitTraffic | None = field(metadata=meant("How often its traffic crashes; null: it was not driven."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class NddFitted:
+    """A naturalistic model fitted to trajectories: what went in and what came out."""
+
+    rows_read: int = field(metadata=meant("Rows of all files."))
+    rows_used: int = field(metadata=meant("Rows that passed every check."))
+    bad_rows: dict[str, dict[str, BadRows]] = field(metadata=meant("Rows left out, by file and reason."))
+    decisions_fitted: int = field(metadata=meant("Decisions that were fitted on, one a second."))
+    decisions_on_grid: int = field(metadata=meant("Decisions counted into the following table."))
+    states: int = field(metadata=meant("Following states with at least one counted decision."))
+    states_total: int = field(metadata=meant("Following states of the grid."))
+    data_share_of_states: float = field(
+        metadata=meant("Share of the table's probability that is counts, not prior, mean over all states, 0 to 1.")
+    )
+    data_share_where_data: float = field(
+        metadata=meant("The same, mean over the counted decisions; 0 where there are none.")
+    )
+    speed_99_percent: float = field(metadata=meant("99 % point of the fitted decisions' speeds.", "m/s"))
+    held_out_log_likelihood: dict[str, dict[str, float]] = field(
+        metadata=meant(
+            "By file with held-out decisions: their number (`decisions`, `table_decisions` from 19.5 m/s on), and the "
+            "mean log-likelihood by `uniform`, `table` and each law, also on the decisions from 19.5 m/s on "
+            "(`..._on_grid`).",
+            "nat",
+        )
+    )
+    notes: tuple[str, ...] = field(metadata=_NOTES)
+    sensitivity: tuple[FitVariant, ...] = field(
+        metadata=meant("What other choices would have given; empty without `--study`.")
+    )
+    format: str = field(metadata=meant("Format of the files: the one named, or else the one guessed."))
+    model_hash: str = field(metadata=_MODEL_HASH)
+    report: str = field(metadata=meant("File of the report."))
     out: str = field(metadata=_OUT)
