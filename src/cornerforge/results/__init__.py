@@ -54,6 +54,11 @@ from cornerforge.results.naturalistic import (
     ShownSupport,
 )
 from cornerforge.results.rates import Rate, Yield
+from cornerforge.results.reproduction import (
+    PaperItem,
+    PaperRow,
+    Reproduced,
+)
 from cornerforge.results.stating import as_json, from_json, results_markdown
 from cornerforge.results.validation import (
     AcceptedGaps,
@@ -112,6 +117,8 @@ __all__ = [
     "NddShown",
     "NddValidated",
     "OneStepCell",
+    "PaperItem",
+    "PaperRow",
     "PartDistance",
     "PartLikelihood",
     "Plausibility",
@@ -124,6 +131,7 @@ __all__ = [
     "RecordedQuantity",
     "RecordedTtc",
     "Replayed",
+    "Reproduced",
     "RunDone",
     "RunTrained",
     "ShownCounts",
@@ -171,5 +179,6 @@ VERBS: dict[str, type] = {
     "ndd import": NddImported,
     "ndd fit": NddFitted,
     "ndd validate": NddValidated,
+    "reproduce": Reproduced,
 }
 """Commands, and the classes of their results."""
