@@ -10,6 +10,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -327,8 +328,12 @@ def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: 
     def two(values: Any) -> float:
         return values[0] + values[1]
 
-    def work(_: object) -> dict[str, Any]:
-        return {"sum": two(np.ones(2, kinds.pop()))}
+    @dataclass
+    class Sum:
+        sum: float
+
+    def work(_: object) -> Sum:
+        return Sum(two(np.ones(2, kinds.pop())))
 
     kinds = [np.int64, np.int32, np.int16, np.int8]
     monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "")

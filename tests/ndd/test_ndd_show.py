@@ -21,6 +21,7 @@ from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.ndd.show import counted_states, key_numbers, mean_and_sd, quantiles
 from cornerforge.pipeline.show import show_text
+from cornerforge.results import NddShown, from_json
 from cornerforge.types import ACCELERATIONS
 
 needs_matplotlib = pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="needs the extra report")
@@ -103,7 +104,9 @@ def test_a_provenance_without_usable_counts_is_said_so(model: NddModel, counted:
     foreign = replace(model, provenance={"counted": counted})
     numbers = key_numbers(foreign)
     assert numbers["counted"] is None
-    assert "Counted decisions: not stated." in show_text({"model_hash": "", "model": "", "figures": [], **numbers})
+    assert "Counted decisions: not stated." in show_text(
+        from_json(NddShown, {"model_hash": "", "model": "", "figures": [], **numbers})
+    )
 
 
 def test_a_model_of_certainties_has_no_spread_and_no_gap_that_is_accepted(model: NddModel) -> None:
@@ -139,16 +142,16 @@ def test_without_matplotlib_the_message_says_how_to_get_it(tmp_path: Path, monke
 def test_figures_are_drawn_and_drawn_again_to_the_same_bytes(tmp_path: Path, model: NddModel) -> None:
     result = pipeline.ndd_show(out=tmp_path / "f")
     first = {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()}
-    assert len(result["figures"]) == 7
-    assert all(first[Path(name).name].startswith(b"\x89PNG") for name in result["figures"])
+    assert len(result.figures) == 7
+    assert all(first[Path(name).name].startswith(b"\x89PNG") for name in result.figures)
     assert {"numbers.json", "provenance.json"} <= set(first)
     again = pipeline.ndd_show(out=tmp_path / "f")
-    assert all(Path(name).read_bytes() == first[Path(name).name] for name in again["figures"])
+    assert all(Path(name).read_bytes() == first[Path(name).name] for name in again.figures)
     other = tmp_path / "other.npz"
     save_model(certain(model), other)
     with pytest.raises(InputError, match="holds a run with model"):
         pipeline.ndd_show(other, out=tmp_path / "f")
-    assert len(pipeline.ndd_show(other, out=tmp_path / "g")["figures"]) == 7
+    assert len(pipeline.ndd_show(other, out=tmp_path / "g").figures) == 7
 
 
 @needs_matplotlib

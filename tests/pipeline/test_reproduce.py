@@ -34,6 +34,7 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, load_timed_policy
 from cornerforge.rates import binomial_interval
 from cornerforge.report.reproduction import RENDERERS
+from cornerforge.results import Reproduced, as_json
 from cornerforge.sim.statistics import EXPOSURE
 from cornerforge.world_options import WorldOptions
 
@@ -52,16 +53,16 @@ def tiny_effort() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduced]:
     folder = tmp_path_factory.mktemp("reproduce") / "out"
     return folder, paper.reproduce(effort="quick", out=folder, seed=3)
 
 
-def item(result: dict[str, Any], name: str) -> dict[str, Any]:
-    return next(found for found in result["items"] if found["id"] == name)
+def item(result: Reproduced, name: str) -> dict[str, Any]:
+    return as_json(next(found for found in result.items if found.id == name))
 
 
-def row(result: dict[str, Any], name: str, what: str) -> dict[str, Any]:
+def row(result: Reproduced, name: str, what: str) -> dict[str, Any]:
     return next(found for found in item(result, name)["rows"] if found["what"] == what)
 
 
@@ -73,20 +74,20 @@ def read(path: Path) -> dict[str, Any]:
 # --- the whole ---
 
 
-def test_every_item_has_what_the_interface_promises(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_every_item_has_what_the_interface_promises(finished: tuple[Path, Reproduced]) -> None:
     _, result = finished
-    assert [found["id"] for found in result["items"]] == list(ITEMS)
-    for found in result["items"]:
+    assert [found.id for found in result.items] == list(ITEMS)
+    for found in map(as_json, result.items):
         assert {"id", "paper", "ours", "interval"} <= set(found)
         for part in [found, *found["rows"]]:
             ours, interval = part["ours"], part["interval"]
             if interval is not None:
                 assert interval[0] <= ours <= interval[1], part
         assert found["rows"]
-    json.dumps(result, allow_nan=False)
+    json.dumps(as_json(result), allow_nan=False)
 
 
-def test_the_folder_holds_page_figures_numbers_and_policies(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_the_folder_holds_page_figures_numbers_and_policies(finished: tuple[Path, Reproduced]) -> None:
     folder, result = finished
     names = {entry.name for entry in folder.iterdir()}
     assert {"index.html", "items.json", "provenance.json", "figures", "policies", "parts", "items"} <= names
@@ -105,20 +106,20 @@ def test_the_folder_holds_page_figures_numbers_and_policies(finished: tuple[Path
         curves: Any = [load(path).about["curve"] for load in (load_policy, load_timed_policy)]
         assert all(point["seconds"] is None for point in curves[0])
         assert all(point["seconds"] > 0.0 for point in curves[1])
-    assert [found["id"] for found in read(folder / "items.json")["items"]] == [found["id"] for found in result["items"]]
+    assert [found["id"] for found in read(folder / "items.json")["items"]] == [found.id for found in result.items]
     identity = read(folder / "provenance.json")["identity"]
     assert (identity["seed"], identity["effort"]) == (3, "quick")
     assert set(identity["avs"]) >= {"idm-mobil"}
 
 
-def test_trainings_of_a_kind_have_seeds_of_their_own(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_trainings_of_a_kind_have_seeds_of_their_own(finished: tuple[Path, Reproduced]) -> None:
     folder, _ = finished
     both = [load_policy(folder / "policies" / f"idm-mobil.crash.free.{k}.safetensors") for k in (0, 1)]
     assert [policy.about["seed"] for policy in both] == [3, 4]
     assert not np.array_equal(both[0].weights, both[1].weights)
 
 
-def test_numbers_are_those_of_simulate(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_numbers_are_those_of_simulate(finished: tuple[Path, Reproduced]) -> None:
     """A cell of the matrix is a plain evaluation minus a natural rate, nothing else."""
     folder, result = finished
     cells = read(folder / "items" / "matrix.json")["result"]["data"]["cells"]
@@ -135,7 +136,7 @@ def test_numbers_are_those_of_simulate(finished: tuple[Path, dict[str, Any]]) ->
     assert avoidable == swerve["avoidable"] / TINY.tests
 
 
-def test_the_papers_two_cells_are_the_surrogate_and_the_rl_av(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_the_papers_two_cells_are_the_surrogate_and_the_rl_av(finished: tuple[Path, Reproduced]) -> None:
     _, result = finished
     rows = item(result, "matrix")["rows"]
     assert item(result, "matrix")["paper"] in (0.286, 0.10)
@@ -147,7 +148,7 @@ def test_the_papers_two_cells_are_the_surrogate_and_the_rl_av(finished: tuple[Pa
     }  # fmt: skip
 
 
-def test_figure3_drives_the_miles_that_it_promises(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_figure3_drives_the_miles_that_it_promises(finished: tuple[Path, Reproduced]) -> None:
     _, result = finished
     for name in ("natural", "adversary", "bounded adversary"):
         assert row(result, "figure3", f"miles of the AV, {name}")["ours"] >= TINY.miles
@@ -157,7 +158,7 @@ def test_figure3_drives_the_miles_that_it_promises(finished: tuple[Path, dict[st
 
 
 def test_a_finished_folder_is_not_computed_again(
-    finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+    finished: tuple[Path, Reproduced], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, result = finished
 
@@ -169,24 +170,24 @@ def test_a_finished_folder_is_not_computed_again(
     monkeypatch.setattr(figure3, "simulate_chunks", never)
     before = snapshot(folder / "items") | snapshot(folder / "policies")
     again = paper.reproduce(effort="quick", out=folder, seed=3, resume=True)
-    assert again["items"] == result["items"]
+    assert again.items == result.items
     assert snapshot(folder / "items") | snapshot(folder / "policies") == before
 
 
 def test_one_item_is_made_again_of_kept_policies(
-    finished: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+    finished: tuple[Path, Reproduced], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder, result = finished
     (folder / "items" / "figure5.json").unlink()
     monkeypatch.setattr(bench_module, "learn", lambda *_, **__: pytest.fail("trained again"))
     again = paper.reproduce(effort="quick", out=folder, seed=3, figures=["figure5"], resume=True)
-    assert [found["id"] for found in again["items"]] == ["figure5"]
+    assert [found.id for found in again.items] == ["figure5"]
     assert item(again, "figure5")["rows"] == item(result, "figure5")["rows"]
     # The page goes on showing the others.
     assert [found["id"] for found in read(folder / "items.json")["items"]] == list(ITEMS)
 
 
-def test_another_seed_or_place_is_refused(finished: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+def test_another_seed_or_place_is_refused(finished: tuple[Path, Reproduced], tmp_path: Path) -> None:
     folder, _ = finished
     with pytest.raises(OutputError, match="--resume"):
         paper.reproduce(effort="quick", out=folder, seed=3)
@@ -293,7 +294,7 @@ def test_shares_of_kinds_are_those_of_all_cases(swerving: Bench) -> None:
     assert sum(float(part.ours) for part in rows if part.ours is not None) == pytest.approx(1.0)
 
 
-def test_without_crashes_there_is_a_reason_and_no_number(finished: tuple[Path, dict[str, Any]]) -> None:
+def test_without_crashes_there_is_a_reason_and_no_number(finished: tuple[Path, Reproduced]) -> None:
     _, result = finished
     for name in ("figure6", "figure7", "figure8", "figure9", "figure10", "figure11"):
         found = item(result, name)
@@ -346,7 +347,7 @@ def test_time_to_the_papers_yield_is_that_of_the_first_point_that_has_it() -> No
     assert seconds_to_yield(some_policy_with([])) is None
 
 
-def test_a_policy_of_the_paper_preset_adds_a_curve(finished: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+def test_a_policy_of_the_paper_preset_adds_a_curve(finished: tuple[Path, Reproduced], tmp_path: Path) -> None:
     """And leaves the policies that are there alone; without it, the kept Figure 2 stays on the page."""
     folder, _ = finished
     path = tmp_path / "paper.safetensors"

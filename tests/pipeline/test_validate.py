@@ -18,6 +18,7 @@ from cornerforge.cli.output import compiling_text
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError, MissingExtraError
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.pipeline.validate import validation_text
+from cornerforge.results import NddValidated, as_json, from_json
 
 HEADER = "period,follower,leader,t_s,v_mps,vl_mps,gap_m,split"
 FACT_KEYS = {"when", "fact", "unit", "published", "found", "interval95", "allowed", "within"}
@@ -56,12 +57,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def found(pairs: Path, folder: Path) -> dict[str, Any]:
+def found(pairs: Path, folder: Path) -> NddValidated:
     return pipeline.ndd_validate(default_model_path(), against=[pairs], data_format="pairs", miles=MILES, out=folder)
 
 
-def test_the_promised_keys_are_there_and_are_json(found: dict[str, Any]) -> None:
-    again = json.loads(json.dumps(found, allow_nan=False))
+def test_the_promised_keys_are_there_and_are_json(found: NddValidated) -> None:
+    again = json.loads(json.dumps(as_json(found), allow_nan=False))
     assert {"log_likelihood_per_decision", "distances", "facts", "passed", "one_step_ahead", "traffic"} <= set(again)
     for part in ("law", "table", "law_on_grid"):
         score = again["log_likelihood_per_decision"]["pairs.csv"][part]
@@ -69,6 +70,7 @@ def test_the_promised_keys_are_there_and_are_json(found: dict[str, Any]) -> None
         assert set(score["model_minus"]) == {"idm", "idm_fast", "raw_table", "uniform"}
         far = again["distances"]["acceleration"]["pairs.csv"][part]
         assert {"wasserstein", "wasserstein_interval95", "kolmogorov_smirnov"} <= set(far)
+    assert from_json(NddValidated, again) == found
     quantities = {
         "speed", "gap", "time_gap", "range_rate", "acceleration", "acceleration_following", "acceleration_free",
         "ttc_share_below", "lane_changes_per_mile", "accepted_lead_gap", "accepted_rear_gap",
@@ -81,27 +83,27 @@ def test_the_promised_keys_are_there_and_are_json(found: dict[str, Any]) -> None
     assert all(part["miles"] >= MILES for part in again["traffic"])
 
 
-def test_the_verdict_is_that_of_scores_and_facts(found: dict[str, Any]) -> None:
+def test_the_verdict_is_that_of_scores_and_facts(found: NddValidated) -> None:
     gates = [
-        found["log_likelihood_per_decision"]["pairs.csv"][part]["model_minus"][name]["interval95"][0] > 0.0
+        found.log_likelihood_per_decision["pairs.csv"][part].model_minus[name].interval95[0] > 0.0
         for part in ("law", "table")
         for name in ("idm", "uniform")
     ]
-    assert found["passed"] == (all(gates) and all(fact["within"] is not False for fact in found["facts"]))
-    crashes = [fact for fact in found["facts"] if "crashes" in fact]
-    assert [fact["within"] for fact in crashes] == [False, False]  # too few miles, and a note says so
-    assert any("even no crash at all does not show" in note for note in found["notes"])
+    assert found.passed == (all(gates) and all(fact.within is not False for fact in found.facts))
+    crashes = [fact for fact in found.facts if fact.crashes is not None]
+    assert [fact.within for fact in crashes] == [False, False]  # too few miles, and a note says so
+    assert any("even no crash at all does not show" in note for note in found.notes)
 
 
-def test_the_folder_holds_the_page_and_what_it_was_made_of(found: dict[str, Any], folder: Path) -> None:
+def test_the_folder_holds_the_page_and_what_it_was_made_of(found: NddValidated, folder: Path) -> None:
     names = {path.name for path in folder.iterdir()}
     assert {"validation.json", "validation.html", "provenance.json", "facts.png", "traffic.png"} <= names
-    assert json.loads((folder / "validation.json").read_text())["facts"] == json.loads(json.dumps(found["facts"]))
+    assert json.loads((folder / "validation.json").read_text()) == json.loads(json.dumps(as_json(found)))
     page = (folder / "validation.html").read_text()
     assert page.count("<img ") == sum(name.endswith(".png") for name in names)
     assert "http" not in page
-    for fact in found["facts"]:
-        assert fact["fact"] in page
+    for fact in found.facts:
+        assert fact.fact in page
     assert "<td>time gap, 5 % [s]</td>" in page
     assert "<td>lane changes per vehicle-mile</td>" in page
     for name in names:
@@ -110,13 +112,13 @@ def test_the_folder_holds_the_page_and_what_it_was_made_of(found: dict[str, Any]
 
 
 def test_the_same_again_gives_the_same_page_and_another_seed_is_refused(
-    pairs: Path, found: dict[str, Any], folder: Path
+    pairs: Path, found: NddValidated, folder: Path
 ) -> None:
     first = (folder / "validation.html").read_bytes()
     again = pipeline.ndd_validate(
         default_model_path(), against=[pairs], data_format="pairs", miles=MILES, out=folder, threads=1
     )
-    assert {**again, "seconds": 0} == {**found, "seconds": 0}
+    assert replace(again, seconds=0) == replace(found, seconds=0)
     assert (folder / "validation.html").read_bytes() == first
     with pytest.raises(InputError, match="seed"):
         pipeline.ndd_validate(
@@ -124,13 +126,13 @@ def test_the_same_again_gives_the_same_page_and_another_seed_is_refused(
         )
 
 
-def test_text_names_what_is_outside(found: dict[str, Any]) -> None:
+def test_text_names_what_is_outside(found: NddValidated) -> None:
     text = validation_text(found)
-    assert text.count("OUTSIDE") == sum(fact["within"] is False for fact in found["facts"]) >= 2
+    assert text.count("OUTSIDE") == sum(fact.within is False for fact in found.facts) >= 2
     assert text.endswith("NOT passed.")
-    fine = [{**fact, "within": None if fact["within"] is None else True} for fact in found["facts"]]
-    assert "OUTSIDE" not in validation_text({**found, "facts": fine})
-    assert validation_text({**found, "passed": True}).endswith("\nPassed.")
+    fine = tuple(replace(fact, within=None if fact.within is None else True) for fact in found.facts)
+    assert "OUTSIDE" not in validation_text(replace(found, facts=fine))
+    assert validation_text(replace(found, passed=True)).endswith("\nPassed.")
     assert max(map(len, text.splitlines()[:80])) < 400
 
 

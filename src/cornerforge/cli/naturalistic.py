@@ -76,7 +76,7 @@ def ndd_validate(
         ),
         validation_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
-    if not result["passed"]:
+    if not result.passed:
         raise typer.Exit(EXIT_GATE)
 
 

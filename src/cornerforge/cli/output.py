@@ -91,7 +91,7 @@ def run_command(
     """Do the work with progress bars, then print its result as JSON or the text made of it.
 
     Args:
-        work: Makes the result: a dataclass of `cornerforge.results`, or a dictionary that is JSON already.
+        work: Makes the result, a dataclass of `cornerforge.results`.
         text: Makes of it what people read.
         as_json: Print JSON.
         quiet: Print no text.
@@ -110,7 +110,7 @@ def run_command(
             result = work(bars)
     finally:
         bars.stop()
-    content = result if isinstance(result, dict) else result_as_json(result)
+    content = result_as_json(result)
     if out is not None:
         from cornerforge.pipeline.output import write_json
 

@@ -237,10 +237,11 @@ def _counted(model: NddModel) -> dict[str, Any] | None:
 def _origin(provenance: Mapping[str, object]) -> dict[str, Any]:
     files = provenance.get("files")
     names = [file.get("name") for file in files if isinstance(file, Mapping)] if isinstance(files, list) else []
+    filled = provenance.get("filled")
     return {
         "made_by": provenance.get("made_by"),
         "attribution": provenance.get("attribution"),
         "licence": provenance.get("licence"),
         "files": names,
-        "filled": provenance.get("filled", []),
+        "filled": filled if isinstance(filled, list) else [],
     }

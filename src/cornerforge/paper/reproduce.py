@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -26,11 +26,12 @@ from cornerforge.pipeline.output import (
     write_json,
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.results import PaperItem, Reproduced, from_json
 from cornerforge.world_options import RoadKeywords, WorldOptions
 
 __all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
 
-_SHOWN = ("id", "title", "place", "what", "unit", "paper", "ours", "interval", "note", "rows", "seconds")
+_SHOWN = tuple(one.name for one in fields(PaperItem))
 
 
 def reproduce(
@@ -45,7 +46,7 @@ def reproduce(
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
     **world: Unpack[RoadKeywords],
-) -> dict[str, Any]:
+) -> Reproduced:
     """Make the paper's figures and tables again, and a page that shows ours beside theirs.
 
     `OUT` then holds `index.html`, `figures/` (PNG and SVG), `items.json`, `provenance.json`, and what is kept to go on
@@ -65,9 +66,7 @@ def reproduce(
         world: The world, keyword by keyword; see `WorldOptions`.
 
     Returns:
-        The object that `cornerforge reproduce --json` prints: `items`, each with `id`, `what`, `paper`, `ours`,
-        `interval` and `unit` of the number that stands for it and all its numbers as `rows` with the same keys; `out`,
-        `page`, `effort`, `seed`, `seconds`. `paper` is null where the paper's text gives no value.
+        What `cornerforge reproduce --json` prints.
 
     Raises:
         CornerForgeError: Input, files or output place are not right; an extra is missing.
@@ -109,14 +108,8 @@ def reproduce(
     write_json(folder / "provenance.json", provenance({**identity, **more}, seconds))
     page = write_reproduction(folder)
     names = [item.id for item in wanted]
-    return {
-        "items": [{key: item[key] for key in _SHOWN} for item in items if item["id"] in names],
-        "out": str(folder),
-        "page": str(page),
-        "effort": effort,
-        "seed": seed,
-        "seconds": seconds,
-    }
+    shown = [from_json(PaperItem, {key: item[key] for key in _SHOWN}) for item in items if item["id"] in names]
+    return Reproduced(items=tuple(shown), out=str(folder), page=str(page), effort=effort, seed=seed, seconds=seconds)
 
 
 def _path(bench: Bench, item: Item) -> Path:
@@ -158,14 +151,14 @@ def _finished(bench: Bench, item: Item) -> dict[str, Any] | None:
     return dict(content["result"]) if same else None
 
 
-def reproduction_text(result: dict[str, Any]) -> str:
+def reproduction_text(result: Reproduced) -> str:
     """Write what the command line prints: the headline number of each item, and where the page is."""
     lines = []
-    for item in result["items"]:
-        ends = "" if item["interval"] is None else " ({:.3g} to {:.3g})".format(*item["interval"])
-        paper, ours = (_plain(item[key]) for key in ("paper", "ours"))
-        lines.append(f"{item['id']:>9}: {item['what']}: the paper {paper}, ours {ours}{ends} {item['unit']}".rstrip())
-    return "\n".join([*lines, f"Page: {result['page']}"])
+    for item in result.items:
+        ends = "" if item.interval is None else " ({:.3g} to {:.3g})".format(*item.interval)
+        paper, ours = _plain(item.paper), _plain(item.ours)
+        lines.append(f"{item.id:>9}: {item.what}: the paper {paper}, ours {ours}{ends} {item.unit}".rstrip())
+    return "\n".join([*lines, f"Page: {result.page}"])
 
 
 def _plain(value: Any) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from cornerforge._checks import check_integer
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
@@ -14,6 +13,7 @@ from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
 from cornerforge.pipeline.traffic_crashes import traffic_crashes
+from cornerforge.results import NddFitted, NddImported, from_json
 
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
@@ -29,7 +29,7 @@ def ndd_fit(
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> NddFitted:
     """Fit a naturalistic model from trajectories and write it with a fit report beside it.
 
     Args:
@@ -45,7 +45,7 @@ def ndd_fit(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge ndd fit --json` prints; `format` is the format that was used.
+        What `cornerforge ndd fit --json` prints.
 
     Raises:
         CornerForgeError: A file cannot be used, or the place cannot be written.
@@ -77,25 +77,20 @@ def ndd_fit(
         rows = fit_sensitivity(paths, data_format, prior_strength=prior_strength, progress=say, drive=drive)
         report = replace(report, sensitivity=rows)
         write_fit_report(report, model, page)
-    return {
-        **report.to_json(),
-        "format": data_format,
-        "model_hash": model_hash(model),
-        "report": str(page),
-        "out": str(path),
-    }
+    about = {"format": data_format, "model_hash": model_hash(model), "report": str(page), "out": str(path)}
+    return from_json(NddFitted, report.to_json() | about)
 
 
-def fit_text(result: dict[str, Any]) -> str:
+def fit_text(result: NddFitted) -> str:
     """Tell the result of `ndd_fit` in text: rows, what was left out and where, notes."""
-    lines = [f"{result['rows_used']:,} of {result['rows_read']:,} rows used, {result['states']:,} states"]
+    lines = [f"{result.rows_used:,} of {result.rows_read:,} rows used, {result.states:,} states"]
     lines += [
-        f"Left out of {name}: {reason}, {entry['rows']:,} row(s), first at line {entry['first_line']}"
-        for name, reasons in result["bad_rows"].items()
+        f"Left out of {name}: {reason}, {entry.rows:,} row(s), first at line {entry.first_line}"
+        for name, reasons in result.bad_rows.items()
         for reason, entry in reasons.items()
     ]
-    lines += [f"Note: {note}" for note in result["notes"]]
-    return "\n".join([*lines, f"Model: {result['out']}, report: {result['report']}"])
+    lines += [f"Note: {note}" for note in result.notes]
+    return "\n".join([*lines, f"Model: {result.out}, report: {result.report}"])
 
 
 def ndd_import(
@@ -104,8 +99,8 @@ def ndd_import(
     out: Path | str,
     model: Path | str | None = None,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
-    """Make a naturalistic model from the published IVBSS arrays, and write it with a report (JSON) beside it.
+) -> NddImported:
+    """Make a naturalistic model of the published IVBSS arrays and write it with a report (JSON) beside it.
 
     Args:
         folder: `NDD_DATA` of the released data, or one above it (see docs/ivbss-arrays.md).
@@ -114,7 +109,7 @@ def ndd_import(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge ndd import --json` prints.
+        What `cornerforge ndd import --json` prints.
 
     Raises:
         CornerForgeError: An array cannot be used, or the place cannot be written.
@@ -132,23 +127,23 @@ def ndd_import(
     page = path.with_suffix(".report.json")
     result = {**report.to_json(), "model_hash": model_hash(made)}
     write_json(page, result)
-    return {**result, "report": str(page), "out": str(path)}
+    return from_json(NddImported, {**result, "report": str(page), "out": str(path)})
 
 
-def import_text(result: dict[str, Any]) -> str:
+def import_text(result: NddImported) -> str:
     """Tell the result of `ndd_import` in text."""
     lines = []
-    for role, entry in result["files"].items():
+    for role, entry in result.files.items():
         numbers = ", ".join(
             f"{key} {value:,}" if isinstance(value, int) else f"{key} {value:.3g}"
             for key, value in entry.items()
             if key not in ("name", "sha256")
         )
         lines.append(f"{role:<14}{entry['name']}: {numbers}")
-    lines += [f"ours          {what}" for what in result["filled"]]
-    lines += [f"not used      {name}" for name in result["unused"]]
-    lines += [f"Note: {note}" for note in result["notes"]]
-    return "\n".join([*lines, f"Model {result['model_hash']}: {result['out']}, report: {result['report']}"])
+    lines += [f"ours          {what}" for what in result.filled]
+    lines += [f"not used      {name}" for name in result.unused]
+    lines += [f"Note: {note}" for note in result.notes]
+    return "\n".join([*lines, f"Model {result.model_hash}: {result.out}, report: {result.report}"])
 
 
 def _model_place(out: Path | str) -> Path:

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from cornerforge.errors import OutputError
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.pipeline.output import open_output, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.results import (
+    NddShown,
+    ShownCounts,
+    ShownFollowing,
+    ShownFreeFlow,
+    ShownInitial,
+    ShownLaneChanges,
+    ShownOrigin,
+    ShownSupport,
+    from_json,
+)
 
 __all__ = ["ndd_show", "show_text"]
 
 
 def ndd_show(
     model: Path | str | None = None, *, out: Path | str | None = None, progress: Progress = NO_PROGRESS
-) -> dict[str, Any]:
-    """Return the key numbers of a model and, if a folder is given, draw figures of its tables.
+) -> NddShown:
+    """Key numbers of a model and, where a folder is named, figures of its tables.
 
     Args:
         model: Model file; the shipped one by default.
@@ -24,8 +36,7 @@ def ndd_show(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge ndd show --json` prints: `model`, `model_hash`, the keys of
-        `cornerforge.ndd.show.key_numbers`, and `figures` (paths; none without `out`).
+        What `cornerforge ndd show --json` prints.
 
     Raises:
         MissingExtraError: Figures are wanted, and matplotlib is not installed.
@@ -36,117 +47,113 @@ def ndd_show(
     path = default_model_path() if model is None else Path(model)
     loaded = load_model(path)
     numbers = {"model": str(path), "model_hash": model_hash(loaded), **key_numbers(loaded)}
-    figures: list[str] = []
+    shown = from_json(NddShown, {**numbers, "figures": []})
     if out is not None:
         from cornerforge.ndd.show_figures import draw_figures, require_matplotlib
 
         require_matplotlib()  # fails before anything is written
         folder = Path(out)
-        identity = {"command": "ndd show", "model": numbers["model_hash"]}
+        identity = {"command": "ndd show", "model": shown.model_hash}
         open_output(folder, identity, resume=True)
         progress("show: drawing", 0, 1)
         try:
-            figures = [str(figure) for figure in draw_figures(loaded, folder)]
+            figures = tuple(str(figure) for figure in draw_figures(loaded, folder))
         except OSError as error:
             raise OutputError(f"Cannot draw into {folder}: {error}; make room, or choose another place.") from error
         write_json(folder / "numbers.json", numbers)
-    return {**numbers, "figures": figures}
+        shown = replace(shown, figures=figures)
+    return shown
 
 
-def show_text(result: dict[str, Any]) -> str:
+def show_text(result: NddShown) -> str:
     """Tell the result of `ndd_show` in text."""
     return "\n".join(
         [
-            f"Model {result['model_hash']} ({result['model']})",
-            *_origin_lines(result["provenance"], result["counted"]),
-            *_following_lines(result["following"]),
-            *_support_lines(result["support"]),
-            *_free_lines(result["free_flow"]),
-            *_lane_change_lines(result["lane_change"]),
-            *_initial_lines(result["initial"]),
-            *(f"Figure: {name}" for name in result["figures"]),
+            f"Model {result.model_hash} ({result.model})",
+            *_origin_lines(result.provenance, result.counted),
+            *_following_lines(result.following),
+            *_support_lines(result.support),
+            *_free_lines(result.free_flow),
+            *_lane_change_lines(result.lane_change),
+            *_initial_lines(result.initial),
+            *(f"Figure: {name}" for name in result.figures),
         ]
     )
 
 
-def _origin_lines(origin: dict[str, Any], counted: dict[str, Any] | None) -> list[str]:
-    lines = [
-        f"From: {origin['attribution'] or 'not stated'}; {', '.join(map(str, origin['files'])) or 'no files named'}"
-    ]
-    lines += [f"Licence: {origin['licence'] or 'not stated'}"]
+def _origin_lines(origin: ShownOrigin, counted: ShownCounts | None) -> list[str]:
+    lines = [f"From: {origin.attribution or 'not stated'}; {', '.join(map(str, origin.files)) or 'no files named'}"]
+    lines += [f"Licence: {origin.licence or 'not stated'}"]
     if counted is None:
         return [*lines, "Counted decisions: not stated."]
-    share = counted["data_share_of_states"]
+    share = counted.data_share_of_states
     weight = "" if share is None else f"; {share:.3%} of the table is data, the rest prior"
     lines.append(
-        f"Counted: {counted['following_decisions']:,} decisions in {counted['following_states']:,} of "
-        f"{counted['following_states_total']:,} following states{weight}"
+        f"Counted: {counted.following_decisions:,} decisions in {counted.following_states:,} of "
+        f"{counted.following_states_total:,} following states{weight}"
     )
     return lines
 
 
-def _following_lines(following: dict[str, Any]) -> list[str]:
+def _following_lines(following: ShownFollowing) -> list[str]:
     lines = ["Following: mean (sd) of acceleration [m/s2]; across: range rate [m/s], negative closing; down: gap [m]"]
-    for i, speed in enumerate(following["speed_mps"]):
-        lines.append(f"{speed:>4g} m/s" + "".join(f"{rate:>14g}" for rate in following["range_rate_mps"]))
-        for j, gap in enumerate(following["gap_m"]):
-            means, sds = following["mean_mps2"][i][j], following["sd_mps2"][i][j]
+    for i, speed in enumerate(following.speed_mps):
+        lines.append(f"{speed:>4g} m/s" + "".join(f"{rate:>14g}" for rate in following.range_rate_mps))
+        for j, gap in enumerate(following.gap_m):
+            means, sds = following.mean_mps2[i][j], following.sd_mps2[i][j]
             cells = (f"{mean:.2f} ({sd:.2f})" for mean, sd in zip(means, sds, strict=True))
             lines.append(f"{gap:>8g}" + "".join(f"{cell:>14}" for cell in cells))
     return lines
 
 
-def _support_lines(support: dict[str, Any]) -> list[str]:
+def _support_lines(support: ShownSupport) -> list[str]:
     return [
-        f"Possible accelerations, of 31: following {support['following_possible_min']} to "
-        f"{support['following_possible_max']} (mean {support['following_possible_mean']:.1f}; one only in "
-        f"{support['following_states_with_one']:,} states), free {support['free_possible_min']} to "
-        f"{support['free_possible_max']}; hardest braking in "
-        f"{support['following_states_that_allow_hardest_braking']:.1%} of following states"
+        f"Possible accelerations, of 31: following {support.following_possible_min} to "
+        f"{support.following_possible_max} (mean {support.following_possible_mean:.1f}; one only in "
+        f"{support.following_states_with_one:,} states), free {support.free_possible_min} to "
+        f"{support.free_possible_max}; hardest braking in "
+        f"{support.following_states_that_allow_hardest_braking:.1%} of following states"
     ]
 
 
-def _free_lines(free: dict[str, Any]) -> list[str]:
+def _free_lines(free: ShownFreeFlow) -> list[str]:
     lines = ["Free flow, model (published): mean, sd [m/s2], share at or below -1 m/s2"]
-    for fact in free["published"]:
-        i = free["speed_mps"].index(fact["speed_mps"])
-        low, high = fact["mean_mps2"]
+    for fact in free.published:
+        i = free.speed_mps.index(fact.speed_mps)
+        low, high = fact.mean_mps2
         lines.append(
-            f"{fact['speed_mps']:>4g} m/s  {free['mean_mps2'][i]:.3f} ({low:g} to {high:g})  "
-            f"{free['sd_mps2'][i]:.2f} ({fact['sd_mps2']:g})  "
-            f"{free['share_braking_1_mps2'][i]:.2%} ({fact['share_braking_1_mps2']:.1%})"
+            f"{fact.speed_mps:>4g} m/s  {free.mean_mps2[i]:.3f} ({low:g} to {high:g})  "
+            f"{free.sd_mps2[i]:.2f} ({fact.sd_mps2:g})  "
+            f"{free.share_braking_1_mps2[i]:.2%} ({fact.share_braking_1_mps2:.1%})"
         )
     return lines
 
 
-def _lane_change_lines(change: dict[str, Any]) -> list[str]:
-    low, high = change["base_per_decision_and_side"]
+def _lane_change_lines(change: ShownLaneChanges) -> list[str]:
+    low, high = change.base_per_decision_and_side
 
-    def row(name: str, values: list[Any]) -> str:
+    def row(name: str, values: Iterable[float | None]) -> str:
         return f"{name:<34}" + "".join(f"{'none' if value is None else format(value, 'g'):>8}" for value in values)
 
-    nearest = change["gap_m"].index(30.0)
+    nearest = change.gap_m.index(30.0)
     return [
         f"Lane changes: base chance {low:.4g} to {high:.4g} per decision and side, without a leader times "
-        f"{change['desire_free']:g}; overlooked: {change['overlook']:g}, conflict {change['overlook_conflict']:g}",
-        row("range rate [m/s]", change["range_rate_mps"]),
-        row("desire, leader at 30 m", [round(value, 2) for value in change["desire"][nearest]]),
-        row("gap ahead accepted by half [m]", change["gap_accepted_half_lead_m"]),
-        row("gap behind accepted by half [m]", change["gap_accepted_half_rear_m"]),
-        row("gap behind always refused to [m]", change["gap_always_refused_rear_m"]),
+        f"{change.desire_free:g}; overlooked: {change.overlook:g}, conflict {change.overlook_conflict:g}",
+        row("range rate [m/s]", change.range_rate_mps),
+        row("desire, leader at 30 m", [round(value, 2) for value in change.desire[nearest]]),
+        row("gap ahead accepted by half [m]", change.gap_accepted_half_lead_m),
+        row("gap behind accepted by half [m]", change.gap_accepted_half_rear_m),
+        row("gap behind always refused to [m]", change.gap_always_refused_rear_m),
     ]
 
 
-def _initial_lines(initial: dict[str, Any]) -> list[str]:
-    speed = initial["speed_mps"]
+def _initial_lines(initial: ShownInitial) -> list[str]:
+    speed = initial.speed_mps
     lines = [
-        f"Start: speed {speed['mean']:.2f} m/s (sd {speed['sd']:.2f}), {initial['follow_share']:.3f} follow, "
-        f"range rate sd {initial['range_rate_sd_mps']:.2f} m/s; 5 25 50 75 95 %, model (published):"
+        f"Start: speed {speed.mean:.2f} m/s (sd {speed.sd:.2f}), {initial.follow_share:.3f} follow, "
+        f"range rate sd {initial.range_rate_sd_mps:.2f} m/s; 5 25 50 75 95 %, model (published):"
     ]
-    for name, unit in (("speed_mps", "m/s"), ("gap_m", "m"), ("time_gap_s", "s")):
-        pairs = (
-            f"{initial[name]['quantiles'][key]:.3g} ({initial[name]['published'][key]:g})"
-            for key in initial[name]["quantiles"]
-        )
-        lines.append(f"  {name.rsplit('_', 1)[0]:<9}[{unit}]: " + "  ".join(pairs))
+    for name, unit, of in (("speed", "m/s", speed), ("gap", "m", initial.gap_m), ("time_gap", "s", initial.time_gap_s)):
+        pairs = (f"{value:.3g} ({of.published[key]:g})" for key, value in of.quantiles.items())
+        lines.append(f"  {name:<9}[{unit}]: " + "  ".join(pairs))
     return lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,16 @@ from cornerforge.pipeline.free_running import (
 from cornerforge.pipeline.output import open_output, write_json, write_text
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
-from cornerforge.results import as_json
+from cornerforge.results import (
+    AcceptedGaps,
+    FactFound,
+    LaneChangeRate,
+    NddValidated,
+    RecordedQuantity,
+    RecordedTtc,
+    as_json,
+    from_json,
+)
 
 if TYPE_CHECKING:
     from cornerforge.ndd.compare import SimulatedTraffic
@@ -47,7 +57,7 @@ def ndd_validate(
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-) -> dict[str, Any]:
+) -> NddValidated:
     """Compare a model with held-out trajectories and with published facts.
 
     Args:
@@ -63,7 +73,7 @@ def ndd_validate(
         progress: Told how far it is.
 
     Returns:
-        The object that `cornerforge ndd validate --json` prints. `passed` means: more likely than the IDM and than
+        What `cornerforge ndd validate --json` prints. `passed` means: more likely than the IDM and than
         uniform guessing on every file, with the whole 95 % interval, and every gated fact within what is allowed, in
         both windows.
 
@@ -96,7 +106,7 @@ def ndd_validate(
     distances: Any = told.pop("distances")
     notes: Any = told.pop("notes")
     facts = [row for part in parts for row in compare_with_facts(part)]
-    result = {
+    content = {
         "model": str(model),
         "model_hash": model_hash(run.model),
         **told,
@@ -109,9 +119,9 @@ def ndd_validate(
         "seconds": round(time.perf_counter() - start, 3),
     }
     if folder is not None:
-        result |= {"out": str(folder), "report": str(folder / _PAGE)}
-        _write(folder, result)
-    return result
+        content |= {"out": str(folder), "report": str(folder / _PAGE)}
+        _write(folder, content)
+    return from_json(NddValidated, content)
 
 
 def _open(folder: Path, identity: dict[str, Any]) -> None:
@@ -192,86 +202,88 @@ def _traffic_notes(parts: list[FreeRunning]) -> list[str]:
     return notes
 
 
-def validation_text(result: dict[str, Any]) -> str:
-    """Tell the result of `ndd_validate` as a table."""
+def validation_text(result: NddValidated) -> str:
+    """What `ndd_validate` found, as a table for people."""
     lines = [*_likelihood_lines(result), *_fact_lines(result), *_distance_lines(result)]
-    lines += [f"Note: {note}" for note in result["notes"]]
-    if "report" in result:
-        lines.append(f"Report: {result['report']}")
-    return "\n".join([*lines, "Passed." if result["passed"] else "NOT passed."])
+    lines += [f"Note: {note}" for note in result.notes]
+    if result.report is not None:
+        lines.append(f"Report: {result.report}")
+    return "\n".join([*lines, "Passed." if result.passed else "NOT passed."])
 
 
-def _likelihood_lines(result: dict[str, Any]) -> list[str]:
+def _likelihood_lines(result: NddValidated) -> list[str]:
     from cornerforge.ndd.validate import GATED_PARTS, GATES
 
     lines = ["Log-likelihood per decision; model minus baseline with 95 % interval"]
-    for name, parts in result["log_likelihood_per_decision"].items():
+    for name, parts in result.log_likelihood_per_decision.items():
         for part, score in parts.items():
-            far = result["distances"]["acceleration"][name][part]
+            far = result.distances.acceleration[name][part]
             lines.append(
-                f"{name}, {part}: {score['model']:.3f} ({score['decisions']:,} decisions, {score['vehicles']:,} "
-                f"vehicles); accelerations: Wasserstein {far['wasserstein']:.3f} m/s2, "
-                f"Kolmogorov-Smirnov {far['kolmogorov_smirnov']:.3f}"
+                f"{name}, {part}: {score.model:.3f} ({score.decisions:,} decisions, {score.vehicles:,} "
+                f"vehicles); accelerations: Wasserstein {far.wasserstein:.3f} m/s2, "
+                f"Kolmogorov-Smirnov {far.kolmogorov_smirnov:.3f}"
             )
-            for baseline, versus in score["model_minus"].items():
-                low, high = versus["interval95"]
-                value = score["baselines"][baseline]
+            for baseline, versus in score.model_minus.items():
+                low, high = versus.interval95
+                value = score.baselines[baseline]
                 worse = "  NOT BETTER" if part in GATED_PARTS and baseline in GATES and low <= 0.0 else ""
-                numbers = f"{value:>8.3f}{versus['difference']:>+9.3f}  ({low:+.3f} to {high:+.3f})"
+                numbers = f"{value:>8.3f}{versus.difference:>+9.3f}  ({low:+.3f} to {high:+.3f})"
                 lines.append(f"  {baseline:<10}{numbers}{worse}")
     return lines
 
 
-def _fact_lines(result: dict[str, Any]) -> list[str]:
+def _fact_lines(result: NddValidated) -> list[str]:
     lines = []
-    for part in result["traffic"]:
+    for part in result.traffic:
         lines.append(
-            f"Free-running traffic, {part['when']}, {part['miles']:,.0f} vehicle-miles: "
+            f"Free-running traffic, {part.when}, {part.miles:,.0f} vehicle-miles: "
             "found (95 % interval), allowed, published"
         )
-        lines += [_fact_line(fact) for fact in result["facts"] if fact["when"] == part["when"]]
+        lines += [_fact_line(fact) for fact in result.facts if fact.when == part.when]
     return lines
 
 
-def _fact_line(fact: dict[str, Any]) -> str:
-    found = "none" if fact["found"] is None else f"{fact['found']:.3g}"
-    interval = "" if fact["interval95"] is None else "({:.3g} to {:.3g})".format(*fact["interval95"])
-    allowed = "shown only" if fact["allowed"] is None else "{:.3g} to {:.3g}".format(*fact["allowed"])
-    published = fact["published"]
+def _fact_line(fact: FactFound) -> str:
+    found = "none" if fact.found is None else f"{fact.found:.3g}"
+    interval = "" if fact.interval95 is None else "({:.3g} to {:.3g})".format(*fact.interval95)
+    allowed = "shown only" if fact.allowed is None else "{:.3g} to {:.3g}".format(*fact.allowed)
+    published = fact.published
     if published is None:
         said = "-"
     else:
-        said = f"{published[0]:g}-{published[1]:g}" if isinstance(published, list | tuple) else f"{published:g}"
-    verdict = "  OUTSIDE" if fact["within"] is False else ""
-    return f"  {fact['fact']:<52}{found:>9} {interval:<26}{allowed:<20}{said:<10}{fact['unit']}".rstrip() + verdict
+        said = f"{published[0]:g}-{published[1]:g}" if isinstance(published, tuple) else f"{published:g}"
+    verdict = "  OUTSIDE" if fact.within is False else ""
+    return f"  {fact.fact:<52}{found:>9} {interval:<26}{allowed:<20}{said:<10}{fact.unit}".rstrip() + verdict
 
 
-def _distance_lines(result: dict[str, Any]) -> list[str]:
-    """Compare recorded with simulated traffic at the same speeds, from 19.5 m/s on, or say why it is not compared."""
+def _distance_lines(result: NddValidated) -> list[str]:
+    """Recorded against simulated traffic at the same speeds, from 19.5 m/s on; why not, where not."""
     lines = ["Recorded against simulated traffic at the same speeds, from 19.5 m/s on"]
-    for name in result["log_likelihood_per_decision"]:
+    for name in result.log_likelihood_per_decision:
         reasons: dict[str, list[str]] = {}
-        for quantity, files in result["distances"].items():
-            row = files[name]
-            for kind in ("not_compared", "caution"):
-                if kind in row:
-                    reasons.setdefault(row[kind], []).append(quantity)
-            if quantity != "acceleration" and "not_compared" not in row:
-                lines.append(f"  {name}, {quantity}: {_distance_text(row)}")
+        for one in fields(result.distances):
+            if one.name == "acceleration":
+                continue
+            row = getattr(result.distances, one.name)[name]
+            for reason in (row.not_compared, getattr(row, "caution", None)):
+                if reason is not None:
+                    reasons.setdefault(reason, []).append(one.name)
+            if row.not_compared is None:
+                lines.append(f"  {name}, {one.name}: {_distance_text(row)}")
         lines += [f"  {name}, {', '.join(quantities)}: {reason}" for reason, quantities in reasons.items()]
     return lines
 
 
-def _distance_text(row: dict[str, Any]) -> str:
-    if "wasserstein" in row:
-        low, high = row["wasserstein_interval95"]
-        return (
-            f"Wasserstein {row['wasserstein']:.3g} {row['unit']} ({low:.3g} to {high:.3g}), Kolmogorov-Smirnov "
-            f"{row['kolmogorov_smirnov']:.3f} ({row['decisions']:,} observations, {row['vehicles']:,} vehicles)"
-        )
-    if "shares" in row:
-        shares = row["shares"].items()
+def _distance_text(row: RecordedQuantity | AcceptedGaps | RecordedTtc | LaneChangeRate) -> str:
+    """What was compared; the row must be of a quantity that was."""
+    if isinstance(row, LaneChangeRate):
+        return f"{row.recorded:.3g} ({row.simulated:.3g} simulated)"
+    if isinstance(row, RecordedTtc):
         return "recorded (simulated) " + "; ".join(
-            f"{limit} s {share['recorded']:.3g} ({share['simulated']:.3g})" for limit, share in shares
+            f"{limit} s {share.recorded:.3g} ({share.simulated:.3g})" for limit, share in (row.shares or {}).items()
         )
-    return f"{row['recorded']:.3g} ({row['simulated']:.3g} simulated)"
+    low, high = row.wasserstein_interval95 or (0.0, 0.0)
+    return (
+        f"Wasserstein {row.wasserstein:.3g} {row.unit} ({low:.3g} to {high:.3g}), Kolmogorov-Smirnov "
+        f"{row.kolmogorov_smirnov:.3f} ({row.decisions:,} observations, {row.vehicles:,} vehicles)"
+    )

@@ -72,7 +72,11 @@ def _typed(kind: Any, value: Any) -> Any:
     """Convert a value of JSON to a field's type."""
     arguments = get_args(kind)
     if isinstance(kind, types.UnionType):
-        return None if value is None else _typed(arguments[0], value)
+        if value is None:
+            return None
+        others = [one for one in arguments if one is not types.NoneType]
+        many = isinstance(value, (list, tuple))
+        return _typed(next((one for one in others if many == (get_origin(one) is tuple)), others[0]), value)
     if is_dataclass(kind):
         return from_json(kind, value)  # type: ignore[arg-type]
     if get_origin(kind) is tuple:
