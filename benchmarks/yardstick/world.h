@@ -37,7 +37,8 @@ typedef struct {
     int64_t max_decisions;
     double av_start, traffic_length;
     int64_t av_substeps;
-    double truck_share, motorcycle_share, longest, widest, reach;
+    double truck_share, motorcycle_share, longest, widest;
+    int64_t one_size;
 } Road;
 
 typedef struct {

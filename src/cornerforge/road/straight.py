@@ -42,7 +42,7 @@ class RoadNumbers(NamedTuple):
     Attributes:
         length, width: Of a car [m].
         longest, widest: Of any class that may occur [m].
-        reach: The longest diagonal [m]: boxes whose centres are further apart do not touch.
+        one_size: Only cars may occur.
     """
 
     n_lanes: int
@@ -61,7 +61,7 @@ class RoadNumbers(NamedTuple):
     motorcycle_share: float
     longest: float
     widest: float
-    reach: float
+    one_size: bool
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
@@ -83,7 +83,7 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         odd.motorcycle_share,
         max(length for length, _ in odd.sizes_on_road),
         max(width for _, width in odd.sizes_on_road),
-        max(math.hypot(length, width) for length, width in odd.sizes_on_road),
+        len(odd.sizes_on_road) == 1,
     )
 
 

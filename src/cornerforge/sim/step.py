@@ -10,7 +10,7 @@ from cornerforge._elementary import atan
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import Box, boxes_overlap, path_at
-from cornerforge.road.straight import ahead_by, distance_left, go_along, go_further, lane_bits, lane_centre
+from cornerforge.road.straight import distance_left, go_along, go_further, lane_bits, lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.setting import BUILT_IN
@@ -104,10 +104,13 @@ def move_vehicle(v: NDArray[np.void], i: int, held: float, road: RoadNumbers) ->
 def _touch(w: World, a: int, b: int, road: RoadNumbers) -> bool:
     """Are both vehicles there, and do their boxes overlap?"""
     v = w.vehicles
-    if abs(ahead_by(v, a, b)) >= road.reach or abs(v[b].y - v[a].y) >= road.reach:
-        return False  # mostly; sizes need no look then
     if v[a].present == 0 or v[b].present == 0:
         return False
+    if road.one_size:  # two numbers instead of four look-ups: 3 % of all time
+        return boxes_overlap(
+            Box(v[a].x, v[a].y, v[a].heading, road.length, road.width),
+            Box(v[b].x, v[b].y, v[b].heading, road.length, road.width),
+        )
     return boxes_overlap(
         Box(v[a].x, v[a].y, v[a].heading, v[a].length, v[a].width),
         Box(v[b].x, v[b].y, v[b].heading, v[b].length, v[b].width),
