@@ -22,9 +22,9 @@ around it, in the order of reading:
 - About recorded crashes: `rewards` and `braking` (what the adversary is paid for), `avoid`, `avoid_cases`,
   `avoid_check` and `avoid_motion` (search for ways out).
 
-Names are imported from these modules; the package itself exports none. It knows no file, no learner and no plot. The
-same seed, test and setting give the same bits on any machine, for any number of threads, through any of the callers
-(docs/design.md, ADR 20 and 21).
+The package gives the names that a user of the simulator needs (`__all__`); the other layers of cornerforge import from
+the modules. It knows no file, no learner and no plot. The same seed, test and setting give the same bits on any
+machine, for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
 """
 
 from __future__ import annotations
