@@ -5,9 +5,7 @@ Definitions and what they cost: docs/adr/0014-avoidability.md.
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,12 +16,12 @@ from numpy.typing import NDArray
 from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
+from cornerforge.execution import Rooms, in_order
 from cornerforge.fields import REALS, Field
 from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres
 from cornerforge.sim.avoid_cases import (
-    CaseScratch,
     WaysOut,
     allocate_case_scratch,
     allocate_ways_out,
@@ -294,19 +292,15 @@ def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int)
     manoeuvres = _manoeuvres(odd, params)
     n = recordings.n_cases
     out = allocate_ways_out(manoeuvres, n)
-    room = int(recordings.frames.max()), int(recordings.vehicles.max())
-    idle: queue.SimpleQueue[CaseScratch] = queue.SimpleQueue()
+    frames, vehicles = int(recordings.frames.max()), int(recordings.vehicles.max())
+    rooms = Rooms(lambda: allocate_case_scratch(manoeuvres, frames, vehicles))
 
-    def search(first: int) -> None:
-        try:
-            scratch = idle.get_nowait()
-        except queue.Empty:
-            scratch = allocate_case_scratch(manoeuvres, *room)
-        search_cases(recordings, first, min(first + _CHUNK, n), manoeuvres, scratch, out)
-        idle.put(scratch)
+    def search(first: int, count: int) -> None:
+        with rooms.lend() as scratch:
+            search_cases(recordings, first, first + count, manoeuvres, scratch, out)
 
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(search, range(0, n, _CHUNK)))
+    for _ in in_order(search, 0, n, chunk=_CHUNK, threads=threads):
+        pass
     return out
 
 
