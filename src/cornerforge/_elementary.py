@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 
 __all__ = ["SIN_COS_LIMIT", "atan", "exp", "log", "sin_cos"]
 
@@ -199,7 +199,7 @@ def sin_cos(x: float) -> tuple[float, float]:
     return sine, cosine
 
 
-@kernel
+@inlined_kernel
 def atan(x: float) -> float:
     """Arctangent [rad]. Error below 0.9 ulp.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.advance import NEVER, advance
 from cornerforge.sim.keep import write_outcome
 from cornerforge.sim.traffic import reset_world
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["drive_range", "drive_test"]
 
 
-@kernel
+@inlined_kernel
 def drive_test(w: World, seed: int, test: int, setting: Setting, s: Scratch, keep: Keep) -> None:
     """Drive one test from its start to its end; all its controllers must be inside the kernels.
 

@@ -188,7 +188,7 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
         w.vehicles[i].present = 0
 
 
-@kernel
+@inlined_kernel
 def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     """Put test `test` of `seed` at its start: the AV in slot 0 at `av_start`, then its lane, then the others.
 
