@@ -26,6 +26,7 @@ __all__ = [
     "PURPOSE_EXPLORE",
     "PURPOSE_GUIDE",
     "PURPOSE_INITIAL",
+    "PURPOSE_TRAITS",
     "block",
     "blocks",
     "normal_pair",
@@ -45,6 +46,8 @@ PURPOSE_CAST = 5
 """Which policy of a mixture drives a test: 1 word used, step and vehicle 0."""
 PURPOSE_CLASS = 6
 """The class of a vehicle of the initial traffic."""
+PURPOSE_TRAITS = 7
+"""What stays with a driver: 4 words = its first quantile, its habit, its desired speed (2)."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
 

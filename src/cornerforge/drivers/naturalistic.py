@@ -10,12 +10,14 @@ held-out drivers above 19.5 m/s; interpolating in speed and gap too gained nothi
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._philox import uniform
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID, Grid
 from cornerforge.types import N_ACCELERATIONS
 
@@ -31,8 +33,12 @@ __all__ = [
     "following_row",
     "free_row",
     "lane_change_base",
+    "reflected",
+    "remembered_share",
+    "remembering_word",
     "sample_row",
     "tables_of",
+    "turn_back_chance",
 ]
 
 MAX_TABLE_CLOSING = -RANGE_RATE_GRID.low
@@ -51,17 +57,32 @@ class InitialNumbers(NamedTuple):
     """`ndd.model.InitialState` as kernels take it: the same names, units and order."""
 
     speed_mean: float
+    stream_sd: float
     speed_sd: float
     speed_low: float
     speed_high: float
     follow_share: float
+    time_gap_shift: float
     time_gap_median: float
     time_gap_sigma: float
+    desire_share: float
+    habit_spread: float
     rr_scale: float
     rr_exponent: float
     min_ttc: float
     free_gap_low: float
     free_gap_high: float
+
+
+class MemoryNumbers(NamedTuple):
+    """`ndd.model.Memory` as kernels take it: the same names and order."""
+
+    near: float
+    near_width: float
+    far: float
+    far_width: float
+    habit: float
+    habit_width: float
 
 
 class NddTables(NamedTuple):
@@ -71,8 +92,10 @@ class NddTables(NamedTuple):
         p: P(acceleration), float32 (21 * 116 * 19 + 21, 31): following states, then free flow.
         cut: Cumulative, scaled to 2^32, uint32 (21 * 116 * 19 + 21, 32): the last column is never passed.
         lc_base: (21,); lc_desire: (116, 19); lc_accept: (2, 116, 19), lead and rear. float32.
+        lc_turn_back: (116, 19), float32.
         lc_desire_free, overlook, overlook_conflict: Numbers of the model.
         lc_most: Upper bound of `lane_change_base`.
+        memory: How a follower's acceleration depends on its own past.
         initial: Traffic at the start of a test.
     """
 
@@ -81,10 +104,12 @@ class NddTables(NamedTuple):
     lc_base: NDArray[np.float32]
     lc_desire: NDArray[np.float32]
     lc_accept: NDArray[np.float32]
+    lc_turn_back: NDArray[np.float32]
     lc_desire_free: float
     overlook: float
     overlook_conflict: float
     lc_most: float
+    memory: MemoryNumbers
     initial: InitialNumbers
 
 
@@ -107,10 +132,12 @@ def tables_of(model: NddModel) -> NddTables:
         lc_base=model.lc_base,
         lc_desire=model.lc_desire,
         lc_accept=np.stack([model.lc_accept_lead, model.lc_accept_rear]),
+        lc_turn_back=model.lc_turn_back,
         lc_desire_free=float(model.lc_desire_free),
         overlook=float(model.overlook),
         overlook_conflict=float(model.overlook_conflict),
         lc_most=float(model.lc_base.max()) * max(float(model.lc_desire.max()), float(model.lc_desire_free)),
+        memory=MemoryNumbers(*astuple(model.memory)),
         initial=initial,
     )
 
@@ -164,17 +191,17 @@ def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]
 
 
 @inlined_kernel
-def free_row(speed: float) -> int:
-    """Find the row of `p` and `cut` for free flow."""
-    return _FIRST_FREE_ROW + speed_index(speed)
+def free_row(speed: float, wish: float) -> int:
+    """Find the row of `p` and `cut` for free flow; `wish`: how far the desired speed is above the mean [m/s]."""
+    return _FIRST_FREE_ROW + speed_index(speed - wish)
 
 
 @inlined_kernel
-def following_row(speed: float, gap: float, range_rate: float, rounding: float) -> int:
+def following_row(speed: float, wish: float, gap: float, range_rate: float, rounding: float) -> int:
     """Find the row of `p` and `cut` for a state behind a lead; the free-flow row beyond the grid."""
     gap_row, rate_row = table_row(gap, range_rate, rounding)
     if gap_row < 0:
-        return free_row(speed)
+        return free_row(speed, wish)
     return (speed_index(speed) * GAP_GRID.bins + gap_row) * RANGE_RATE_GRID.bins + rate_row
 
 
@@ -192,6 +219,73 @@ def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
     index += 2 if np.uint64(cut[row, index + 1]) <= word else 0
     index += 1 if np.uint64(cut[row, index]) <= word else 0
     return index
+
+
+@inlined_kernel
+def reflected(u: float) -> float:
+    """Reflect a quantile between -1 and 2 into 0 to 1."""
+    if u < 0.0:
+        return -u
+    return 2.0 - u if u > 1.0 else u
+
+
+@inlined_kernel
+def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNumbers) -> uint64:
+    """Turn a random word into one that remembers (`ndd.model.Memory`); without memory it stays as it is.
+
+    Args:
+        word: 32 random bits.
+        before: Quantile of the driver's acceleration in the second before.
+        habit: Its habit, a quantile.
+        memory: Weights and widths.
+    """
+    draw = uniform(word)
+    if draw < memory.near:
+        u = reflected(before + memory.near_width * (2.0 * (draw / memory.near) - 1.0))
+    elif draw < memory.near + memory.far:
+        u = reflected(before + memory.far_width * (2.0 * ((draw - memory.near) / memory.far) - 1.0))
+    else:
+        known = memory.near + memory.far
+        if draw < known + memory.habit:
+            u = reflected(habit + memory.habit_width * (2.0 * ((draw - known) / memory.habit) - 1.0))
+        elif known + memory.habit == 0.0:
+            return word
+        else:
+            u = (draw - known - memory.habit) / (1.0 - known - memory.habit)
+    return min(np.uint64(u * 4294967296.0), _LAST_WORD)
+
+
+@inlined_kernel
+def _share_near(x: float, centre: float, width: float) -> float:
+    """Compute P(u <= x) for u uniform within `width` of `centre`, reflected at 0 and 1; x in 0 to 1."""
+    low = centre - width
+    scale = 0.5 / width
+    inside = min(1.0, max(0.0, (x - low) * scale)) - min(1.0, max(0.0, (-x - low) * scale))
+    return inside + min(1.0, max(0.0, (2.0 + x - low) * scale)) - min(1.0, max(0.0, (2.0 - x - low) * scale))
+
+
+@inlined_kernel
+def remembered_share(x: float, before: float, habit: float, memory: MemoryNumbers) -> float:
+    """Compute P(u <= x) for the quantile u that `remembering_word` draws; x itself without memory."""
+    share = (1.0 - memory.near - memory.far - memory.habit) * x
+    if memory.near > 0.0:
+        share += memory.near * _share_near(x, before, memory.near_width)
+    if memory.far > 0.0:
+        share += memory.far * _share_near(x, before, memory.far_width)
+    if memory.habit > 0.0:
+        share += memory.habit * _share_near(x, habit, memory.habit_width)
+    return share
+
+
+@inlined_kernel
+def turn_back_chance(turn_back: NDArray[np.float32], gap: float, range_rate: float) -> float:
+    """Compute the chance that a driver turns back for one neighbour in its target lane; as for `accept_chance`."""
+    if gap <= 0.0:
+        return 1.0
+    gap_row, rate_row = table_row(gap, range_rate, NEAREST)
+    if gap_row < 0:
+        return 0.0
+    return float(turn_back[gap_row, rate_row])
 
 
 @inlined_kernel

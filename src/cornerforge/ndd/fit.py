@@ -21,7 +21,7 @@ from cornerforge.ndd.decisions import Decisions, concatenate
 from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
-from cornerforge.ndd.prior import SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior
+from cornerforge.ndd.prior import MEMORY, SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior
 from cornerforge.ndd.readers import Reading, read_decisions
 from cornerforge.ndd.report import FitReport
 from cornerforge.ndd.scores import grid_place, held_out_scores
@@ -155,7 +155,6 @@ def _assemble(
     """Make tables from prior and counts; also return the decisions counted in each following state, (21, 116, 19)."""
     following, free = _counts(training)
     lane_change = LaneChange()
-    accept = _few_bits(lane_change.accept())
     counted = following.sum(axis=-1)
     model = NddModel(
         following=_rows(following_prior(safe), following, strength),
@@ -163,10 +162,12 @@ def _assemble(
         lc_base=_few_bits(lane_change.base()),
         lc_desire=_few_bits(lane_change.desire()),
         lc_desire_free=lane_change.desire_free,
-        lc_accept_lead=accept,
-        lc_accept_rear=accept,
+        lc_accept_lead=_few_bits(lane_change.accept_lead()),
+        lc_accept_rear=_few_bits(lane_change.accept_rear()),
+        lc_turn_back=_few_bits(lane_change.turn_back()),
         overlook=lane_change.overlook,
         overlook_conflict=lane_change.overlook_conflict,
+        memory=MEMORY,
         initial=InitialState(),
         provenance=provenance | {"counted": _sparse(counted), "counted_free": [int(n) for n in free.sum(axis=-1)]},
     )

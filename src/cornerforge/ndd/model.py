@@ -12,7 +12,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ __all__ = [
     "SCHEMA_VERSION",
     "SPEEDS",
     "InitialState",
+    "Memory",
     "NddModel",
     "default_model_path",
     "load_model",
@@ -37,7 +38,10 @@ __all__ = [
     "save_model",
 ]
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+_READABLE = (1, SCHEMA_VERSION)
+_INITIAL_OF_1 = {"stream_sd": 0.0, "time_gap_shift": 0.0, "desire_share": 0.0, "habit_spread": 1.0}
+"""What version 1 meant without saying so; it had no `memory` and no `lc_turn_back` either."""
 SPEEDS: NDArray[np.float64] = SPEED_GRID.points()
 """Subject speed grid [m/s], shape (21,)."""
 GAPS: NDArray[np.float64] = GAP_GRID.points()
@@ -50,25 +54,53 @@ RANGE_RATES: NDArray[np.float64] = RANGE_RATE_GRID.points()
 class InitialState:
     """Traffic at the start of a test: a chain of vehicles per lane.
 
-    Speeds are normal, cut to [speed_low, speed_high]. The next vehicle ahead follows at a log-normal time gap with
-    probability `follow_share`, else at a uniform free gap. Its range rate is
-    -(s^2 / (2 speed_sd^2)) (v - speed_mean) + s z with s = rr_scale (gap / 20)^rr_exponent and z standard normal,
-    which keeps the speed's distribution along the chain. States with a time to collision below `min_ttc` are drawn
-    again.
+    All lanes of one test share a mean speed m, normal with `speed_mean` and `stream_sd`. Speeds are normal about m with
+    `speed_sd`, cut to [speed_low, speed_high]. The next vehicle ahead follows with probability `follow_share`, at a
+    time gap of `time_gap_shift` plus a log-normal part, else at a uniform free gap. Its speed is m + sqrt(1 - (s /
+    speed_sd)^2) (v - m) + s z with s = rr_scale (gap / 20)^rr_exponent, at most speed_sd, and z standard normal, which
+    keeps the distribution of speeds along the chain. States with a time to collision below `min_ttc` are drawn again.
+
+    What stays with a driver: its desired speed, given its speed v normal with mean m + desire_share (v - m), so that
+    `desire_share` of the variance of speeds lies between drivers; and its habit (`Memory`), for a follower one minus
+    the quantile of its time gap, give or take `habit_spread` (1: independent of it).
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
-    speed_sd: float = field(default=3.48, metadata={"unit": "m/s"})
+    stream_sd: float = field(default=2.9, metadata={"unit": "m/s"})
+    speed_sd: float = field(default=1.6, metadata={"unit": "m/s"})
     speed_low: float = field(default=20.0, metadata={"unit": "m/s"})
     speed_high: float = field(default=40.0, metadata={"unit": "m/s"})
     follow_share: float = 0.682
-    time_gap_median: float = field(default=1.14, metadata={"unit": "s"})
-    time_gap_sigma: float = 0.56
-    rr_scale: float = field(default=0.83, metadata={"unit": "m/s"})
-    rr_exponent: float = 0.575
-    min_ttc: float = field(default=5.0, metadata={"unit": "s"})
+    time_gap_shift: float = field(default=0.265, metadata={"unit": "s"})
+    time_gap_median: float = field(default=0.92, metadata={"unit": "s"})
+    time_gap_sigma: float = 0.68
+    desire_share: float = 0.5
+    habit_spread: float = 1.0
+    rr_scale: float = field(default=0.62, metadata={"unit": "m/s"})
+    rr_exponent: float = 0.7
+    min_ttc: float = field(default=3.0, metadata={"unit": "s"})
     free_gap_low: float = field(default=120.0, metadata={"unit": "m"})
     free_gap_high: float = field(default=300.0, metadata={"unit": "m"})
+
+
+@dataclass(frozen=True)
+class Memory:
+    """How a follower's acceleration depends on its own past and on its habit; all weights 0: not at all.
+
+    An acceleration is the quantile u of its distribution in the present state. With the weight `near`, u is near the
+    quantile of the second before; with `far`, less near; with `habit`, near the driver's habit, a quantile that stays
+    the same for the whole test; else uniform. "Near" is uniform within the width, reflected at 0 and 1. So u is uniform
+    over all drivers, whatever the weights: the tables stay the distributions over all drivers, and what they call
+    impossible stays impossible. (A series with a copula between neighbours: Chen and Fan 2006,
+    doi:10.1016/j.jeconom.2005.03.004.)
+    """
+
+    near: float = 0.0
+    near_width: float = 0.1
+    far: float = 0.0
+    far_width: float = 0.3
+    habit: float = 0.0
+    habit_width: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -83,14 +115,18 @@ class NddModel:
 
     Attributes:
         following: P(acceleration), float32 (21, 116, 19, 31); rows sum to 1; exact 0 is "impossible".
-        free: The same with no leader within 115 m, float32 (21, 31).
+        free: The same with no leader within 115 m, float32 (21, 31), over the speed of a driver whose desired speed is
+            `initial.speed_mean`. The speeds of other drivers are shifted by the difference of their desired speeds.
         lc_base: Chance of starting a change to one given side in one 1 s decision, float32 (21,) over speed.
         lc_desire: Multiplier by state to the leader, float32 (116, 19) over (gap, range rate).
         lc_desire_free: Multiplier with no leader within the grid.
         lc_accept_lead: Chance that the gap to the adjacent vehicle ahead is accepted, float32 (116, 19).
         lc_accept_rear: The same for the one behind; range rate is subject minus rear, negative when the rear closes.
+        lc_turn_back: Chance that a driver in a running lane change, its centre still in its old lane, turns back for
+            one neighbour in the target lane, float32 (116, 19) over (gap, range rate).
         overlook: Chance to overlook an adjacent neighbour when deciding on a lane change.
         overlook_conflict: Chance to overlook that another vehicle enters the same lane at the same moment.
+        memory: How a follower's acceleration depends on its own past.
         initial: Traffic at the start.
         provenance: Where it comes from: data files, fit settings, licence note; JSON-compatible.
     """
@@ -102,8 +138,10 @@ class NddModel:
     lc_desire_free: float
     lc_accept_lead: NDArray[np.float32]
     lc_accept_rear: NDArray[np.float32]
+    lc_turn_back: NDArray[np.float32]
     overlook: float
     overlook_conflict: float
+    memory: Memory
     initial: InitialState
     provenance: Mapping[str, object]
 
@@ -118,7 +156,7 @@ class NddModel:
             off = float(np.abs(getattr(self, name).sum(axis=-1, dtype=np.float64) - 1.0).max())
             if off > 1e-4:
                 raise FileFormatError(f"Model table {name}: a row of probabilities sums to 1 only within {off:.2g}.")
-        for name in ("lc_base", "lc_accept_lead", "lc_accept_rear"):
+        for name in ("lc_base", "lc_accept_lead", "lc_accept_rear", "lc_turn_back"):
             if (getattr(self, name) > 1).any():
                 raise FileFormatError(f"Model table {name} holds probabilities above 1.")
         for name in ("overlook", "overlook_conflict"):
@@ -134,6 +172,7 @@ _SHAPES = {
     "lc_desire": _PLACES,
     "lc_accept_lead": _PLACES,
     "lc_accept_rear": _PLACES,
+    "lc_turn_back": _PLACES,
 }
 _NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict")
 
@@ -152,7 +191,8 @@ def save_model(model: NddModel, path: Path) -> None:
     header = {
         "schema_version": SCHEMA_VERSION,
         **{name: getattr(model, name) for name in _NUMBERS},
-        "initial": {f.name: getattr(model.initial, f.name) for f in fields(InitialState)},
+        "memory": asdict(model.memory),
+        "initial": asdict(model.initial),
         "provenance": dict(model.provenance),
     }
     text = json.dumps(header, sort_keys=True, indent=1)
@@ -176,17 +216,22 @@ def load_model(path: Path) -> NddModel:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
             version = header.get("schema_version")
-            if version != SCHEMA_VERSION:
+            if version not in _READABLE:
                 raise FileFormatError(
                     f"Model file {path} has schema version {version}; this cornerforge reads {SCHEMA_VERSION}. "
                     "Fit it again, or install the version that made it."
                 )
-            tables: dict[str, Any] = {name: np.ascontiguousarray(file[name], dtype=np.float32) for name in _SHAPES}
+            stored = [name for name in _SHAPES if version > 1 or name != "lc_turn_back"]
+            tables: dict[str, Any] = {name: np.ascontiguousarray(file[name], dtype=np.float32) for name in stored}
+        if version == 1:  # who would certainly refuse the gap turned back
+            refused = np.minimum(tables["lc_accept_lead"], tables["lc_accept_rear"]) == 0.0
+            tables["lc_turn_back"] = refused.astype(np.float32)
         numbers: dict[str, Any] = {name: float(header[name]) for name in _NUMBERS}
         return NddModel(
             **tables,
             **numbers,
-            initial=InitialState(**header["initial"]),
+            memory=Memory(**header.get("memory", {})),
+            initial=InitialState(**(_INITIAL_OF_1 if version == 1 else {}), **header["initial"]),
             provenance=header["provenance"],
         )
     except FileFormatError as error:
@@ -203,6 +248,6 @@ def model_hash(model: NddModel) -> str:
     for name in _SHAPES:
         digest.update(np.ascontiguousarray(getattr(model, name), dtype="<f4").tobytes())
     numbers = [getattr(model, name) for name in _NUMBERS]
-    numbers += [getattr(model.initial, f.name) for f in fields(InitialState)]
+    numbers += [*astuple(model.memory), *astuple(model.initial)]
     digest.update(np.array(numbers, dtype="<f8").tobytes())
     return digest.hexdigest()[:16]

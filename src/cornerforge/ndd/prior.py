@@ -16,13 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.laws import MIN_GAP, LogLaw, bin_probabilities
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, Memory
 from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
 
-__all__ = ["SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior", "support"]
+__all__ = ["MEMORY", "SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior", "support"]
 
 Floats = NDArray[np.float64]
 
+MEMORY = Memory(near=0.1, near_width=0.091, far=0.3, far_width=0.32)
+"""The shipped model's memory. Maximum likelihood on the NGSIM training halves gives these widths, and the weights 0.33
+and 0.43. But smoothing makes recorded accelerations more alike from one second to the next than they were: traffic with
+those weights has range rates with a spread of 2 m/s, published 1.3. These weights keep the published spread."""
 SUPPORT_SD = 5.0
 """Accelerations farther than this many standard deviations from the centre are impossible; 3 would forbid 2 % of the
 recorded ones."""
@@ -46,16 +50,16 @@ class SafeLaw:
     law: LogLaw
     response: float = 7.0
     reach: float = field(default=5.0, metadata={"unit": "m"})
-    time_gap_full: float = field(default=0.8, metadata={"unit": "s"})
-    time_gap_none: float = field(default=2.4, metadata={"unit": "s"})
+    time_gap_full: float = field(default=0.4, metadata={"unit": "s"})
+    time_gap_none: float = field(default=0.8, metadata={"unit": "s"})
     ttc_full: float = field(default=8.0, metadata={"unit": "s"})
     ttc_none: float = field(default=16.0, metadata={"unit": "s"})
     repulsion: float = field(default=1.0, metadata={"unit": "m/s2 per s"})
-    repulsion_below: float = field(default=0.64, metadata={"unit": "s"})
+    repulsion_below: float = field(default=0.58, metadata={"unit": "s"})
     floor_margin: float = field(default=4.0, metadata={"unit": "m"})
     pull: float = field(default=0.12, metadata={"unit": "m/s2"})
     headway: float = field(default=0.62, metadata={"unit": "s"})
-    calm: float = 0.7
+    calm: float = 0.58
     motorway_none: float = field(default=24.0, metadata={"unit": "m/s"})
     motorway_full: float = field(default=28.0, metadata={"unit": "m/s"})
     speed_none: float = field(default=18.0, metadata={"unit": "m/s"})
@@ -81,7 +85,7 @@ class SafeLaw:
         closing = np.maximum(-range_rate, 0.0)
         fitted = self.law.mean(speed, gap, range_rate)
         extra = self.response / (gap + self.reach) - self.law.response / (gap + self.law.reach)
-        stronger = np.maximum(extra, 0.0) * range_rate * (speed + 1.0) ** 0.24
+        stronger = -np.maximum(extra, 0.0) * closing * (speed + 1.0) ** 0.24
         time_gap = gap / np.maximum(speed, 1.0)
         own = self.pull * np.log(time_gap / self.headway) - self.law.pull * np.log(time_gap / self.law.headway)
         closer = self._motorway(speed) * own
@@ -105,15 +109,14 @@ class SafeLaw:
 class FreeFlow:
     """Acceleration with no leader within 115 m, after the published IVBSS facts.
 
-    Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: the acceleration that keeps a normal
-    distribution of speeds stationary under that spread, times `pull`, plus `offset`. (Followers feel the pull only
-    through their leaders; 0.5 is a compromise between a stationary distribution and the published mean of 0.02-0.05
-    m/s2 at all speeds.)
+    Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: `pull` times what the speed lacks to the
+    driver's own desired speed, plus `offset`. The desired speeds of drivers who drive at one speed have that speed as
+    their mean or nearly so, hence the published mean of 0.02-0.05 m/s2 at all speeds. The table is that of a driver
+    whose desired speed is `speed_mean`.
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
-    speed_sd: float = field(default=3.48, metadata={"unit": "m/s"})
-    pull: float = 0.5
+    pull: float = field(default=0.15, metadata={"unit": "1/s"})
     offset: float = field(default=0.02, metadata={"unit": "m/s2"})
     degrees: float = 12.0
 
@@ -123,8 +126,7 @@ class FreeFlow:
 
     def mean(self, speed: Floats) -> Floats:
         """Centre of the acceleration's distribution [m/s2]."""
-        pull = -self.pull * self.sd(speed) ** 2 / 2.0 * (speed - self.speed_mean) / self.speed_sd**2
-        return np.asarray(pull + self.offset)
+        return np.asarray(self.pull * (self.speed_mean - speed) + self.offset)
 
 
 def support(mean: Floats, scale: Floats, degrees: float) -> NDArray[np.bool_]:

@@ -11,10 +11,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._philox import uniform
 from cornerforge.sim.adversaries import choose_action, sample_action
 from cornerforge.sim.av_kinds import built_in_av_decides
-from cornerforge.sim.chances import action_probabilities
+from cornerforge.sim.chances import action_probabilities, word_of
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
@@ -26,7 +29,6 @@ from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
 from cornerforge.types import ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from cornerforge.sim.keep import Keep
@@ -53,6 +55,8 @@ NEVER = 2**62
 """As `until` of `advance`: no milestone."""
 _NOBODY_MUST = -1
 _ACCELERATIONS = ACCELERATIONS
+_MIDDLE = np.uint64(2**31)
+"""The word of the median: a script tells only the action, not where in its interval the quantile was."""
 
 
 @inlined_kernel
@@ -106,6 +110,7 @@ def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, c
             for a in range(N_ACTIONS):
                 chances[step, i, a] = s.p[a]
         v[i].action = action
+        v[i].quantile = uniform(word_of(w, i, action, _MIDDLE, 0.5, setting.road, setting.tables))
 
 
 @kernel

@@ -13,12 +13,21 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.drivers.naturalistic import accept_chance, following_row, free_row, lane_change_base
+from cornerforge._philox import uniform
+from cornerforge.drivers.naturalistic import (
+    accept_chance,
+    following_row,
+    free_row,
+    lane_change_base,
+    remembered_share,
+    turn_back_chance,
+)
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACCELERATIONS, N_ACTIONS
 
 if TYPE_CHECKING:
+    from numpy import uint64
     from numpy.typing import NDArray
 
     from cornerforge.drivers.naturalistic import NddTables
@@ -33,6 +42,7 @@ __all__ = [
     "allocate_starter_scratch",
     "return_chance",
     "side_chance",
+    "word_of",
 ]
 
 MAX_STARTERS = 32
@@ -96,19 +106,33 @@ def side_chance(
 
 
 @inlined_kernel
+def _turn_back_wish(w: World, i: int, lane: int, road: RoadNumbers, tables: NddTables) -> float:
+    """Compute the chance that slot i, if attentive, would leave `lane` for its neighbours there: the larger of two."""
+    v = w.vehicles
+    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+    wish = 0.0
+    if lead >= 0:
+        wish = turn_back_chance(tables.lc_turn_back, gap(v, i, lead), v[lead].speed - v[i].speed)
+    if rear >= 0:
+        wish = max(wish, turn_back_chance(tables.lc_turn_back, gap(v, rear, i), v[i].speed - v[rear].speed))
+    return wish
+
+
+@inlined_kernel
 def return_chance(w: World, i: int, overlook: float, road: RoadNumbers, tables: NddTables) -> float:
     """Compute P(slot i turns back in its running lane change).
 
-    While its centre is still in its old lane, an attentive driver turns back when it would certainly refuse the gaps in
-    the target lane, and would not certainly refuse the gaps in the old one.
+    While its centre is still in its old lane, an attentive driver turns back for a neighbour in its target lane with
+    the chance of `lc_turn_back`, unless it would certainly turn back from the old lane too.
     """
     v = w.vehicles
     old = lane_of(v[i].y, road.lane_width)
-    if old == v[i].target_lane or side_chance(w, i, v[i].target_lane, 1.0, 0.0, road, tables) > 0.0:
+    if old == v[i].target_lane:
         return 0.0
-    if side_chance(w, i, old, 1.0, 0.0, road, tables) == 0.0:
+    wish = _turn_back_wish(w, i, v[i].target_lane, road, tables)
+    if wish == 0.0 or _turn_back_wish(w, i, old, road, tables) == 1.0:
         return 0.0
-    return 1.0 - overlook
+    return (1.0 - overlook) * wish
 
 
 @kernel
@@ -128,11 +152,12 @@ def _add_cumulative(
 ) -> None:  # fmt: skip
     """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
 
-    The smallest of several look-ups with one random word has the largest of their distribution functions.
+    A follower remembers its last quantile; a driver without a lead does not. The smallest of several look-ups with one
+    random word has the largest of their distribution functions.
     """
     rows = (-1, -1, -1)
     if leads[0] < 0:
-        row = free_row(v[i].speed)
+        row = free_row(v[i].speed, v[i].wish)
         rows = (row, row, row)
     else:
         first = _row_behind(v, i, leads[0], rounding)
@@ -146,14 +171,52 @@ def _add_cumulative(
         a_total += tables.p[rows[0], a]
         b_total += tables.p[rows[1], a]
         c_total += tables.p[rows[2], a]
-        p[FIRST_ACCELERATION + a] += weight * max(a_total, max(b_total, c_total))
+        total = max(a_total, max(b_total, c_total))
+        if leads[0] >= 0:
+            total = remembered_share(min(total, 1.0), v[i].quantile, v[i].habit, tables.memory)
+        p[FIRST_ACCELERATION + a] += weight * total
 
 
 @kernel
 def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float) -> int:
     """Look up the tables' row for slot i behind a lead."""
-    row: int = following_row(v[i].speed, gap(v, i, lead), v[lead].speed - v[i].speed, rounding)
+    row: int = following_row(v[i].speed, v[i].wish, gap(v, i, lead), v[lead].speed - v[i].speed, rounding)
     return row
+
+
+@inlined_kernel
+def word_of(
+    w: World, i: int, action: int, word: uint64, rounding: float, road: RoadNumbers, tables: NddTables
+) -> uint64:
+    """Turn a random word into one with which slot i would have drawn an acceleration that somebody else chose for it.
+
+    A lane change tells nothing about it: the word stays. So does it for an impossible acceleration.
+    """
+    if action < FIRST_ACCELERATION:
+        return word
+    a = action - FIRST_ACCELERATION
+    low = 0.0
+    high = 0.0
+    for j in _leads(w, i, road):
+        if j >= 0:
+            row = _row_behind(w.vehicles, i, j, rounding)
+            low = max(low, _cut(tables, row, a - 1))
+            high = max(high, _cut(tables, row, a))
+    if high == 0.0:
+        row = free_row(w.vehicles[i].speed, w.vehicles[i].wish)
+        low = _cut(tables, row, a - 1)
+        high = _cut(tables, row, a)
+    if high <= low:
+        return word
+    return np.uint64(low + (high - low) * uniform(word))
+
+
+@inlined_kernel
+def _cut(tables: NddTables, row: int, a: int) -> float:
+    """Read how many of the 2^32 random words give acceleration index a or a smaller one."""
+    if a < 0:
+        return 0.0
+    return 4294967295.0 if a == N_ACCELERATIONS - 1 else float(tables.cut[row, a])
 
 
 @inlined_kernel

@@ -19,12 +19,13 @@ from cornerforge.drivers.naturalistic import (
     following_row,
     free_row,
     lane_change_base,
+    remembering_word,
     sample_row,
 )
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
-from cornerforge.sim.chances import return_chance, side_chance
+from cornerforge.sim.chances import return_chance, side_chance, word_of
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
 from cornerforge.sim.world import NO_VEHICLE, moment_of
@@ -67,11 +68,13 @@ def _drawn(tables: NddTables, action: int) -> int:
 
 
 @inlined_kernel
-def _worst_follow(w: World, rank: int, tables: NddTables, word: uint64, rounding: float) -> tuple[int, float, float]:
+def _worst_follow(
+    w: World, rank: int, tables: NddTables, word: uint64, follower_word: uint64, rounding: float
+) -> tuple[int, float, float]:
     """Draw the acceleration of the vehicle at a rank behind its leads in all lanes that it occupies.
 
-    One random word and one random rounding of the range rate serve all leads. The action is the smallest of the
-    look-ups: a vehicle between two lanes follows both leads.
+    One random word, `follower_word` (without a lead `word`), and one random rounding of the range rate serve all leads.
+    The action is the smallest of the look-ups: a vehicle between two lanes follows both leads.
 
     Returns:
         Action 2..32, or `_draw_later` where one look-up decides; gap [m] and range rate [m/s] to the nearest lead
@@ -93,7 +96,7 @@ def _worst_follow(w: World, rank: int, tables: NddTables, word: uint64, rounding
             continue
         room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
-        later = _draw_later(tables, following_row(v[i].speed, room, rate, rounding), word)
+        later = _draw_later(tables, following_row(v[i].speed, v[i].wish, room, rate, rounding), follower_word)
         if room < nearest_gap:
             nearest_gap = room
             nearest_rate = rate
@@ -102,20 +105,22 @@ def _worst_follow(w: World, rank: int, tables: NddTables, word: uint64, rounding
         if wanted == 0:
             break
     if action < 0:
-        action = _draw_later(tables, free_row(v[i].speed), word)
+        action = _draw_later(tables, free_row(v[i].speed, v[i].wish), word)
     return action, nearest_gap, nearest_rate
 
 
 @inlined_kernel
-def _follow(w: World, i: int, lead: int, tables: NddTables, word: uint64, rounding: float) -> tuple[int, float, float]:
+def _follow(
+    w: World, i: int, lead: int, tables: NddTables, word: uint64, follower_word: uint64, rounding: float
+) -> tuple[int, float, float]:
     """Do the same as `_worst_follow` for slot i that occupies one lane; `lead` is the next ahead there, -1 for none."""
     v = w.vehicles
     speed = v[i].speed
     if lead < 0 or ahead_by(v, i, lead) >= SIGHT:
-        return _draw_later(tables, free_row(speed), word), np.inf, 0.0
+        return _draw_later(tables, free_row(speed, v[i].wish), word), np.inf, 0.0
     room = gap(v, i, lead)
     rate = v[lead].speed - speed
-    return _draw_later(tables, following_row(speed, room, rate, rounding), word), room, rate
+    return _draw_later(tables, following_row(speed, v[i].wish, room, rate, rounding), follower_word), room, rate
 
 
 @inlined_kernel
@@ -124,17 +129,21 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
 
     The look-up of the acceleration may be put off (`_draw_later`). `s.front` holds the next vehicle ahead in each lane.
     Of the slot's random words the first decides about lanes, the second and fourth about the acceleration, the third
-    about giving way.
+    about giving way. The second becomes the word that was really used.
     """
     v = w.vehicles
     order = w.order
     words = s.words
     i = order[rank]
+    word = words[1, i]
+    follower_word = remembering_word(word, v[i].quantile, v[i].habit, tables.memory)
     if v[i].lanes == 1 << v[i].target_lane:
         lead = s.front[v[i].target_lane]
-        action, gap, rate = _follow(w, i, lead, tables, words[1, i], uniform(words[3, i]))
+        action, gap, rate = _follow(w, i, lead, tables, word, follower_word, uniform(words[3, i]))
     else:
-        action, gap, rate = _worst_follow(w, rank, tables, words[1, i], uniform(words[3, i]))
+        action, gap, rate = _worst_follow(w, rank, tables, word, follower_word, uniform(words[3, i]))
+    if gap < np.inf:
+        words[1, i] = follower_word
     if v[i].duration == 0.0:
         draw = uniform(words[0, i])
         if draw >= 2.0 * tables.lc_most:  # nine times in ten this spares the look-up of what it wants
@@ -229,7 +238,11 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
         if v[i].present == 0:
             continue
         if i > 0:
-            action = controlled_action if i == controlled else _decide_naturalistic(w, rank, road, tables, s)
+            if i == controlled:
+                action = controlled_action
+                s.words[1, i] = word_of(w, i, action, s.words[1, i], uniform(s.words[3, i]), road, tables)
+            else:
+                action = _decide_naturalistic(w, rank, road, tables, s)
             v[i].action = action
             if action < FIRST_ACCELERATION:
                 changes += 1
@@ -238,6 +251,7 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
                 s.front[lane] = i
     for i in range(1, state.n_vehicles):
         v[i].action = _drawn(tables, v[i].action)
+        v[i].quantile = uniform(s.words[1, i])
     return changes
 
 
@@ -272,5 +286,6 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
             continue
         target = v[i].target_lane + ACTION_SIDES[v[i].action]
         if _gives_way(w, i, target, av_lane, setting, s):
-            action, _, _ = _worst_follow(w, rank, tables, s.words[1, i], uniform(s.words[3, i]))
+            word = s.words[1, i]
+            action, _, _ = _worst_follow(w, rank, tables, word, word, uniform(s.words[3, i]))
             v[i].action = _drawn(tables, action)

@@ -9,8 +9,9 @@ import numpy as np
 
 from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, block, normal_pair, uniform
+from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
+from cornerforge.drivers.naturalistic import reflected
 from cornerforge.road.straight import half_lengths, lane_centre
 from cornerforge.sim.setting import critical_of
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, all_current
@@ -42,47 +43,67 @@ def _next_words(w: World) -> tuple[uint64, uint64, uint64, uint64]:
 
 
 @kernel
-def _draw_speed(w: World, initial: InitialNumbers) -> float:
-    """Draw a speed from the truncated normal distribution [m/s]."""
+def _draw_speed(w: World, mean: float, initial: InitialNumbers) -> float:
+    """Draw a speed from the truncated normal distribution about the test's mean speed [m/s]."""
     while True:
         words = _next_words(w)
-        speed = initial.speed_mean + initial.speed_sd * normal_pair(words[0], words[1])[0]
+        speed = mean + initial.speed_sd * normal_pair(words[0], words[1])[0]
         if initial.speed_low <= speed <= initial.speed_high:
             return speed
 
 
 @inlined_kernel
-def _draw_neighbour(w: World, speed: float, ahead: bool, initial: InitialNumbers) -> tuple[float, float]:
-    """Draw gap [m] and speed [m/s] of the next vehicle ahead of (or behind) a vehicle that drives at `speed`.
+def _draw_neighbour(
+    w: World, speed: float, mean: float, ahead: bool, initial: InitialNumbers
+) -> tuple[float, float, float]:
+    """Draw the next vehicle ahead of (or behind) a vehicle that drives at `speed`: gap [m], speed [m/s], quantile.
 
-    The chain of speeds is reversible, so the same distribution serves both directions.
+    The quantile is that of the follower's time gap among all followers', -1 where it does not follow. The chain of
+    speeds is reversible, so the same distribution serves both directions.
     """
     for _ in range(_MAX_TRIES):
         words = _next_words(w)
         z_gap, z_speed = normal_pair(words[0], words[1])
         follows = uniform(words[2]) < initial.follow_share
-        time_gap = initial.time_gap_median * exp(initial.time_gap_sigma * z_gap)
+        time_gap = initial.time_gap_shift + initial.time_gap_median * exp(initial.time_gap_sigma * z_gap)
         free_gap = initial.free_gap_low + (initial.free_gap_high - initial.free_gap_low) * uniform(words[3])
         gap = speed * time_gap if follows else free_gap
-        scale = initial.rr_scale * exp(initial.rr_exponent * log(gap / 20.0))
-        other = (
-            initial.speed_mean
-            + (1.0 - scale * scale / (2.0 * initial.speed_sd * initial.speed_sd)) * (speed - initial.speed_mean)
-            + scale * z_speed
-        )
+        scale = min(initial.rr_scale * exp(initial.rr_exponent * log(gap / 20.0)), initial.speed_sd)
+        share = scale / initial.speed_sd
+        other = mean + math.sqrt(1.0 - share * share) * (speed - mean) + scale * z_speed
         if follows and not ahead:
             gap = other * time_gap
         closing = speed - other if ahead else other - speed
         is_near = not follows or gap <= initial.free_gap_low
         legal = initial.speed_low <= other <= initial.speed_high and gap >= 1.0 and is_near
         if legal and gap >= initial.min_ttc * closing:
-            return gap, other
-    return initial.free_gap_high, speed
+            return gap, other, _normal_share(z_gap) if follows else -1.0
+    return initial.free_gap_high, speed, -1.0
+
+
+@inlined_kernel
+def _normal_share(z: float) -> float:
+    """Compute the standard normal distribution function to 7.5e-8 (Abramowitz and Stegun 1964, 26.2.17)."""
+    t = 1.0 / (1.0 + 0.2316419 * abs(z))
+    series = 1.330274429 * t - 1.821255978
+    series = series * t + 1.781477937
+    series = series * t - 0.356563782
+    series = series * t + 0.319381530
+    tail = 0.3989422804014327 * exp(-0.5 * z * z) * series * t
+    return tail if z < 0.0 else 1.0 - tail
+
+
+@inlined_kernel
+def _give_habit(w: World, slot: int, quantile: float, initial: InitialNumbers) -> None:
+    """Give a follower a habit that suits its time gap: who keeps a short one tends to high accelerations."""
+    if quantile >= 0.0:
+        v = w.vehicles
+        v[slot].habit = reflected(1.0 - quantile + initial.habit_spread * (2.0 * v[slot].habit - 1.0))
 
 
 @inlined_kernel
 def _join(w: World, road: RoadNumbers) -> bool:
-    """Give the next free slot a class and a size; False when no slot is left. `_place` then puts it on the road."""
+    """Give the next free slot a class, a size and traits; False when no slot is left. `_place` puts it on the road."""
     state = w.state[0]
     slot = state.n_vehicles
     if slot >= w.vehicles.size:
@@ -98,15 +119,26 @@ def _join(w: World, road: RoadNumbers) -> bool:
     v.kind = kind
     v.length = road.length if kind == CAR else _LENGTHS[kind]
     v.width = road.width if kind == CAR else _WIDTHS[kind]
+    words = block(state.seed, state.test, slot, 0, PURPOSE_TRAITS)
+    v.quantile = uniform(words[0])
+    v.habit = uniform(words[1])
+    v.wish = normal_pair(words[2], words[3])[0]
     return True
 
 
 @inlined_kernel
-def _place(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> None:
-    """Put the vehicle of the last `_join` on the road, with its centre at x [m] in a lane, at `speed` [m/s]."""
+def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Setting) -> None:
+    """Put the vehicle of the last `_join` on the road: centre at x [m] in a lane, at `speed` [m/s]; `mean`: the test's.
+
+    Its desired speed is drawn given its speed, as both are in the long run (bivariate normal).
+    """
+    road, initial = setting.road, setting.tables.initial
     v = w.vehicles
     slot = w.state[0].n_vehicles
     speed = min(speed, road.max_speed)
+    share = initial.desire_share
+    noise = math.sqrt(share * (1.0 - share)) * initial.speed_sd * v[slot].wish
+    v[slot].wish = mean - initial.speed_mean + share * (speed - mean) + noise
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
     v[slot].speed = speed
@@ -125,34 +157,43 @@ def _place(w: World, x: float, lane: int, speed: float, road: RoadNumbers) -> No
 
 
 @kernel
-def _fill_ahead(w: World, x: float, speed: float, lane: int, before: float, setting: Setting) -> None:
-    """Add vehicles ahead of a vehicle at x with `speed` and length `before` [m], up to the end of the traffic."""
+def _fill_ahead(w: World, x: float, speed: float, lane: int, rear: int, mean: float, setting: Setting) -> None:
+    """Add vehicles ahead of one at x with `speed`, up to the end of the traffic; `rear`: its slot, -1: not there.
+
+    `mean` is the test's mean speed.
+    """
     road, initial = setting.road, setting.tables.initial
+    before = w.vehicles[rear].length if rear >= 0 else road.length
     while True:
-        gap, speed = _draw_neighbour(w, speed, True, initial)
+        gap, speed, quantile = _draw_neighbour(w, speed, mean, True, initial)
+        if rear >= 0:
+            _give_habit(w, rear, quantile, initial)
         if not _join(w, road):
             return
-        length = w.vehicles[w.state[0].n_vehicles].length
+        rear = w.state[0].n_vehicles
+        length = w.vehicles[rear].length
         x += 0.5 * (before + length) + gap
         if x > road.traffic_length:
             return
-        _place(w, x, lane, speed, road)
+        _place(w, x, lane, speed, mean, setting)
         before = length
 
 
 @kernel
-def _fill_behind(w: World, x: float, speed: float, lane: int, before: float, setting: Setting) -> None:
-    """Add vehicles behind a vehicle at x with `speed` and length `before` [m], back to the begin of the traffic."""
+def _fill_behind(w: World, x: float, speed: float, lane: int, mean: float, setting: Setting) -> None:
+    """Add vehicles behind the AV, at x with `speed`, back to the begin of the traffic; `mean`: the test's speed."""
     road, initial = setting.road, setting.tables.initial
+    before = road.length
     while True:
-        gap, speed = _draw_neighbour(w, speed, False, initial)
+        gap, speed, quantile = _draw_neighbour(w, speed, mean, False, initial)
         if not _join(w, road):
             return
+        _give_habit(w, w.state[0].n_vehicles, quantile, initial)
         length = w.vehicles[w.state[0].n_vehicles].length
         x -= 0.5 * (before + length) + gap
         if x < 0.0:
             return
-        _place(w, x, lane, speed, road)
+        _place(w, x, lane, speed, mean, setting)
         before = length
 
 
@@ -200,23 +241,28 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     state = w.state[0]
     state.budget_left = critical_of(seed, test, setting.who)[2]
     av_lane = min(road.n_lanes - 1, math.floor(uniform(_next_words(w)[0]) * road.n_lanes))
-    speed = min(_draw_speed(w, initial), road.max_speed)
+    words = _next_words(w)
+    mean = initial.speed_mean + initial.stream_sd * normal_pair(words[0], words[1])[0]
+    mean = max(initial.speed_low, min(initial.speed_high, mean))
+    speed = min(_draw_speed(w, mean, initial), road.max_speed)
     _join(w, road)
-    _place(w, road.av_start, av_lane, speed, road)
+    _place(w, road.av_start, av_lane, speed, mean, setting)
 
     # The lead's speed decides the AV's desired gap, so the first link of the AV's chain is drawn here.
-    gap, lead_speed = _draw_neighbour(w, speed, True, initial)
+    gap, lead_speed, _ = _draw_neighbour(w, speed, mean, True, initial)
     _join(w, road)
     gap = max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
     x = road.av_start + half_lengths(w.vehicles, 0, 1) + gap
     if x <= road.traffic_length:
-        _place(w, x, av_lane, lead_speed, road)
-        _fill_ahead(w, x, lead_speed, av_lane, w.vehicles[1].length, setting)
-    _fill_behind(w, road.av_start, speed, av_lane, road.length, setting)
+        _place(w, x, av_lane, lead_speed, mean, setting)
+        _fill_ahead(w, x, lead_speed, av_lane, 1, mean, setting)
+    _fill_behind(w, road.av_start, speed, av_lane, mean, setting)
     for lane in range(road.n_lanes):
         if lane != av_lane:
             start = uniform(_next_words(w)[0])
-            _fill_ahead(w, -initial.free_gap_low * start, _draw_speed(w, initial), lane, road.length, setting)
+            _fill_ahead(
+                w, -initial.free_gap_low * start, _draw_speed(w, mean, initial), lane, NO_VEHICLE, mean, setting
+            )
     for i in range(state.n_vehicles):
         w.order[i] = i
     all_current(w)

@@ -60,6 +60,9 @@ VEHICLE = np.dtype(
         ("length", "f8"),
         ("width", "f8"),
         ("kind", "i8"),
+        ("quantile", "f8"),
+        ("habit", "f8"),
+        ("wish", "f8"),
     ]
 )
 """One vehicle. A record array passes a kernel one pointer, not one a field: measured 30 times faster in Numba.
@@ -69,7 +72,9 @@ present acceleration began; heading [rad]; acceleration: along the road, held un
 duration: time since the start of the lane change and its planned length [s], duration 0 means lane keeping; c0..c5:
 its quintic; target_lane: lane kept or changed to; lanes: bit mask of the lanes occupied (`road.straight.lane_bits`);
 present: 1 or 0; action: index of its last action, -1 for none; length, width: of its box [m]; kind: its class, an
-index of `types.CLASSES`.
+index of `types.CLASSES`; quantile, habit: of its last acceleration among those of all drivers in the state that it saw,
+and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; wish: how far its desired speed is above the mean of all
+drivers' [m/s].
 """
 
 
