@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._elementary import exp
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import uniform
-from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID, Grid
-from cornerforge.types import N_ACCELERATIONS
+from cornerforge.ndd.grids import GAP_GRID, LACK_GRID, RANGE_RATE_GRID, SPEED_GRID, Grid
+from cornerforge.types import ACCELERATIONS, N_ACCELERATIONS
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -50,6 +51,9 @@ NEAREST = 0.5
 FIRST_PROBE = 15
 """The column of `cut` where `sample_row` begins; it shares a cache line with most columns that are read next."""
 _FIRST_FREE_ROW = SPEED_GRID.bins * GAP_GRID.bins * RANGE_RATE_GRID.bins
+_ACCELERATIONS = ACCELERATIONS
+_MOST_TILT = 32.0
+"""Strongest tilt that is looked for [s2/m]: it puts nearly all weight on the outermost possible acceleration."""
 _LAST_WORD = np.uint64(0xFFFFFFFE)
 
 
@@ -89,8 +93,8 @@ class NddTables(NamedTuple):
     """The model as kernels take it.
 
     Attributes:
-        p: P(acceleration), float32 (21 * 116 * 19 + 21, 31): following states, then free flow.
-        cut: Cumulative, scaled to 2^32, uint32 (21 * 116 * 19 + 21, 32): the last column is never passed.
+        p: P(acceleration), float32 (21 * 116 * 19 + 21 * 25, 31): following states, then free flow by speed and lack.
+        cut: Cumulative, scaled to 2^32, uint32 (as many, 32): the last column is never passed.
         lc_base: (21,); lc_desire: (116, 19); lc_accept: (2, 116, 19), lead and rear. float32.
         lc_turn_back: (116, 19), float32.
         lc_desire_free, overlook, overlook_conflict: Numbers of the model.
@@ -122,9 +126,51 @@ def _cuts(p: NDArray[np.float32]) -> NDArray[np.uint32]:
     return cuts
 
 
+@kernel
+def _tilted_mean(row: NDArray[np.float32], theta: float) -> float:
+    """Compute the mean acceleration of a row tilted by exp(theta a) [m/s2]."""
+    total = 0.0
+    weighted = 0.0
+    for a in range(N_ACCELERATIONS):
+        weight = row[a] * exp(theta * _ACCELERATIONS[a])
+        total += weight
+        weighted += weight * _ACCELERATIONS[a]
+    return weighted / total
+
+
+@kernel
+def _tilt(free: NDArray[np.float32], pull: float, out: NDArray[np.float32]) -> None:
+    """Fill (21, 25, 31) with the free accelerations of drivers who lack LACK_GRID's speeds (`NddModel.free_pull`).
+
+    The tilt is found by halving, within what 32 m/s2 of tilt can do; with the kernels' own exp, so that a model gives
+    the same bits everywhere.
+    """
+    for i in range(free.shape[0]):
+        mean = _tilted_mean(free[i], 0.0)
+        for k in range(LACK_GRID.bins):
+            lack = LACK_GRID.low + LACK_GRID.step * k
+            low = -_MOST_TILT
+            high = _MOST_TILT
+            for _ in range(48):
+                theta = 0.5 * (low + high)
+                if _tilted_mean(free[i], theta) < mean + pull * lack:
+                    low = theta
+                else:
+                    high = theta
+            theta = 0.0 if pull * lack == 0.0 else 0.5 * (low + high)
+            total = 0.0
+            for a in range(N_ACCELERATIONS):
+                total += free[i, a] * exp(theta * _ACCELERATIONS[a])
+            for a in range(N_ACCELERATIONS):
+                tilted = free[i, a] * exp(theta * _ACCELERATIONS[a]) / total
+                out[i, k, a] = free[i, a] if theta == 0.0 else tilted
+
+
 def tables_of(model: NddModel) -> NddTables:
     """Prepare a model for the kernels (about 20 ms, 12 MB)."""
-    p = np.concatenate([model.following.reshape(-1, N_ACCELERATIONS), model.free])
+    free = np.empty((SPEED_GRID.bins, LACK_GRID.bins, N_ACCELERATIONS), dtype=np.float32)
+    _tilt(model.free, model.free_pull, free)
+    p = np.concatenate([model.following.reshape(-1, N_ACCELERATIONS), free.reshape(-1, N_ACCELERATIONS)])
     initial = InitialNumbers(**{name: float(getattr(model.initial, name)) for name in InitialNumbers._fields})
     return NddTables(
         p=p,
@@ -192,8 +238,8 @@ def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]
 
 @inlined_kernel
 def free_row(speed: float, wish: float) -> int:
-    """Find the row of `p` and `cut` for free flow; `wish`: how far the desired speed is above the mean [m/s]."""
-    return _FIRST_FREE_ROW + speed_index(speed - wish)
+    """Find the row of `p` and `cut` for free flow; `wish`: the driver's desired speed [m/s]."""
+    return _FIRST_FREE_ROW + speed_index(speed) * LACK_GRID.bins + _index(LACK_GRID, wish - speed, NEAREST)
 
 
 @inlined_kernel

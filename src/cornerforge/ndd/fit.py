@@ -21,7 +21,7 @@ from cornerforge.ndd.decisions import Decisions, concatenate
 from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
-from cornerforge.ndd.prior import MEMORY, SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior
+from cornerforge.ndd.prior import FREE_PULL, MEMORY, SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior
 from cornerforge.ndd.readers import Reading, read_decisions
 from cornerforge.ndd.report import FitReport
 from cornerforge.ndd.scores import grid_place, held_out_scores
@@ -159,6 +159,7 @@ def _assemble(
     model = NddModel(
         following=_rows(following_prior(safe), following, strength),
         free=_rows(free_prior(FreeFlow()), free, strength),
+        free_pull=FREE_PULL,
         lc_base=_few_bits(lane_change.base()),
         lc_desire=_few_bits(lane_change.desire()),
         lc_desire_free=lane_change.desire_free,

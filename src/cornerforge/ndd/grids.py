@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["GAP_GRID", "RANGE_RATE_GRID", "SPEED_GRID", "Grid"]
+__all__ = ["GAP_GRID", "LACK_GRID", "RANGE_RATE_GRID", "SPEED_GRID", "Grid"]
 
 
 class Grid(NamedTuple):
@@ -69,3 +69,5 @@ GAP_GRID = Grid(0.0, 1.0, 116)
 """Bumper-to-bumper distance to the lead [m]."""
 RANGE_RATE_GRID = Grid(-10.0, 1.0, 19)
 """Range rate [m/s], lead minus subject; negative is closing."""
+LACK_GRID = Grid(-6.0, 0.5, 25)
+"""What a driver's speed lacks to its desired speed [m/s]; negative: it drives faster."""

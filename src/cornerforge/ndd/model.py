@@ -41,7 +41,7 @@ __all__ = [
 SCHEMA_VERSION = 2
 _READABLE = (1, SCHEMA_VERSION)
 _INITIAL_OF_1 = {"stream_sd": 0.0, "time_gap_shift": 0.0, "desire_share": 0.0, "habit_spread": 1.0}
-"""What version 1 meant without saying so; it had no `memory` and no `lc_turn_back` either."""
+"""What version 1 meant without saying so; it had no `memory`, no `free_pull` and no `lc_turn_back` either."""
 SPEEDS: NDArray[np.float64] = SPEED_GRID.points()
 """Subject speed grid [m/s], shape (21,)."""
 GAPS: NDArray[np.float64] = GAP_GRID.points()
@@ -115,8 +115,10 @@ class NddModel:
 
     Attributes:
         following: P(acceleration), float32 (21, 116, 19, 31); rows sum to 1; exact 0 is "impossible".
-        free: The same with no leader within 115 m, float32 (21, 31), over the speed of a driver whose desired speed is
-            `initial.speed_mean`. The speeds of other drivers are shifted by the difference of their desired speeds.
+        free: The same with no leader within 115 m, over all drivers who drive at a speed, float32 (21, 31).
+        free_pull: Mean acceleration of a free driver, above that of all drivers at its speed, per m/s that it lacks to
+            its own desired speed [1/s]; 0: drivers have none. Its row is that of all drivers, tilted:
+            p(a) exp(theta a), normalised, so impossible stays impossible.
         lc_base: Chance of starting a change to one given side in one 1 s decision, float32 (21,) over speed.
         lc_desire: Multiplier by state to the leader, float32 (116, 19) over (gap, range rate).
         lc_desire_free: Multiplier with no leader within the grid.
@@ -133,6 +135,7 @@ class NddModel:
 
     following: NDArray[np.float32]
     free: NDArray[np.float32]
+    free_pull: float
     lc_base: NDArray[np.float32]
     lc_desire: NDArray[np.float32]
     lc_desire_free: float
@@ -174,7 +177,7 @@ _SHAPES = {
     "lc_accept_rear": _PLACES,
     "lc_turn_back": _PLACES,
 }
-_NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict")
+_NUMBERS = ("free_pull", "lc_desire_free", "overlook", "overlook_conflict")
 
 
 def default_model_path() -> Path:
@@ -226,7 +229,9 @@ def load_model(path: Path) -> NddModel:
         if version == 1:  # who would certainly refuse the gap turned back
             refused = np.minimum(tables["lc_accept_lead"], tables["lc_accept_rear"]) == 0.0
             tables["lc_turn_back"] = refused.astype(np.float32)
-        numbers: dict[str, Any] = {name: float(header[name]) for name in _NUMBERS}
+        numbers: dict[str, Any] = {
+            name: float(header.get(name, 0.0) if version == 1 else header[name]) for name in _NUMBERS
+        }
         return NddModel(
             **tables,
             **numbers,

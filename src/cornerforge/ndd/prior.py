@@ -19,7 +19,7 @@ from cornerforge.ndd.laws import MIN_GAP, LogLaw, bin_probabilities
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, Memory
 from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
 
-__all__ = ["MEMORY", "SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior", "support"]
+__all__ = ["FREE_PULL", "MEMORY", "SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior", "support"]
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +27,9 @@ MEMORY = Memory(near=0.1, near_width=0.091, far=0.3, far_width=0.32)
 """The shipped model's memory. Maximum likelihood on the NGSIM training halves gives these widths, and the weights 0.33
 and 0.43. But smoothing makes recorded accelerations more alike from one second to the next than they were: traffic with
 those weights has range rates with a spread of 2 m/s, published 1.3. These weights keep the published spread."""
+FREE_PULL = 0.15
+"""Mean acceleration of a free driver, per m/s that it lacks to its desired speed [1/s]. In simulated traffic it keeps the
+speeds within a stream, and the differences between lanes, for a minute."""
 SUPPORT_SD = 5.0
 """Accelerations farther than this many standard deviations from the centre are impossible; 3 would forbid 2 % of the
 recorded ones."""
@@ -109,14 +112,15 @@ class SafeLaw:
 class FreeFlow:
     """Acceleration with no leader within 115 m, after the published IVBSS facts.
 
-    Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: `pull` times what the speed lacks to the
-    driver's own desired speed, plus `offset`. The desired speeds of drivers who drive at one speed have that speed as
-    their mean or nearly so, hence the published mean of 0.02-0.05 m/s2 at all speeds. The table is that of a driver
-    whose desired speed is `speed_mean`.
+    Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: the acceleration that keeps a normal
+    distribution of speeds stationary under that spread, times `pull`, plus `offset`. (Followers feel the pull only
+    through their leaders; 0.5 is a compromise between a stationary distribution and the published mean of 0.02-0.05
+    m/s2 at all speeds.)
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
-    pull: float = field(default=0.15, metadata={"unit": "1/s"})
+    speed_sd: float = field(default=3.48, metadata={"unit": "m/s"})
+    pull: float = 0.5
     offset: float = field(default=0.02, metadata={"unit": "m/s2"})
     degrees: float = 12.0
 
@@ -126,7 +130,8 @@ class FreeFlow:
 
     def mean(self, speed: Floats) -> Floats:
         """Centre of the acceleration's distribution [m/s2]."""
-        return np.asarray(self.pull * (self.speed_mean - speed) + self.offset)
+        pull = -self.pull * self.sd(speed) ** 2 / 2.0 * (speed - self.speed_mean) / self.speed_sd**2
+        return np.asarray(pull + self.offset)
 
 
 def support(mean: Floats, scale: Floats, degrees: float) -> NDArray[np.bool_]:

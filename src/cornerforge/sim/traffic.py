@@ -138,7 +138,7 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     speed = min(speed, road.max_speed)
     share = initial.desire_share
     noise = math.sqrt(share * (1.0 - share)) * initial.speed_sd * v[slot].wish
-    v[slot].wish = mean - initial.speed_mean + share * (speed - mean) + noise
+    v[slot].wish = mean + share * (speed - mean) + noise
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
     v[slot].speed = speed
