@@ -22,6 +22,7 @@ from cornerforge.ndd import default_model_path, load_model
 from cornerforge.ndd.ivbss import ImportReport, import_arrays
 from cornerforge.ndd.ivbss_initial import fit_gaps, fit_speeds, gap_law, speed_law
 from cornerforge.ndd.ivbss_rows import checked_cumulative, checked_rows
+from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import GAPS, RANGE_RATES, InitialState, NddModel
 
 Floats = NDArray[np.float64]
@@ -42,7 +43,9 @@ def other(ours: NddModel) -> NddModel:
     initial = replace(
         ours.initial,
         speed_mean=28.5,
+        stream_sd=0.0,
         speed_sd=3.0,
+        time_gap_shift=0.0,
         time_gap_median=1.3,
         time_gap_sigma=0.5,
         rr_scale=1.1,
@@ -135,6 +138,8 @@ def test_what_was_written_comes_back(imported: tuple[NddModel, ImportReport], ot
 
 
 def test_our_own_model_comes_back_table_for_table(ours: NddModel, tmp_path: Path) -> None:
+    theirs = replace(ours.initial, stream_sd=0.0, speed_sd=3.3, time_gap_shift=0.0, desire_share=0.0)
+    ours = replace(ours, initial=theirs)
     model, _ = import_arrays(exported(ours, tmp_path / "NDD_DATA"), ours)
     np.testing.assert_array_equal(model.following, ours.following)
     np.testing.assert_array_equal(model.free, ours.free)
@@ -153,7 +158,12 @@ def test_the_other_names_axes_and_whole_tables_are_read_too(other: NddModel, our
     np.testing.assert_array_equal(model.following, other.following)
     np.testing.assert_allclose(model.lc_base[:, None, None] * model.lc_desire, change, rtol=1e-5)
     np.testing.assert_array_equal(model.lc_accept_lead, ours.lc_accept_lead)
-    assert model.initial == ours.initial
+    assert model.initial.time_gap_sigma == ours.initial.time_gap_sigma
+    # their drivers have no memory, no desired speeds, do not turn back, and no test has a stream of its own
+    assert model.memory == Memory()
+    assert (model.free_pull, model.initial.desire_share, model.initial.stream_sd) == (0.0, 0.0, 0.0)
+    assert model.initial.speed_sd == pytest.approx(np.hypot(ours.initial.stream_sd, ours.initial.speed_sd))
+    assert not model.lc_turn_back.any()
     assert report.missing == ("lc_lead", "lc_rear", "lc_both", "initial_speed", "initial_gap")
     assert "lane changes: acceptance of the adjacent vehicle behind (no file)" in report.filled
     assert "start: speeds (no file)" in report.filled
@@ -254,7 +264,7 @@ def test_cumulative_rows_are_taken_apart() -> None:
 
 
 def test_the_law_of_the_start_is_a_distribution_within_its_limits() -> None:
-    initial = InitialState()
+    initial = replace(InitialState(), min_ttc=5.0)
     law = gap_law(initial)
     np.testing.assert_allclose(law.sum(axis=(1, 2)), 1.0)
     assert (law[:, 0] == 0.0).all()
@@ -266,10 +276,16 @@ def test_the_law_of_the_start_is_a_distribution_within_its_limits() -> None:
 
 def test_the_law_of_the_start_is_what_the_simulator_draws() -> None:
     """Against a plain drawing of `InitialState` as its docstring defines it."""
-    rng, initial, v = np.random.default_rng(5), InitialState(), 28.0
-    gap = v * initial.time_gap_median * np.exp(initial.time_gap_sigma * rng.standard_normal(400_000))
-    s = initial.rr_scale * (gap / 20.0) ** initial.rr_exponent
-    rate = -(s**2) / (2.0 * initial.speed_sd**2) * (v - initial.speed_mean) + s * rng.standard_normal(gap.size)
+    rng, v = np.random.default_rng(5), 28.0
+    initial = InitialState()
+    share = initial.stream_sd**2 / (initial.stream_sd**2 + initial.speed_sd**2)  # of the variance; so m given v:
+    mean = initial.speed_mean + share * (v - initial.speed_mean)
+    mean = mean + initial.speed_sd * np.sqrt(share) * rng.standard_normal(400_000)
+    z = rng.standard_normal(400_000)
+    gap = v * (initial.time_gap_shift + initial.time_gap_median * np.exp(initial.time_gap_sigma * z))
+    s = np.minimum(initial.rr_scale * (gap / 20.0) ** initial.rr_exponent, initial.speed_sd)
+    kept = np.sqrt(1.0 - (s / initial.speed_sd) ** 2)
+    rate = (kept - 1.0) * (v - mean) + s * rng.standard_normal(gap.size)
     inside = (gap > 0.5) & (gap < 115.5) & (gap >= -initial.min_ttc * rate) & (v + rate >= 20.0) & (v + rate <= 40.0)
     counts, *_ = np.histogram2d(
         gap[inside], rate[inside], bins=[np.append(GAPS[1:] - 0.5, 115.5), np.append(RANGE_RATES - 0.5, 8.5)]

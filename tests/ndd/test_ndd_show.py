@@ -83,8 +83,10 @@ def test_numbers_are_those_of_the_tables(model: NddModel) -> None:
     half = change["gap_accepted_half_rear_m"][change["range_rate_mps"].index(-4.0)]
     column = model.lc_accept_rear[:, int(np.searchsorted(RANGE_RATES, -4.0))]
     assert column[int(half)] >= 0.5 > column[int(half) - 1]
-    refused = change["gap_always_refused_rear_m"][change["range_rate_mps"].index(-4.0)]
-    assert column[int(refused)] == 0.0 < column[int(refused) + 1]
+    assert set(change["gap_always_refused_rear_m"]) == {None}  # any gap may be accepted
+    refused = change["gap_turned_back_for_m"][change["range_rate_mps"].index(-4.0)]
+    turned = model.lc_turn_back[:, int(np.searchsorted(RANGE_RATES, -4.0))]
+    assert turned[int(refused)] == 1.0 > turned[int(refused) + 1]
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
 
 

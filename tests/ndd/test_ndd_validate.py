@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.ndd import default_model_path, load_model, read_decisions
 from cornerforge.ndd.laws import bin_probabilities
+from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.validate import Comparison, Validation, stated_law, validate_readings
 from cornerforge.types import ACCELERATIONS
@@ -97,7 +98,7 @@ def test_slow_traffic_is_scored_by_the_law_alone(tmp_path: Path) -> None:
 def test_a_model_without_a_stated_law_is_scored_on_its_grid_alone(tmp_path: Path) -> None:
     model = replace(shipped(), provenance={})
     found = validate(model, followers(tmp_path / "p.csv"))
-    assert set(found.files["p.csv"]) == {"table"}
+    assert set(found.files["p.csv"]) == {"table", "table_without_past"}
     assert any("states no following law" in note for note in found.notes)
     with pytest.raises(DataError, match=r"slow\.csv.*19\.5 m/s.*fewer than 10 vehicles"):
         validate(model, followers(tmp_path / "slow.csv", speed=10.0))
@@ -105,10 +106,32 @@ def test_a_model_without_a_stated_law_is_scored_on_its_grid_alone(tmp_path: Path
 
 def test_the_baseline_never_sees_what_is_scored(tmp_path: Path) -> None:
     path = followers(tmp_path / "p.csv")
-    first = validate(shipped(), path)
+    without = replace(shipped(), provenance={})  # a model that holds no IDMs of its own
+    first = validate(without, path)
     lines = path.read_text().splitlines()
     path.write_text("\n".join(line for line in lines if not line.endswith("test") or int(line.split(",")[1]) < 40))
-    assert validate(shipped(), path).idms == first.idms
+    assert validate(without, path).idms == first.idms
+
+
+def test_the_idms_are_those_of_the_models_training_data(tmp_path: Path) -> None:
+    """Whatever file is scored, with or without a part to fit on."""
+    path = followers(tmp_path / "p.csv", split="train")
+    found = validate(shipped(), path)
+    stated = shipped().provenance["idm"]
+    assert {name: asdict(idm) for name, idm in found.idms.items()} == stated
+    assert set(found.files["p.csv"]["law"].baselines) == {"idm", "idm_fast", "raw_table", "uniform"}
+    wrong = replace(shipped(), provenance={**shipped().provenance, "idm": {"idm": {"speed": 1.0}}})
+    with pytest.raises(FileFormatError, match="no usable IDM"):
+        validate(wrong, path)
+
+
+def test_the_past_counts_as_the_memory_says(tmp_path: Path) -> None:
+    """A driver whose accelerations repeat is told better with its past; a model without memory does not look at it."""
+    path = followers(tmp_path / "p.csv")
+    parts = validate(shipped(), path).files["p.csv"]
+    forgetful = validate(replace(shipped(), memory=Memory()), path).files["p.csv"]
+    assert forgetful["table"].model == forgetful["table_without_past"].model == parts["table_without_past"].model
+    assert parts["table"].model != parts["table_without_past"].model
 
 
 def test_a_file_that_holds_nothing_out_is_scored_whole_and_says_so(tmp_path: Path) -> None:
@@ -116,7 +139,8 @@ def test_a_file_that_holds_nothing_out_is_scored_whole_and_says_so(tmp_path: Pat
     found = validate(shipped(), path)
     assert found.files["p.csv"]["law"].decisions == 80 * 15
     assert any("all its decisions are scored" in note for note in found.notes)
-    assert any("Only 0 decisions are left to fit the IDM" in note for note in found.notes)
+    none = validate(replace(shipped(), provenance={}), path)
+    assert any("Only 0 decisions are left to fit the IDM" in note for note in none.notes)
     [reading] = read_decisions([path], "pairs")
     seen = replace(shipped(), provenance={"files": [{"name": "p.csv", "sha256": reading.sha256}]})
     assert any("are no evidence" in note for note in validate_readings(seen, [reading]).notes)

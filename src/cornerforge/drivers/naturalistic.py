@@ -10,7 +10,6 @@ held-out drivers above 19.5 m/s; interpolating in speed and gap too gained nothi
 from __future__ import annotations
 
 import math
-from dataclasses import astuple
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 
 from cornerforge._elementary import exp
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge._philox import uniform
 from cornerforge.ndd.grids import GAP_GRID, LACK_GRID, RANGE_RATE_GRID, SPEED_GRID, Grid
+from cornerforge.ndd.memory import MemoryNumbers, memory_numbers
 from cornerforge.types import ACCELERATIONS, N_ACCELERATIONS
 
 if TYPE_CHECKING:
@@ -34,9 +33,6 @@ __all__ = [
     "following_row",
     "free_row",
     "lane_change_base",
-    "reflected",
-    "remembered_share",
-    "remembering_word",
     "sample_row",
     "tables_of",
     "turn_back_chance",
@@ -76,17 +72,6 @@ class InitialNumbers(NamedTuple):
     min_ttc: float
     free_gap_low: float
     free_gap_high: float
-
-
-class MemoryNumbers(NamedTuple):
-    """`ndd.model.Memory` as kernels take it: the same names and order."""
-
-    near: float
-    near_width: float
-    far: float
-    far_width: float
-    habit: float
-    habit_width: float
 
 
 class NddTables(NamedTuple):
@@ -183,7 +168,7 @@ def tables_of(model: NddModel) -> NddTables:
         overlook=float(model.overlook),
         overlook_conflict=float(model.overlook_conflict),
         lc_most=float(model.lc_base.max()) * max(float(model.lc_desire.max()), float(model.lc_desire_free)),
-        memory=MemoryNumbers(*astuple(model.memory)),
+        memory=memory_numbers(model.memory),
         initial=initial,
     )
 
@@ -265,62 +250,6 @@ def sample_row(cut: NDArray[np.uint32], row: int, word: uint64) -> int:
     index += 2 if np.uint64(cut[row, index + 1]) <= word else 0
     index += 1 if np.uint64(cut[row, index]) <= word else 0
     return index
-
-
-@inlined_kernel
-def reflected(u: float) -> float:
-    """Reflect a quantile between -1 and 2 into 0 to 1."""
-    if u < 0.0:
-        return -u
-    return 2.0 - u if u > 1.0 else u
-
-
-@inlined_kernel
-def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNumbers) -> uint64:
-    """Turn a random word into one that remembers (`ndd.model.Memory`); without memory it stays as it is.
-
-    Args:
-        word: 32 random bits.
-        before: Quantile of the driver's acceleration in the second before.
-        habit: Its habit, a quantile.
-        memory: Weights and widths.
-    """
-    draw = uniform(word)
-    if draw < memory.near:
-        u = reflected(before + memory.near_width * (2.0 * (draw / memory.near) - 1.0))
-    elif draw < memory.near + memory.far:
-        u = reflected(before + memory.far_width * (2.0 * ((draw - memory.near) / memory.far) - 1.0))
-    else:
-        known = memory.near + memory.far
-        if draw < known + memory.habit:
-            u = reflected(habit + memory.habit_width * (2.0 * ((draw - known) / memory.habit) - 1.0))
-        elif known + memory.habit == 0.0:
-            return word
-        else:
-            u = (draw - known - memory.habit) / (1.0 - known - memory.habit)
-    return min(np.uint64(u * 4294967296.0), _LAST_WORD)
-
-
-@inlined_kernel
-def _share_near(x: float, centre: float, width: float) -> float:
-    """Compute P(u <= x) for u uniform within `width` of `centre`, reflected at 0 and 1; x in 0 to 1."""
-    low = centre - width
-    scale = 0.5 / width
-    inside = min(1.0, max(0.0, (x - low) * scale)) - min(1.0, max(0.0, (-x - low) * scale))
-    return inside + min(1.0, max(0.0, (2.0 + x - low) * scale)) - min(1.0, max(0.0, (2.0 - x - low) * scale))
-
-
-@inlined_kernel
-def remembered_share(x: float, before: float, habit: float, memory: MemoryNumbers) -> float:
-    """Compute P(u <= x) for the quantile u that `remembering_word` draws; x itself without memory."""
-    share = (1.0 - memory.near - memory.far - memory.habit) * x
-    if memory.near > 0.0:
-        share += memory.near * _share_near(x, before, memory.near_width)
-    if memory.far > 0.0:
-        share += memory.far * _share_near(x, before, memory.far_width)
-    if memory.habit > 0.0:
-        share += memory.habit * _share_near(x, habit, memory.habit_width)
-    return share
 
 
 @inlined_kernel

@@ -31,6 +31,8 @@ class Decisions:
         acceleration: Mean over the next second [m/s2].
         vehicle: Number of the driver, unique within the file: the unit to resample in a bootstrap.
         held_out: True for decisions that no fit may use.
+        before: The same driver's decision a second before, (n, 4): speed, gap, range rate, acceleration; NaN where
+            there is none. None stands for none anywhere.
     """
 
     speed: Floats = field(metadata={"unit": "m/s"})
@@ -39,6 +41,11 @@ class Decisions:
     acceleration: Floats = field(metadata={"unit": "m/s2"})
     vehicle: Ints
     held_out: NDArray[np.bool_]
+    before: Floats = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.before is None:
+            object.__setattr__(self, "before", np.full((self.speed.size, 4), np.nan))
 
     @property
     def size(self) -> int:
@@ -137,4 +144,8 @@ def decide_each_second(
     now, later = last[at], last[at + steps]
     columns = {f.name: getattr(decisions, f.name)[now] for f in fields(Decisions)}
     columns["acceleration"] = decisions.speed[later] - decisions.speed[now]
+    seen = np.stack([columns[name] for name in ("speed", "gap", "range_rate", "acceleration")], axis=1)
+    columns["before"] = np.full(seen.shape, np.nan)
+    next_second = np.flatnonzero(np.diff(stretch[at]) == 0) + 1
+    columns["before"][next_second] = seen[next_second - 1]
     return Decisions(**columns)

@@ -21,6 +21,7 @@ from cornerforge.ndd.decisions import Decisions, concatenate
 from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
+from cornerforge.ndd.predictors import fitted_idms
 from cornerforge.ndd.prior import FREE_PULL, MEMORY, SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior
 from cornerforge.ndd.readers import Reading, read_decisions
 from cornerforge.ndd.report import FitReport
@@ -93,10 +94,13 @@ def fit_model(
         raise _nothing_to_fit(readings, decisions.size)
     tell(f"Fitting the car-following law to {training.size} decisions")
     log_law, baselines, notes = _fit_laws(training)
+    idms = {name: asdict(idm) for name, idm in baselines.items()}
     safe = SafeLaw(log_law)
     laws: dict[str, FollowingLaw] = {"log": log_law, **baselines, "model": safe}
     tell("Making the tables")
-    model, counted = _assemble(safe, training, strength, _provenance(readings, data_format, strength, safe))
+    model, counted = _assemble(
+        safe, training, strength, _provenance(readings, data_format, strength, safe) | {"idm": idms}
+    )
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
     return model, _report(readings, training, strength, counted, scores, notes)
@@ -126,8 +130,8 @@ def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
     )
 
 
-def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, FollowingLaw], list[str]]:
-    """Fit the prior's law and the baseline to compare it with, both at all speeds; return them with notes."""
+def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, IdmLaw], list[str]]:
+    """Fit the prior's law, at all speeds, and the IDMs to compare it with; return them with notes."""
     following = training.where(np.isfinite(training.gap))
     if following.size < _FEWEST:
         note = (
@@ -142,7 +146,7 @@ def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, FollowingLaw], lis
             f"The accelerations scatter by only {law.spread:.2g} m/s2 about the fitted law, far less than drivers do "
             f"({LogLaw().spread:.2g} in the shipped model's data): are these trajectories simulated, or smoothed?"
         )
-    return law, {"idm": fit_law(IdmLaw(), *_arrays(following))}, notes
+    return law, fitted_idms(following)[0], notes
 
 
 def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:

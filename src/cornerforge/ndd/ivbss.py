@@ -7,6 +7,7 @@ values, counted and named. `docs/ivbss-arrays.md` describes the layout. No pickl
 from __future__ import annotations
 
 import importlib.metadata
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from cornerforge.ndd.ivbss_files import ROLES, find_arrays, load_array, load_coo
 from cornerforge.ndd.ivbss_initial import fit_gaps, fit_speeds, speed_law
 from cornerforge.ndd.ivbss_lane_change import LAST_AXIS, Cells, cells_of, reduce_lane_changes, table_shape
 from cornerforge.ndd.ivbss_rows import checked_cumulative, checked_rows
+from cornerforge.ndd.memory import Memory
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
 from cornerforge.ndd.tables import file_sha256
 from cornerforge.types import N_ACCELERATIONS
@@ -92,6 +94,7 @@ def import_arrays(
         FileFormatError: No array is found, or one is damaged, a pickle, of another shape, or holds no probabilities.
     """
     tell = progress or (lambda _: None)
+    base = _as_theirs(base)
     paths, unused = find_arrays(folder)
     files: dict[str, dict[str, Any]] = {}
     for role, path in paths.items():
@@ -118,6 +121,25 @@ def import_arrays(
         files[role] |= numbers
     report = _report(files, [path.name for path in unused])
     return replace(model, provenance=_provenance(report, base)), report
+
+
+def _as_theirs(base: NddModel) -> NddModel:
+    """Take out of a model what the authors' drivers do not have: memory, desired speeds, streams, turning back.
+
+    Their initial speeds and time gaps are those of one driver after the other, so the spread of speeds within a test is
+    that of all drivers.
+    """
+    start = base.initial
+    initial = replace(
+        start,
+        stream_sd=0.0,
+        speed_sd=math.hypot(start.stream_sd, start.speed_sd),
+        time_gap_shift=0.0,
+        time_gap_median=start.time_gap_shift + start.time_gap_median,
+        desire_share=0.0,
+        habit_spread=1.0,
+    )
+    return replace(base, free_pull=0.0, memory=Memory(), lc_turn_back=np.zeros_like(base.lc_turn_back), initial=initial)
 
 
 def _accelerations(path: Path, own: NDArray[np.float32], role: str) -> tuple[NDArray[np.float32], Mapping[str, int]]:

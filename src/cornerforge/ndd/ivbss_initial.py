@@ -7,6 +7,7 @@ error is reported as `misfit`, the total variation distance between the table an
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -35,21 +36,27 @@ def _phi(z: Floats) -> Floats:
 def speed_law(initial: InitialState) -> Floats:
     """Compute P(speed) on the grid, shape (21,): the normal, cut to [speed_low, speed_high]."""
     edges = np.clip(SPEED_GRID.edges(), initial.speed_low, initial.speed_high)
-    mass = np.diff(_phi((edges - initial.speed_mean) / initial.speed_sd))
+    mass = np.diff(_phi((edges - initial.speed_mean) / math.hypot(initial.stream_sd, initial.speed_sd)))
     return np.asarray(mass / max(float(mass.sum()), _TINY))
 
 
 def gap_law(initial: InitialState) -> Floats:
     """Compute P(gap, range rate | speed) of a following vehicle on the grid, shape (21, 116, 19); gap 0 is impossible.
 
+    The stream's mean speed is not known; given the speed it is normal.
+
     As in the simulator, times to collision below `min_ttc` and leaders slower than `speed_low` or faster than
     `speed_high` are impossible. A speed at which nothing is possible has a row of zeros.
     """
     speed, gap = SPEEDS[:, None], GAPS[None, 1:]
-    edges = np.log(GAP_GRID.edges()[None, 1:] / speed / initial.time_gap_median)
+    beyond = np.maximum(GAP_GRID.edges()[None, 1:] / speed - initial.time_gap_shift, _TINY)
+    edges = np.log(beyond / initial.time_gap_median)
     by_gap = np.diff(_phi(edges / initial.time_gap_sigma), axis=1)
-    scale = (initial.rr_scale * (gap / 20.0) ** initial.rr_exponent)[..., None]
-    centre = -(scale**2) / (2.0 * initial.speed_sd**2) * (speed[..., None] - initial.speed_mean)
+    scale = np.minimum(initial.rr_scale * (gap / 20.0) ** initial.rr_exponent, initial.speed_sd)[..., None]
+    kept = np.sqrt(1.0 - (scale / initial.speed_sd) ** 2)
+    between = initial.stream_sd**2 / (initial.stream_sd**2 + initial.speed_sd**2)
+    centre = (kept - 1.0) * (1.0 - between) * (speed[..., None] - initial.speed_mean)
+    scale = np.hypot(scale, (1.0 - kept) * initial.speed_sd * math.sqrt(between))
     rates = RANGE_RATE_GRID.edges()
     by_rate = np.diff(_phi((rates - centre) / scale), axis=2)
     mass = np.zeros((SPEEDS.size, GAPS.size, RANGE_RATES.size))

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from cornerforge._files import writing
 from cornerforge.errors import FileFormatError
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
+from cornerforge.ndd.memory import Memory
 from cornerforge.types import N_ACCELERATIONS
 
 __all__ = [
@@ -30,7 +31,6 @@ __all__ = [
     "SCHEMA_VERSION",
     "SPEEDS",
     "InitialState",
-    "Memory",
     "NddModel",
     "default_model_path",
     "load_model",
@@ -81,26 +81,6 @@ class InitialState:
     min_ttc: float = field(default=3.0, metadata={"unit": "s"})
     free_gap_low: float = field(default=120.0, metadata={"unit": "m"})
     free_gap_high: float = field(default=300.0, metadata={"unit": "m"})
-
-
-@dataclass(frozen=True)
-class Memory:
-    """How a follower's acceleration depends on its own past and on its habit; all weights 0: not at all.
-
-    An acceleration is the quantile u of its distribution in the present state. With the weight `near`, u is near the
-    quantile of the second before; with `far`, less near; with `habit`, near the driver's habit, a quantile that stays
-    the same for the whole test; else uniform. "Near" is uniform within the width, reflected at 0 and 1. So u is uniform
-    over all drivers, whatever the weights: the tables stay the distributions over all drivers, and what they call
-    impossible stays impossible. (A series with a copula between neighbours: Chen and Fan 2006,
-    doi:10.1016/j.jeconom.2005.03.004.)
-    """
-
-    near: float = 0.0
-    near_width: float = 0.1
-    far: float = 0.0
-    far_width: float = 0.3
-    habit: float = 0.0
-    habit_width: float = 0.1
 
 
 @dataclass(frozen=True)

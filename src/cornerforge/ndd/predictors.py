@@ -14,13 +14,14 @@ from cornerforge.ndd.decisions import Decisions
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, bin_index, bin_probabilities, fit_law
 from cornerforge.ndd.model import NddModel
-from cornerforge.ndd.scores import grid_place, table_probabilities
+from cornerforge.ndd.scores import grid_place, remembered_probabilities, table_probabilities
 from cornerforge.types import ACCELERATIONS
 
 __all__ = [
     "FEWEST_TO_FIT",
     "Predictor",
     "fitted_idms",
+    "forgetful_predictor",
     "law_predictor",
     "raw_table_predictor",
     "table_predictor",
@@ -48,7 +49,15 @@ def law_predictor(law: FollowingLaw) -> Predictor:
 
 
 def table_predictor(model: NddModel) -> Predictor:
-    """Return the predictor of a model's tables, read as in the simulator; speeds off the grid take its end rows."""
+    """Return the predictor of a model's tables, read as in the simulator; speeds off the grid take its end rows.
+
+    A driver's own decision a second before counts as the model's memory says.
+    """
+    return lambda d: remembered_probabilities(model, d)
+
+
+def forgetful_predictor(model: NddModel) -> Predictor:
+    """Return the predictor of a model's tables that looks at the present state only."""
     return lambda d: table_probabilities(model, d)
 
 

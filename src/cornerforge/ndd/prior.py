@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.ndd.laws import MIN_GAP, LogLaw, bin_probabilities
-from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, Memory
+from cornerforge.ndd.memory import Memory
+from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS
 from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS
 
 __all__ = ["FREE_PULL", "MEMORY", "SUPPORT_SD", "FreeFlow", "SafeLaw", "following_prior", "free_prior", "support"]
@@ -28,8 +29,8 @@ MEMORY = Memory(near=0.1, near_width=0.091, far=0.3, far_width=0.32)
 and 0.43. But smoothing makes recorded accelerations more alike from one second to the next than they were: traffic with
 those weights has range rates with a spread of 2 m/s, published 1.3. These weights keep the published spread."""
 FREE_PULL = 0.15
-"""Mean acceleration of a free driver, per m/s that it lacks to its desired speed [1/s]. In simulated traffic it keeps the
-speeds within a stream, and the differences between lanes, for a minute."""
+"""Mean acceleration of a free driver, per m/s that it lacks to its desired speed [1/s]. In simulated traffic it keeps
+the speeds within a stream, and the differences between lanes, for a minute."""
 SUPPORT_SD = 5.0
 """Accelerations farther than this many standard deviations from the centre are impossible; 3 would forbid 2 % of the
 recorded ones."""

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from cornerforge.ndd.decisions import Decisions
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.laws import FollowingLaw, bin_index, log_likelihood
+from cornerforge.ndd.memory import given_the_past, memory_numbers
 from cornerforge.ndd.model import RANGE_RATES, NddModel
 from cornerforge.types import ACCELERATIONS
 
-__all__ = ["grid_place", "held_out_scores", "table_log_likelihood", "table_probabilities"]
+__all__ = ["grid_place", "held_out_scores", "remembered_probabilities", "table_log_likelihood", "table_probabilities"]
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -54,6 +55,23 @@ def table_probabilities(model: NddModel, decisions: Decisions) -> NDArray[np.flo
     share = (rate - lower)[:, None]
     rows = (1.0 - share) * model.following[speed, gap, lower] + share * model.following[speed, gap, upper]
     return np.asarray(np.where(is_free[:, None], model.free[speed], rows), dtype=np.float64)
+
+
+def remembered_probabilities(model: NddModel, decisions: Decisions) -> NDArray[np.float64]:
+    """The same as the simulator draws them: given a follower's own decision a second before, where it is known."""
+    p = table_probabilities(model, decisions)
+    low, high = np.full((2, decisions.size), np.nan)
+    known = np.isfinite(decisions.before[:, 3]) & np.isfinite(decisions.gap)
+    speed, gap, range_rate, acceleration = decisions.before[known].T
+    nobody = np.zeros(speed.size, dtype=np.int64)
+    past = Decisions(speed, gap, range_rate, acceleration, nobody, nobody.astype(np.bool_))
+    cumulative = np.minimum(np.cumsum(table_probabilities(model, past), axis=-1), 1.0)
+    chosen = bin_index(acceleration)
+    rows = np.arange(speed.size)
+    high[known] = cumulative[rows, chosen]
+    low[known] = np.where(chosen > 0, cumulative[rows, chosen - 1], 0.0)
+    given_the_past(p, low, high, memory_numbers(model.memory))
+    return p
 
 
 def table_log_likelihood(model: NddModel, decisions: Decisions) -> tuple[float, int]:

@@ -148,7 +148,8 @@ def _lane_change(model: NddModel) -> dict[str, Any]:
         "desire": _rounded(model.lc_desire[np.ix_(_at(GAPS, SHOWN_GAPS), rates)].astype(np.float64)),
         "gap_accepted_half_lead_m": [_half_gap(model.lc_accept_lead[:, rate]) for rate in rates],
         "gap_accepted_half_rear_m": [_half_gap(model.lc_accept_rear[:, rate]) for rate in rates],
-        "gap_always_refused_rear_m": [_refused_to(model.lc_accept_rear[:, rate]) for rate in rates],
+        "gap_always_refused_rear_m": [_all_up_to(model.lc_accept_rear[:, rate] == 0.0) for rate in rates],
+        "gap_turned_back_for_m": [_all_up_to(model.lc_turn_back[:, rate] == 1.0) for rate in rates],
         "overlook": model.overlook,
         "overlook_conflict": model.overlook_conflict,
     }
@@ -160,12 +161,12 @@ def _half_gap(accept: NDArray[np.float32]) -> float | None:
     return float(GAPS[enough[0]]) if enough.size else None
 
 
-def _refused_to(accept: NDArray[np.float32]) -> float | None:
-    """Largest gap [m] up to which every gap is refused; None if even the smallest may be accepted."""
-    allowed = np.flatnonzero(accept > 0.0)
-    if allowed.size == 0:
+def _all_up_to(holds: NDArray[np.bool_]) -> float | None:
+    """Largest gap [m] up to which something holds at every gap; None if it does not at the smallest."""
+    others = np.flatnonzero(~holds)
+    if others.size == 0:
         return float(GAPS[-1])
-    return float(GAPS[allowed[0] - 1]) if allowed[0] > 0 else None
+    return float(GAPS[others[0] - 1]) if others[0] > 0 else None
 
 
 def _initial(initial: InitialState) -> dict[str, Any]:

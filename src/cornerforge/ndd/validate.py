@@ -1,9 +1,11 @@
 """Validation of a model on decisions that no fit used: their log-likelihood, compared with fair baselines.
 
 Two parts are scored: the `law` in the model's provenance, on every following decision (also below 20 m/s, where the
-tables end), and the `table` that the simulator uses, on the grid. `law_on_grid` shows how much the look-ups cost. Each
-part is compared with stochastic IDMs, with a table of raw counts and with uniform guessing, on the same decisions. The
-IDMs get the true state.
+tables end), and the `table` that the simulator uses, on the grid, given the driver's own decision a second before.
+`table_without_past` shows what that brings, `law_on_grid` how much the look-ups cost. Each part is compared with
+stochastic IDMs, with a table of raw counts and with uniform guessing, on the same decisions. The IDMs get the true
+state. They are those that the model file holds, fitted to the model's own training data; of a file without them, they
+are fitted to the decisions of the scored files that are not scored.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.predictors import (
     Predictor,
     fitted_idms,
+    forgetful_predictor,
     law_predictor,
     raw_table_predictor,
     table_predictor,
@@ -43,6 +46,7 @@ __all__ = [
     "decisions_to_score",
     "observed_and_predicted",
     "reading_names",
+    "stated_idms",
     "stated_law",
     "validate_readings",
 ]
@@ -109,7 +113,8 @@ class Validation:
     """What validation found.
 
     Attributes:
-        files: File -> part ("law", "table", "law_on_grid") -> score; every file has at least one of `GATED_PARTS`.
+        files: File -> part ("law", "table", "table_without_past", "law_on_grid") -> score; every file has at least one
+            of `GATED_PARTS`.
         idms: The IDMs that were compared with, by name.
         notes: What a reader must know, one plain sentence each.
     """
@@ -159,10 +164,29 @@ def stated_law(model: NddModel) -> SafeLaw | None:
         ) from error
 
 
+def stated_idms(model: NddModel) -> dict[str, IdmLaw]:
+    """Read the IDMs that were fitted to the model's training data, by name; empty if its file holds none.
+
+    Raises:
+        FileFormatError: The provenance states something else than IDMs.
+    """
+    stated = model.provenance.get("idm", {})
+    try:
+        return {
+            str(name): IdmLaw(**{key: check_number(key, value, low=-1e6, high=1e6) for key, value in numbers.items()})
+            for name, numbers in dict(stated).items()  # type: ignore[call-overload]
+        }
+    except (AttributeError, TypeError, ValueError) as error:
+        raise FileFormatError(
+            f"The model's provenance states no usable IDM baselines ({error}); fit it again."
+        ) from error
+
+
 def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validation:
     """Score a model on the held-out following decisions of files, or on all decisions of a file without held-out ones.
 
-    The baselines are fitted to the decisions of these files that are not scored.
+    The IDMs are the model's own (`stated_idms`), else fitted to the decisions of these files that are not scored, like
+    the raw table.
 
     Raises:
         InputError: No file, or one twice.
@@ -173,7 +197,10 @@ def validate_readings(model: NddModel, readings: Sequence[Reading]) -> Validatio
     law = stated_law(model)
     scored, unscored = zip(*(_split(reading.decisions) for reading in readings), strict=True)
     training = concatenate(unscored)
-    idms, notes = fitted_idms(training)
+    idms = stated_idms(model)
+    notes: list[str] = []
+    if not idms:
+        idms, notes = fitted_idms(training)
     baselines: dict[str, Predictor] = {name: law_predictor(idm) for name, idm in idms.items()}
     baselines |= {"raw_table": raw_table_predictor(training), "uniform": uniform_predictor}
     if law is None:
@@ -231,6 +258,7 @@ def _score_file(
         parts["law"] = _score(law_predictor(law), decisions, baselines)
     if np.unique(decisions.vehicle[on_grid]).size >= FEWEST_VEHICLES:
         parts["table"] = _score(table_predictor(model), decisions.where(on_grid), baselines)
+        parts["table_without_past"] = _score(forgetful_predictor(model), decisions.where(on_grid), baselines)
         if law is not None:
             parts["law_on_grid"] = _score(law_predictor(law), decisions.where(on_grid), baselines)
     if not parts:

@@ -143,7 +143,7 @@ def _lane_change_lines(change: ShownLaneChanges) -> list[str]:
         row("desire, leader at 30 m", [round(value, 2) for value in change.desire[nearest]]),
         row("gap ahead accepted by half [m]", change.gap_accepted_half_lead_m),
         row("gap behind accepted by half [m]", change.gap_accepted_half_rear_m),
-        row("gap behind always refused to [m]", change.gap_always_refused_rear_m),
+        row("turns back at gaps up to [m]", change.gap_turned_back_for_m),
     ]
 
 

@@ -108,6 +108,11 @@ class ShownLaneChanges:
     gap_always_refused_rear_m: tuple[float | None, ...] = field(
         metadata=meant("Largest gap behind up to which all are refused, by range rate; null: none is.", "m")
     )
+    gap_turned_back_for_m: tuple[float | None, ...] = field(
+        metadata=meant(
+            "Largest gap up to which all turn back in a running change, by range rate; null: none does.", "m"
+        )
+    )
     overlook: float = field(metadata=meant("Chance to overlook a neighbour when changing lanes, 0 to 1."))
     overlook_conflict: float = field(
         metadata=meant("Chance to overlook another vehicle that moves to the same place, 0 to 1.")

@@ -19,9 +19,9 @@ from cornerforge.drivers.naturalistic import (
     following_row,
     free_row,
     lane_change_base,
-    remembered_share,
     turn_back_chance,
 )
+from cornerforge.ndd.memory import remembered_share
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACCELERATIONS, N_ACTIONS

@@ -19,9 +19,9 @@ from cornerforge.drivers.naturalistic import (
     following_row,
     free_row,
     lane_change_base,
-    remembering_word,
     sample_row,
 )
+from cornerforge.ndd.memory import remembering_word
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration

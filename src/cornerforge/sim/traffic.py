@@ -11,7 +11,7 @@ from cornerforge._elementary import exp, log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
-from cornerforge.drivers.naturalistic import reflected
+from cornerforge.ndd.memory import reflected
 from cornerforge.road.straight import half_lengths, lane_centre
 from cornerforge.sim.setting import critical_of
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, all_current

@@ -1,0 +1,156 @@
+"""What a naturalistic driver remembers: its acceleration depends on its own last one and on its habit."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge._philox import uniform
+
+if TYPE_CHECKING:
+    from numpy import uint64
+    from numpy.typing import NDArray
+
+__all__ = [
+    "Memory",
+    "MemoryNumbers",
+    "given_the_past",
+    "memory_numbers",
+    "reflected",
+    "remembered_share",
+    "remembering_word",
+]
+
+_LAST_WORD = np.uint64(0xFFFFFFFF)
+_POINTS = 16
+"""Points at which `given_the_past` looks at the quantile of a recorded acceleration, known only to its bin."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """How a follower's acceleration depends on its own past and on its habit; all weights 0: not at all.
+
+    An acceleration is the quantile u of its distribution in the present state. With the weight `near`, u is near the
+    quantile of the second before; with `far`, less near; with `habit`, near the driver's habit, a quantile that stays
+    the same for the whole test; else uniform. "Near" is uniform within the width, reflected at 0 and 1. So u is uniform
+    over all drivers, whatever the weights: the tables stay the distributions over all drivers, and what they call
+    impossible stays impossible. (A series with a copula between neighbours: Chen and Fan 2006,
+    doi:10.1016/j.jeconom.2005.03.004.)
+    """
+
+    near: float = 0.0
+    near_width: float = 0.1
+    far: float = 0.0
+    far_width: float = 0.3
+    habit: float = 0.0
+    habit_width: float = 0.1
+
+
+class MemoryNumbers(NamedTuple):
+    """`Memory` as kernels take it: the same names and order."""
+
+    near: float
+    near_width: float
+    far: float
+    far_width: float
+    habit: float
+    habit_width: float
+
+
+def memory_numbers(memory: Memory) -> MemoryNumbers:
+    """Make the constants of a memory for the kernels."""
+    return MemoryNumbers(*(float(number) for number in astuple(memory)))
+
+
+@inlined_kernel
+def reflected(u: float) -> float:
+    """Reflect a quantile between -1 and 2 into 0 to 1."""
+    if u < 0.0:
+        return -u
+    return 2.0 - u if u > 1.0 else u
+
+
+@inlined_kernel
+def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNumbers) -> uint64:
+    """Turn a random word into one that remembers (`ndd.model.Memory`); without memory it stays as it is.
+
+    Args:
+        word: 32 random bits.
+        before: Quantile of the driver's acceleration in the second before.
+        habit: Its habit, a quantile.
+        memory: Weights and widths.
+    """
+    draw = uniform(word)
+    if draw < memory.near:
+        u = reflected(before + memory.near_width * (2.0 * (draw / memory.near) - 1.0))
+    elif draw < memory.near + memory.far:
+        u = reflected(before + memory.far_width * (2.0 * ((draw - memory.near) / memory.far) - 1.0))
+    else:
+        known = memory.near + memory.far
+        if draw < known + memory.habit:
+            u = reflected(habit + memory.habit_width * (2.0 * ((draw - known) / memory.habit) - 1.0))
+        elif known + memory.habit == 0.0:
+            return word
+        else:
+            u = (draw - known - memory.habit) / (1.0 - known - memory.habit)
+    return min(np.uint64(u * 4294967296.0), _LAST_WORD)
+
+
+@inlined_kernel
+def _share_near(x: float, centre: float, width: float) -> float:
+    """Compute P(u <= x) for u uniform within `width` of `centre`, reflected at 0 and 1; x in 0 to 1."""
+    low = centre - width
+    scale = 0.5 / width
+    inside = min(1.0, max(0.0, (x - low) * scale)) - min(1.0, max(0.0, (-x - low) * scale))
+    return inside + min(1.0, max(0.0, (2.0 + x - low) * scale)) - min(1.0, max(0.0, (2.0 - x - low) * scale))
+
+
+@inlined_kernel
+def remembered_share(x: float, before: float, habit: float, memory: MemoryNumbers) -> float:
+    """Compute P(u <= x) for the quantile u that `remembering_word` draws; x itself without memory."""
+    share = (1.0 - memory.near - memory.far - memory.habit) * x
+    if memory.near > 0.0:
+        share += memory.near * _share_near(x, before, memory.near_width)
+    if memory.far > 0.0:
+        share += memory.far * _share_near(x, before, memory.far_width)
+    if memory.habit > 0.0:
+        share += memory.habit * _share_near(x, habit, memory.habit_width)
+    return share
+
+
+@kernel
+def given_the_past(
+    p: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], memory: MemoryNumbers
+) -> None:
+    """Turn probabilities over all drivers into those of drivers whose last acceleration is known to its bin.
+
+    The quantile was uniform within its bin. The habit is not known, so its part stays that over all drivers.
+
+    Args:
+        p: P(acceleration) in the present state, float64 (n, 31), rows sum to 1; replaced.
+        low, high: Ends of the last acceleration's bin as quantiles in the state that it was chosen in, (n,); NaN where
+            the past is not known, and then the row stays.
+        memory: Weights and widths.
+    """
+    weight = 1.0 / _POINTS
+    blank = 1.0 - memory.near - memory.far
+    for row in range(p.shape[0]):
+        if not low[row] <= high[row]:
+            continue
+        total = 0.0
+        before = 0.0
+        for a in range(p.shape[1]):
+            total += p[row, a]
+            x = min(total, 1.0)
+            share = blank * x
+            for point in range(_POINTS):
+                centre = low[row] + (high[row] - low[row]) * (point + 0.5) * weight
+                if memory.near > 0.0:
+                    share += weight * memory.near * _share_near(x, centre, memory.near_width)
+                if memory.far > 0.0:
+                    share += weight * memory.far * _share_near(x, centre, memory.far_width)
+            p[row, a] = share - before
+            before = share
