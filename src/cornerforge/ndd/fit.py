@@ -279,5 +279,6 @@ def _always_true(fastest: float, on_grid: int) -> tuple[str, ...]:
         "fitted law, with published facts for free flow and initial traffic, and a safe response near the leader.",
         f"{on_grid} decisions lie on the grid (19.5 m/s and above); all others shape only the law.",
         "Laws are scored at the true state, also below 20 m/s where the tables end; the table from 19.5 m/s on.",
-        "Lane changes are prior alone (about 0.3 per vehicle-mile, kinematic gap acceptance); none are fitted.",
+        "Lane changes are prior alone (about 0.35 per vehicle-mile, gaps as in SPMD's cut-ins); so are memory, desired "
+        "speeds and initial traffic. None of them is fitted to these files.",
     )

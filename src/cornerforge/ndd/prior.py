@@ -115,13 +115,13 @@ class FreeFlow:
 
     Spread: standard deviation 0.61, 0.38, 0.32 m/s2 at 20, 30, 36 m/s. Centre: the acceleration that keeps a normal
     distribution of speeds stationary under that spread, times `pull`, plus `offset`. (Followers feel the pull only
-    through their leaders; 0.5 is a compromise between a stationary distribution and the published mean of 0.02-0.05
+    through their leaders; 0.2 is a compromise between a stationary distribution and the published mean of 0.02-0.05
     m/s2 at all speeds.)
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
     speed_sd: float = field(default=3.48, metadata={"unit": "m/s"})
-    pull: float = 0.5
+    pull: float = 0.2
     offset: float = field(default=0.02, metadata={"unit": "m/s2"})
     degrees: float = 12.0
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -75,14 +76,15 @@ def key_numbers(model: NddModel) -> dict[str, Any]:
     Returns:
         `following` (mean and sd of acceleration [m/s2] by speed, gap and range rate), `support` (how many of the 31
         accelerations are possible), `free_flow` by speed, with the published facts, `lane_change`, `initial` with
-        quantiles and facts, `counted` (decisions that the tables rest on) and `provenance` (attribution, licence,
-        files).
+        quantiles and facts, `memory`, `counted` (decisions that the tables rest on) and `provenance` (attribution,
+        licence, files).
     """
     return {
         "following": _following(model),
         "support": _support(model),
         "free_flow": _free_flow(model),
         "lane_change": _lane_change(model),
+        "memory": asdict(model.memory),
         "initial": _initial(model.initial),
         "counted": _counted(model),
         "provenance": _origin(model.provenance),
@@ -135,6 +137,7 @@ def _free_flow(model: NddModel) -> dict[str, Any]:
             {"speed_mps": speed, "sd_mps2": fact_sd, "share_braking_1_mps2": share, "mean_mps2": [0.02, 0.05]}
             for speed, fact_sd, share in FREE_FACTS
         ],
+        "pull_per_s": model.free_pull,
     }
 
 

@@ -75,6 +75,9 @@ def show_text(result: NddShown) -> str:
             *_support_lines(result.support),
             *_free_lines(result.free_flow),
             *_lane_change_lines(result.lane_change),
+            "Memory of followers: "
+            + ", ".join(f"{name} {value:g}" for name, value in result.memory.items())
+            + f"; free drivers are pulled to their desired speed by {result.free_flow.pull_per_s:g} m/s2 per m/s",
             *_initial_lines(result.initial),
             *(f"Figure: {name}" for name in result.figures),
         ]

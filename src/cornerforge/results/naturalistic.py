@@ -84,6 +84,11 @@ class ShownFreeFlow:
     sd_mps2: tuple[float, ...] = field(metadata=meant("Standard deviation, by speed.", "m/s2"))
     share_braking_1_mps2: tuple[float, ...] = field(metadata=meant("Share at or below -1 m/s2, by speed, 0 to 1."))
     published: tuple[PublishedFree, ...] = field(metadata=meant("Published facts."))
+    pull_per_s: float = field(
+        metadata=meant(
+            "Mean acceleration of a driver, above the mean, per m/s that it lacks to its desired speed.", "1/s"
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,6 +196,9 @@ class NddShown:
     support: ShownSupport = field(metadata=meant("Which accelerations are possible."))
     free_flow: ShownFreeFlow = field(metadata=meant("Acceleration without a leader."))
     lane_change: ShownLaneChanges = field(metadata=meant("Lane changes."))
+    memory: dict[str, float] = field(
+        metadata=meant("Weights and widths of the memory of followers, by name, 0 to 1; see `ndd.memory.Memory`.")
+    )
     initial: ShownInitial = field(metadata=meant("Traffic at the start."))
     counted: ShownCounts | None = field(metadata=meant("Decisions that it rests on; null: it does not say."))
     provenance: ShownOrigin = field(metadata=meant("Where it comes from."))
