@@ -138,8 +138,8 @@ def fold(u: float) -> float:
 
 
 def _word_at(u: float) -> int:
-    """The 32 bits whose slot in 0 to 1 holds u."""
-    return min(math.floor(u * 2.0**32), 2**32 - 1)
+    """The 32 bits whose slot in 0 to 1 holds u; the last one is never used."""
+    return min(math.floor(u * 2.0**32), 2**32 - 2)
 
 
 @dataclass

@@ -199,7 +199,7 @@ class Simulator:
         return chance
 
     def flight(self, world: World, bv: Vehicle, lane: int) -> float:
-        """Chance that an attentive driver in a running change leaves a lane, for the worse of its two neighbours there."""
+        """Chance that an attentive driver in a running change leaves a lane, for the worse of two neighbours there."""
         lead, rear = world.neighbours(bv, lane)
         wishes = [0.0]
         if lead is not None:
