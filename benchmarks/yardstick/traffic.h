@@ -28,7 +28,8 @@ static inline double normal_share(double z) {
     return z < 0.0 ? tail : 1.0 - tail;
 }
 
-/* Returns the gap; the neighbour's speed goes to *other, the quantile of a follower's time gap to *quantile, else -1. */
+/* Returns the gap; the neighbour's speed goes to *other, the quantile of the time gap (-1: it does not follow) to
+ * *quantile. */
 static double draw_neighbour(
     int64_t seed, int64_t test, const Initial *initial, double mean, int64_t *draw, double speed, bool ahead,
     double *other, double *quantile
