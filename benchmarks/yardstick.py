@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.idm import IdmNumbers
 from cornerforge.drivers.mobil import MobilNumbers
+from cornerforge.drivers.naturalistic import InitialNumbers, MemoryNumbers
 from cornerforge.road.straight import RoadNumbers
 from cornerforge.sim.keep import Outcomes, allocate_outcomes
 from cornerforge.sim.setting import NATURALISTIC, NOBODY
@@ -64,12 +65,25 @@ class _Av(ctypes.Structure):
     _fields_ = [*_fields(IdmNumbers._fields + MobilNumbers._fields), ("sees_intentions", _INT)]
 
 
-_TABLES = ("cut", "lc_base", "lc_desire", "lc_accept")
+_TABLES = ("cut", "lc_base", "lc_desire", "lc_accept", "lc_turn_back")
 _NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict", "lc_most")
 
 
+class _Memory(ctypes.Structure):
+    _fields_ = _fields(MemoryNumbers._fields)
+
+
+class _Initial(ctypes.Structure):
+    _fields_ = _fields(InitialNumbers._fields)
+
+
 class _Tables(ctypes.Structure):
-    _fields_ = [*((name, ctypes.c_void_p) for name in _TABLES), *_fields(_NUMBERS), ("initial", ctypes.c_void_p)]
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in _TABLES),
+        *_fields(_NUMBERS),
+        ("memory", _Memory),
+        ("initial", _Initial),
+    ]
 
 
 class _Setting(ctypes.Structure):
@@ -203,19 +217,19 @@ class Yardstick:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
         if setting.av.kind != 0:
             raise ValueError("The yardstick drives a plain AV, IDM and MOBIL.")
-        if VEHICLE.itemsize != 184 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
+        if VEHICLE.itemsize != 208 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a vehicle or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
         tables = setting.tables
-        initial = np.array([*tables.initial])
-        self._kept = (setting, initial, ACCELERATIONS)  # what the pointers below point to
+        self._kept = (setting, ACCELERATIONS)  # what the pointers below point to
         self._setting = _Setting(
             _Road(*setting.road),
             _Av(*setting.av.idm, *setting.av.mobil, setting.av.sees_intentions),
             _Tables(
                 *(_address(getattr(tables, name)) for name in _TABLES),
                 *(getattr(tables, name) for name in _NUMBERS),
-                _address(initial),
+                _Memory(*tables.memory),
+                _Initial(*tables.initial),
             ),
             _address(ACCELERATIONS),
         )

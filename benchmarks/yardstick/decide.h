@@ -158,8 +158,8 @@ static inline int64_t drawn(const Tables *tables, int64_t action) {
 }
 
 static int64_t worst_follow(
-    const World *w, int64_t rank, const Road *road, const Tables *tables, uint64_t word, double rounding, double *gap,
-    double *rate
+    const World *w, int64_t rank, const Road *road, const Tables *tables, uint64_t word, uint64_t follower_word,
+    double rounding, double *gap, double *rate
 ) {
     const Vehicle *v = w->v;
     int64_t i = w->order[rank], wanted = v[i].lanes, action = -1;
@@ -171,7 +171,8 @@ static int64_t worst_follow(
         if (dx >= SIGHT) break;
         if (v[j].present == 0 || (v[j].lanes & wanted) == 0) continue;
         double here = dx - road->length, closing = v[j].speed - v[i].speed;
-        int64_t later = draw_later(tables, following_row(v[i].speed, here, closing, rounding), word);
+        int64_t row = following_row(v[i].speed, v[i].wish, here, closing, rounding);
+        int64_t later = draw_later(tables, row, follower_word);
         if (action < 0) {
             *gap = here;
             *rate = closing;
@@ -183,23 +184,23 @@ static int64_t worst_follow(
         wanted &= ~v[j].lanes;
         if (wanted == 0) break;
     }
-    return action < 0 ? draw_later(tables, free_row(v[i].speed), word) : action;
+    return action < 0 ? draw_later(tables, free_row(v[i].speed, v[i].wish), word) : action;
 }
 
 static inline int64_t follow(
-    const World *w, int64_t i, int64_t lead, const Road *road, const Tables *tables, uint64_t word, double rounding,
-    double *gap, double *rate
+    const World *w, int64_t i, int64_t lead, const Road *road, const Tables *tables, uint64_t word,
+    uint64_t follower_word, double rounding, double *gap, double *rate
 ) {
     const Vehicle *v = w->v;
     double speed = v[i].speed, dx = lead >= 0 ? v[lead].x - v[i].x : INFINITY;
     if (dx >= SIGHT) {
         *gap = INFINITY;
         *rate = 0.0;
-        return draw_later(tables, free_row(speed), word);
+        return draw_later(tables, free_row(speed, v[i].wish), word);
     }
     *gap = dx - road->length;
     *rate = v[lead].speed - speed;
-    return draw_later(tables, following_row(speed, *gap, *rate, rounding), word);
+    return draw_later(tables, following_row(speed, v[i].wish, *gap, *rate, rounding), follower_word);
 }
 
 static double side_chance(
@@ -220,27 +221,41 @@ static double side_chance(
     return chance;
 }
 
+static double turn_back_wish(const World *w, int64_t i, int64_t lane, const Road *road, const Tables *tables) {
+    const Vehicle *v = w->v;
+    int64_t lead, rear;
+    neighbours_in_lane(w, i, lane, road->lane_width, 1, &lead, &rear);
+    double wish = 0.0, behind = 0.0;
+    if (lead >= 0) wish = turn_back_chance(tables, v[lead].x - v[i].x - road->length, v[lead].speed - v[i].speed);
+    if (rear >= 0) behind = turn_back_chance(tables, v[i].x - v[rear].x - road->length, v[i].speed - v[rear].speed);
+    return MAX(wish, behind);
+}
+
 static double return_chance(const World *w, int64_t i, double overlook, const Road *road, const Tables *tables) {
     const Vehicle *v = &w->v[i];
     int64_t old = lane_of(v->y, road->lane_width);
-    if (old == v->target_lane || side_chance(w, i, v->target_lane, 1.0, 0.0, road, tables) > 0.0) return 0.0;
-    if (side_chance(w, i, old, 1.0, 0.0, road, tables) == 0.0) return 0.0;
-    return 1.0 - overlook;
+    if (old == v->target_lane) return 0.0;
+    double wish = turn_back_wish(w, i, v->target_lane, road, tables);
+    if (wish == 0.0 || turn_back_wish(w, i, old, road, tables) == 1.0) return 0.0;
+    return (1.0 - overlook) * wish;
 }
 
 static inline uint64_t random_word(const World *w, int64_t k, int64_t i) { return w->words[k * w->slots + i]; }
 
+/* A follower's second word becomes the one that its memory makes of it. */
 static inline int64_t decide_naturalistic(
     const World *w, int64_t rank, const Road *road, const Tables *tables
 ) {
     const Vehicle *v = w->v;
     int64_t i = w->order[rank];
     uint64_t word = random_word(w, 1, i);
+    uint64_t follower_word = remembering_word(word, v[i].quantile, v[i].habit, &tables->memory);
     double gap, rate, rounding = uniform(random_word(w, 3, i));
     int64_t lead = w->info[AHEAD + v[i].target_lane];
     int64_t action = keeps_one_lane(&v[i])
-        ? follow(w, i, lead, road, tables, word, rounding, &gap, &rate)
-        : worst_follow(w, rank, road, tables, word, rounding, &gap, &rate);
+        ? follow(w, i, lead, road, tables, word, follower_word, rounding, &gap, &rate)
+        : worst_follow(w, rank, road, tables, word, follower_word, rounding, &gap, &rate);
+    if (gap < INFINITY) w->words[w->slots + i] = follower_word;
     if (v[i].duration == 0.0) {
         double draw = uniform(random_word(w, 0, i));
         if (draw >= 2.0 * tables->lc_most) return action;
@@ -332,7 +347,10 @@ static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road
         for (int64_t lane = 0; lane < road->n_lanes; lane++)
             if (v[i].lanes & ((int64_t)1 << lane)) ahead[lane] = i;
     }
-    for (int64_t i = 1; i < w->info[N_VEHICLES]; i++) v[i].action = drawn(tables, v[i].action);
+    for (int64_t i = 1; i < w->info[N_VEHICLES]; i++) {
+        v[i].action = drawn(tables, v[i].action);
+        v[i].quantile = uniform(random_word(w, 1, i));
+    }
     return changes;
 }
 
@@ -344,8 +362,9 @@ static void resolve_conflicts(World *w, int64_t av_lane, const Road *road, const
         if (v[i].duration > 0.0) continue;
         int64_t target = v[i].target_lane + 1 - 2 * v[i].action;
         if (gives_way(w, i, target, av_lane, road, tables)) {
+            uint64_t word = random_word(w, 1, i);
             double gap, rate, rounding = uniform(random_word(w, 3, i));
-            int64_t action = worst_follow(w, rank, road, tables, random_word(w, 1, i), rounding, &gap, &rate);
+            int64_t action = worst_follow(w, rank, road, tables, word, word, rounding, &gap, &rate);
             v[i].action = drawn(tables, action);
         }
     }

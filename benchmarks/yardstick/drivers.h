@@ -2,6 +2,7 @@
 #ifndef YARDSTICK_DRIVERS_H
 #define YARDSTICK_DRIVERS_H
 
+#include "philox.h"
 #include "world.h"
 
 #define NO_CHANGE (-1e9)
@@ -71,22 +72,56 @@ static inline int64_t table_row(double gap, double range_rate, double rounding) 
     return gap_index(gap) * 19 + range_rate_index(range_rate, rounding);
 }
 
-static inline int64_t free_row(double speed) { return FIRST_FREE_ROW + speed_index(speed); }
+static inline int64_t free_row(double speed, double wish) { return FIRST_FREE_ROW + speed_index(speed - wish); }
 
-static inline int64_t following_row(double speed, double gap, double range_rate, double rounding) {
+static inline int64_t following_row(double speed, double wish, double gap, double range_rate, double rounding) {
     int64_t row = table_row(gap, range_rate, rounding);
-    return row < 0 ? free_row(speed) : speed_index(speed) * 116 * 19 + row;
+    return row < 0 ? free_row(speed, wish) : speed_index(speed) * 116 * 19 + row;
 }
+
+#define LAST_WORD 0xFFFFFFFEu
 
 static inline int64_t sample_row(const uint32_t *cuts, int64_t row, uint64_t word) {
     const uint32_t *cut = cuts + row * CUT_COLUMNS;
-    word = MIN(word, 0xFFFFFFFEu);
+    word = MIN(word, LAST_WORD);
     int64_t index = (FIRST_PROBE + 1) * (cut[FIRST_PROBE] <= word);
     index += 8 * (cut[index + 7] <= word);
     index += 4 * (cut[index + 3] <= word);
     index += 2 * (cut[index + 1] <= word);
     index += cut[index] <= word;
     return index;
+}
+
+static inline double reflected(double u) {
+    if (u < 0.0) return -u;
+    return u > 1.0 ? 2.0 - u : u;
+}
+
+/* Within `width` of `centre`, where a draw lies between `low` and `low + weight`. */
+static inline double near_to(double centre, double width, double draw, double low, double weight) {
+    return reflected(centre + width * (2.0 * ((draw - low) / weight) - 1.0));
+}
+
+static inline uint64_t remembering_word(uint64_t word, double before, double habit, const Memory *m) {
+    double draw = uniform(word), u, recent = m->near + m->far, known = recent + m->habit;
+    if (draw < m->near)
+        u = near_to(before, m->near_width, draw, 0.0, m->near);
+    else if (draw < recent)
+        u = near_to(before, m->far_width, draw, m->near, m->far);
+    else if (draw < known)
+        u = near_to(habit, m->habit_width, draw, recent, m->habit);
+    else if (known == 0.0)
+        return word;
+    else
+        u = (draw - recent - m->habit) / (1.0 - recent - m->habit);
+    uint64_t remembered = (uint64_t)(u * 4294967296.0);
+    return MIN(remembered, LAST_WORD);
+}
+
+static inline double turn_back_chance(const Tables *t, double gap, double range_rate) {
+    if (gap <= 0.0) return 1.0;
+    int64_t row = table_row(gap, range_rate, NEAREST);
+    return row < 0 ? 0.0 : (double)t->lc_turn_back[row];
 }
 
 static inline double lane_change_base(const Tables *t, double speed, double lead_gap, double range_rate) {

@@ -4,7 +4,7 @@
 
 #include "elementary.h"
 
-enum { PURPOSE_DECIDE = 1, PURPOSE_INITIAL = 2 };
+enum { PURPOSE_DECIDE = 1, PURPOSE_INITIAL = 2, PURPOSE_TRAITS = 7 };
 
 typedef struct {
     uint64_t w[4];

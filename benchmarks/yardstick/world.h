@@ -17,6 +17,7 @@ typedef struct {
     int64_t target_lane, lanes, present, action;
     double length, width; /* of the kernels; all are cars here, of the road's size */
     int64_t kind;
+    double quantile, habit, wish;
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };
@@ -56,10 +57,20 @@ typedef struct {
 } Av;
 
 typedef struct {
+    double near, near_width, far, far_width, habit, habit_width;
+} Memory;
+
+typedef struct {
+    double speed_mean, stream_sd, speed_sd, speed_low, speed_high, follow_share, time_gap_shift, time_gap_median;
+    double time_gap_sigma, desire_share, habit_spread, rr_scale, rr_exponent, min_ttc, free_gap_low, free_gap_high;
+} Initial;
+
+typedef struct {
     const uint32_t *cut;
-    const float *lc_base, *lc_desire, *lc_accept;
+    const float *lc_base, *lc_desire, *lc_accept, *lc_turn_back;
     double lc_desire_free, overlook, overlook_conflict, lc_most;
-    const double *initial;
+    Memory memory;
+    Initial initial;
 } Tables;
 
 typedef struct {

@@ -11,6 +11,7 @@ from hand_built import setting_of
 from yardstick import COMPILER, INFO, Memory, Yardstick, allocate_memory, has_compiler, same_outcomes
 
 from cornerforge.drivers.avs import AVS, av_named
+from cornerforge.ndd.model import Memory as DriverMemory
 from cornerforge.ndd.model import NddModel, default_model_path, load_model
 from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import allocate_outcomes, keep_nothing
@@ -34,10 +35,11 @@ def model() -> NddModel:
 
 @pytest.fixture(scope="module")
 def reckless(model: NddModel) -> NddModel:
-    """Drivers that change lanes often, overlook much and start at unlike speeds: every branch is taken."""
-    initial = replace(model.initial, rr_scale=3.0, min_ttc=8.0)
-    base = np.full(21, 0.1, dtype=np.float32)
-    return replace(model, lc_base=base, overlook=0.3, overlook_conflict=0.5, initial=initial)
+    """Drivers with habits that change lanes often, overlook much and start at unlike speeds: every branch is taken."""
+    initial = replace(model.initial, speed_sd=3.5, rr_scale=3.0, min_ttc=8.0, habit_spread=0.3)
+    memory = DriverMemory(near=0.25, near_width=0.1, far=0.2, far_width=0.45, habit=0.35, habit_width=0.2)
+    base = np.full(21, 0.2, dtype=np.float32)
+    return replace(model, lc_base=base, overlook=0.5, overlook_conflict=0.5, memory=memory, initial=initial)
 
 
 def final_state(held: World | Memory, info: np.ndarray) -> tuple[bytes, ...]:

@@ -13,8 +13,9 @@ from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.rss import RssParams
 from cornerforge.ndd.model import NddModel
+from reference.philox import unit
 
-__all__ = ["AvDriver", "Naturalistic", "Row"]
+__all__ = ["AvDriver", "Naturalistic", "Row", "fold"]
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,17 @@ def _speed_place(speed: float) -> int:
     return min(max(math.floor(speed + 0.5), 20), 40) - 20
 
 
+def fold(u: float) -> float:
+    """A quantile that left 0 to 1 by at most 1, reflected where it left."""
+    u = abs(u)
+    return min(u, 2.0 - u)
+
+
+def _word_at(u: float) -> int:
+    """The 32 bits whose slot in 0 to 1 holds u; the last one is never used."""
+    return min(math.floor(u * 2.0**32), 2**32 - 2)
+
+
 @dataclass
 class Naturalistic:
     """The tables of a model, looked up as written in `cornerforge.ndd.model`."""
@@ -137,20 +149,71 @@ class Naturalistic:
     model: NddModel
     _rows: dict[tuple[int, ...], Row] = field(default_factory=dict)
 
-    def row(self, speed: float, gap: float, range_rate: float, rounding: float) -> Row:
-        """The accelerations of a state; a gap of +inf is free flow."""
+    def row(self, speed: float, wish: float, gap: float, range_rate: float, rounding: float) -> Row:
+        """The accelerations of a state; a gap of +inf is free flow.
+
+        In free flow a driver who wants to be faster than the mean by `wish` accelerates as the mean driver does at a
+        speed that is lower by as much.
+        """
         place = _grid_place(gap, range_rate, rounding)
-        key = (_speed_place(speed), *(place or ()))
+        key = (_speed_place(speed - wish),) if place is None else (_speed_place(speed), *place)
         if key not in self._rows:
             table = self.model.free if place is None else self.model.following
             self._rows[key] = Row.of(table[key])
         return self._rows[key]
+
+    def remember(self, word: int, before: float, habit: float) -> int:
+        """The word that a follower's memory makes of a random one: one draw picks what is remembered, and how far off.
+
+        Args:
+            word: 32 random bits.
+            before: Quantile of the second before.
+            habit: Quantile that the driver tends to.
+        """
+        draw = unit(word)
+        least = 0.0
+        for weight, centre, width in self._kinds(before, habit):
+            if least <= draw < least + weight:
+                off = 2.0 * ((draw - least) / weight) - 1.0
+                return _word_at(fold(centre + width * off))
+            least += weight
+        return word if least == 0.0 else _word_at((draw - least) / (1.0 - least))
+
+    def share_below(self, x: float, before: float, habit: float) -> float:
+        """P(a follower's quantile is at most x).
+
+        A folded number is at most x where it was, before folding, within x of 0 or of 2, whichever is nearer.
+        """
+        kinds = self._kinds(before, habit)
+        share = x * (1.0 - sum(weight for weight, _, _ in kinds))
+        for weight, centre, width in kinds:
+            lengths = (
+                min(high, centre + width) - max(low, centre - width) for low, high in ((-x, x), (2.0 - x, 2.0 + x))
+            )
+            share += weight * sum(max(0.0, length) for length in lengths) / (2.0 * width)
+        return share
+
+    def _kinds(self, before: float, habit: float) -> tuple[tuple[float, float, float], ...]:
+        """(weight, centre, width) of all that may be remembered."""
+        m = self.model.memory
+        return (
+            (m.near, before, m.near_width),
+            (m.far, before, m.far_width),
+            (m.habit, habit, m.habit_width),
+        )
 
     def wish_to_change(self, speed: float, gap: float, range_rate: float) -> float:
         """Chance of wanting to one given side."""
         place = _grid_place(gap, range_rate)
         desire = self.model.lc_desire_free if place is None else float(self.model.lc_desire[place])
         return float(self.model.lc_base[_speed_place(speed)]) * desire
+
+    def flees(self, gap: float, range_rate: float) -> float:
+        """Chance that a driver in a running change turns back for one neighbour."""
+        place = _grid_place(gap, range_rate)
+        if gap <= 0.0:
+            return 1.0
+        return 0.0 if place is None else float(self.model.lc_turn_back[place])
 
     def accepts(self, gap: float, range_rate: float, *, rear: bool, overlook: float) -> float:
         """Chance to accept the gap to a neighbour, who is overlooked with chance `overlook`."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from reference.elementary import log, sin_cos
 
-__all__ = ["CLASS", "DECIDE", "EXPLORE", "INITIAL", "Stream", "normal_pair", "philox", "unit"]
+__all__ = ["CLASS", "DECIDE", "EXPLORE", "INITIAL", "TRAITS", "Stream", "normal_pair", "philox", "unit"]
 
-DECIDE, INITIAL, EXPLORE, CLASS = 1, 2, 3, 6
+DECIDE, INITIAL, EXPLORE, CLASS, TRAITS = 1, 2, 3, 6, 7
 """What a draw is for."""
 
 _MASK = 2**32 - 1

@@ -23,8 +23,12 @@ Action = int
 
 @dataclass
 class Drive:
-    """A test as it went: frames of (copies of) the vehicles, decisions, and how it ended."""
+    """A test as it went: frames of (copies of) the vehicles, decisions, and how it ended.
 
+    `start` is before anybody decides, the first frame just after.
+    """
+
+    start: list[Vehicle] = field(default_factory=list)
     frames: list[list[Vehicle]] = field(default_factory=list)
     actions: list[dict[int, Action]] = field(default_factory=list)
     critical: list[int] = field(default_factory=list)
@@ -176,7 +180,11 @@ class Simulator:
 
     def rows(self, world: World, bv: Vehicle, rounding: float) -> list[Row]:
         """Rows of accelerations, one per lead."""
-        return [self.tables.row(bv.speed, *state, rounding) for state in self.states(world, bv)]
+        return [self.tables.row(bv.speed, bv.wish, *state, rounding) for state in self.states(world, bv)]
+
+    def follows(self, world: World, bv: Vehicle) -> bool:
+        """Has a BV a lead in any lane that it is in? Only then does its driver remember."""
+        return any(world.neighbours(bv, lane)[0] is not None for lane in bv.lanes)
 
     def acceptance(self, world: World, bv: Vehicle, lane: int, overlook: float) -> float:
         """Chance that a BV accepts its neighbours in a lane."""
@@ -190,14 +198,24 @@ class Simulator:
             chance *= self.tables.accepts(*state, rear=True, overlook=overlook)
         return chance
 
+    def flight(self, world: World, bv: Vehicle, lane: int) -> float:
+        """Chance that an attentive driver in a running change leaves a lane, for the worse of two neighbours there."""
+        lead, rear = world.neighbours(bv, lane)
+        wishes = [0.0]
+        if lead is not None:
+            wishes.append(self.tables.flees(world.gap(lead, bv), lead.speed - bv.speed))
+        if rear is not None:
+            wishes.append(self.tables.flees(world.gap(bv, rear), bv.speed - rear.speed))
+        return max(wishes)
+
     def side_chances(self, world: World, bv: Vehicle, overlook: float) -> tuple[float, float]:
         """P(left), P(right): to begin a lane change, by the wish behind the nearest lead, or to turn back in one."""
         chances = [0.0, 0.0]
         if bv.path is not None:
             old = math.floor(bv.y / self.odd.lane_width)
-            refused = self.acceptance(world, bv, bv.target_lane, 0.0) == 0.0
-            if old != bv.target_lane and refused and self.acceptance(world, bv, old, 0.0) > 0.0:
-                chances[0 if old > bv.target_lane else 1] = 1.0 - overlook
+            if old != bv.target_lane and self.flight(world, bv, old) < 1.0:
+                back = (1.0 - overlook) * self.flight(world, bv, bv.target_lane)
+                chances[0 if old > bv.target_lane else 1] = back
             return chances[0], chances[1]
         base = self.tables.wish_to_change(bv.speed, *self.states(world, bv)[0])
         for side, lane in enumerate((bv.target_lane + 1, bv.target_lane - 1)):
@@ -258,11 +276,15 @@ class Simulator:
         # Range rates are rounded up from some rounding on; between these limits the rows stay the same.
         limits = {1.0 - (rate - math.floor(rate)) for _, rate in self.states(world, bv)} | {0.0, 1.0}
         cumulative = [0.0] * 31
+        remembers = self.follows(world, bv)
         for low, high in pairwise(sorted(limits)):
             rows = self.rows(world, bv, 0.5 * (low + high))
             # One word serves all rows, so the smallest index has the largest of the distribution functions.
             for index, values in enumerate(zip(*(row.cumulative for row in rows), strict=True)):
-                cumulative[index] += (high - low) * max(values)
+                share = max(values)
+                if remembers:
+                    share = self.tables.share_below(min(share, 1.0), bv.quantile, bv.habit)
+                cumulative[index] += (high - low) * share
         keep = (1.0 - left - right) / cumulative[-1]
         steps = [b - a for a, b in zip([0.0, *cumulative], cumulative, strict=False)]
         return [left, right, *(keep * step for step in steps)]
@@ -289,6 +311,13 @@ class Simulator:
         return math.ceil((log(max(chances)) - log(chances[action])) * 1e6)
 
 
+def words_of(rows: list[Row], index: int) -> tuple[int, int] | None:
+    """From which word on and below which the least of the rows' accelerations has an index; None for never."""
+    low = max(row.cuts[index - 1] if index > 0 else 0 for row in rows)
+    high = min(max(row.cuts[index] for row in rows), 2**32 - 1)
+    return (low, high) if low < high else None
+
+
 @dataclass
 class _Test:
     """One running test."""
@@ -307,6 +336,7 @@ class _Test:
 
     def run(self) -> Drive:
         odd = self.simulator.odd
+        self.drive.start = [replace(vehicle) for vehicle in self.world.vehicles]
         while not self.drive.outcome:
             self.decide()
             self.step += 1
@@ -332,6 +362,8 @@ class _Test:
         actions = {bv.slot: self.choose(bv) for bv in world.bvs()}
         if not simulator.idm_bvs:
             self.give_way(actions, av_wish[1])
+            for bv, quantile in [(bv, self.quantile_of(bv, actions[bv.slot])) for bv in world.bvs()]:
+                bv.quantile = quantile
         for bv in world.bvs():
             bv.act(actions[bv.slot], simulator.odd)
         self.av_acts(av_wish)
@@ -365,8 +397,31 @@ class _Test:
         return 1 if draw < left + right else self.drawn_acceleration(bv)
 
     def drawn_acceleration(self, bv: Vehicle) -> Action:
-        _, word, _, rounding = self.stream.words(self.step, bv.slot, DECIDE)
+        rounding = self.stream.words(self.step, bv.slot, DECIDE)[3]
+        word = self.word_of_acceleration(bv)
         return 2 + min(row.draw(word) for row in self.simulator.rows(self.world, bv, unit(rounding)))
+
+    def word_of_acceleration(self, bv: Vehicle) -> int:
+        """The random word of a natural driver's acceleration, which a follower remembers."""
+        word = self.stream.words(self.step, bv.slot, DECIDE)[1]
+        if self.simulator.follows(self.world, bv):
+            return self.simulator.tables.remember(word, bv.quantile, bv.habit)
+        return word
+
+    def quantile_of(self, bv: Vehicle, action: Action) -> float:
+        """Where among all drivers' accelerations in this state that of a BV was.
+
+        Of a lane change nothing is known but the random word. Of an acceleration that an adversary chose it is known
+        between which words a natural driver would have drawn it; the random word says where between them.
+        """
+        if bv is not self.controlled:
+            return unit(self.word_of_acceleration(bv))
+        _, word, _, rounding = self.stream.words(self.step, bv.slot, DECIDE)
+        if action >= 2:
+            words = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2)
+            if words:
+                word = math.floor(words[0] + (words[1] - words[0]) * unit(word))
+        return unit(word)
 
     def give_way(self, actions: dict[int, Action], av_lane: int) -> None:
         """From the front to the rear: who starts into the lane that one ahead starts into, may have to wait.

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 from cornerforge.ndd.model import InitialState
 from cornerforge.types import Odd
-from reference.drivers import AvDriver
+from reference.drivers import AvDriver, fold
 from reference.elementary import atan, exp, log
-from reference.philox import CLASS, INITIAL, Stream, normal_pair, unit
+from reference.philox import CLASS, INITIAL, TRAITS, Stream, normal_pair, unit
 from reference.shapes import Box, LateralPath, plan
 
 __all__ = ["SIGHT", "Vehicle", "World", "start"]
@@ -21,7 +21,11 @@ _FULL_STEERING_SPEED = 5.0
 
 @dataclass(eq=False)
 class Vehicle:
-    """One vehicle; `path` is its lane change, None while it keeps its lane."""
+    """One vehicle; `path` is its lane change, None while it keeps its lane.
+
+    `quantile` is that of its last acceleration, `habit` the one that it tends to; `wish` is how far its desired speed
+    is above that of the mean driver [m/s].
+    """
 
     slot: int
     x: float
@@ -40,6 +44,9 @@ class Vehicle:
     kind: int = 0
     held_from: tuple[float, float] = (0.0, 0.0)
     substeps_held: int = 0
+    quantile: float = 0.0
+    habit: float = 0.0
+    wish: float = 0.0
 
     def change_lane(self, lane: int, odd: Odd) -> None:
         """Begin a lane change, or turn a running one."""
@@ -116,6 +123,21 @@ class Vehicle:
 
 
 @dataclass
+class Body:
+    """What a vehicle is before it has a place: its class and size, and its driver's traits.
+
+    `wish` is a standard normal number here; the desired speed follows from it and from the speed.
+    """
+
+    kind: int
+    length: float
+    width: float
+    quantile: float
+    habit: float
+    wish: float
+
+
+@dataclass
 class World:
     """All vehicles of one test; slot 0 is the AV."""
 
@@ -131,12 +153,12 @@ class World:
         """The others that are still there."""
         return [vehicle for vehicle in self.vehicles[1:] if vehicle.present]
 
-    def place(self, x: float, lane: int, speed: float, body: tuple[int, float, float] = (0, 5.0, 2.0)) -> None:
+    def place(self, x: float, lane: int, speed: float, body: Body) -> None:
         """A further vehicle in the next slot."""
         y = (lane + 0.5) * self.odd.lane_width
-        kind, length, width = body
-        speed = min(speed, self.odd.max_speed)
-        placed = Vehicle(len(self.vehicles), x, y, speed, lane, {lane}, kind=kind, length=length, width=width)
+        placed = Vehicle(len(self.vehicles), x, y, min(speed, self.odd.max_speed), lane, {lane})
+        placed.kind, placed.length, placed.width = body.kind, body.length, body.width
+        placed.quantile, placed.habit, placed.wish = body.quantile, body.habit, body.wish
         self.vehicles.append(placed)
 
     def from_rear_to_front(self) -> list[Vehicle]:
@@ -182,90 +204,133 @@ class _Traffic:
     law: InitialState
     stream: Stream
     draws: int = 0
+    mean: float = 0.0
 
     def words(self) -> tuple[int, int, int, int]:
         words = self.stream.words(self.draws, 0, INITIAL)
         self.draws += 1
         return words
 
+    def choose_mean(self) -> None:
+        """The mean speed of this test's stream, at most as far from the usual one as a vehicle's may be."""
+        words = self.words()
+        mean = self.law.speed_mean + self.law.stream_sd * normal_pair(words[0], words[1])[0]
+        self.mean = min(max(mean, self.law.speed_low), self.law.speed_high)
+
     def speed(self) -> float:
         """A normal speed, drawn again until it is legal."""
         while True:
             words = self.words()
-            speed = self.law.speed_mean + self.law.speed_sd * normal_pair(words[0], words[1])[0]
+            speed = self.mean + self.law.speed_sd * normal_pair(words[0], words[1])[0]
             if self.law.speed_low <= speed <= self.law.speed_high:
                 return speed
 
-    def neighbour(self, speed: float, *, ahead: bool) -> tuple[float, float]:
-        """Gap and speed of the next vehicle; after 200 refused draws one at the same speed and the widest gap."""
+    def neighbour(self, speed: float, *, ahead: bool) -> tuple[float, float, float | None]:
+        """Gap and speed of the next vehicle, and the quantile of the follower's time gap, None where none follows.
+
+        After 200 refused draws it drives at the same speed at the widest gap.
+        """
         law = self.law
         for _ in range(200):
             words = self.words()
             z_gap, z_speed = normal_pair(words[0], words[1])
             follows = unit(words[2]) < law.follow_share
-            time_gap = law.time_gap_median * exp(law.time_gap_sigma * z_gap)
+            time_gap = law.time_gap_shift + law.time_gap_median * exp(law.time_gap_sigma * z_gap)
             free_gap = law.free_gap_low + (law.free_gap_high - law.free_gap_low) * unit(words[3])
             gap = speed * time_gap if follows else free_gap
-            spread = law.rr_scale * exp(law.rr_exponent * log(gap / 20.0))
-            shrink = 1.0 - spread * spread / (2.0 * law.speed_sd * law.speed_sd)
-            other = law.speed_mean + shrink * (speed - law.speed_mean) + spread * z_speed
+            # The change from one vehicle to the next is wider at larger gaps, at most as wide as all speeds are.
+            spread = min(law.speed_sd, law.rr_scale * exp(law.rr_exponent * log(gap / 20.0)))
+            part = spread / law.speed_sd
+            other = self.mean + math.sqrt(1.0 - part * part) * (speed - self.mean) + spread * z_speed
             if follows and not ahead:  # the time gap is the follower's, who is the new vehicle
                 gap = other * time_gap
             closing = speed - other if ahead else other - speed
             if not law.speed_low <= other <= law.speed_high or gap < 1.0 or (follows and gap > law.free_gap_low):
                 continue
             if gap >= law.min_ttc * closing:
-                return gap, other
-        return law.free_gap_high, speed
+                return gap, other, _normal_share(z_gap) if follows else None
+        return law.free_gap_high, speed, None
 
-    def body(self) -> tuple[int, float, float]:
-        """Class, length and width of the next vehicle; the first, the AV, is a car."""
+    def body(self) -> Body:
+        """What the next vehicle is; the first, the AV, is a car."""
         odd, number = self.world.odd, len(self.world.vehicles)
         draw = unit(self.stream.words(number, 0, CLASS)[0])
+        kind, length, width = 0, odd.vehicle_length, odd.vehicle_width
         if number > 0 and draw < odd.truck_share:
-            return 1, 16.5, 2.55
-        if number > 0 and draw < odd.truck_share + odd.motorcycle_share:
-            return 2, 2.2, 0.8
-        return 0, odd.vehicle_length, odd.vehicle_width
+            kind, length, width = 1, 16.5, 2.55
+        elif number > 0 and draw < odd.truck_share + odd.motorcycle_share:
+            kind, length, width = 2, 2.2, 0.8
+        quantile, habit, *wish = self.stream.words(number, 0, TRAITS)
+        return Body(kind, length, width, unit(quantile), unit(habit), normal_pair(*wish)[0])
 
-    def fill_ahead(self, x: float, lane: int, speed: float, length: float) -> None:
+    def habit(self, habit: float, quantile: float | None) -> float:
+        """The habit of a driver with a time gap of this quantile: the shorter the gap, the higher."""
+        if quantile is None:
+            return habit
+        return fold(1.0 - quantile + self.law.habit_spread * (2.0 * habit - 1.0))
+
+    def place(self, x: float, lane: int, speed: float, body: Body) -> None:
+        """The next vehicle, whose driver's desired speed has a normal distribution given its speed."""
+        speed = min(speed, self.world.odd.max_speed)
+        share = self.law.desire_share
+        noise = math.sqrt(share * (1.0 - share)) * self.law.speed_sd * body.wish
+        body.wish = self.mean - self.law.speed_mean + share * (speed - self.mean) + noise
+        self.world.place(x, lane, speed, body)
+
+    def fill_ahead(self, x: float, lane: int, speed: float, length: float, rear: Vehicle | None) -> None:
+        """Vehicles ahead of one at x, which is `rear` if it is there, up to the end of the traffic."""
         while True:
-            gap, speed = self.neighbour(speed, ahead=True)
+            gap, speed, quantile = self.neighbour(speed, ahead=True)
+            if rear is not None:
+                rear.habit = self.habit(rear.habit, quantile)
             body = self.body()
-            x += (length + body[1]) / 2.0 + gap
+            x += (length + body.length) / 2.0 + gap
             if x > self.world.odd.traffic_length:
                 return
-            self.world.place(x, lane, speed, body)
-            length = body[1]
+            self.place(x, lane, speed, body)
+            length, rear = body.length, self.world.vehicles[-1]
 
     def fill_av_lane(self, lane: int, av: AvDriver) -> None:
         odd = self.world.odd
         own = min(self.speed(), odd.max_speed)
-        self.world.place(odd.av_start, lane, own, self.body())
-        gap, speed = self.neighbour(own, ahead=True)
+        self.place(odd.av_start, lane, own, self.body())
+        gap, speed, _ = self.neighbour(own, ahead=True)
         body = self.body()
-        x = odd.av_start + (odd.vehicle_length + body[1]) / 2.0 + max(gap, av.desired_gap(own, speed - own))
+        x = odd.av_start + (odd.vehicle_length + body.length) / 2.0 + max(gap, av.desired_gap(own, speed - own))
         if x <= odd.traffic_length:
-            self.world.place(x, lane, speed, body)
-            self.fill_ahead(x, lane, speed, body[1])
+            self.place(x, lane, speed, body)
+            self.fill_ahead(x, lane, speed, body.length, self.world.vehicles[-1])
         x, speed, length = odd.av_start, own, odd.vehicle_length
         while True:
-            gap, speed = self.neighbour(speed, ahead=False)
+            gap, speed, quantile = self.neighbour(speed, ahead=False)
             body = self.body()
-            x -= (length + body[1]) / 2.0 + gap
+            body.habit = self.habit(body.habit, quantile)
+            x -= (length + body.length) / 2.0 + gap
             if x < 0.0:
                 return
-            self.world.place(x, lane, speed, body)
-            length = body[1]
+            self.place(x, lane, speed, body)
+            length = body.length
+
+
+def _normal_share(z: float) -> float:
+    """P(a standard normal number is at most z), to 7.5e-8: Abramowitz and Stegun 1964, 26.2.17."""
+    t = 1.0 / (1.0 + 0.2316419 * abs(z))
+    density = 0.3989422804014327 * exp(-0.5 * z * z)
+    polynomial = 0.0
+    for coefficient in (1.330274429, -1.821255978, 1.781477937, -0.356563782, 0.319381530):
+        polynomial = polynomial * t + coefficient
+    above = density * polynomial * t
+    return above if z < 0.0 else 1.0 - above
 
 
 def start(odd: Odd, law: InitialState, av: AvDriver, stream: Stream) -> World:
     """The world at the start of a test."""
     traffic = _Traffic(World(odd), law, stream)
     av_lane = min(odd.n_lanes - 1, math.floor(unit(traffic.words()[0]) * odd.n_lanes))
+    traffic.choose_mean()
     traffic.fill_av_lane(av_lane, av)
     for lane in range(odd.n_lanes):
         if lane != av_lane:
             x = -law.free_gap_low * unit(traffic.words()[0])
-            traffic.fill_ahead(x, lane, traffic.speed(), odd.vehicle_length)
+            traffic.fill_ahead(x, lane, traffic.speed(), odd.vehicle_length, None)
     return traffic.world

@@ -1,4 +1,4 @@
-"""The shipped model, and one in which more happens."""
+"""The shipped model, one in which more happens, and one of drivers with habits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cornerforge.ndd.model import NddModel, default_model_path, load_model
+from cornerforge.ndd.model import Memory, NddModel, default_model_path, load_model
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +24,14 @@ def reckless(model: NddModel) -> NddModel:
     initial = replace(model.initial, rr_scale=3.0, min_ttc=8.0)
     base = np.full(21, 0.1, dtype=np.float32)
     return replace(model, lc_base=base, overlook=0.3, overlook_conflict=0.5, initial=initial)
+
+
+@pytest.fixture(scope="session")
+def mindful(model: NddModel) -> NddModel:
+    """Drivers that keep to a habit, which suits their time gap, as well as to what they did in the second before.
+
+    The shipped drivers have no habit, so their `habit_spread` does nothing.
+    """
+    memory = Memory(near=0.25, near_width=0.1, far=0.2, far_width=0.45, habit=0.35, habit_width=0.2)
+    initial = replace(model.initial, habit_spread=0.3)
+    return replace(model, lc_base=np.full(21, 0.05, dtype=np.float32), memory=memory, initial=initial)

@@ -17,10 +17,11 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import n_slots
+from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.world import allocate_worlds, n_slots, world_of
 from cornerforge.types import ODDS, Odd, Scenario
 
-QUICK, SLOW = 72, 1500
+QUICK, MINDFUL, SLOW = 72, 24, 1500
 ADVERSARIES = [None, "uniform", "lane-changer", "swerve"]
 
 
@@ -123,6 +124,15 @@ def assert_same(drive: Drive, scenario: Scenario) -> None:
         assert crash.time == pytest.approx((len(drive.frames) - 1) / 10.0)
 
 
+def assert_same_drivers(case: Case, setting: Setting, drive: Drive) -> None:
+    """Compare what stays with the drivers, which no recording holds: exactly, at the start of a test."""
+    world = world_of(allocate_worlds(1, n_slots(case.odd)))
+    reset_world(world, case.number, case.test, setting)
+    for name in ("quantile", "habit", "wish", "length", "width", "kind"):
+        traits = [getattr(vehicle, name) for vehicle in drive.start]
+        np.testing.assert_array_equal(world.vehicles[name][: len(traits)], traits, err_msg=name)
+
+
 def compare(case: Case, model: NddModel) -> Drive:
     """Drive one test with both simulators; also through the bulk path that keeps only outcomes."""
     av = driver_of(case.av)
@@ -131,6 +141,7 @@ def compare(case: Case, model: NddModel) -> Drive:
     )
     drive = simulator.drive(case.number, case.test)
     setting = case.setting(model)
+    assert_same_drivers(case, setting, drive)
     assert_same(drive, Recorder(setting, case.odd).record(case.number, case.test))
     out, _ = drive_chunk(setting, n_slots(case.odd), case.number, case.test, 1, False)
     assert (out.code[0], out.frame[0], out.bv_crashes[0]) == (
@@ -148,6 +159,12 @@ def compare(case: Case, model: NddModel) -> Drive:
 def test_equal_bit_for_bit(number: int, model: NddModel, reckless: NddModel) -> None:
     chosen = case(number)
     compare(chosen, reckless if chosen.reckless else model)
+
+
+@pytest.mark.parametrize("number", range(MINDFUL))
+def test_equal_bit_for_bit_with_habits_and_few_cars(number: int, mindful: NddModel) -> None:
+    chosen = case(number)
+    compare(replace(chosen, odd=replace(chosen.odd, truck_share=0.3, motorcycle_share=0.2)), mindful)
 
 
 @pytest.mark.slow

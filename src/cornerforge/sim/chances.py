@@ -197,12 +197,13 @@ def word_of(
     a = action - FIRST_ACCELERATION
     low = 0.0
     high = 0.0
-    for j in _leads(w, i, road):
+    leads = _leads(w, i, road)
+    for j in leads:
         if j >= 0:
             row = _row_behind(w.vehicles, i, j, rounding)
             low = max(low, _cut(tables, row, a - 1))
             high = max(high, _cut(tables, row, a))
-    if high == 0.0:
+    if leads[0] < 0:
         row = free_row(w.vehicles[i].speed, w.vehicles[i].wish)
         low = _cut(tables, row, a - 1)
         high = _cut(tables, row, a)
