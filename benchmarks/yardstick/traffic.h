@@ -83,7 +83,7 @@ static void place(
     speed = MIN(speed, road->max_speed);
     double share = initial->desire_share;
     double noise = sqrt(share * (1.0 - share)) * initial->speed_sd * v->wish;
-    v->wish = mean - initial->speed_mean + share * (speed - mean) + noise;
+    v->wish = mean + share * (speed - mean) + noise;
     v->x = x;
     v->y = lane_centre(lane, road->lane_width);
     v->speed = speed;

@@ -8,6 +8,7 @@ from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
@@ -152,15 +153,31 @@ class Naturalistic:
     def row(self, speed: float, wish: float, gap: float, range_rate: float, rounding: float) -> Row:
         """The accelerations of a state; a gap of +inf is free flow.
 
-        In free flow a driver who wants to be faster than the mean by `wish` accelerates as the mean driver does at a
-        speed that is lower by as much.
+        In free flow a driver of desired speed `wish` has a mean acceleration above that of all drivers at its speed, by
+        the model's pull times what it lacks, to the nearest half m/s and at most 6 m/s.
         """
         place = _grid_place(gap, range_rate, rounding)
-        key = (_speed_place(speed - wish),) if place is None else (_speed_place(speed), *place)
+        halves = min(max(math.floor(2.0 * (wish - speed) + 0.5), -12), 12)
+        key = (_speed_place(speed), *(place or (halves,)))
         if key not in self._rows:
-            table = self.model.free if place is None else self.model.following
-            self._rows[key] = Row.of(table[key])
+            self._rows[key] = Row.of(self.tilted(key[0], halves) if place is None else self.model.following[key])
         return self._rows[key]
+
+    def tilted(self, speed_place: int, halves: int) -> NDArray[np.float32]:
+        """The free row of all drivers times exp(theta a), theta such that its mean is what this driver's should be."""
+        p = [float(value) for value in self.model.free[speed_place]]
+        accelerations = [-4.0 + 0.2 * k for k in range(31)]
+        if halves == 0 or self.model.free_pull == 0.0:
+            return self.model.free[speed_place]
+
+        def mean_above(theta: float) -> float:
+            weights = [value * math.exp(theta * a) for value, a in zip(p, accelerations, strict=True)]
+            return sum(w * a for w, a in zip(weights, accelerations, strict=True)) / sum(weights)
+
+        goal = mean_above(0.0) + self.model.free_pull * halves / 2.0
+        theta = brentq(lambda x: mean_above(x) - goal, -32.0, 32.0, xtol=1e-14)
+        weights = [value * math.exp(theta * a) for value, a in zip(p, accelerations, strict=True)]
+        return np.array([weight / sum(weights) for weight in weights], dtype=np.float32)
 
     def remember(self, word: int, before: float, habit: float) -> int:
         """The word that a follower's memory makes of a random one: one draw picks what is remembered, and how far off.

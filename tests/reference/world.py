@@ -23,8 +23,7 @@ _FULL_STEERING_SPEED = 5.0
 class Vehicle:
     """One vehicle; `path` is its lane change, None while it keeps its lane.
 
-    `quantile` is that of its last acceleration, `habit` the one that it tends to; `wish` is how far its desired speed
-    is above that of the mean driver [m/s].
+    `quantile` is that of its last acceleration, `habit` the one that it tends to; `wish` is its desired speed [m/s].
     """
 
     slot: int
@@ -274,7 +273,7 @@ class _Traffic:
         speed = min(speed, self.world.odd.max_speed)
         share = self.law.desire_share
         noise = math.sqrt(share * (1.0 - share)) * self.law.speed_sd * body.wish
-        body.wish = self.mean - self.law.speed_mean + share * (speed - self.mean) + noise
+        body.wish = self.mean + share * (speed - self.mean) + noise
         self.world.place(x, lane, speed, body)
 
     def fill_ahead(self, x: float, lane: int, speed: float, length: float, rear: Vehicle | None) -> None:
