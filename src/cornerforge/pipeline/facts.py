@@ -60,12 +60,7 @@ def _quantile(name: str, percent: float) -> Measure:
 
     def measure(counts: statistics.Counts) -> float | None:
         row = _row(name)
-        grid = statistics.TRAFFIC[row]
-        cumulative = np.cumsum(counts.histograms[row, : grid.bins])
-        if cumulative[-1] == 0:
-            return None
-        share = np.concatenate([[0.0], cumulative / cumulative[-1]])
-        return float(np.interp(percent / 100.0, share, statistics.grid_edges(grid)))
+        return statistics.histogram_quantile(statistics.TRAFFIC[row], counts.histograms[row], percent)
 
     return measure
 
