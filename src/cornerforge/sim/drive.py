@@ -13,7 +13,7 @@ from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING
 
 if TYPE_CHECKING:
-    from numpy import int64, void
+    from numpy import float64, int64, void
     from numpy.typing import NDArray
 
     from cornerforge.sim.keep import Outcomes
@@ -54,7 +54,7 @@ def drive_range(seed: int, first: int, setting: Setting, w: World, s: Scratch, k
 @kernel
 def drive_windows(
     seed: int, first: int, setting: Setting, w: World, s: Scratch, keep: Keep, until: NDArray[int64], counts: Counts,
-    states: NDArray[void], out: Outcomes,
+    states: NDArray[void], lengths: NDArray[float64], out: Outcomes,
 ) -> None:  # fmt: skip
     """Drive tests like `drive_range`, and count each window of time by itself.
 
@@ -67,11 +67,15 @@ def drive_windows(
         counts: Counts with a leading axis of W.
         states: The first tests after 0, 1, ... whole seconds, (tests, seconds, N) of `fields.FRAME_FIELDS`, all absent
             before; with 0 tests nothing is noted.
+        lengths: Of the vehicles of the same tests [m], (tests, N).
         out: How each ended.
     """
     census = keep.census
     for k in range(out.code.size):
         reset_world(w, seed, first + k, setting)
+        if k < states.shape[0]:
+            for i in range(w.vehicles.size):
+                lengths[k, i] = w.vehicles[i].length
         for window in range(until.size):
             begin = until[window - 1] if window > 0 else 0
             row = Counts(counts.histograms[window], counts.joint[window], counts.cut_ins[window], counts.totals[window])

@@ -115,7 +115,7 @@ def drive_chunk(
 def drive_chunk_by_window(
     setting: Setting, slots: int, seed: int, first: int, count: int, census: Census, until: NDArray[np.int64],
     *, noted: int = 0,
-) -> tuple[Outcomes, Counts, NDArray[np.void]]:  # fmt: skip
+) -> tuple[Outcomes, Counts, NDArray[np.void], NDArray[np.float64]]:  # fmt: skip
     """Drive like `drive_chunk`, and count windows of time apart.
 
     Args:
@@ -126,11 +126,11 @@ def drive_chunk_by_window(
 
     Returns:
         Outcomes; counts with a leading axis of W; the states of the noted tests after 0, 1, ... whole seconds,
-        (noted, last end, slots) of `fields.FRAME_FIELDS`.
+        (noted, last end, slots) of `fields.FRAME_FIELDS`; the lengths of their vehicles [m], (noted, slots).
     """
-    out, zero = allocate_outcomes(count), allocate_counts()
-    counts = Counts._make(np.zeros((until.size, *array.shape), dtype=np.int64) for array in zero)
+    out, counts = allocate_outcomes(count), allocate_counts(until.size)
     states = np.zeros((min(noted, count), int(until[-1]), slots), dtype=FRAME_FIELDS)
+    lengths = np.zeros((states.shape[0], slots))
     drive_windows(
         seed,
         first,
@@ -141,9 +141,10 @@ def drive_chunk_by_window(
         until,
         counts,
         states,
+        lengths,
         out,
     )
-    return out, counts, states
+    return out, counts, states, lengths
 
 
 def census_of(counting: bool | Census) -> Census:

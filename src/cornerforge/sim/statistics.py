@@ -75,8 +75,8 @@ EXPOSURE = (
 """The AV's exposure once a second (paper, Figure 3): BBD and TTC to the vehicles ahead and behind in its lane, TTC only
 when closing. A vehicle that overlaps the AV lengthwise, which changes lanes beside it, is neither ahead nor behind."""
 BESIDE = (HistogramGrid("speed_difference_beside", "m/s", -20.0, 0.02, 2000),)
-"""Speed of a BV minus that of the BV beside it in the next lane to the right. Their centres are at most 10 m apart along
-the road, and neither changes lanes."""
+"""Speed of a BV minus that of the BV beside it in the next lane to the right. Their centres are at most 10 m apart
+along the road, and neither changes lanes."""
 JOINT = (
     HistogramGrid("gap", "m", 0.0, 0.5, 240),
     HistogramGrid("time_gap", "s", 0.0, 0.05, 240),
@@ -172,14 +172,15 @@ class Counts(NamedTuple):
 BV_STATES, FOLLOWING_STATES, LANE_CHANGES, BV_TRAVEL_MM, AV_STATES, CRASHED_BVS, TTC_BELOW = range(7)
 
 
-def allocate_counts() -> Counts:
-    """Allocate counts of zero."""
-    return Counts(
-        np.zeros((_FIRST_JOINT, _N_BINS), dtype=np.int64),
-        np.zeros((len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS), dtype=np.int64),
-        np.zeros((len(CUT_IN_BANDS) - 1, len(CUT_INS), _N_CUT_IN_BINS), dtype=np.int64),
-        np.zeros(TTC_BELOW + len(TTC_LIMITS), dtype=np.int64),
+def allocate_counts(*windows: int) -> Counts:
+    """Allocate counts of zero; with a number of windows, that as a leading axis."""
+    shapes = (
+        (_FIRST_JOINT, _N_BINS),
+        (len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS),
+        (len(CUT_IN_BANDS) - 1, len(CUT_INS), _N_CUT_IN_BINS),
+        (TTC_BELOW + len(TTC_LIMITS),),
     )
+    return Counts._make(np.zeros((*windows, *shape), dtype=np.int64) for shape in shapes)
 
 
 def grid_edges(grid: HistogramGrid) -> NDArray[np.float64]:
