@@ -35,6 +35,7 @@ _STYLE = (
     "td,th{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:right;vertical-align:top}"
     "td:first-child,th:first-child{text-align:left}pre{background:#f6f6f6;padding:1em;overflow:auto}"
     "img{max-width:100%}figure{margin:1em 0}figcaption{color:#555}.bad{color:#b00020;font-weight:600}"
+    ".dense{font-size:12.5px}.dense td,.dense th{padding:.15em .45em}.sources{color:#555;font-size:13px}"
 )
 
 

@@ -165,7 +165,7 @@ def _beside_sd(counts: statistics.Counts) -> float | None:
     return None if found is None else float(found)
 
 
-OURS = "ours"
+OURS = "none published, the range is ours"
 FACTS = (
     _time_gap(0.1, 0.365, 0.15),
     _time_gap(1.0, 0.455, 0.15),

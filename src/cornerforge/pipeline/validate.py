@@ -30,6 +30,7 @@ from cornerforge.pipeline.output import open_output, write_json, write_text
 from cornerforge.pipeline.persistence import compare_persistence
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
+from cornerforge.pipeline.transitions import compare_transitions
 from cornerforge.results import (
     AcceptedGaps,
     FactFound,
@@ -54,12 +55,13 @@ THEMES = {
     ),
     "crashes": (
         "Crashes between background vehicles",
-        "Natural drivers hardly ever crash, and no more often in the first seconds of a test than later.",
+        "Natural drivers hardly ever crash, and no more often in the first seconds of a test than later. The whole "
+        "drive is judged by the upper end of its interval, a period of it by the lower end.",
     ),
     "cut-ins": (
         "Cut-ins",
-        "When somebody crosses the marking ahead of a faster vehicle, how near and how fast? Nearness decides which "
-        "crashes the traffic can make.",
+        "At the moment when a vehicle at 25-35 m/s crosses the marking ahead of a faster one, at most 75 m behind: how "
+        "near and how fast? That decides which crashes the traffic can make.",
     ),
     "persistence": (
         "Memory of drivers",
@@ -68,7 +70,8 @@ THEMES = {
     ),
     "transitions": (
         "Lane changes that people made",
-        "A lane change that was recorded must be possible in the model two seconds before the crossing.",
+        "A lane change that was recorded must be possible for an attentive driver of the model two seconds before the "
+        "crossing.",
     ),
 }
 """Of the checks: name -> title, and what they mean in a sentence."""
@@ -112,7 +115,7 @@ def ndd_validate(
     """
     from cornerforge.ndd.compare import compare_decisions, compare_traffic
     from cornerforge.ndd.readers import read_decisions
-    from cornerforge.ndd.validate import validate_readings
+    from cornerforge.ndd.validate import reading_names, validate_readings
 
     start = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
@@ -133,7 +136,7 @@ def ndd_validate(
     told = scores.to_json()
     distances: Any = told.pop("distances")
     notes: Any = told.pop("notes")
-    facts = _facts(traffic, whole, parts)
+    facts = _facts(traffic, whole, parts) + compare_transitions(run, reading_names(readings), readings)
     content = {
         "model": str(model),
         "model_hash": model_hash(run.model),

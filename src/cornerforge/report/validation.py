@@ -212,14 +212,15 @@ def page_of(result: Result, figures: Mapping[str, bytes]) -> str:
             continue
         parts.append(f"<h3>{escape(theme['title'])}</h3><p>{escape(theme['meaning'])}</p>")
         if name != "drift":
-            parts.append(_checks_table(rows))
+            parts += [f'<div class="dense">{_checks_table(rows)}</div>', _sources(rows)]
             continue
         parts += [
             inline(
                 figures["facts"],
                 "Checks of the drift on one scale; the shaded band is allowed. Marks at the rim lie beyond it.",
             ),
-            _drift_table(rows),
+            f'<div class="dense">{_drift_table(rows)}</div>',
+            _sources(rows),
             inline(
                 figures["traffic"], "Distribution functions of simulated traffic; diamonds are published quantiles."
             ),
@@ -242,9 +243,10 @@ def _summary(result: Result) -> str:
         gated = [row for row in result["facts"] if row["theme"] == name and row["within"] is not None]
         failing = list(dict.fromkeys(row["fact"] for row in gated if row["within"] is False))
         if gated:
-            count = f"{sum(row['within'] is False for row in gated)} of {len(gated)}"
-            rows.append([theme["title"], Bad(count) if failing else count, "; ".join(failing)])
-    return table(["checks", "outside", "which"], rows)
+            count = f"{sum(row['within'] is False for row in gated)} of {len(gated)} outside"
+            marked = f'<span class="bad">{count}</span>: {escape("; ".join(failing))}' if failing else count
+            rows.append(f"<li>{escape(theme['title'])}: {marked}</li>")
+    return f"<ul>{''.join(rows)}</ul>"
 
 
 _UNBROKEN = {ord(" "): "\u00a0", ord("-"): "\u2011"}
@@ -281,22 +283,34 @@ def _published(row: Mapping[str, Any]) -> str:
     return f"{value[0]:g}-{value[1]:g}" if isinstance(value, list | tuple) else f"{value:g}"
 
 
+def _sources(facts: list[Mapping[str, Any]]) -> str:
+    """Name the sources of the published values: the most frequent one first, the others with their quantities."""
+    by_source: dict[str, list[str]] = {}
+    for row in facts:
+        names = by_source.setdefault(row["source"], [])
+        if row["fact"] not in names:
+            names.append(row["fact"])
+    first, *others = sorted(by_source, key=lambda source: -len(by_source[source]))
+    told = [first, *(f"{source} ({', '.join(by_source[source])})" for source in others)]
+    return f'<p class="sources">Published: {escape("; ".join(told))}.</p>'
+
+
 def _drift_table(facts: list[Mapping[str, Any]]) -> str:
     """One line for each quantity, with what was found in each window and its interval."""
     whens = list(dict.fromkeys(row["when"] for row in facts))
     rows = []
     for name in dict.fromkeys(row["fact"] for row in facts):
         same = [row for row in facts if row["fact"] == name]
-        cells = [f"{_number(row['found'])}\n{_interval(row).translate(_UNBROKEN)}" for row in same]
+        cells = [f"{_number(row['found'])}\n{_interval(row).replace(' to ', '–').translate(_UNBROKEN)}" for row in same]
         marked = [Bad(cell) if row["within"] is False else cell for cell, row in zip(cells, same, strict=True)]
         one = same[0]
         rows.append(
             [
                 _with_unit(name, one["unit"]), *marked, f"{min(row['n'] for row in same):,}", _allowed(one),
-                _published(one), one["source"],
+                _published(one),
             ]
         )  # fmt: skip
-    head = ["quantity", *(when.translate(_UNBROKEN) for when in whens), "least n", "allowed", "published", "source"]
+    head = ["quantity", *(when.translate(_UNBROKEN) for when in whens), "least n", "allowed", "published"]
     return table(head, rows)
 
 
@@ -311,11 +325,10 @@ def _checks_table(facts: list[Mapping[str, Any]]) -> str:
             _allowed(row),
             {None: "", True: "yes", False: Bad("NO")}[row["within"]],
             _published(row),
-            row["source"],
         ]
         for row in facts
     ]
-    head = ["quantity", "when", "found", "95 % interval", "n", "allowed", "within", "published", "source"]
+    head = ["quantity", "when", "found", "95 % interval", "n", "allowed", "within", "published"]
     return table(head, rows)
 
 
