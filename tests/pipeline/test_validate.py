@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ from cornerforge.pipeline.validate import validation_text
 from cornerforge.results import NddValidated, as_json, from_json
 
 HEADER = "period,follower,leader,t_s,v_mps,vl_mps,gap_m,split"
-FACT_KEYS = {"when", "fact", "unit", "published", "found", "interval95", "allowed", "within"}
+FACT_KEYS = {
+    "theme", "when", "fact", "unit", "published", "source", "found", "n", "interval95", "allowed", "within",
+}  # fmt: skip
 MILES = 2_000
 """A quick look: too short to bound crashes, so nothing passes."""
 
@@ -79,8 +82,12 @@ def test_the_promised_keys_are_there_and_are_json(found: NddValidated) -> None:
     assert all(set(files) == {"pairs.csv"} for files in again["distances"].values())
     for fact in again["facts"]:
         assert set(fact) - {"crashes", "miles"} == FACT_KEYS
-    assert {fact["when"] for fact in again["facts"]} == {"0-15 s", "26-34 s"}
-    assert all(part["miles"] >= MILES for part in again["traffic"])
+    whens = ["0-2 s", "5-7 s", "10-12 s", "30-32 s", "60-62 s"]
+    assert [part["when"] for part in again["traffic"]] == whens
+    assert {fact["when"] for fact in again["facts"] if fact["theme"] == "drift"} == set(whens)
+    assert {fact["theme"] for fact in again["facts"]} == {"drift", "crashes", "cut-ins", "persistence"}
+    assert {fact["theme"] for fact in again["facts"]} <= set(again["themes"])
+    assert sum(part["miles"] for part in again["traffic"]) >= MILES
 
 
 def test_the_verdict_is_that_of_scores_and_facts(found: NddValidated) -> None:
@@ -91,7 +98,8 @@ def test_the_verdict_is_that_of_scores_and_facts(found: NddValidated) -> None:
     ]
     assert found.passed == (all(gates) and all(fact.within is not False for fact in found.facts))
     crashes = [fact for fact in found.facts if fact.crashes is not None]
-    assert [fact.within for fact in crashes] == [False, False]  # too few miles, and a note says so
+    assert [fact.when for fact in crashes] == ["0-62 s", "0-2 s", "2-10 s", "10-30 s", "30-62 s"]
+    assert crashes[0].within is False  # too few miles, and a note says so
     assert any("even no crash at all does not show" in note for note in found.notes)
 
 
@@ -103,9 +111,13 @@ def test_the_folder_holds_the_page_and_what_it_was_made_of(found: NddValidated, 
     assert page.count("<img ") == sum(name.endswith(".png") for name in names)
     assert "http" not in page
     for fact in found.facts:
-        assert fact.fact in page
+        assert escape(fact.fact) in page
     assert "<td>time gap, 5 % [s]</td>" in page
     assert "<td>lane changes per vehicle-mile</td>" in page
+    for theme in found.themes.values():
+        assert (theme.title in page) == any(found.themes[fact.theme] == theme for fact in found.facts)
+    assert page.count('class="bad"') >= sum(fact.within is False for fact in found.facts)
+    assert all(escape(fact.source) in page for fact in found.facts)
     for name in names:
         if name.endswith(".png"):
             assert (folder / name).read_bytes().startswith(b"\x89PNG")
@@ -128,10 +140,16 @@ def test_the_same_again_gives_the_same_page_and_another_seed_is_refused(
 
 def test_text_names_what_is_outside(found: NddValidated) -> None:
     text = validation_text(found)
-    assert text.count("OUTSIDE") == sum(fact.within is False for fact in found.facts) >= 2
+    outside = [fact for fact in found.facts if fact.within is False]
+    drift = sum(fact.theme == "drift" for fact in outside)
+    lines = [line for line in text.splitlines() if line.startswith("  ") and "(!" not in line]
+    assert sum(line.count("!") for line in lines) == drift >= 2
+    assert text.count("OUTSIDE") == len(outside) - drift >= 2
     assert text.endswith("NOT passed.")
     fine = tuple(replace(fact, within=None if fact.within is None else True) for fact in found.facts)
-    assert "OUTSIDE" not in validation_text(replace(found, facts=fine))
+    fine_text = validation_text(replace(found, facts=fine))
+    assert "OUTSIDE" not in fine_text
+    assert fine_text.count("!") == 1  # which says what it means
     assert validation_text(replace(found, passed=True)).endswith("\nPassed.")
     assert max(map(len, text.splitlines()[:80])) < 400
 

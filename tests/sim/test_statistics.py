@@ -93,7 +93,7 @@ def test_choices_by_hand() -> None:
     v["x"] += 30.0  # what is counted must be as it was when they chose
     v["present"][3:] = 0
     world.state["bv_crashes_before"], world.state["bv_crashes"] = 0, 1
-    count_choices(world, counts)
+    count_choices(world, ROAD, counts)
     assert total(counts, statistics.LANE_CHANGES) == 1
     assert total(counts, statistics.CRASHED_BVS) == 2
     assert only_bin(counts.joint[statistics.LEAD_GAP, 25]) == 20
@@ -107,7 +107,7 @@ def test_vanishing_without_a_crash_is_no_crash() -> None:
     world = world_of([Car(500.0, 0, 30.0), Car(100.0, 1, 25.0)])
     counts, _ = states(world)
     world.vehicles["present"][1], world.vehicles["action"][1] = 0, GO_ON
-    count_choices(world, counts)
+    count_choices(world, ROAD, counts)
     assert total(counts, statistics.CRASHED_BVS) == 0
 
 
@@ -116,12 +116,124 @@ def test_nobody_beside_is_the_last_bin() -> None:
     counts, _ = states(world)
     world.vehicles["action"][1] = 1
     start_lane_change(world, 1, 0, ROAD)
-    count_choices(world, counts)
+    count_choices(world, ROAD, counts)
     assert only_bin(counts.joint[statistics.LEAD_GAP, 25]) == 120  # the AV is 395 m ahead
     assert only_bin(counts.joint[statistics.REAR_GAP, 25]) == 120
 
 
+# Beside each other, and cutting in
+
+
+def test_who_drives_beside_whom() -> None:
+    """Slots 1 to 4: the left one of a pair less the right one; a pair is 10 m apart at most and changes no lane."""
+    cars = [Car(115.0, 1, 29.0), Car(100.0, 0, 20.0), Car(109.9, 1, 23.014), Car(95.0, 1, 33.5), Car(88.0, 2, 35.014)]
+    row = statistics.SPEED_DIFFERENCE_BESIDE
+    found = np.flatnonzero(states(world_of(cars))[0].histograms[row])
+    grid = statistics.BESIDE[0]
+    differences = (3.014, 13.5, 1.514)  # 2 and 1, 3 and 1, 4 and 3; the AV beside nobody
+    assert found.tolist() == sorted(math.floor((value - grid.low) / grid.width) for value in differences)
+    changing = world_of(cars)
+    start_lane_change(changing, 2, 2, ROAD)
+    assert states(changing)[0].histograms[row].sum() == 2
+    apart = world_of([Car(500.0, 1, 29.0), Car(100.0, 0, 20.0), Car(110.1, 1, 23.0), Car(95.0, 2, 33.5)])
+    assert states(apart)[0].histograms[row].sum() == 0
+
+
+def cut_in(world: World, rear: int = 2, *, y: float = 8.4) -> Counts:
+    """Slot 1 at 28 m/s crosses the marking at y = 8 m half a second on; the rear goes from 30 to 31 m/s."""
+    v = world.vehicles
+    v["y"][1], v["lateral_speed"][1] = 7.6, 0.8
+    counts, _ = states(world)
+    v["action"][1:] = GO_ON
+    v["x"] += v["speed"]
+    v["y"][1] = y
+    v["x"][rear] += 0.5
+    v["speed"][rear] += 1.0
+    count_choices(world, ROAD, counts)
+    return counts
+
+
+FAR_AV = Car(2000.0, 0, 30.0)
+
+
+def test_a_cut_in_by_hand() -> None:
+    """At the crossing: 114 m against 85.125 m, so 23.875 m between bumpers, closing by 30.5 - 28 m/s."""
+    cars = [FAR_AV, Car(100.0, 1, 28.0), Car(70.0, 2, 30.0), Car(60.0, 2, 33.0), Car(80.0, 1, 33.0)]
+    found = cut_in(world_of(cars)).cut_ins
+    assert found.sum() == found[2].sum() == 4  # at 25 to 35 m/s
+    values = (23.875, 23.875 / 30.5, 2.5 / 23.875, 2.5)
+    for grid, row, value in zip(statistics.CUT_INS, found[2], values, strict=True):
+        assert only_bin(row) == pytest.approx((value - grid.low) / grid.width - 0.5, abs=0.51), grid.name
+
+
+@pytest.mark.parametrize(
+    ("rear", "counted"),
+    [
+        (Car(70.0, 2, 27.0), 0),  # not closing
+        (Car(20.5, 2, 30.0), 1),  # 73.4 m behind
+        (Car(18.5, 2, 30.0), 0),  # 75.4 m behind
+        (Car(70.0, 1, 30.0), 0),  # in the lane that is left
+        (Car(70.0, 2, 30.0, present=False), 0),
+        (Car(97.0, 2, 30.0), 1),  # beside it: overlaps lengthwise
+        (Car(104.0, 2, 30.0), 0),  # ahead
+    ],
+)
+def test_which_vehicles_behind_make_a_cut_in(rear: Car, counted: int) -> None:
+    assert cut_in(world_of([FAR_AV, Car(100.0, 1, 28.0), rear])).cut_ins.sum() == 4 * counted
+
+
+def test_no_cut_in_without_a_crossing_before_the_av_or_beyond_the_bands() -> None:
+    rear = Car(70.0, 2, 30.0)
+    assert cut_in(world_of([FAR_AV, Car(100.0, 1, 28.0), rear]), y=7.9).cut_ins.sum() == 0
+    assert cut_in(world_of([Car(80.0, 2, 40.0), Car(100.0, 1, 28.0), rear])).cut_ins.sum() == 0
+    assert cut_in(world_of([FAR_AV, Car(100.0, 1, 36.0), Car(70.0, 2, 39.0)])).cut_ins.sum() == 0
+    slow = cut_in(world_of([FAR_AV, Car(100.0, 1, 14.9), rear])).cut_ins
+    assert slow[0].sum() == slow.sum() == 4
+
+
+def slow_cut_ins(scenario: Scenario) -> list[tuple[float, float, float, float]]:
+    """Gap, time gap, 1/TTC and closing speed of closing cut-ins, from frames 0.1 s apart."""
+    found = []
+    last = 10 * ((scenario.x.shape[0] - 1) // 10)
+    lane = np.floor(scenario.y / 4.0)
+    for f in range(last):
+        there = scenario.present[f] & scenario.present[10 * (f // 10 + 1)]
+        for i in np.flatnonzero(there & (lane[f] != lane[f + 1])):
+            if i == 0:
+                continue
+            marking = 4.0 * max(lane[f, i], lane[f + 1, i])
+            part = (marking - scenario.y[f, i]) / (
+                scenario.y[f + 1, i] - scenario.y[f, i]
+            ) + 1e-6  # others cross at the same moment
+            x, y, speed = ((1.0 - part) * a[f] + part * a[f + 1] for a in (scenario.x, scenario.y, scenario.speed))
+            behind = np.flatnonzero(there & (np.floor(y / 4.0) == lane[f + 1, i]) & (x <= x[i]))
+            behind = behind[behind != i]
+            if behind.size == 0:
+                continue
+            rear = behind[np.argmax(x[behind])]
+            gap, closing = max(0.0, x[i] - x[rear] - 5.0), speed[rear] - speed[i]
+            if rear > 0 and closing > 0.0 and gap <= 75.0 and 25.0 <= speed[i] < 35.0:
+                found.append((gap, gap / speed[rear], closing / max(gap, 0.01), closing))
+    return found
+
+
 # Against recordings
+
+
+def test_cut_ins_are_those_of_the_recordings(reckless: NddModel) -> None:
+    """Quantiles by the histograms and by NumPy on the frames: equal to 1 %, in spite of 1 s between the counts."""
+    odd = replace(ODD, time_limit=20.0, test_length=5e4)
+    setting = setting_of(reckless, odd)
+    recorder = Recorder(setting, odd)
+    slow = np.array([row for test in range(200) for row in slow_cut_ins(recorder.record(5, test))])
+    counts = simulate(setting, n_slots(odd), seed=5, tests=200, counting=True).counts
+    assert counts.cut_ins[2, 0].sum() == pytest.approx(len(slow), rel=0.01)
+    assert len(slow) > 1000
+    for grid, row, values in zip(statistics.CUT_INS, counts.cut_ins[2], slow.T, strict=True):
+        for percent in (10.0, 25.0, 50.0, 75.0):
+            true = np.percentile(values, percent)
+            found = statistics.histogram_quantile(grid, row, percent)
+            assert found == pytest.approx(true, rel=0.01, abs=grid.width), (grid.name, percent)
 
 
 def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
@@ -190,6 +302,11 @@ def test_parts_of_time_and_of_road_add_up(reckless: NddModel, field: str) -> Non
     assert all(part.totals[statistics.BV_STATES] > 1000 for part in parts)
     np.testing.assert_array_equal(parts[0].histograms[:5] + parts[1].histograms[:5], whole.histograms[:5])
     np.testing.assert_array_equal(parts[0].joint + parts[1].joint, whole.joint)
+    assert whole.cut_ins.sum() > 20
+    np.testing.assert_array_equal(parts[0].cut_ins + parts[1].cut_ins, whole.cut_ins)
+    beside = statistics.SPEED_DIFFERENCE_BESIDE
+    assert whole.histograms[beside].sum() > 100
+    np.testing.assert_array_equal(parts[0].histograms[beside] + parts[1].histograms[beside], whole.histograms[beside])
     without_av = np.delete(np.arange(whole.totals.size), [statistics.AV_STATES, statistics.BV_TRAVEL_MM])
     np.testing.assert_array_equal((parts[0].totals + parts[1].totals)[without_av], whole.totals[without_av])
     travel = [int(part.totals[statistics.BV_TRAVEL_MM]) for part in (whole, *parts)]
@@ -202,9 +319,9 @@ def test_what_is_counted_changes_no_outcome_and_threads_no_count(reckless: NddMo
     one, many = (simulate(setting, n_slots(ODD), seed=3, tests=1200, counting=census, threads=n) for n in (1, 3))
     plain = simulate(setting, n_slots(ODD), seed=3, tests=1200)
     assert one.digest.hexdigest() == many.digest.hexdigest() == plain.digest.hexdigest()
-    for left, right in zip(one.counts[:3], many.counts[:3], strict=True):
+    for left, right in zip(one.counts, many.counts, strict=True):
         np.testing.assert_array_equal(left, right)
-    assert not any(part.any() for part in plain.counts[:3])
+    assert not any(part.any() for part in plain.counts)
     chunks = simulate_chunks(setting, n_slots(ODD), seed=3, first=0, tests=1200, threads=2, counting=census, chunk=7)
     joint = sum(counts.joint for _, _, counts in chunks)
     np.testing.assert_array_equal(joint, one.counts.joint)

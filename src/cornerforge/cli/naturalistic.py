@@ -55,7 +55,7 @@ def ndd_validate(
     data_format: DataFormat = None,
     # An option takes one value: what follows `--against A` in `--against A B C` arrives here.
     more: Annotated[list[Path] | None, typer.Argument(metavar="FILE", hidden=True)] = None,
-    miles: Annotated[float, typer.Option(help="Vehicle-miles of traffic in each window; 2e4 for a quick look.")] = 2e6,
+    miles: Annotated[float, typer.Option(help="Vehicle-miles of traffic; 2e5 for a quick look.")] = 4e6,
     out: Annotated[
         Path | None, typer.Option(help="Folder for validation.json, the page and its figures.", show_default=False)
     ] = None,

@@ -18,6 +18,7 @@ __all__ = [
     "GREEN",
     "GREY",
     "ORANGE",
+    "Bad",
     "check_matplotlib",
     "inline",
     "new_figure",
@@ -34,6 +35,7 @@ _STYLE = (
     "td,th{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:right;vertical-align:top}"
     "td:first-child,th:first-child{text-align:left}pre{background:#f6f6f6;padding:1em;overflow:auto}"
     "img{max-width:100%}figure{margin:1em 0}figcaption{color:#555}.bad{color:#b00020;font-weight:600}"
+    ".dense{font-size:12.5px}.dense td,.dense th{padding:.15em .45em}.sources{color:#555;font-size:13px}"
 )
 
 
@@ -97,11 +99,20 @@ def inline(png: bytes, caption: str) -> str:
     return f'<figure><img alt="{text}" src="data:image/png;base64,{code}"><figcaption>{text}</figcaption></figure>'
 
 
+class Bad(str):
+    """Text of a cell that a table shows in the colour of what is wrong."""
+
+
 def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped. Long file names in the head may break after an underscore."""
     cells = "".join(f"<th>{escape(text).replace('_', '_<wbr>')}</th>" for text in head)
-    lines = ["<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows]
+    lines = ["<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in rows]
     return f"<table><tr>{cells}</tr>{''.join(lines)}</table>"
+
+
+def _cell(cell: object) -> str:
+    text = escape(str(cell)).replace("\n", "<br>")
+    return f'<td class="bad">{text}</td>' if isinstance(cell, Bad) else f"<td>{text}</td>"
 
 
 def page(title: str, body: str) -> str:

@@ -16,7 +16,7 @@ from cornerforge.ndd.row_checks import MEAN_LENGTH
 from cornerforge.ndd.tables import Table, read_header, read_table
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["START_BEFORE", "LaneObservations", "observe_lane_changes"]
+__all__ = ["START_BEFORE", "LaneObservations", "Transition", "observe_lane_changes", "transitions_of"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,6 +55,27 @@ class LaneObservations:
     lead_rate: Floats = field(metadata={"unit": "m/s"})
     rear_gap: Floats = field(metadata={"unit": "m"})
     rear_rate: Floats = field(metadata={"unit": "m/s"})
+
+
+@dataclass(frozen=True)
+class Transition:
+    """The vehicles of two lanes at the moment `START_BEFORE` seconds before one of them changed from one to the other.
+
+    Attributes:
+        vehicle: The one that changed; unique within the file.
+        along: Centres, the one that changed first [m], shape (m,).
+        speed: Speeds [m/s], shape (m,).
+        length: Lengths [m], shape (m,).
+        in_target: Which are in the lane that it changed to, shape (m,).
+        to_left: The lane that it changed to has the lower number, as to the left in NGSIM.
+    """
+
+    vehicle: int
+    along: Floats = field(metadata={"unit": "m"})
+    speed: Floats = field(metadata={"unit": "m/s"})
+    length: Floats = field(metadata={"unit": "m"})
+    in_target: NDArray[np.bool_]
+    to_left: bool
 
 
 @dataclass(frozen=True)
@@ -97,6 +118,31 @@ def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations |
         np.array([tracks.vehicle[abs(before)] for before, _ in found], dtype=np.int64),
         *columns,
     )
+
+
+def transitions_of(reading: Reading) -> list[Transition] | None:
+    """Find the lane changes with the vehicles that were seen around them; None if the file gives no row's lane.
+
+    Not among them is who was in the new lane `START_BEFORE` seconds before too, or was not seen then. Who is out of the
+    recorded stretch is not there.
+    """
+    if reading.layout.kind != "lanes":
+        return None
+    t = _tracks(reading)
+    found = []
+    for row, lane in _changes(t, (np.diff(t.vehicle) == 0) & (np.diff(t.tick) == 1)):
+        if row < 0 or not np.isfinite(t.speed[row]) or t.lane[row] == lane:
+            continue
+        there = np.flatnonzero((t.tick == t.tick[row]) & (t.scene == t.scene[row]) & np.isfinite(t.speed))
+        there = there[np.isin(t.lane[there], (lane, t.lane[row])) & (there != row)]
+        rows = np.concatenate([[row], there])
+        found.append(
+            Transition(
+                int(t.vehicle[row]), t.along[rows], t.speed[rows], t.length[rows], t.lane[rows] == lane,
+                bool(lane < t.lane[row]),
+            )
+        )  # fmt: skip
+    return found
 
 
 def _tracks(reading: Reading) -> _Tracks:

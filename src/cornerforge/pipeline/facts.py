@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.pipeline.free_running import FreeRunning, miles_of, upper_rate
+from cornerforge.pipeline.free_running import PERIODS, WHOLE, FreeRunning, FreeTraffic, lower_rate, miles_of, upper_rate
+from cornerforge.pipeline.judging import judged, spread
 from cornerforge.sim import statistics
 
-__all__ = ["CRASH_LIMIT", "FACTS", "Fact", "compare_with_facts"]
+__all__ = ["CRASH_LIMIT", "FACTS", "Fact", "compare_crashes", "compare_with_facts"]
 
-CRASH_LIMIT = 2e-5
+CRASH_LIMIT = 3e-6
 """Limit of the upper bound of crashes between BVs per vehicle-mile; the human rate is 2e-6."""
 HUMAN_CRASHES = 1.9e-6
-_T_95 = 2.093
-"""97.5 % point of Student's t with 19 degrees of freedom, for 20 blocks."""
+IVBSS = "IVBSS tables of Feng et al. 2023, doi:10.1038/s41586-023-05732-2"
 
 Measure = Callable[[statistics.Counts], float | None]
 
@@ -30,6 +30,9 @@ class Fact(NamedTuple):
         published: The published value, or the range of several; None where none is published for this quantity.
         low, high: Ends of the allowed range, both allowed; None where the fact is shown and is no gate.
         measure: Computes the quantity.
+        size: Computes the number of states or events behind it.
+        source: Of the published value.
+        theme: The table that shows it.
     """
 
     name: str
@@ -38,6 +41,16 @@ class Fact(NamedTuple):
     low: float | None
     high: float | None
     measure: Measure
+    size: Callable[[statistics.Counts], int]
+    source: str = IVBSS
+    theme: str = "drift"
+
+
+def _total(which: int) -> Callable[[statistics.Counts], int]:
+    return lambda counts: int(counts.totals[which])
+
+
+_STATES, _FOLLOWERS = _total(statistics.BV_STATES), _total(statistics.FOLLOWING_STATES)
 
 
 def _row(name: str) -> int:
@@ -60,12 +73,7 @@ def _quantile(name: str, percent: float) -> Measure:
 
     def measure(counts: statistics.Counts) -> float | None:
         row = _row(name)
-        grid = statistics.TRAFFIC[row]
-        cumulative = np.cumsum(counts.histograms[row, : grid.bins])
-        if cumulative[-1] == 0:
-            return None
-        share = np.concatenate([[0.0], cumulative / cumulative[-1]])
-        return float(np.interp(percent / 100.0, share, statistics.grid_edges(grid)))
+        return statistics.histogram_quantile(statistics.TRAFFIC[row], counts.histograms[row], percent)
 
     return measure
 
@@ -111,115 +119,148 @@ def _acceleration(row: int, what: str, speed: int | None = None) -> Measure:
 
 def _time_gap(percent: float, published: float, tolerance: float) -> Fact:
     low, high = published * (1.0 - tolerance), published * (1.0 + tolerance)
-    return Fact(f"time gap, {percent:g} %", "s", published, low, high, _quantile("time_gap", percent))
+    return Fact(f"time gap, {percent:g} %", "s", published, low, high, _quantile("time_gap", percent), _FOLLOWERS)
 
 
-def _ttc_share(limit: float, published: float, *, gate: bool) -> Fact:
+def _time_gap_share(below: float, published: float, low: float, high: float) -> Fact:
+    row = _row("time_gap")
+    bins = round(below / statistics.TRAFFIC[row].width)
+
+    def measure(counts: statistics.Counts) -> float | None:
+        states = _FOLLOWERS(counts)
+        return int(counts.histograms[row, :bins].sum()) / states if states else None
+
+    return Fact(
+        f"share of following states with a time gap below {below:g} s", "", published, low, high, measure, _FOLLOWERS
+    )
+
+
+def _ttc_share(limit: float, published: float, factor: float | None) -> Fact:
     measure = _ratio(statistics.TTC_BELOW + statistics.TTC_LIMITS.index(limit), statistics.FOLLOWING_STATES)
-    low, high = (published / 2.5, published * 2.5) if gate else (None, None)
-    return Fact(f"share of following states with TTC below {limit:g} s", "", published, low, high, measure)
+    low, high = (None, None) if factor is None else (published / factor, published * factor)
+    name = f"share of following states with TTC below {limit:g} s"
+    return Fact(name, "", published, low, high, measure, _FOLLOWERS)
 
 
 def _free(speed: int, sd: float, hard: float) -> tuple[Fact, ...]:
     row = statistics.FREE_ACCELERATION
     at = f"free-flow acceleration at {speed} m/s"
+
+    def size(counts: statistics.Counts) -> int:
+        return int(_accelerations(row, speed)(counts).sum())
+
     return (
-        Fact(f"{at}, mean", "m/s2", (0.02, 0.05), None, None, _acceleration(row, "mean", speed)),
-        Fact(f"{at}, sd", "m/s2", sd, None, None, _acceleration(row, "sd", speed)),
-        Fact(f"{at}, share at or below -1", "", hard, None, None, _acceleration(row, "hard", speed)),
+        Fact(f"{at}, mean", "m/s2", (0.02, 0.05), None, None, _acceleration(row, "mean", speed), size),
+        Fact(f"{at}, sd", "m/s2", sd, None, None, _acceleration(row, "sd", speed), size),
+        Fact(f"{at}, share at or below -1", "", hard, None, None, _acceleration(row, "hard", speed), size),
     )
 
 
+def _beside(counts: statistics.Counts) -> NDArray[np.int64]:
+    return np.asarray(counts.histograms[statistics.SPEED_DIFFERENCE_BESIDE])
+
+
+def _beside_sd(counts: statistics.Counts) -> float | None:
+    found: Any = statistics.histogram_summary(statistics.BESIDE[0], _beside(counts))["sd"]
+    return None if found is None else float(found)
+
+
+OURS = "none published, the range is ours"
 FACTS = (
+    _time_gap(0.1, 0.365, 0.15),
+    _time_gap(1.0, 0.455, 0.15),
     _time_gap(5.0, 0.55, 0.15),
     _time_gap(25.0, 0.80, 0.10),
     _time_gap(50.0, 1.14, 0.10),
     _time_gap(75.0, 1.78, 0.10),
     _time_gap(95.0, 2.90, 0.15),
-    Fact("speed, mean", "m/s", 30.05, 29.05, 31.05, _moment("speed", "mean")),
-    Fact("speed, sd", "m/s", 3.48, 3.48 * 0.8, 3.48 * 1.2, _moment("speed", "sd")),
+    _time_gap_share(0.3, 1.8e-4, 0.0, 5e-4),
+    _time_gap_share(0.5, 0.020, 0.020 / 1.5, 0.020 * 1.5),
     Fact(
         "share of vehicles that follow", "", 0.682, 0.582, 0.782,
-        _ratio(statistics.FOLLOWING_STATES, statistics.BV_STATES),
+        _ratio(statistics.FOLLOWING_STATES, statistics.BV_STATES), _STATES,
     ),
-    Fact("range rate, sd", "m/s", 1.3, 1.1, 1.5, _moment("range_rate", "sd")),
-    Fact("acceleration, sd", "m/s2", None, 0.35, 0.55, _moment("acceleration", "sd")),
-    _ttc_share(5.0, 1.5e-4, gate=True),
-    _ttc_share(10.0, 3.4e-3, gate=True),
-    Fact("lane changes", "per vehicle-mile", (0.20, 0.36), 0.2, 0.4, _lane_changes),
+    Fact("range rate, sd", "m/s", 1.3, 1.1, 1.5, _moment("range_rate", "sd"), _FOLLOWERS),
+    Fact("speed, mean", "m/s", 30.05, 29.05, 31.05, _moment("speed", "mean"), _STATES),
+    Fact("speed, sd", "m/s", 3.48, 3.48 * 0.8, 3.48 * 1.2, _moment("speed", "sd"), _STATES),
+    Fact(
+        "speed difference beside each other, sd", "m/s", (2.15, 2.7), 2.0, 2.7, _beside_sd,
+        lambda counts: int(_beside(counts).sum()), "NGSIM US-101 and another motorway",
+    ),
+    _ttc_share(5.0, 1.5e-4, 2.5),
+    _ttc_share(10.0, 3.4e-3, 2.0),
+    _ttc_share(15.0, 1.7e-2, 1.6),
+    _ttc_share(20.0, 4.0e-2, 1.5),
+    Fact("acceleration, sd", "m/s2", None, 0.35, 0.55, _moment("acceleration", "sd"), _STATES, OURS),
+    Fact(
+        "lane changes", "per vehicle-mile", (0.20, 0.36), 0.2, 0.4, _lane_changes, _total(statistics.LANE_CHANGES),
+        "Krajewski et al. 2018; Lee, Olsen, Wierwille 2004",
+    ),
     Fact(
         "acceleration while following, sd", "m/s2", None, None, None,
-        _acceleration(statistics.FOLLOWING_ACCELERATION, "sd"),
+        _acceleration(statistics.FOLLOWING_ACCELERATION, "sd"), _FOLLOWERS, OURS,
     ),
-    Fact("acceleration in free flow, sd", "m/s2", None, None, None, _acceleration(statistics.FREE_ACCELERATION, "sd")),
+    Fact(
+        "acceleration in free flow, sd", "m/s2", None, None, None,
+        _acceleration(statistics.FREE_ACCELERATION, "sd"),
+        lambda counts: int(_accelerations(statistics.FREE_ACCELERATION)(counts).sum()), OURS,
+    ),
     *_free(20, 0.61, 0.06),
     *_free(30, 0.38, 0.008),
     *_free(36, 0.32, 0.004),
-    _ttc_share(3.0, 1.4e-5, gate=False),
-    _ttc_share(4.0, 6.1e-5, gate=False),
-    _ttc_share(15.0, 1.7e-2, gate=False),
-    _ttc_share(20.0, 4.0e-2, gate=False),
+    _ttc_share(3.0, 1.4e-5, None),
+    _ttc_share(4.0, 6.1e-5, None),
 )  # fmt: skip
-"""Computed from the published IVBSS tables (Feng et al. 2023, doi:10.1038/s41586-023-05732-2); lane changes: highD
-(0.20; Krajewski et al. 2018) and a NHTSA naturalistic study (0.36; Lee, Olsen, Wierwille 2004). Tolerances, and the
-range of the acceleration's sd over all states, are ours. A lane change holds the speed: it counts as acceleration 0."""
+"""Tolerances, and the range of the acceleration's sd over all states, are ours. A lane change holds the speed: it
+counts as acceleration 0. Who follows: gap of at most 115.5 m."""
 
 
-def compare_with_facts(part: FreeRunning) -> list[dict[str, Any]]:
-    """Compare each of `FACTS`, and crashes between BVs, with the counts of one window.
-
-    Returns:
-        Objects with `when`, `fact`, `unit`, `published`, `found`, `interval95` (by jackknife over 20 blocks of worlds;
-        of crashes: 0 and the exact upper 95 % bound), `allowed` [low, high] and `within` (both null where the fact is
-        only shown). `within` is false for a quantity that was not seen (`found` is null).
-    """
+def compare_with_facts(part: FreeRunning, facts: tuple[Fact, ...] = FACTS) -> list[dict[str, Any]]:
+    """Compare each fact with the counts of one window; rows of `judging.judged`, intervals by jackknife over blocks."""
     total = part.total()
     reduced = [part.total(without) for without in range(len(part.blocks))]
     rows = []
-    for fact in FACTS:
+    for fact in facts:
         found = fact.measure(total)
-        within = None
-        if fact.low is not None and fact.high is not None:
-            within = found is not None and fact.low <= found <= fact.high
+        allowed = None if fact.low is None or fact.high is None else (fact.low, fact.high)
         rows.append(
-            {
-                "when": part.window.name,
-                "fact": fact.name,
-                "unit": fact.unit,
-                "published": fact.published,
-                "found": found,
-                "interval95": None if found is None else _jackknife(found, [fact.measure(some) for some in reduced]),
-                "allowed": None if fact.low is None or fact.high is None else [round(fact.low, 9), round(fact.high, 9)],
-                "within": within,
-            }
+            judged(
+                fact.theme,
+                part.window.name,
+                fact.name,
+                fact.unit,
+                fact.published,
+                fact.source,
+                found,
+                fact.size(total),
+                None if found is None else spread(found, [fact.measure(some) for some in reduced]),
+                allowed,
+            )
         )
-    return [*rows, _crashes(part, total)]
+    return rows
 
 
-def _jackknife(found: float, without_one: list[float | None]) -> list[float] | None:
-    """Return the 95 % interval from values that each leave out one block; None if one of them is None."""
-    values = np.array([np.nan if value is None else value for value in without_one])
-    if not np.isfinite(values).all():
-        return None
-    n = values.size
-    error = float(np.sqrt((n - 1) / n * ((values - values.mean()) ** 2).sum()))
-    return [found - _T_95 * error, found + _T_95 * error]
+def compare_crashes(traffic: FreeTraffic) -> list[dict[str, Any]]:
+    """Compare crashes between BVs per vehicle-mile with the limit, in the whole drive and period by period.
+
+    The whole drive is judged by the exact upper 95 % bound; a period fails if its exact 95 % interval lies above the
+    limit. A crash has two vehicles; it counts as one if its partner was not counted.
+    """
+    return [_crashes(traffic.during(window)) for window in (WHOLE, *PERIODS)]
 
 
-def _crashes(part: FreeRunning, total: statistics.Counts) -> dict[str, Any]:
-    """Compare crashes per vehicle-mile. A crash has two vehicles; it counts as one if its partner was not counted."""
+def _crashes(part: FreeRunning) -> dict[str, Any]:
+    total = part.total()
     crashes = (int(total.totals[statistics.CRASHED_BVS]) + 1) // 2
     miles = miles_of(total)
-    bound = upper_rate(crashes, miles) if miles else None
-    return {
-        "when": part.window.name,
-        "fact": "crashes between background vehicles",
-        "unit": "per vehicle-mile",
-        "published": HUMAN_CRASHES,
-        "found": crashes / miles if miles else None,
-        "interval95": None if bound is None else [0.0, bound],
-        "allowed": [0.0, CRASH_LIMIT],
-        "within": bound is not None and bound <= CRASH_LIMIT,
-        "crashes": crashes,
-        "miles": miles,
-    }
+    interval = None
+    if miles and part.window == WHOLE:
+        interval = [0.0, upper_rate(crashes, miles)]
+    elif miles:
+        interval = [lower_rate(crashes, miles, 0.975), upper_rate(crashes, miles, 0.975)]
+    row = judged(
+        "crashes", part.window.name, "crashes between background vehicles", "per vehicle-mile", HUMAN_CRASHES,
+        "police-reported, US: NHTSA 2023", crashes / miles if miles else None, crashes, interval, (0.0, CRASH_LIMIT),
+    )  # fmt: skip
+    judged_by = None if interval is None else interval[1 if part.window == WHOLE else 0]
+    return row | {"within": judged_by is not None and judged_by <= CRASH_LIMIT, "crashes": crashes, "miles": miles}

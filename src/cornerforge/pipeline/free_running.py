@@ -1,61 +1,83 @@
-"""Free-running natural traffic, and the published facts that it is measured against.
+"""Free-running natural traffic: driven for 62 s, and counted in windows of time.
 
-The traffic fills 2400 m of three lanes and drives for 15 s, and again for 34 s. The AV is no natural driver; it starts
-at the very rear, so that no counted vehicle follows it. Vehicles are counted in a stretch that starts 350 m from the
-rear and ends 465 m from the front, and moves at 30 m/s. The empty road before and behind the traffic neither hides a
-leader of a counted vehicle nor has an effect that reaches the stretch within 34 s (effects travel at 10 m/s faster or
-slower than 30 m/s). So every counted vehicle has the neighbours that it would have on a longer road.
+The traffic fills 3000 m of three lanes. The AV is no natural driver; it starts at the very rear, so that no counted
+vehicle follows it. Vehicles are counted in a stretch that starts 640 m from the rear and ends 745 m from the front, and
+moves at 30 m/s. The empty road before and behind the traffic neither hides a leader of a counted vehicle nor has an
+effect that reaches the stretch within 62 s (effects travel at 10 m/s faster or slower than 30 m/s). So every counted
+vehicle has the neighbours that it would have on a longer road.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
+from cornerforge.execution import in_order
+from cornerforge.pipeline.persistence import Pairs, pairs_of
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import statistics
-from cornerforge.sim.runner import simulate_chunks, warm_up
+from cornerforge.sim.keep import Outcomes
+from cornerforge.sim.runner import drive_chunk_by_window, warm_up
 from cornerforge.sim.world import n_slots
 from cornerforge.types import METRES_PER_MILE, Odd
 
 __all__ = [
+    "DRIFT_WINDOWS",
     "MILES",
-    "WINDOWS",
+    "PERIODS",
+    "WHOLE",
     "FreeRunning",
+    "FreeTraffic",
     "Window",
     "free_running_odd",
+    "is_counted",
+    "joined",
+    "lower_rate",
     "quantities_of",
     "simulate_free_running",
     "upper_rate",
 ]
 
-MILES = 2e6
-"""Vehicle-miles of BVs in each window. At 6 times the human rate (1.2e-5 crashes per mile) the upper bound is then
-below 2e-5 with a chance of 95 %."""
-TRAFFIC_LENGTH = 2400.0
-COUNTED = (350.0, 1935.0)
+MILES = 4e6
+"""Vehicle-miles of BVs in all windows together. Without a crash the upper bound is then below 1e-6 per mile."""
+TRAFFIC_LENGTH = 3000.0
+COUNTED = (640.0, 2255.0)
 """Ends of the stretch in which vehicles are counted, at time 0 [m]."""
-DRIFT = 30.0
+STRETCH_SPEED = 30.0
 _LANES = 3
-_CHUNK = 64
+_CHUNK = 128
 _BLOCKS = 20
+_NOTED = 32
+"""Worlds of each of the first 20 chunks whose states are noted every second."""
 
 
 class Window(NamedTuple):
     """Decision times `first` to `until` - 1 [s] after the start."""
 
-    name: str
     first: int
     until: int
 
+    @property
+    def name(self) -> str:
+        """As shown to people."""
+        return f"{self.first}-{self.until} s"
 
-WINDOWS = (Window("0-15 s", 0, 15), Window("26-34 s", 26, 34))
+
+_ENDS = (0, 2, 5, 7, 10, 12, 30, 32, 60, 62)
+_WINDOWS = tuple(Window(first, until) for first, until in pairwise(_ENDS))
+DRIFT_WINDOWS = _WINDOWS[::2]
+"""In these the traffic is compared with the facts."""
+PERIODS = tuple(Window(first, until) for first, until in pairwise((0, 2, 10, 30, 62)))
+"""In these crashes are counted; each is a sum of windows."""
+WHOLE = Window(_ENDS[0], _ENDS[-1])
 
 
 @dataclass(frozen=True)
@@ -92,21 +114,58 @@ class FreeRunning:
         return float(self.total().totals[statistics.BV_STATES]) / seconds / (COUNTED[1] - COUNTED[0]) * 1000.0
 
 
+@dataclass(frozen=True)
+class FreeTraffic:
+    """What one drive of many worlds gave.
+
+    Attributes:
+        parts: The counts of the windows, which follow on each other.
+        pairs: Who followed whom in some worlds of each of the 20 blocks.
+    """
+
+    parts: tuple[FreeRunning, ...]
+    pairs: tuple[Pairs, ...]
+
+    def during(self, window: Window) -> FreeRunning:
+        """Return the counts of a time that is one of the windows or several in a row."""
+        return joined([part for part in self.parts if window.first <= part.window.first < window.until])
+
+
+def joined(parts: Sequence[FreeRunning]) -> FreeRunning:
+    """Join windows of the same worlds that follow on each other; at least one."""
+    if len(parts) == 1:
+        return parts[0]
+    blocks = []
+    for same in zip(*(part.blocks for part in parts), strict=True):
+        block = statistics.allocate_counts()
+        for counts in same:
+            block.add(counts)
+        blocks.append(block)
+    window = Window(parts[0].window.first, parts[-1].window.until)
+    return FreeRunning(window, parts[0].tests, tuple(blocks))
+
+
 def miles_of(counts: statistics.Counts) -> float:
-    """Return the vehicle-miles of the BVs."""
-    return int(counts.totals[statistics.BV_TRAVEL_MM]) / 1000.0 / METRES_PER_MILE
+    """Return the vehicle-miles of the BVs, summed over a leading axis if there is one."""
+    return int(counts.totals[..., statistics.BV_TRAVEL_MM].sum()) / 1000.0 / METRES_PER_MILE
 
 
-def free_running_odd(window: Window) -> Odd:
-    """Return the road on which a window's traffic drives; a world ends by time, never by distance."""
+def free_running_odd() -> Odd:
+    """Return the road on which the traffic drives; a world ends by time, never by distance."""
     return Odd(
         name="free-running",
         n_lanes=_LANES,
         test_length=1e5,
-        time_limit=float(window.until),
+        time_limit=float(WHOLE.until),
         av_start=0.0,
         traffic_length=TRAFFIC_LENGTH,
     )
+
+
+def is_counted(x: NDArray[np.float64], time: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Is a position [m] in the counted stretch at a time [s]? Arrays that broadcast."""
+    start = x - STRETCH_SPEED * time
+    return (start >= COUNTED[0]) & (start <= COUNTED[1])
 
 
 def on_road(run: Experiment, odd: Odd) -> Experiment:
@@ -116,19 +175,18 @@ def on_road(run: Experiment, odd: Odd) -> Experiment:
 
 def simulate_free_running(
     run: Experiment,
-    window: Window,
     *,
     miles: float = MILES,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-) -> FreeRunning:
-    """Drive worlds until `miles` vehicle-miles are counted in a window; the same for any number of threads.
+) -> FreeTraffic:
+    """Drive worlds until `miles` vehicle-miles are counted; the same for any number of threads.
 
     Args:
         run: The experiment, whose own road is not used.
-        window: When to count.
-        miles: Least number of vehicle-miles, 100 to 1e9; also the largest number of worlds.
+        miles: Least number of vehicle-miles in all windows together, 100 to 1e9. At least 2,560 worlds are driven,
+            150,000 miles in a few seconds.
         seed: 0 or more.
         threads: None for all cores.
         progress: Told how far it is, in miles.
@@ -138,29 +196,43 @@ def simulate_free_running(
     """
     check_number("miles", miles, low=100.0, high=1e9)
     check_integer("seed", seed, low=0, high=2**63 - 1)
-    moved = on_road(run, free_running_odd(window))
-    census = statistics.Census(True, window.first, window.until, *COUNTED, DRIFT)
-    blocks = tuple(statistics.allocate_counts() for _ in range(_BLOCKS))
+    moved = on_road(run, free_running_odd())
+    census = statistics.Census(True, 0, WHOLE.until, *COUNTED, STRETCH_SPEED)
+    ends = np.array(_ENDS[1:])
+    blocks = [statistics.allocate_counts(len(_WINDOWS)) for _ in range(_BLOCKS)]
+    pairs = []
     warm_up(moved.setting, moved.slots)
-    worlds = simulate_chunks(
-        moved.setting, moved.slots, seed=seed, first=0, tests=int(miles), threads=check_threads(threads),
-        counting=census, chunk=_CHUNK,
-    )  # fmt: skip
+
+    def work(first: int, count: int) -> tuple[Outcomes, statistics.Counts, Pairs | None]:
+        noted = _NOTED if first < _BLOCKS * _CHUNK else 0
+        out, counts, states, lengths = drive_chunk_by_window(
+            moved.setting, moved.slots, seed, first, count, census, ends, noted=noted
+        )
+        if not noted:
+            return out, counts, None
+        counted = is_counted(states["x"], np.arange(WHOLE.until)[:, None]) & (states["present"] == 1)
+        return out, counts, pairs_of(states, lengths, counted, moved.odd.lane_width)
+
     tests, done = 0, 0.0
+    worlds = in_order(work, 0, _BLOCKS * _CHUNK + int(miles), chunk=_CHUNK, threads=check_threads(threads))
     try:
-        for number, (_, out, counts) in enumerate(worlds):
+        for number, (out, counts, found) in enumerate(worlds):
             blocks[number % _BLOCKS].add(counts)
             tests += out.code.size
             done += miles_of(counts)
-            progress(f"traffic {window.name}", min(done, miles), miles)
+            if found is not None:
+                pairs.append(found)
+            progress("traffic", min(done, miles), miles)
             if done >= miles and number + 1 >= _BLOCKS:
                 break
     finally:
         worlds.close()
-    return FreeRunning(window, tests, blocks)
+    rows = ((statistics.Counts._make(array[k] for array in block) for block in blocks) for k in range(len(_WINDOWS)))
+    parts = tuple(FreeRunning(window, tests, tuple(row)) for window, row in zip(_WINDOWS, rows, strict=True))
+    return FreeTraffic(parts, tuple(pairs))
 
 
-def quantities_of(parts: list[FreeRunning]) -> dict[str, tuple[statistics.HistogramGrid, NDArray[np.int64]]]:
+def quantities_of(parts: Sequence[FreeRunning]) -> dict[str, tuple[statistics.HistogramGrid, NDArray[np.int64]]]:
     """Sum the quantities by speed class over all windows: name -> grid and counts (41, bins)."""
     joint = sum((part.total().joint for part in parts), np.zeros_like(statistics.allocate_counts().joint))
     return {grid.name: (grid, joint[row, :, : grid.bins]) for row, grid in enumerate(statistics.JOINT)}
@@ -177,3 +249,14 @@ def upper_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
     from scipy.special import chdtri
 
     return float(chdtri(2.0 * (events + 1.0), 1.0 - confidence) / 2.0 / exposure)
+
+
+def lower_rate(events: int, exposure: float, confidence: float = 0.95) -> float:
+    """Return the exact one-sided lower bound of a Poisson rate; 0 for no events. Source as for `upper_rate`.
+
+    >>> lower_rate(0, 1e6), round(lower_rate(1, 1e6) * 1e6, 4)
+    (0.0, 0.0513)
+    """
+    from scipy.special import chdtri
+
+    return float(chdtri(2.0 * events, confidence) / 2.0 / exposure) if events else 0.0

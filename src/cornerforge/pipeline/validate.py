@@ -14,18 +14,23 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.ndd.model import model_hash
 from cornerforge.pipeline.counting import distributions_of
-from cornerforge.pipeline.facts import CRASH_LIMIT, compare_with_facts
+from cornerforge.pipeline.cut_ins import CUT_IN_FACTS
+from cornerforge.pipeline.facts import CRASH_LIMIT, compare_crashes, compare_with_facts
 from cornerforge.pipeline.free_running import (
+    DRIFT_WINDOWS,
     MILES,
-    WINDOWS,
+    WHOLE,
     FreeRunning,
+    FreeTraffic,
     quantities_of,
     simulate_free_running,
     upper_rate,
 )
 from cornerforge.pipeline.output import open_output, write_json, write_text
+from cornerforge.pipeline.persistence import compare_persistence
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
+from cornerforge.pipeline.transitions import compare_transitions
 from cornerforge.results import (
     AcceptedGaps,
     FactFound,
@@ -42,6 +47,34 @@ if TYPE_CHECKING:
 
 __all__ = ["ndd_validate", "validation_text"]
 
+THEMES = {
+    "drift": (
+        "Drift",
+        "Traffic must be at 60 s what it is at the start: otherwise rates depend on when a test happens to begin. "
+        "Follows: gap of at most 115.5 m.",
+    ),
+    "crashes": (
+        "Crashes between background vehicles",
+        "Natural drivers hardly ever crash, and no more often in the first seconds of a test than later. The whole "
+        "drive is judged by the upper end of its interval, a period of it by the lower end.",
+    ),
+    "cut-ins": (
+        "Cut-ins",
+        "At the moment when a vehicle at 25-35 m/s crosses the marking ahead of a faster one, at most 75 m behind: how "
+        "near and how fast? That decides which crashes the traffic can make.",
+    ),
+    "persistence": (
+        "Memory of drivers",
+        "A driver who is close now is close half a minute later, but not for ever; what a second's state does not "
+        "explain goes on in the next.",
+    ),
+    "transitions": (
+        "Lane changes that people made",
+        "A lane change that was recorded must be possible for an attentive driver of the model two seconds before the "
+        "crossing.",
+    ),
+}
+"""Of the checks: name -> title, and what they mean in a sentence."""
 VALIDATION = "validation.json"
 _PAGE = "validation.html"
 _CURVES = ("time_gap", "gap", "range_rate", "acceleration_following", "acceleration_free")
@@ -65,8 +98,8 @@ def ndd_validate(
         against: Trajectory files, all of one format. The held-out decisions of a file are scored (all of them if none
             is held out); the others fit the baselines.
         data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
-        miles: Vehicle-miles of free-running traffic in each of the two windows (0-15 s, 26-34 s), at least 100. Below
-            150,000 the bound on crashes cannot be met.
+        miles: Vehicle-miles of free-running traffic, driven for 62 s, at least 100. Below 1,000,000 the bound on
+            crashes cannot be met.
         out: Folder for `validation.json`, the page `validation.html` and its figures; None to write nothing.
         seed: Seed of the free-running traffic, 0 or more.
         threads: None for all cores; does not change the result.
@@ -75,14 +108,14 @@ def ndd_validate(
     Returns:
         What `cornerforge ndd validate --json` prints. `passed` means: more likely than the IDM and than
         uniform guessing on every file, with the whole 95 % interval, and every gated fact within what is allowed, in
-        both windows.
+        all windows.
 
     Raises:
         CornerForgeError: Input, files or output place are not right.
     """
     from cornerforge.ndd.compare import compare_decisions, compare_traffic
     from cornerforge.ndd.readers import read_decisions
-    from cornerforge.ndd.validate import validate_readings
+    from cornerforge.ndd.validate import reading_names, validate_readings
 
     start = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
@@ -97,24 +130,23 @@ def ndd_validate(
     progress("validate: scoring", 0, 1)
     scores = validate_readings(run.model, readings)
     conditional = compare_decisions(run.model, readings)
-    parts = [
-        simulate_free_running(run, window, miles=miles, seed=seed, threads=threads, progress=progress)
-        for window in WINDOWS
-    ]
+    traffic = simulate_free_running(run, miles=miles, seed=seed, threads=threads, progress=progress)
+    whole, parts = traffic.during(WHOLE), [traffic.during(window) for window in DRIFT_WINDOWS]
     progress("validate: comparing", 0, 1)
     told = scores.to_json()
     distances: Any = told.pop("distances")
     notes: Any = told.pop("notes")
-    facts = [row for part in parts for row in compare_with_facts(part)]
+    facts = _facts(traffic, whole, parts) + compare_transitions(run, reading_names(readings), readings)
     content = {
         "model": str(model),
         "model_hash": model_hash(run.model),
         **told,
-        "distances": distances | compare_traffic(run.model, readings, _simulated(parts)),
+        "distances": distances | compare_traffic(run.model, readings, _simulated(whole)),
         "one_step_ahead": conditional,
         "facts": facts,
         "traffic": [_traffic(part) for part in parts],
-        "notes": [*notes, *_traffic_notes(parts)],
+        "themes": {name: {"title": title, "meaning": meaning} for name, (title, meaning) in THEMES.items()},
+        "notes": [*notes, *_traffic_notes(whole, parts)],
         "passed": scores.passed and all(fact["within"] is not False for fact in facts),
         "seconds": round(time.perf_counter() - start, 3),
     }
@@ -122,6 +154,16 @@ def ndd_validate(
         content |= {"out": str(folder), "report": str(folder / _PAGE)}
         _write(folder, content)
     return from_json(NddValidated, content)
+
+
+def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -> list[dict[str, Any]]:
+    """Compare the traffic with all that is known, theme by theme."""
+    return [
+        *(row for part in parts for row in compare_with_facts(part)),
+        *compare_crashes(traffic),
+        *compare_with_facts(whole, CUT_IN_FACTS),
+        *compare_persistence(traffic.pairs),
+    ]
 
 
 def _open(folder: Path, identity: dict[str, Any]) -> None:
@@ -142,17 +184,16 @@ def _write(folder: Path, result: dict[str, Any]) -> None:
     write_text(folder / _PAGE, page_of(result, figures))
 
 
-def _simulated(parts: list[FreeRunning]) -> SimulatedTraffic:
-    """Join both windows, in the form for `ndd.compare`."""
+def _simulated(whole: FreeRunning) -> SimulatedTraffic:
+    """Give the whole drive the form for `ndd.compare`."""
     from cornerforge.ndd.compare import SimulatedQuantity, SimulatedTraffic
     from cornerforge.sim import statistics
 
     quantities = {
         name: SimulatedQuantity(grid.unit, grid.low, grid.width, counts)
-        for name, (grid, counts) in quantities_of(parts).items()
+        for name, (grid, counts) in quantities_of([whole]).items()
     }
-    changes = sum(int(part.total().totals[statistics.LANE_CHANGES]) for part in parts)
-    return SimulatedTraffic(quantities, changes / sum(part.miles for part in parts))
+    return SimulatedTraffic(quantities, int(whole.total().totals[statistics.LANE_CHANGES]) / whole.miles)
 
 
 def _traffic(part: FreeRunning) -> dict[str, Any]:
@@ -181,14 +222,14 @@ def _shares(counts: NDArray[np.int64]) -> list[float]:
     return [float(f"{n / max(int(counts.sum()), 1):.4g}") for n in counts]
 
 
-def _traffic_notes(parts: list[FreeRunning]) -> list[str]:
+def _traffic_notes(whole: FreeRunning, parts: list[FreeRunning]) -> list[str]:
     """Return notes that a reader needs about the simulated traffic."""
     notes = [
-        f"Free-running traffic: {part.tests:,} worlds, {part.miles:,.0f} vehicle-miles at {part.window.name}."
-        for part in parts
+        f"Free-running traffic: {whole.tests:,} worlds of {whole.window.until} s, {whole.miles:,.0f} vehicle-miles; "
+        f"in the windows of the drift {', '.join(f'{part.miles:,.0f} ({part.window.name})' for part in parts)}."
     ]
     enough = upper_rate(0, CRASH_LIMIT)
-    if min(part.miles for part in parts) < enough:
+    if whole.miles < enough:
         notes.append(
             f"With fewer than {enough:,.0f} vehicle-miles even no crash at all does not show that crashes between "
             f"background vehicles are below {CRASH_LIMIT:g} per mile."
@@ -234,26 +275,52 @@ def _likelihood_lines(result: NddValidated) -> list[str]:
 
 def _fact_lines(result: NddValidated) -> list[str]:
     lines = []
-    for part in result.traffic:
-        lines.append(
-            f"Free-running traffic, {part.when}, {part.miles:,.0f} vehicle-miles: "
-            "found (95 % interval), allowed, published"
-        )
-        lines += [_fact_line(fact) for fact in result.facts if fact.when == part.when]
+    for name, theme in result.themes.items():
+        facts = [fact for fact in result.facts if fact.theme == name]
+        if not facts:
+            continue
+        lines.append(f"{theme.title}. {theme.meaning}")
+        lines += _window_lines(facts) if name == "drift" else [_fact_line(fact) for fact in facts]
     return lines
 
 
+def _window_lines(facts: Sequence[FactFound]) -> list[str]:
+    """One line for each quantity, with what was found in each window."""
+    whens = list(dict.fromkeys(fact.when for fact in facts))
+    head = f"  {'found at (! outside what is allowed)':<58}" + "".join(f"{when:>11}" for when in whens)
+    lines = [f"{head}  {'least n':>9}  {'allowed':<20}published"]
+    for name in dict.fromkeys(fact.fact for fact in facts):
+        same = [fact for fact in facts if fact.fact == name]
+        cells = "".join(f"{_number(fact.found) + '!' * (fact.within is False):>11}" for fact in same)
+        one, n = same[0], min(fact.n for fact in same)
+        lines.append(
+            f"  {f'{name} {one.unit}':<58}{cells}  {n:>9,}  {_allowed(one):<20}{_published(one.published)}".rstrip()
+        )
+    return lines
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.3g}"
+
+
+def _allowed(fact: FactFound) -> str:
+    return "shown only" if fact.allowed is None else "{:.3g} to {:.3g}".format(*fact.allowed)
+
+
+def _published(value: float | tuple[float, float] | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value[0]:g}-{value[1]:g}" if isinstance(value, tuple) else f"{value:g}"
+
+
 def _fact_line(fact: FactFound) -> str:
-    found = "none" if fact.found is None else f"{fact.found:.3g}"
     interval = "" if fact.interval95 is None else "({:.3g} to {:.3g})".format(*fact.interval95)
-    allowed = "shown only" if fact.allowed is None else "{:.3g} to {:.3g}".format(*fact.allowed)
-    published = fact.published
-    if published is None:
-        said = "-"
-    else:
-        said = f"{published[0]:g}-{published[1]:g}" if isinstance(published, tuple) else f"{published:g}"
     verdict = "  OUTSIDE" if fact.within is False else ""
-    return f"  {fact.fact:<52}{found:>9} {interval:<26}{allowed:<20}{said:<10}{fact.unit}".rstrip() + verdict
+    return (
+        f"  {f'{fact.fact} {fact.unit}':<68}{fact.when:<9}{_number(fact.found):>9} {interval:<24}n {fact.n:<9,}"
+        f"{_allowed(fact):<20}{_published(fact.published)}".rstrip()
+        + verdict
+    )
 
 
 def _distance_lines(result: NddValidated) -> list[str]:

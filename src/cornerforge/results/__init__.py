@@ -73,6 +73,7 @@ from cornerforge.results.validation import (
     PartLikelihood,
     RecordedQuantity,
     RecordedTtc,
+    Theme,
     TrafficDistances,
     TtcShare,
 )
@@ -146,6 +147,7 @@ __all__ = [
     "ShrunkCase",
     "ShrunkLibrary",
     "Simulated",
+    "Theme",
     "TopCase",
     "TrafficDistances",
     "Trained",

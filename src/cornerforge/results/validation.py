@@ -21,6 +21,7 @@ __all__ = [
     "PartLikelihood",
     "RecordedQuantity",
     "RecordedTtc",
+    "Theme",
     "TrafficDistances",
     "TtcShare",
 ]
@@ -189,20 +190,33 @@ class OneStepCell:
 class FactFound:
     """A published fact, and what free-running traffic has of it in one window."""
 
-    when: str = field(metadata=_WHEN)
+    theme: str = field(metadata=meant("The table that it belongs to, a key of `themes`."))
+    when: str = field(metadata=meant("Window: seconds after the start; or the file."))
     fact: str = field(metadata=meant("The quantity, in words."))
     unit: str = field(metadata=meant("Of the numbers."))
     published: float | tuple[float, float] | None = field(
         metadata=meant("Published value, or ends of a range; null: none for just this.", "`unit`")
     )
+    source: str = field(metadata=meant("Of the published value."))
     found: float | None = field(metadata=meant("What was found; null: it was not seen at all.", "`unit`"))
+    n: int = field(metadata=meant("States, events or pairs behind it."))
     interval95: Interval | None = field(
-        metadata=meant("95 % interval of `found` (of crashes: 0 and the exact upper bound); null: unknown.", "`unit`")
+        metadata=meant(
+            "95 % interval of `found` (of all crashes: 0 and the exact upper bound); null: unknown.", "`unit`"
+        )
     )
     allowed: tuple[float, float] | None = field(metadata=meant("Ends of what is allowed; null: shown only.", "`unit`"))
     within: bool | None = field(metadata=meant("Whether it is within `allowed`; null: shown only."))
     crashes: int | None = field(default=None, metadata=meant("Crashes counted; only with crashes."))
     miles: float | None = field(default=None, metadata=meant("Distance counted; only with crashes.", "vehicle-miles"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Theme:
+    """A table of facts."""
+
+    title: str = field(metadata=meant("Its heading."))
+    meaning: str = field(metadata=meant("What the facts in it mean, in one or two sentences."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,7 +257,8 @@ class NddValidated:
     one_step_ahead: dict[str, tuple[OneStepCell, ...]] = field(
         metadata=meant("By file, accelerations in like states; cells with enough decisions.")
     )
-    facts: tuple[FactFound, ...] = field(metadata=meant("Published facts, window by window."))
+    facts: tuple[FactFound, ...] = field(metadata=meant("Published facts, theme by theme, window by window."))
+    themes: dict[str, Theme] = field(metadata=meant("By name, the tables of the facts, in order."))
     traffic: tuple[FreeTraffic, ...] = field(metadata=meant("Free-running traffic, by window."))
     notes: tuple[str, ...] = field(metadata=meant("What a reader must know, one sentence each."))
     passed: bool = field(

@@ -23,7 +23,7 @@ from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
 from cornerforge.sim.setting import LIKELIEST, NOBODY, OUTSIDE, POLICY, SCRIPTED, TOLD, critical_of
-from cornerforge.sim.statistics import BV_TRAVEL_MM, count_av, count_choices, count_states
+from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
 from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
 from cornerforge.types import ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
@@ -31,6 +31,7 @@ from cornerforge.types import ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.keep import Keep
     from cornerforge.sim.scratch import ChoiceScratch, Scratch
     from cornerforge.sim.setting import Setting
@@ -250,10 +251,10 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
 
 
 @inlined_kernel
-def _count_second(w: World, keep: Keep) -> None:
-    """Count what the BVs chose in the second that is over."""
+def _count_second(w: World, road: RoadNumbers, keep: Keep) -> None:
+    """Count what the BVs did in the second that is over."""
     if _is_counted(w.state[0].decisions - 1, keep):
-        count_choices(w, keep.counts)
+        count_choices(w, road, keep.counts)
 
 
 @inlined_kernel
@@ -303,9 +304,9 @@ def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> i
                 else:
                     av_acts(w, command, lane, road)
             if move_on(w, substep, road, keep.recording):
-                _count_second(w, keep)
+                _count_second(w, road, keep)
                 if keep.census.on:
-                    keep.counts.totals[BV_TRAVEL_MM] += int(state.travel * 1000.0)
+                    count_travel(w, keep.counts)
                 return OVER
         state.substep = 0
-        _count_second(w, keep)
+        _count_second(w, road, keep)

@@ -7,10 +7,12 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.execution import in_order
-from cornerforge.sim.drive import drive_range
+from cornerforge.fields import FRAME_FIELDS
+from cornerforge.sim.drive import drive_range, drive_windows
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
@@ -24,6 +26,7 @@ __all__ = [
     "census_of",
     "crashed_tests",
     "drive_chunk",
+    "drive_chunk_by_window",
     "simulate",
     "simulate_chunks",
     "warm_up",
@@ -107,6 +110,41 @@ def drive_chunk(
         out,
     )
     return out, counts
+
+
+def drive_chunk_by_window(
+    setting: Setting, slots: int, seed: int, first: int, count: int, census: Census, until: NDArray[np.int64],
+    *, noted: int = 0,
+) -> tuple[Outcomes, Counts, NDArray[np.void], NDArray[np.float64]]:  # fmt: skip
+    """Drive like `drive_chunk`, and count windows of time apart.
+
+    Args:
+        setting, slots, seed, first, count: As for `drive_chunk`.
+        census: Which BVs are counted; its times are not used.
+        until: Ends of the windows, rising [s], (W,); the first begins at 0, each other one where the last ended.
+        noted: Tests, the first ones, of which the states are returned.
+
+    Returns:
+        Outcomes; counts with a leading axis of W; the states of the noted tests after 0, 1, ... whole seconds,
+        (noted, last end, slots) of `fields.FRAME_FIELDS`; the lengths of their vehicles [m], (noted, slots).
+    """
+    out, counts = allocate_outcomes(count), allocate_counts(until.size)
+    states = np.zeros((min(noted, count), int(until[-1]), slots), dtype=FRAME_FIELDS)
+    lengths = np.zeros((states.shape[0], slots))
+    drive_windows(
+        seed,
+        first,
+        setting,
+        world_of(allocate_worlds(1, slots)),
+        allocate_scratch(slots, setting.who.policy),
+        keep_nothing(slots, census=census),
+        until,
+        counts,
+        states,
+        lengths,
+        out,
+    )
+    return out, counts, states, lengths
 
 
 def census_of(counting: bool | Census) -> Census:

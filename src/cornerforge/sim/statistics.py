@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.ndd.grids import GAP_GRID
 from cornerforge.road.straight import ahead_by, gap, half_lengths
+from cornerforge.sim.crossings import crossing_of, has_crossed, rear_at, state_at
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.step import SUBSTEPS
+from cornerforge.sim.world import RUNNING
 from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
 
 if TYPE_CHECKING:
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
+    "BESIDE",
+    "CUT_INS",
+    "CUT_IN_BANDS",
     "EVERYBODY",
     "EXPOSURE",
     "JOINT",
@@ -35,7 +41,9 @@ __all__ = [
     "count_av",
     "count_choices",
     "count_states",
+    "count_travel",
     "grid_edges",
+    "histogram_quantile",
     "histogram_summary",
 ]
 
@@ -66,6 +74,9 @@ EXPOSURE = (
 )
 """The AV's exposure once a second (paper, Figure 3): BBD and TTC to the vehicles ahead and behind in its lane, TTC only
 when closing. A vehicle that overlaps the AV lengthwise, which changes lanes beside it, is neither ahead nor behind."""
+BESIDE = (HistogramGrid("speed_difference_beside", "m/s", -20.0, 0.02, 2000),)
+"""Speed of a BV minus that of the BV beside it in the next lane to the right. Their centres are at most 10 m apart
+along the road, and neither changes lanes."""
 JOINT = (
     HistogramGrid("gap", "m", 0.0, 0.5, 240),
     HistogramGrid("time_gap", "s", 0.0, 0.05, 240),
@@ -80,17 +91,34 @@ JOINT = (
 compared with data of other speeds. Inverse TTC is 0 when not closing. An accepted gap is the gap in the next lane when
 a change begins; it is in the last bin if no vehicle is there within 120 m."""
 JOINT_SPEEDS = 41
+CUT_INS = (
+    HistogramGrid("gap", "m", 0.0, 0.05, 1500),
+    HistogramGrid("time_gap", "s", 0.0, 0.005, 2000),
+    HistogramGrid("inverse_ttc", "1/s", 0.0, 0.0005, 2000),
+    HistogramGrid("closing_speed", "m/s", 0.0, 0.01, 2000),
+)
+"""Closing cut-ins, at the moment when the centre of a BV crosses into another lane: bumper-to-bumper gap to the nearest
+vehicle behind there (at most 75 m, 0 where they overlap lengthwise), that vehicle's time gap, 1/TTC, and its speed
+minus that of the BV, which is positive. The AV counts neither as the one that changes lanes nor as the one behind."""
+CUT_IN_BANDS = (5.0, 15.0, 25.0, 35.0)
+"""Edges of the bands of the speed of the vehicle that cuts in [m/s]; other speeds are not counted."""
+FARTHEST_CUT_IN = 75.0
+_BESIDE_WITHIN = 10.0
 TTC_LIMITS = (3.0, 4.0, 5.0, 10.0, 15.0, 20.0)
 _N_BINS = 2400
 _N_JOINT_BINS = 240
 _FOLLOWING_GAP = GAP_GRID.upper
 _ACCELERATIONS = ACCELERATIONS
-_GRIDS = TRAFFIC + EXPOSURE + JOINT
+_N_CUT_IN_BINS = 2000
+_GRIDS = TRAFFIC + EXPOSURE + BESIDE + JOINT + CUT_INS
 _LOW = np.array([g.low for g in _GRIDS])
 _WIDTH = np.array([g.width for g in _GRIDS])
 _BINS = np.array([g.bins for g in _GRIDS])
 _LIMITS = np.array(TTC_LIMITS)
-_FIRST_JOINT = len(TRAFFIC) + len(EXPOSURE)
+_BANDS = np.array(CUT_IN_BANDS)
+SPEED_DIFFERENCE_BESIDE = len(TRAFFIC) + len(EXPOSURE)
+_FIRST_JOINT = SPEED_DIFFERENCE_BESIDE + len(BESIDE)
+_FIRST_CUT_IN = _FIRST_JOINT + len(JOINT)
 GAP, TIME_GAP, RANGE_RATE, FOLLOWING_ACCELERATION, FREE_ACCELERATION, INVERSE_TTC, LEAD_GAP, REAR_GAP = range(8)
 _NOT_COUNTED, _FREE, _FOLLOWING = range(3)
 
@@ -121,33 +149,38 @@ class Counts(NamedTuple):
     """Integer counts.
 
     Attributes:
-        histograms: (9, 2400), rows in the order of TRAFFIC then EXPOSURE.
+        histograms: (10, 2400), rows in the order of TRAFFIC, EXPOSURE, BESIDE.
         joint: (8, 41, 240), rows in the order of JOINT, by speed in classes of 1 m/s.
+        cut_ins: (3, 4, 2000), by CUT_IN_BANDS, rows in the order of CUT_INS.
         totals: BV states, following states, lane changes begun, BV travel [mm], AV states, BVs that crashed into each
             other; then states with TTC below each of TTC_LIMITS.
     """
 
     histograms: NDArray[np.int64]
     joint: NDArray[np.int64]
+    cut_ins: NDArray[np.int64]
     totals: NDArray[np.int64]
 
     def add(self, other: Counts) -> None:
         """Add the counts of `other` to these."""
         self.histograms[:] += other.histograms
         self.joint[:] += other.joint
+        self.cut_ins[:] += other.cut_ins
         self.totals[:] += other.totals
 
 
 BV_STATES, FOLLOWING_STATES, LANE_CHANGES, BV_TRAVEL_MM, AV_STATES, CRASHED_BVS, TTC_BELOW = range(7)
 
 
-def allocate_counts() -> Counts:
-    """Allocate counts of zero."""
-    return Counts(
-        np.zeros((_FIRST_JOINT, _N_BINS), dtype=np.int64),
-        np.zeros((len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS), dtype=np.int64),
-        np.zeros(TTC_BELOW + len(TTC_LIMITS), dtype=np.int64),
+def allocate_counts(*windows: int) -> Counts:
+    """Allocate counts of zero; with a number of windows, that as a leading axis."""
+    shapes = (
+        (_FIRST_JOINT, _N_BINS),
+        (len(JOINT), JOINT_SPEEDS, _N_JOINT_BINS),
+        (len(CUT_IN_BANDS) - 1, len(CUT_INS), _N_CUT_IN_BINS),
+        (TTC_BELOW + len(TTC_LIMITS),),
     )
+    return Counts._make(np.zeros((*windows, *shape), dtype=np.int64) for shape in shapes)
 
 
 def grid_edges(grid: HistogramGrid) -> NDArray[np.float64]:
@@ -172,33 +205,63 @@ def histogram_summary(grid: HistogramGrid, counts: NDArray[np.int64]) -> dict[st
     return {"n": n, "mean": round(mean, 5), "sd": round(variance**0.5, 5), "quantiles": quantiles}
 
 
+def histogram_quantile(grid: HistogramGrid, counts: NDArray[np.int64], percent: float) -> float | None:
+    """Compute a quantile of a histogram, interpolated within its bin; None where nothing was counted."""
+    cumulative = np.cumsum(counts[: grid.bins])
+    if cumulative[-1] == 0:
+        return None
+    share = np.concatenate([[0.0], cumulative / cumulative[-1]])
+    return float(np.interp(percent / 100.0, share, grid_edges(grid)))
+
+
+@inlined_kernel
+def _bin_of(grid: int, value: float) -> int:
+    """Find the bin of a value in grid number `grid` of all; the end bins hold what lies beyond."""
+    place: int = max(0, min(_BINS[grid] - 1, math.floor((value - _LOW[grid]) / _WIDTH[grid])))
+    return place
+
+
 @kernel
 def _count(counts: Counts, row: int, value: float) -> None:
-    place = math.floor((value - _LOW[row]) / _WIDTH[row])
-    counts.histograms[row, max(0, min(_BINS[row] - 1, place))] += 1
+    counts.histograms[row, _bin_of(row, value)] += 1
 
 
 @kernel
 def _count_joint(counts: Counts, row: int, speed: float, value: float) -> None:
     """Count a value of quantity `row` of JOINT, of a vehicle with this speed [m/s]."""
-    grid = _FIRST_JOINT + row
-    place = math.floor((value - _LOW[grid]) / _WIDTH[grid])
     speed_class = max(0, min(JOINT_SPEEDS - 1, math.floor(speed + 0.5)))
-    counts.joint[row, speed_class, max(0, min(_BINS[grid] - 1, place))] += 1
+    counts.joint[row, speed_class, _bin_of(_FIRST_JOINT + row, value)] += 1
+
+
+@inlined_kernel
+def _count_beside(v: NDArray[np.void], i: int, j: int, counts: Counts) -> None:
+    """Count the speed difference of two vehicles within 10 m of each other, if they are BVs in adjacent lanes."""
+    left = v[i].target_lane - v[j].target_lane
+    if j > 0 and (left == 1 or left == -1) and v[i].duration == 0.0 and v[j].duration == 0.0:
+        _count(counts, SPEED_DIFFERENCE_BESIDE, left * (v[i].speed - v[j].speed))
 
 
 @kernel
-def _nearest_lead(w: World, rank: int) -> int:
-    """Find the nearest vehicle ahead in any lane that the vehicle at a rank of `order` occupies; -1 for none."""
+def _look_ahead(w: World, rank: int, counts: Counts) -> int:
+    """Find the nearest vehicle ahead in any lane that the vehicle at a rank of `order` occupies; -1 for none.
+
+    BVs beside it, from its centre on ahead, are counted on the way.
+    """
     v = w.vehicles
     i = w.order[rank]
+    lead = -1
     for other in range(rank + 1, w.state[0].n_vehicles):
         j = w.order[other]
-        if ahead_by(v, i, j) >= SIGHT:
-            return -1
-        if v[j].present and v[j].lanes & v[i].lanes:
-            return int(j)
-    return -1
+        distance = ahead_by(v, i, j)
+        if distance >= SIGHT or (lead >= 0 and distance > _BESIDE_WITHIN):
+            break
+        if v[j].present == 0:
+            continue
+        if distance <= _BESIDE_WITHIN:
+            _count_beside(v, i, j, counts)
+        if lead < 0 and v[j].lanes & v[i].lanes:
+            lead = int(j)
+    return lead
 
 
 @inlined_kernel
@@ -238,7 +301,9 @@ def count_states(w: World, time: int, counts: Counts, census: Census) -> float:
         i = w.order[rank]
         seen = w.seen[i]
         seen.x = v[i].x
+        seen.y = v[i].y
         seen.speed = v[i].speed
+        seen.lateral_speed = v[i].lateral_speed
         seen.lanes = v[i].lanes if v[i].present else 0
         seen.as_what = _NOT_COUNTED
         if i == 0 or v[i].present == 0 or not (low <= v[i].x <= high):
@@ -247,7 +312,7 @@ def count_states(w: World, time: int, counts: Counts, census: Census) -> float:
         travel += v[i].speed
         _count(counts, 0, v[i].speed)
         seen.as_what = _FREE
-        lead = _nearest_lead(w, rank)
+        lead = _look_ahead(w, rank, counts)
         if lead >= 0 and gap(v, i, lead) <= _FOLLOWING_GAP:
             seen.as_what = _FOLLOWING
             _count_following(counts, v[i].speed, gap(v, i, lead), v[lead].speed - v[i].speed)
@@ -274,20 +339,46 @@ def _count_accepted(w: World, i: int, target: int, counts: Counts) -> None:
 
 
 @kernel
-def count_choices(w: World, counts: Counts) -> None:
-    """Count the actions of the BVs that `count_states` counted, and which of them crashed in the second since.
+def _count_cut_in(w: World, i: int, road: RoadNumbers, counts: Counts) -> None:
+    """Count slot i, whose centre crossed into another lane in the second that is over, if it cut in on a faster BV."""
+    when, lane = crossing_of(w, i, road.lane_width)
+    x, speed = state_at(w, i, when)
+    band = -1
+    for k in range(_BANDS.size - 1):
+        if _BANDS[k] <= speed < _BANDS[k + 1]:
+            band = k
+    rear = rear_at(w, i, lane, when, road.lane_width)
+    if band < 0 or rear <= 0:
+        return
+    rear_x, rear_speed = state_at(w, rear, when)
+    closing = rear_speed - speed
+    room = max(0.0, x - rear_x - half_lengths(w.vehicles, rear, i))
+    if closing <= 0.0 or room > FARTHEST_CUT_IN:
+        return
+    values = (room, room / max(rear_speed, 0.1), closing / max(room, 0.01), closing)
+    for k in range(len(values)):
+        counts.cut_ins[band, k, _bin_of(_FIRST_CUT_IN + k, values[k])] += 1
+
+
+@kernel
+def count_choices(w: World, road: RoadNumbers, counts: Counts) -> None:
+    """Count the actions of the BVs that `count_states` counted, their cut-ins, and their crashes in the second since.
 
     A lane change holds the speed: it counts as acceleration 0. A counted BV that is absent now counts as crashed if
-    there was any crash between BVs in that second.
+    there was any crash between BVs in that second. Cut-ins of a second in which the test ended early are not counted:
+    some vehicles then stand where it began.
     """
     v = w.vehicles
     n = w.state[0].n_vehicles
     has_crash = w.state[0].bv_crashes > w.state[0].bv_crashes_before
+    is_whole = w.state[0].outcome == RUNNING or w.state[0].frame == SUBSTEPS * w.state[0].decisions
     for i in range(1, n):
         if w.seen[i].as_what == _NOT_COUNTED:
             continue
         if has_crash and v[i].present == 0:
             counts.totals[CRASHED_BVS] += 1
+        if is_whole and v[i].present and has_crossed(w, i, road.lane_width):
+            _count_cut_in(w, i, road, counts)
         acceleration = 0.0
         if v[i].action >= FIRST_ACCELERATION:
             acceleration = _ACCELERATIONS[v[i].action - FIRST_ACCELERATION]
@@ -298,6 +389,13 @@ def count_choices(w: World, counts: Counts) -> None:
         _count(counts, 4, acceleration)
         row = FOLLOWING_ACCELERATION if w.seen[i].as_what == _FOLLOWING else FREE_ACCELERATION
         _count_joint(counts, row, w.seen[i].speed, acceleration)
+
+
+@inlined_kernel
+def count_travel(w: World, counts: Counts) -> None:
+    """Count the distance that the counted BVs drove since it was last counted, cut to whole millimetres."""
+    counts.totals[BV_TRAVEL_MM] += int(w.state[0].travel * 1000.0)
+    w.state[0].travel = 0.0
 
 
 @kernel

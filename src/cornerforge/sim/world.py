@@ -162,9 +162,11 @@ class World(NamedTuple):
     seen: NDArray[np.void]
 
 
-SEEN = np.dtype([("x", "f8"), ("speed", "f8"), ("lanes", "i8"), ("as_what", "i8")])
-"""A BV at the last decision time, for `statistics.count_choices`: position [m], speed [m/s], its lanes as a bit mask,
-and whether it is counted as following, as free, or not at all."""
+SEEN = np.dtype(
+    [("x", "f8"), ("y", "f8"), ("speed", "f8"), ("lateral_speed", "f8"), ("lanes", "i8"), ("as_what", "i8")]
+)
+"""A vehicle at the last decision time, for `statistics.count_choices`: position along and across the road [m], speeds
+along and across it [m/s], its lanes as a bit mask, and whether it is counted as following, as free, or not at all."""
 _PAIRS_PER_SLOT = 8
 
 
