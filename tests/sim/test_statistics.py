@@ -13,8 +13,9 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import statistics
 from cornerforge.sim.actions import start_lane_change
+from cornerforge.sim.keep import allocate_windows
 from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.runner import simulate, simulate_chunks
+from cornerforge.sim.runner import drive_chunk, drive_chunk_by_window, simulate, simulate_chunks
 from cornerforge.sim.statistics import EVERYBODY, Census, Counts, allocate_counts, count_choices, count_states
 from cornerforge.sim.world import World, n_slots
 from cornerforge.types import ACCELERATIONS, Odd, Scenario
@@ -325,6 +326,34 @@ def test_what_is_counted_changes_no_outcome_and_threads_no_count(reckless: NddMo
     chunks = simulate_chunks(setting, n_slots(ODD), seed=3, first=0, tests=1200, threads=2, counting=census, chunk=7)
     joint = sum(counts.joint for _, _, counts in chunks)
     np.testing.assert_array_equal(joint, one.counts.joint)
+
+
+def test_windows_of_one_drive_add_up_and_note_the_states(reckless: NddModel) -> None:
+    odd = replace(ODD, test_length=1e5, time_limit=8.0)
+    setting, slots = setting_of(reckless, odd), n_slots(odd)
+    census = Census(True, 0, 8, 100.0, 600.0, 30.0)
+    windows = allocate_windows(np.array([1, 5, 8]), 3, slots)
+    out = drive_chunk_by_window(setting, slots, 5, 0, 30, census, windows)
+    plain, whole = drive_chunk(setting, slots, 5, 0, 30, census)
+    for one, other in zip(out, plain, strict=True):
+        np.testing.assert_array_equal(one, other)
+    for name in Counts._fields[:-1]:
+        np.testing.assert_array_equal(getattr(windows.counts, name).sum(axis=0), getattr(whole, name))
+    difference = whole.totals - windows.counts.totals.sum(axis=0)
+    assert 0 <= difference[statistics.BV_TRAVEL_MM] <= 3 * 30  # each window is cut to whole millimetres
+    assert not np.delete(difference, statistics.BV_TRAVEL_MM).any()
+    middle = drive_chunk(setting, slots, 5, 0, 30, census._replace(first=1, until=5))[1]
+    np.testing.assert_array_equal(windows.counts.joint[1], middle.joint)
+    recorder = Recorder(setting, odd)
+    for test in range(3):
+        scenario = recorder.record(5, test)
+        seconds = np.arange(scenario.action.shape[0])
+        noted = windows.states[test, seconds, : scenario.x.shape[1]]
+        there = scenario.present[10 * seconds]
+        np.testing.assert_array_equal(noted["present"] == 1, there)
+        for name in ("x", "y", "speed"):
+            np.testing.assert_array_equal(noted[name][there], getattr(scenario, name)[10 * seconds][there])
+    assert (windows.lengths[:, 1] == 5.0).all()
 
 
 def test_other_grids_of_joint_counts_fit_the_array() -> None:

@@ -24,7 +24,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import statistics
-from cornerforge.sim.keep import Outcomes
+from cornerforge.sim.keep import Outcomes, allocate_windows
 from cornerforge.sim.runner import drive_chunk_by_window, warm_up
 from cornerforge.sim.world import n_slots
 from cornerforge.types import METRES_PER_MILE, Odd
@@ -204,14 +204,13 @@ def simulate_free_running(
     warm_up(moved.setting, moved.slots)
 
     def work(first: int, count: int) -> tuple[Outcomes, statistics.Counts, Pairs | None]:
-        noted = _NOTED if first < _BLOCKS * _CHUNK else 0
-        out, counts, states, lengths = drive_chunk_by_window(
-            moved.setting, moved.slots, seed, first, count, census, ends, noted=noted
-        )
+        noted = min(_NOTED, count) if first < _BLOCKS * _CHUNK else 0
+        windows = allocate_windows(ends, noted, moved.slots)
+        out = drive_chunk_by_window(moved.setting, moved.slots, seed, first, count, census, windows)
         if not noted:
-            return out, counts, None
-        counted = is_counted(states["x"], np.arange(WHOLE.until)[:, None]) & (states["present"] == 1)
-        return out, counts, pairs_of(states, lengths, counted, moved.odd.lane_width)
+            return out, windows.counts, None
+        counted = is_counted(windows.states["x"], np.arange(WHOLE.until)[:, None]) & (windows.states["present"] == 1)
+        return out, windows.counts, pairs_of(windows.states, windows.lengths, counted, moved.odd.lane_width)
 
     tests, done = 0, 0.0
     worlds = in_order(work, 0, _BLOCKS * _CHUNK + int(miles), chunk=_CHUNK, threads=check_threads(threads))

@@ -13,10 +13,7 @@ from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING
 
 if TYPE_CHECKING:
-    from numpy import float64, int64, void
-    from numpy.typing import NDArray
-
-    from cornerforge.sim.keep import Outcomes
+    from cornerforge.sim.keep import Outcomes, Windows
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
@@ -53,9 +50,8 @@ def drive_range(seed: int, first: int, setting: Setting, w: World, s: Scratch, k
 
 @kernel
 def drive_windows(
-    seed: int, first: int, setting: Setting, w: World, s: Scratch, keep: Keep, until: NDArray[int64], counts: Counts,
-    states: NDArray[void], lengths: NDArray[float64], out: Outcomes,
-) -> None:  # fmt: skip
+    seed: int, first: int, setting: Setting, w: World, s: Scratch, keep: Keep, windows: Windows, out: Outcomes
+) -> None:
     """Drive tests like `drive_range`, and count each window of time by itself.
 
     Args:
@@ -63,19 +59,16 @@ def drive_windows(
         setting: The run.
         w, s: A world and scratch to drive in.
         keep: Neither frames nor decisions; its census says which BVs are counted, not when.
-        until: Ends of the windows, rising [s], (W,); the first begins at 0, each other one where the last ended.
-        counts: Counts with a leading axis of W.
-        states: The first tests after 0, 1, ... whole seconds, (tests, seconds, N) of `fields.FRAME_FIELDS`, all absent
-            before; with 0 tests nothing is noted.
-        lengths: Of the vehicles of the same tests [m], (tests, N).
+        windows: What is kept.
         out: How each ended.
     """
-    census = keep.census
+    census, counts, until = keep.census, windows.counts, windows.until
     for k in range(out.code.size):
         reset_world(w, seed, first + k, setting)
-        if k < states.shape[0]:
+        noted = k < windows.states.shape[0]
+        if noted:
             for i in range(w.vehicles.size):
-                lengths[k, i] = w.vehicles[i].length
+                windows.lengths[k, i] = w.vehicles[i].length
         for window in range(until.size):
             begin = until[window - 1] if window > 0 else 0
             row = Counts(counts.histograms[window], counts.joint[window], counts.cut_ins[window], counts.totals[window])
@@ -84,8 +77,8 @@ def drive_windows(
                 Census(True, begin, until[window], census.low, census.high, census.drift),
             )  # fmt: skip
             for second in range(begin, until[window]):
-                if k < states.shape[0] and w.state[0].outcome == RUNNING:
-                    record_frame(w, second, states[k])
+                if noted and w.state[0].outcome == RUNNING:
+                    record_frame(w, second, windows.states[k])
                 advance(w, setting, s, kept, second + 1)
             count_travel(w, row)
         write_outcome(w, out, k, setting.road)

@@ -9,6 +9,7 @@ import numpy as np
 
 from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.fields import FRAME_FIELDS
 from cornerforge.road.straight import driven
 from cornerforge.sim.statistics import NOBODY_COUNTED, Census, Counts, allocate_counts
 from cornerforge.sim.step import SUBSTEPS, allocate_recording
@@ -26,8 +27,10 @@ __all__ = [
     "Decisions",
     "Keep",
     "Outcomes",
+    "Windows",
     "allocate_decisions",
     "allocate_outcomes",
+    "allocate_windows",
     "keep_nothing",
     "keep_whole_test",
     "record_choice",
@@ -93,6 +96,29 @@ class Keep(NamedTuple):
     chances: NDArray[np.float64]
     counts: Counts
     census: Census
+
+
+class Windows(NamedTuple):
+    """What is kept of tests whose windows of time are counted apart.
+
+    Attributes:
+        until: Ends of the windows, rising [s], (W,); the first begins at 0, each other one where the last ended.
+        counts: Counts with a leading axis of W.
+        states: The first tests after 0, 1, ... whole seconds, (tests, seconds, N) of `fields.FRAME_FIELDS`, all absent
+            before; with 0 tests nothing is noted.
+        lengths: Of the vehicles of the same tests [m], (tests, N).
+    """
+
+    until: NDArray[np.int64]
+    counts: Counts
+    states: NDArray[np.void]
+    lengths: NDArray[np.float64]
+
+
+def allocate_windows(until: NDArray[np.int64], noted: int, slots: int) -> Windows:
+    """Allocate windows with these ends, and the states of `noted` tests of `slots` vehicles."""
+    states = np.zeros((noted, int(until[-1]), slots), dtype=FRAME_FIELDS)
+    return Windows(until, allocate_counts(until.size), states, np.zeros((noted, slots)))
 
 
 def allocate_outcomes(n: int) -> Outcomes:

@@ -7,13 +7,11 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.execution import in_order
-from cornerforge.fields import FRAME_FIELDS
 from cornerforge.sim.drive import drive_range, drive_windows
-from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing
+from cornerforge.sim.keep import Outcomes, Windows, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import EVERYBODY, NOBODY_COUNTED, Census, Counts, allocate_counts
@@ -113,38 +111,16 @@ def drive_chunk(
 
 
 def drive_chunk_by_window(
-    setting: Setting, slots: int, seed: int, first: int, count: int, census: Census, until: NDArray[np.int64],
-    *, noted: int = 0,
-) -> tuple[Outcomes, Counts, NDArray[np.void], NDArray[np.float64]]:  # fmt: skip
+    setting: Setting, slots: int, seed: int, first: int, count: int, census: Census, windows: Windows
+) -> Outcomes:
     """Drive like `drive_chunk`, and count windows of time apart.
 
-    Args:
-        setting, slots, seed, first, count: As for `drive_chunk`.
-        census: Which BVs are counted; its times are not used.
-        until: Ends of the windows, rising [s], (W,); the first begins at 0, each other one where the last ended.
-        noted: Tests, the first ones, of which the states are returned.
-
-    Returns:
-        Outcomes; counts with a leading axis of W; the states of the noted tests after 0, 1, ... whole seconds,
-        (noted, last end, slots) of `fields.FRAME_FIELDS`; the lengths of their vehicles [m], (noted, slots).
+    `census`: which BVs are counted; its times are not used. `windows`: what is kept is added to it.
     """
-    out, counts = allocate_outcomes(count), allocate_counts(until.size)
-    states = np.zeros((min(noted, count), int(until[-1]), slots), dtype=FRAME_FIELDS)
-    lengths = np.zeros((states.shape[0], slots))
-    drive_windows(
-        seed,
-        first,
-        setting,
-        world_of(allocate_worlds(1, slots)),
-        allocate_scratch(slots, setting.who.policy),
-        keep_nothing(slots, census=census),
-        until,
-        counts,
-        states,
-        lengths,
-        out,
-    )
-    return out, counts, states, lengths
+    out = allocate_outcomes(count)
+    world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
+    drive_windows(seed, first, setting, world, scratch, keep_nothing(slots, census=census), windows, out)
+    return out
 
 
 def census_of(counting: bool | Census) -> Census:
