@@ -137,7 +137,7 @@ def test_fitted_numbers_are_short() -> None:
 
 def test_acceptance_grows_with_the_gap_and_only_an_overlap_is_never_accepted() -> None:
     change = LaneChange()
-    for accept, usual in ((change.accept_lead(), 8.0), (change.accept_rear(), 22.0)):
+    for accept, usual in ((change.accept_lead(), 11.0), (change.accept_rear(), 22.0)):
         assert (accept > 0.0).all()  # a gap of 0 or less is refused by `accept_chance`
         assert accept.max() <= 1.0
         assert (np.diff(accept, axis=0) >= 0.0).all()

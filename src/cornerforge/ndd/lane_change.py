@@ -25,33 +25,35 @@ Floats = NDArray[np.float64]
 class LaneChange:
     """Desire and gap acceptance of a lane change that takes about 4 s.
 
-    A gap is accepted with the chance Phi((ln gap - ln G) / `doubt`), G = standstill + reaction c + c^2 / (2 braking), c
-    the closing speed: `lead_standstill` and so on for the vehicle ahead, `rear_...` for the one behind,
-    `accept_braking` for both. It is 0 only where the bodies overlap lengthwise.
+    A gap is accepted with the chance Phi((ln gap - ln G) / doubt), G = standstill + reaction c + c^2 / (2 braking), c
+    the closing speed: `lead_standstill`, `lead_reaction`, `lead_doubt` for the vehicle ahead, `rear_...` for the one
+    behind, `accept_braking` for both. It is 0 only where the bodies overlap lengthwise.
+
+    The desire has such a factor for the driver's own leader, with the numbers `own_...`: hardly any driver begins a
+    change, which holds its speed for a second, close behind a leader or closing in on one fast.
 
     A driver in a running change turns back for a critical gap: one at which, after `reaction` seconds at constant
-    speeds, the vehicle behind must brake harder than `braking` to keep `standstill`. The desire has the same form as a
-    factor for the leader, smoothed over `own_smooth`, with the numbers `own_...`: no driver begins a change, which
-    holds its speed for a second, close behind a leader or closing in on one fast.
+    speeds, the vehicle behind must brake harder than `braking` to keep `standstill`.
 
     `rate` is per 1 s decision and side at a desire of 1.
     """
 
-    rate: float = 0.016
+    rate: float = 0.0150
     slower_leader: float = field(default=1.0, metadata={"unit": "s/m"})
     near: float = field(default=40.0, metadata={"unit": "m"})
     desire_free: float = 0.5
     standstill: float = field(default=6.0, metadata={"unit": "m"})
-    doubt: float = 0.9
+    rear_doubt: float = 0.9
     rear_standstill: float = field(default=22.0, metadata={"unit": "m"})
-    rear_reaction: float = field(default=15.0, metadata={"unit": "s"})
-    lead_standstill: float = field(default=8.0, metadata={"unit": "m"})
+    rear_reaction: float = field(default=20.0, metadata={"unit": "s"})
+    lead_doubt: float = 0.45
+    lead_standstill: float = field(default=11.0, metadata={"unit": "m"})
     lead_reaction: float = field(default=2.0, metadata={"unit": "s"})
     accept_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
     reaction: float = field(default=2.0, metadata={"unit": "s"})
     braking: float = field(default=2.0, metadata={"unit": "m/s2"})
-    own_standstill: float = field(default=4.0, metadata={"unit": "m"})
-    own_smooth: float = field(default=6.0, metadata={"unit": "m"})
+    own_standstill: float = field(default=9.0, metadata={"unit": "m"})
+    own_doubt: float = 0.35
     own_reaction: float = field(default=1.0, metadata={"unit": "s"})
     own_braking: float = field(default=3.0, metadata={"unit": "m/s2"})
     overlook: float = 1e-4
@@ -64,27 +66,23 @@ class LaneChange:
     def desire(self) -> Floats:
         """Return the factor of the chance by (gap, range rate) to the leader, shape (116, 19).
 
-        It rises with the closing speed and tends to `desire_free` for large gaps; 0 where the leader is too near to
-        begin a change.
+        It rises with the closing speed and tends to `desire_free` for large gaps; hardly above 0 where the leader is too
+        near to begin a change.
         """
         gap, closing = GAPS[:, None], np.maximum(-RANGE_RATES, 0.0)[None, :]
         wish = self.desire_free + (0.5 + self.slower_leader * closing) * np.exp(-gap / self.near)
-        critical = _critical_gap(RANGE_RATES, self.own_standstill, self.own_reaction, self.own_braking)
-        return np.asarray(wish * _acceptance(critical, self.own_smooth))
+        usual = _critical_gap(RANGE_RATES, self.own_standstill, self.own_reaction, self.own_braking)
+        return np.asarray(wish * _accept(usual, self.own_doubt))
 
     def accept_lead(self) -> Floats:
         """Return the acceptance of the gap to the vehicle ahead by (gap, range rate), shape (116, 19)."""
-        return self._accept(_critical_gap(RANGE_RATES, self.lead_standstill, self.lead_reaction, self.accept_braking))
+        usual = _critical_gap(RANGE_RATES, self.lead_standstill, self.lead_reaction, self.accept_braking)
+        return _accept(usual, self.lead_doubt)
 
     def accept_rear(self) -> Floats:
         """Return the same for the vehicle behind; range rate front minus rear, < 0: closing."""
-        return self._accept(_critical_gap(RANGE_RATES, self.rear_standstill, self.rear_reaction, self.accept_braking))
-
-    def _accept(self, usual: Floats) -> Floats:
-        from scipy.special import ndtr
-
-        above = np.log(np.maximum(GAPS, 0.5))[:, None] - np.log(usual)[None, :]
-        return np.asarray(ndtr(above / self.doubt))
+        usual = _critical_gap(RANGE_RATES, self.rear_standstill, self.rear_reaction, self.accept_braking)
+        return _accept(usual, self.rear_doubt)
 
     def turn_back(self) -> Floats:
         """Return the chance to turn back for a neighbour by (gap, range rate), shape (116, 19): 0 or 1."""
@@ -92,13 +90,15 @@ class LaneChange:
         return np.asarray(GAPS[:, None] <= critical[None, :], dtype=np.float64)
 
 
+def _accept(usual: Floats, doubt: float) -> Floats:
+    """Return the chance to accept each gap of the grid, shape (116, 19): one half at the `usual` gap (19,)."""
+    from scipy.special import ndtr
+
+    above = np.log(np.maximum(GAPS, 0.5))[:, None] - np.log(usual)[None, :]
+    return np.asarray(ndtr(above / doubt))
+
+
 def _critical_gap(range_rate: Floats, standstill: float, reaction: float, braking: float) -> Floats:
     """Return the largest gap [m] that an attentive driver refuses; range rate front minus rear, < 0 when closing."""
     closing = np.maximum(-range_rate, 0.0)
     return np.asarray(standstill + reaction * closing + closing**2 / (2.0 * braking))
-
-
-def _acceptance(critical: Floats, smooth: float) -> Floats:
-    """Return the chance to accept each gap of the grid, shape (116, 19); 0 at and below the critical gap (19,)."""
-    above = np.maximum(GAPS[:, None] - critical[None, :], 0.0)
-    return np.asarray(-np.expm1(-((above / smooth) ** 2)))

@@ -76,9 +76,9 @@ class InitialState:
     time_gap_sigma: float = 0.68
     desire_share: float = 0.5
     habit_spread: float = 1.0
-    rr_scale: float = field(default=0.74, metadata={"unit": "m/s"})
-    rr_exponent: float = 0.48
-    min_ttc: float = field(default=3.0, metadata={"unit": "s"})
+    rr_scale: float = field(default=0.77, metadata={"unit": "m/s"})
+    rr_exponent: float = 0.46
+    min_ttc: float = field(default=2.5, metadata={"unit": "s"})
     free_gap_low: float = field(default=120.0, metadata={"unit": "m"})
     free_gap_high: float = field(default=300.0, metadata={"unit": "m"})
 

@@ -24,7 +24,7 @@ __all__ = ["FREE_PULL", "MEMORY", "SUPPORT_SD", "FreeFlow", "SafeLaw", "followin
 
 Floats = NDArray[np.float64]
 
-MEMORY = Memory(near=0.1, near_width=0.091, far=0.3, far_width=0.32)
+MEMORY = Memory(near=0.12, near_width=0.091, far=0.35, far_width=0.32)
 """The shipped model's memory. Maximum likelihood on the NGSIM training halves gives these widths, and the weights 0.33
 and 0.43. But smoothing makes recorded accelerations more alike from one second to the next than they were: traffic with
 those weights has range rates with a spread of 2 m/s, published 1.3. These weights keep the published spread."""
@@ -59,11 +59,11 @@ class SafeLaw:
     ttc_full: float = field(default=8.0, metadata={"unit": "s"})
     ttc_none: float = field(default=16.0, metadata={"unit": "s"})
     repulsion: float = field(default=1.0, metadata={"unit": "m/s2 per s"})
-    repulsion_below: float = field(default=0.58, metadata={"unit": "s"})
+    repulsion_below: float = field(default=0.55, metadata={"unit": "s"})
     floor_margin: float = field(default=4.0, metadata={"unit": "m"})
     pull: float = field(default=0.12, metadata={"unit": "m/s2"})
     headway: float = field(default=0.62, metadata={"unit": "s"})
-    calm: float = 0.58
+    calm: float = 0.6
     motorway_none: float = field(default=24.0, metadata={"unit": "m/s"})
     motorway_full: float = field(default=28.0, metadata={"unit": "m/s"})
     speed_none: float = field(default=18.0, metadata={"unit": "m/s"})
