@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.rss import RssParams
+from cornerforge.drivers.sight import Sight
 from cornerforge.ndd.model import NddModel
 
 __all__ = ["AvDriver", "Naturalistic", "Row"]
@@ -23,7 +24,7 @@ class AvDriver:
 
     idm: IdmParams
     mobil: MobilParams
-    sees_intentions: bool
+    sight: Sight
     kind: str = "plain"
     rss: RssParams = field(default_factory=RssParams)
 

@@ -16,6 +16,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.naturalistic import accept_chance, following_row, free_row, lane_change_base
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.sight import DECIDED
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACCELERATIONS, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def side_chance(
 ) -> float:
     """Compute P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
     v = w.vehicles
-    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
     chance = base
     if lead >= 0:
         accept = accept_chance(tables.lc_accept, 0, gap(v, i, lead), v[lead].speed - v[i].speed)
@@ -165,7 +166,7 @@ def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
     third = -1
     for lane in range(road.n_lanes):
         if v[i].lanes & (1 << lane):
-            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
             if j >= 0:
                 third = second
                 second = first

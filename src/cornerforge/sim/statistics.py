@@ -16,6 +16,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.ndd.grids import GAP_GRID
 from cornerforge.road.straight import ahead_by, gap, half_lengths
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.sight import DECIDED
 from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
 
 if TYPE_CHECKING:
@@ -315,7 +316,7 @@ def count_av(w: World, road: RoadNumbers, counts: Counts) -> None:
     """Count the AV's distances and TTC to the vehicles ahead and behind in its target lane."""
     v = w.vehicles
     counts.totals[AV_STATES] += 1
-    lead, rear = neighbours_in_lane(w, 0, v[0].target_lane, road.lane_width, 1)
+    lead, rear = neighbours_in_lane(w, 0, v[0].target_lane, road.lane_width, DECIDED)
     if lead >= 0:
         _count_pair(counts, 0, gap(v, 0, lead), v[lead].speed - v[0].speed)
     if rear >= 0:
