@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hand_built import Car, change_lane, setting_of, world_of
 
+import cornerforge.sim
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight, numbers_of_sight
@@ -178,3 +181,12 @@ def test_nothing_lies_beyond_the_right_edge() -> None:
     world.vehicles["y"] = 0.9  # as if it swung over the edge
     assert lane_entered(world.vehicles, 0, LANE, VISIBLE) == 0
     assert lanes_seen(world.vehicles, 0, LANE, VISIBLE) == 1
+
+
+@pytest.mark.parametrize("name", ["av", "av_features", "av_kinds", "av_view"])
+def test_no_law_reads_what_other_drivers_decided(name: str) -> None:
+    """Of another vehicle than the AV only `sim/sight.py` reads its target lane, lanes and path."""
+    path = Path(cornerforge.sim.__file__).with_name(f"{name}.py")
+    hidden = re.compile(r"\b(v|w\.vehicles)\[(?!0\])[^\]]+\]\.(target_lane|lanes|duration|clock|action|c[0-5])\b")
+    assert not hidden.findall(path.read_text(encoding="utf-8"))
+    assert hidden.search("if v[j].target_lane == lane:")
