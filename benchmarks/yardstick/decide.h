@@ -12,9 +12,9 @@
 static const Sight DECIDED = {BY_DECISION, 0.0, 0.0};
 
 static inline int64_t lane_entered(const Vehicle *v, double lane_width, const Sight *sight) {
-    if (sight->by == BY_DECISION) return v->target_lane;
+    if (sight->by == BY_DECISION || v->duration == 0.0) return v->target_lane;
     int64_t own = lane_of(v->y, lane_width);
-    if (sight->by != BY_MOTION || v->duration == 0.0) return own;
+    if (sight->by == BY_CENTRE) return own;
     int64_t side = (v->lateral_speed > 0.0) - (v->lateral_speed < 0.0);
     int64_t entered = lane_of(v->y + (double)side * 0.5 * v->width, lane_width);
     if (entered == own) {

@@ -104,7 +104,7 @@ def _comes_in_beside(w: World, road: RoadNumbers, av: AvNumbers) -> int:
     nearest = np.inf
     for k in range(w.state[0].n_current):
         j = w.current[k]
-        if j > 0 and lane_of(v[j].y, road.lane_width) != lane == lane_entered(v, j, road.lane_width, av.sight):
+        if j > 0 and lane_entered(v, j, road.lane_width, av.sight) == lane != lane_of(v[j].y, road.lane_width):
             distance = abs(ahead_by(v, 0, j))
             if distance < min(nearest, half_lengths(v, 0, j) + BESIDE):
                 nearest = distance

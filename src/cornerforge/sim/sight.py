@@ -32,11 +32,11 @@ def lane_entered(v: NDArray[np.void], j: int, lane_width: float, sight: SightNum
     position, speed and acceleration now, which no decision changes at once: with 0.375 m and 0.4 s a vehicle that takes
     4 s to change lanes is seen after 1.37 s, and was 0.375 m off after 0.96 s.
     """
-    if sight.by == _BY_DECISION:
+    if sight.by == _BY_DECISION or v[j].duration == 0.0:
         target: int = v[j].target_lane
         return target
     own = lane_of(v[j].y, lane_width)
-    if sight.by != _BY_MOTION or v[j].duration == 0.0:
+    if sight.by == _BY_CENTRE:
         return own
     side = 0
     if v[j].lateral_speed > 0.0:
@@ -58,8 +58,11 @@ def lane_entered(v: NDArray[np.void], j: int, lane_width: float, sight: SightNum
 @inlined_kernel
 def is_seen_changing(v: NDArray[np.void], j: int, lane_width: float, sight: SightNumbers) -> bool:
     """Is vehicle j seen to change lanes: is its centre `offset` off the centre of a lane while it does?"""
-    off = abs(v[j].y - lane_centre(lane_of(v[j].y, lane_width), lane_width))
-    return v[j].duration > 0.0 and (sight.by == _BY_DECISION or off >= sight.offset)
+    if v[j].duration == 0.0 or sight.by == _BY_DECISION:
+        changes: bool = v[j].duration > 0.0
+        return changes
+    off: float = abs(v[j].y - lane_centre(lane_of(v[j].y, lane_width), lane_width))
+    return off >= sight.offset
 
 
 @inlined_kernel
