@@ -18,6 +18,7 @@ from measuring import table
 from cornerforge.drivers.avs import AVS, AvModel
 from cornerforge.drivers.idm import IdmNumbers, IdmParams, idm_acceleration
 from cornerforge.drivers.mobil import MobilParams
+from cornerforge.drivers.sight import Sight
 from cornerforge.pipeline.setting import experiment
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
@@ -185,7 +186,7 @@ def held_decisions(leads: Leads, p: IdmParams, per_second: int) -> tuple[Floats,
 def simulated(leads: Leads, p: IdmParams) -> tuple[Floats, Floats]:
     """As `reference`, driven by the simulator itself: the AV behind one BV that is told its accelerations."""
     setting = experiment(av="idm-mobil").setting._replace(
-        road=road_numbers(_ODD), av=av_numbers(p, _STUBBORN, sees_intentions=True)
+        road=road_numbers(_ODD), av=av_numbers(p, _STUBBORN, Sight("decision"))
     )
     setting = setting.with_drivers(critical=TOLD)
     motion = [_simulated_run(leads, run, setting) for run in range(leads.speed.size)]

@@ -24,6 +24,7 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import nearest_bv, neighbours_in_lane
 from cornerforge.sim.observe import allowed_actions, observe
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
+from cornerforge.sim.sight import DECIDED
 from cornerforge.sim.step import SUBSTEPS, _check_contacts, _move, av_acts
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import COMPLETED, NO_ACTION, NO_VEHICLE, RUNNING, TIME_UP, moment_of
@@ -162,7 +163,7 @@ def _timed_draws(
     v, state, road = w.vehicles, w.state[0], setting.road
     n = state.n_vehicles
     for i in range(1, n):
-        lead, _ = neighbours_in_lane(w, i, v[i].target_lane, road.lane_width, 1)
+        lead, _ = neighbours_in_lane(w, i, v[i].target_lane, road.lane_width, DECIDED)
         states[i, 0] = v[lead].x - v[i].x - road.length if lead >= 0 else np.inf
         states[i, 1] = v[lead].speed - v[i].speed if lead >= 0 else 0.0
     since = _now(clock)

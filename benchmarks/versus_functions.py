@@ -261,7 +261,7 @@ def compare_mobil(model: AvModel, *, states: int, seed: int = 0) -> MobilAgreeme
         RuntimeError: A decision differs from that of `Restated`.
     """
     rng = np.random.default_rng(seed)
-    numbers = av_numbers(model.idm, model.mobil, sees_intentions=model.sees_intentions)
+    numbers = av_numbers(model.idm, model.mobil, model.sight)
     road = road_numbers(Odd(n_lanes=3))
     restated, plain = _Cars(Restated, 13, model), _Cars(_BumperGaps, 13, model)
     worlds = allocate_worlds(1, 13)

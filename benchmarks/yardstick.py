@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from cornerforge.drivers.idm import IdmNumbers
 from cornerforge.drivers.mobil import MobilNumbers
 from cornerforge.drivers.naturalistic import InitialNumbers, MemoryNumbers
+from cornerforge.drivers.sight import SightNumbers
 from cornerforge.road.straight import RoadNumbers
 from cornerforge.sim.keep import Outcomes, allocate_outcomes
 from cornerforge.sim.setting import NATURALISTIC, NOBODY
@@ -62,7 +63,7 @@ class _Road(ctypes.Structure):
 
 
 class _Av(ctypes.Structure):
-    _fields_ = [*_fields(IdmNumbers._fields + MobilNumbers._fields), ("sees_intentions", _INT)]
+    _fields_ = _fields(IdmNumbers._fields + MobilNumbers._fields + SightNumbers._fields, {"by"})
 
 
 _TABLES = ("cut", "lc_base", "lc_desire", "lc_accept", "lc_turn_back")
@@ -224,7 +225,7 @@ class Yardstick:
         self._kept = (setting, ACCELERATIONS)  # what the pointers below point to
         self._setting = _Setting(
             _Road(*setting.road),
-            _Av(*setting.av.idm, *setting.av.mobil, setting.av.sees_intentions),
+            _Av(*setting.av.idm, *setting.av.mobil, *setting.av.sight),
             _Tables(
                 *(_address(getattr(tables, name)) for name in _TABLES),
                 *(getattr(tables, name) for name in _NUMBERS),

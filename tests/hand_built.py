@@ -10,17 +10,18 @@ import numpy as np
 from cornerforge.drivers.avs import AvModel, av_named
 from cornerforge.drivers.naturalistic import NddTables, tables_of
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
+from cornerforge.geometry import path_at
 from cornerforge.ndd.model import NddModel
-from cornerforge.road.straight import RoadNumbers, road_numbers
-from cornerforge.sim.actions import hold
+from cornerforge.road.straight import RoadNumbers, lane_bits, road_numbers
+from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.observe import budget_units
 from cornerforge.sim.setting import ADVERSARIES, IDM_BVS, NATURALISTIC, Controllers, Setting
 from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import NO_VEHICLE, RUNNING, World, all_current, allocate_worlds, numbers_of_av
+from cornerforge.sim.world import NO_VEHICLE, RUNNING, World, all_current, allocate_worlds, numbers_of_av, path_of
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import Odd
 
-__all__ = ["Car", "glide", "setting_of", "world_of"]
+__all__ = ["Car", "change_lane", "glide", "setting_of", "world_of"]
 
 _tables: dict[int, tuple[NddModel, NddTables]] = {}
 
@@ -83,6 +84,15 @@ def world_of(cars: Iterable[Car]) -> World:
     world.state["outcome"] = RUNNING
     all_current(world)
     return world
+
+
+def change_lane(world: World, slot: int, lane: int, road: RoadNumbers, *, ago: float = 0.0) -> None:
+    """Put a vehicle on its way into a lane, `ago` seconds after the begin; its place along the road stays."""
+    start_lane_change(world, slot, lane, road)
+    v = world.vehicles
+    v["clock"][slot] = ago
+    v["y"][slot], v["lateral_speed"][slot], _ = path_at(path_of(v, slot), ago)
+    v["lanes"][slot] = lane_bits(v["y"][slot], 0.5 * v["width"][slot], lane, road.lane_width)
 
 
 def glide(world: World, slot: int, road: RoadNumbers) -> None:

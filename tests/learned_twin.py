@@ -1,4 +1,4 @@
-"""The built-in AV `rl` outside the kernels' loop: the same network, asked through the view that every AV gets.
+"""The built-in AV `rl` outside the kernels' loop: the same network, asked through the view that AVs from outside get.
 
 It decides at every fifth tenth of a second and goes on in between, as the built-in one; whatever door it drives
 through, the same tests must come out to the bit.

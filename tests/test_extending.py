@@ -62,9 +62,9 @@ AV_LAW: Recipe = {
     "drivers/avs.py": [
         ("AV_KINDS = {\n", 'AV_KINDS = {\n    "gentle": AvLaw(4, 0.5, None, sees_everybody=False, parameters=()),\n'),
         (
-            '        AvModel("idm-mobil-d2rl"',
+            '        AvModel(\n            "idm-mobil-d2rl"',
             '        AvModel("gentle", "brakes with 0.5 m/s2 at most", IdmParams(), MobilParams(), kind="gentle"),\n'
-            '        AvModel("idm-mobil-d2rl"',
+            '        AvModel(\n            "idm-mobil-d2rl"',
         ),
     ],
     "sim/av_kinds.py": [
@@ -73,7 +73,7 @@ AV_LAW: Recipe = {
             '''@kernel
 def _gentle(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
     """The IDM with a weak foot."""
-    return max(-0.5, lead_acceleration(w, 0, w.vehicles[0].lanes, road, av)), w.vehicles[0].target_lane
+    return max(-0.5, lead_acceleration(w, 0, w.vehicles[0].lanes, av.sight, road, av)), w.vehicles[0].target_lane
 
 
 _DECISIONS = {"gentle": _gentle, "watchful"''',

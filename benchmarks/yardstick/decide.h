@@ -1,4 +1,4 @@
-/* src/cornerforge/sim/neighbours.py, actions.py, av.py and decide.py: the built-in AV and naturalistic BVs. */
+/* src/cornerforge/sim/sight.py, neighbours.py, actions.py, av.py and decide.py: the built-in AV and naturalistic BVs. */
 #ifndef YARDSTICK_DECIDE_H
 #define YARDSTICK_DECIDE_H
 
@@ -9,6 +9,28 @@
 #define SIGHT 200.0
 #define CONFLICT_GAP 10.0
 
+static const Sight DECIDED = {BY_DECISION, 0.0, 0.0};
+
+static inline int64_t lane_entered(const Vehicle *v, double lane_width, const Sight *sight) {
+    if (sight->by == BY_DECISION || v->duration == 0.0) return v->target_lane;
+    int64_t own = lane_of(v->y, lane_width);
+    if (sight->by == BY_CENTRE) return own;
+    int64_t side = (v->lateral_speed > 0.0) - (v->lateral_speed < 0.0);
+    int64_t entered = lane_of(v->y + (double)side * 0.5 * v->width, lane_width);
+    if (entered == own) {
+        double y = v->y, ago = sight->perception_time;
+        if (ago > 0.0) y -= ago * (path_speed(v->c, v->clock) - 0.5 * ago * path_acceleration(v->c, v->clock));
+        if ((double)side * (y - lane_centre(own, lane_width)) >= sight->offset) entered = own + side;
+    }
+    return MAX(0, entered);
+}
+
+static inline int64_t lanes_seen(const Vehicle *v, double lane_width, const Sight *sight) {
+    if (sight->by == BY_DECISION || (sight->by == BY_MOTION && v->duration == 0.0)) return v->lanes;
+    if (sight->by == BY_CENTRE) return (int64_t)1 << lane_of(v->y, lane_width);
+    return lane_bits(v->y, 0.5 * v->width, lane_entered(v, lane_width, sight), lane_width);
+}
+
 static void known_neighbours(const World *w, int64_t lane, int64_t *lead, int64_t *rear) {
     const Vehicle *v = w->v;
     *lead = w->info[AV_LEADS + lane];
@@ -18,7 +40,7 @@ static void known_neighbours(const World *w, int64_t lane, int64_t *lead, int64_
 }
 
 static void neighbours_in_lane(
-    const World *w, int64_t i, int64_t lane, double lane_width, int64_t sees_intentions, int64_t *lead, int64_t *rear
+    const World *w, int64_t i, int64_t lane, double lane_width, const Sight *sight, int64_t *lead, int64_t *rear
 ) {
     if (i == 0 && w->info[AV_LEADS + lane] != UNKNOWN) {
         known_neighbours(w, lane, lead, rear);
@@ -33,11 +55,7 @@ static void neighbours_in_lane(
         if (j == i) continue;
         double dx = v[j].x - v[i].x;
         if (dx > best_lead || -dx > best_rear) continue;
-        if (sees_intentions) {
-            if ((v[j].lanes & bit) == 0) continue;
-        } else if (lane_of(v[j].y, lane_width) != lane) {
-            continue;
-        }
+        if ((lanes_seen(&v[j], lane_width, sight) & bit) == 0) continue;
         if (dx > 0.0 || (dx == 0.0 && j > i)) {
             if (dx < best_lead) {
                 best_lead = dx;
@@ -73,7 +91,7 @@ static double lead_acceleration(const World *w, int64_t i, int64_t lanes, const 
     for (int64_t lane = 0; lane < road->n_lanes; lane++) {
         if ((lanes & ((int64_t)1 << lane)) == 0) continue;
         int64_t lead, rear;
-        neighbours_in_lane(w, i, lane, road->lane_width, av->sees_intentions, &lead, &rear);
+        neighbours_in_lane(w, i, lane, road->lane_width, &av->sight, &lead, &rear);
         if (lead >= 0) {
             double gap = v[lead].x - v[i].x - road->length;
             double behind = idm_acceleration(speed, gap, v[lead].speed - speed, &av->idm);
@@ -90,7 +108,7 @@ static double side_gain(
     double speed = v[0].speed;
     double lead_gap = INFINITY, lead_speed = speed, rear_gap = INFINITY, rear_speed = speed, rear_now = 0.0;
     int64_t lead, rear;
-    neighbours_in_lane(w, 0, lane, road->lane_width, av->sees_intentions, &lead, &rear);
+    neighbours_in_lane(w, 0, lane, road->lane_width, &av->sight, &lead, &rear);
     if (lead >= 0) {
         lead_gap = v[lead].x - v[0].x - road->length;
         lead_speed = v[lead].speed;
@@ -101,20 +119,21 @@ static double side_gain(
     if (rear >= 0) {
         rear_gap = v[0].x - v[rear].x - road->length;
         rear_speed = v[rear].speed;
-        if (av->mobil.politeness > 0.0) rear_now = lead_acceleration(w, rear, v[rear].lanes, road, av);
+        if (av->mobil.politeness > 0.0)
+            rear_now = lead_acceleration(w, rear, lanes_seen(&v[rear], road->lane_width, &av->sight), road, av);
     }
     return mobil_gain(
         speed, acceleration_now, lead_gap, lead_speed, rear_gap, rear_speed, rear_now, &av->idm, &av->mobil
     );
 }
 
-static bool must_give_way(const World *w, const Road *road) {
+static bool must_give_way(const World *w, const Road *road, const Sight *sight) {
     const Vehicle *v = w->v;
     int64_t target = v[0].target_lane, old = lane_of(v[0].y, road->lane_width);
     if (old == target) return false;
     for (int64_t k = 0; k < w->info[N_CURRENT]; k++) {
         int64_t j = w->current[k];
-        if (j > 0 && v[j].target_lane == target) {
+        if (j > 0 && lane_entered(&v[j], road->lane_width, sight) == target) {
             int64_t other = lane_of(v[j].y, road->lane_width);
             if (other != target && other != old && fabs(v[j].x - v[0].x) < road->length + CONFLICT_GAP) return true;
         }
@@ -128,7 +147,7 @@ static double av_decide(const World *w, const Road *road, const Av *av, int64_t 
     double command = lead_acceleration(w, 0, v[0].lanes, road, av);
     int64_t now = *lane = v[0].target_lane;
     if (v[0].duration > 0.0) {
-        if (av->sees_intentions && must_give_way(w, road)) *lane = lane_of(v[0].y, road->lane_width);
+        if (must_give_way(w, road, &av->sight)) *lane = lane_of(v[0].y, road->lane_width);
         return command;
     }
     double best_gain = av->mobil.min_gain;
@@ -208,7 +227,7 @@ static double side_chance(
 ) {
     const Vehicle *v = w->v;
     int64_t lead, rear;
-    neighbours_in_lane(w, i, lane, road->lane_width, 1, &lead, &rear);
+    neighbours_in_lane(w, i, lane, road->lane_width, &DECIDED, &lead, &rear);
     double chance = base;
     if (lead >= 0) {
         double gap = v[lead].x - v[i].x - road->length;

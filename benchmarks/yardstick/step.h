@@ -116,10 +116,12 @@ static inline bool is_seen(const World *w, int64_t j, const Pairs *pairs, const 
     const Vehicle *v = w->v;
     double dx = v[j].x - v[0].x, nearest = dx - falls_back(pairs, j), farthest = dx + gains(pairs, j);
     int64_t own = v[j].target_lane;
-    if (keeps_one_lane(&v[j])) return nearest <= pairs->ahead[own] && farthest >= -pairs->behind[own];
-    for (int64_t lane = 0; lane < road->n_lanes; lane++)
-        if ((v[j].lanes & ((int64_t)1 << lane)) && nearest <= pairs->ahead[lane] && farthest >= -pairs->behind[lane])
-            return true;
+    bool changes = v[j].duration > 0.0;
+    if (!changes && keeps_one_lane(&v[j])) return nearest <= pairs->ahead[own] && farthest >= -pairs->behind[own];
+    for (int64_t lane = 0; lane < road->n_lanes; lane++) {
+        bool is_near = nearest <= pairs->ahead[lane] && farthest >= -pairs->behind[lane];
+        if (is_near && (changes || (v[j].lanes & ((int64_t)1 << lane)))) return true;
+    }
     return false;
 }
 

@@ -50,10 +50,17 @@ typedef struct {
     double politeness, min_gain, max_imposed_braking;
 } Mobil;
 
+enum { BY_CENTRE, BY_DECISION, BY_MOTION };
+
+typedef struct {
+    int64_t by;
+    double offset, perception_time;
+} Sight;
+
 typedef struct {
     Idm idm;
     Mobil mobil;
-    int64_t sees_intentions;
+    Sight sight;
 } Av;
 
 typedef struct {

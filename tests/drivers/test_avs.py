@@ -7,6 +7,7 @@ import pytest
 
 from cornerforge.drivers.avs import AV_KINDS, AVS, AvLaw, av_hash, av_named
 from cornerforge.drivers.idm import IdmParams
+from cornerforge.drivers.sight import Sight
 from cornerforge.errors import InputError, UnknownNameError
 
 
@@ -29,10 +30,21 @@ def test_the_hash_is_of_the_behaviour_not_of_the_name() -> None:
     changed = [
         dataclasses.replace(av, idm=IdmParams(time_gap=1.4)),
         dataclasses.replace(av, mobil=dataclasses.replace(av.mobil, politeness=0.1)),
-        dataclasses.replace(av, sees_intentions=False),
+        *(dataclasses.replace(av, sight=Sight(by)) for by in ("decision", "centre")),
+        dataclasses.replace(av, sight=Sight(offset=0.5)),
+        dataclasses.replace(av, sight=Sight(perception_time=0.1)),
     ]
-    assert len({av_hash(model) for model in [av, *changed]}) == 4
+    assert len({av_hash(model) for model in [av, *changed]}) == 7
     assert len({av_hash(model) for model in AVS.values()}) == len(AVS)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"by": "telepathy"}, {"offset": -0.1}, {"offset": 3.1}, {"perception_time": -0.1}, {"perception_time": 2.1}],
+)
+def test_a_sight_that_makes_no_sense_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=rf"av\.sight\.{next(iter(wrong))}"):
+        Sight(**wrong)
 
 
 def test_parameters_that_a_law_does_not_drive_by_are_refused() -> None:

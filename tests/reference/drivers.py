@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.rss import RssParams
+from cornerforge.drivers.sight import Sight
 from cornerforge.ndd.model import NddModel
 from reference.philox import unit
 
@@ -25,7 +26,7 @@ class AvDriver:
 
     idm: IdmParams
     mobil: MobilParams
-    sees_intentions: bool
+    sight: Sight
     kind: str = "plain"
     rss: RssParams = field(default_factory=RssParams)
 

@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise
 
+from cornerforge.drivers.sight import Sight
 from cornerforge.ndd.model import NddModel
 from cornerforge.types import Odd
 from reference.adversaries import ADVERSARIES, draws
 from reference.drivers import AvDriver, Naturalistic, Row
 from reference.elementary import log
 from reference.philox import DECIDE, Stream, unit
-from reference.world import SIGHT, Vehicle, World, start
+from reference.world import DECIDED, SIGHT, Vehicle, World, start
 
 __all__ = ["Drive", "Simulator"]
 
@@ -61,11 +62,11 @@ class Simulator:
 
     # What a driver would do, seen from one world
 
-    def idm_behind_all(self, world: World, subject: Vehicle) -> float:
-        """The least of the IDM's accelerations over the leads in all lanes that the subject is in."""
+    def idm_behind_all(self, world: World, subject: Vehicle, lanes: set[int], sight: Sight) -> float:
+        """The least of the IDM's accelerations over the leads in these lanes of the subject's."""
         commands = [self.av.follow(subject.speed, math.inf, 0.0)]
-        for lane in subject.lanes & set(range(self.odd.n_lanes)):
-            lead, _ = world.neighbours(subject, lane, intentions=self.av.sees_intentions)
+        for lane in lanes & set(range(self.odd.n_lanes)):
+            lead, _ = world.neighbours(subject, lane, sight)
             if lead is not None:
                 commands.append(self.av.follow(subject.speed, world.gap(lead, subject), lead.speed - subject.speed))
         return min(commands)
@@ -83,7 +84,7 @@ class Simulator:
         rivals = [
             bv
             for bv in world.bvs()
-            if bv.target_lane == av.target_lane != math.floor(bv.y / self.odd.lane_width)
+            if bv.lane_entered(self.av.sight, self.odd) == av.target_lane != math.floor(bv.y / self.odd.lane_width)
             and abs(bv.x - av.x) < bv.room_to(av) + BESIDE
         ]
         return self.evasion(world, min(rivals, key=lambda bv: abs(bv.x - av.x)), command) if rivals else (command, lane)
@@ -102,16 +103,16 @@ class Simulator:
     def cautious_wish(self, world: World) -> tuple[float, int]:
         """As the plain one, but at RSS distances."""
         av = world.av
-        command = self.idm_behind_all(world, av)
+        command = self.idm_behind_all(world, av, av.lanes, self.av.sight)
         for lane in av.lanes & set(range(self.odd.n_lanes)):
-            lead, _ = world.neighbours(av, lane)
+            lead, _ = world.neighbours(av, lane, self.av.sight)
             if lead is not None:
                 command = min(command, self.av.proper_response(av.speed, world.gap(lead, av), lead.speed))
         return command, av.target_lane if av.path is not None else self._best_lane(world, command)
 
     def somebody_beside(self, world: World, lane: int) -> bool:
         """Does the nearest vehicle ahead or behind in a lane overlap the AV lengthwise?"""
-        lead, rear = world.neighbours(world.av, lane)
+        lead, rear = world.neighbours(world.av, lane, self.av.sight)
         gaps = [world.gap(lead, world.av)] if lead is not None else []
         gaps += [world.gap(world.av, rear)] if rear is not None else []
         return min(gaps, default=math.inf) <= 0.0
@@ -121,7 +122,7 @@ class Simulator:
         av = world.av
         if self.somebody_beside(world, lane):
             return True
-        lead, rear = world.neighbours(av, lane)
+        lead, rear = world.neighbours(av, lane, self.av.sight)
         if self.av.kind == "cautious":
             near = lead is not None and world.gap(lead, av) < self.av.rss_ahead(av.speed, lead.speed)
             return near or (rear is not None and world.gap(av, rear) < self.av.rss_behind(rear.speed, av.speed))
@@ -136,10 +137,10 @@ class Simulator:
     def plain_wish(self, world: World) -> tuple[float, int]:
         """IDM and MOBIL."""
         av = world.av
-        command = self.idm_behind_all(world, av)
+        command = self.idm_behind_all(world, av, av.lanes, self.av.sight)
         if av.path is not None:
             old = math.floor(av.y / self.odd.lane_width)
-            return command, old if self.av.sees_intentions and self._someone_enters_too(world, old) else av.target_lane
+            return command, old if self._someone_enters_too(world, old) else av.target_lane
         return command, self._best_lane(world, command)
 
     def _best_lane(self, world: World, command: float) -> int:
@@ -153,21 +154,23 @@ class Simulator:
 
     def _side_gain(self, world: World, lane: int, now: float) -> float | None:
         av = world.av
-        lead, rear = world.neighbours(av, lane, intentions=self.av.sees_intentions)
+        lead, rear = world.neighbours(av, lane, self.av.sight)
         polite = rear is not None and self.av.mobil.politeness > 0.0
         return self.av.gain(
             av.speed,
             now,
             None if lead is None else (world.gap(lead, av), lead.speed),
             None if rear is None else (world.gap(av, rear), rear.speed),
-            self.idm_behind_all(world, rear) if rear is not None and polite else 0.0,
+            self.idm_behind_all(world, rear, rear.lanes_seen(self.av.sight, self.odd), self.av.sight)
+            if rear is not None and polite
+            else 0.0,
         )
 
     def _someone_enters_too(self, world: World, old: int) -> bool:
         """Another vehicle comes into the AV's target lane from the far side while the AV is still in its old lane."""
         av = world.av
         return old != av.target_lane and any(
-            bv.target_lane == av.target_lane
+            bv.lane_entered(self.av.sight, self.odd) == av.target_lane
             and math.floor(bv.y / self.odd.lane_width) not in (av.target_lane, old)
             and abs(bv.x - av.x) < bv.room_to(av) + CONFLICT_GAP
             for bv in world.bvs()
@@ -388,7 +391,7 @@ class _Test:
                 self.budget_left -= simulator.price(chances, action)
             return action
         if simulator.idm_bvs:
-            command = simulator.idm_behind_all(world, bv)
+            command = simulator.idm_behind_all(world, bv, bv.lanes, DECIDED)
             return 2 + min(max(math.floor((command + 4.0) * 5.0 + 0.5), 0), 30)
         left, right = simulator.side_chances(world, bv, simulator.model.overlook)
         draw = unit(self.stream.words(self.step, bv.slot, DECIDE)[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from cornerforge.drivers.sight import Sight
 from cornerforge.ndd.model import InitialState
 from cornerforge.types import Odd
 from reference.drivers import AvDriver, fold
@@ -12,9 +13,10 @@ from reference.elementary import atan, exp, log
 from reference.philox import CLASS, INITIAL, TRAITS, Stream, normal_pair, unit
 from reference.shapes import Box, LateralPath, plan
 
-__all__ = ["SIGHT", "Vehicle", "World", "start"]
+__all__ = ["DECIDED", "SIGHT", "Vehicle", "World", "start"]
 
 SIGHT = 200.0
+DECIDED = Sight("decision")
 _DT = 0.1
 _FULL_STEERING_SPEED = 5.0
 
@@ -112,6 +114,35 @@ class Vehicle:
         edges = {math.floor((self.y - half) / odd.lane_width), math.floor((self.y + half) / odd.lane_width)}
         self.lanes = {self.target_lane} | {lane for lane in edges if lane >= 0}
 
+    def side_moved_to(self) -> int:
+        """+1 while it moves to the left, -1 to the right, 0 while it does neither."""
+        rate = 0.0 if self.path is None or self.speed == 0.0 else self.path.speed(self.clock)
+        return (rate > 0.0) - (rate < 0.0)
+
+    def lane_entered(self, sight: Sight, odd: Odd) -> int:
+        """The lane that an AV takes it to change to; that of its centre if it takes it to keep its lane."""
+        if sight.by == "decision":
+            return self.target_lane
+        here = math.floor(self.y / odd.lane_width)
+        side = self.side_moved_to()
+        if sight.by == "centre" or self.path is None or here + side < 0:
+            return here
+        is_over_line = math.floor((self.y + side * self.width / 2.0) / odd.lane_width) != here
+        t = sight.perception_time
+        moved = t * (self.path.speed(self.clock) - 0.5 * t * self.path.acceleration(self.clock))
+        was_off = side * (self.y - moved - (here + 0.5) * odd.lane_width)
+        return here + side if is_over_line or was_off >= sight.offset else here
+
+    def lanes_seen(self, sight: Sight, odd: Odd) -> set[int]:
+        """The lanes in which an AV takes it to be."""
+        if sight.by == "centre":
+            return {math.floor(self.y / odd.lane_width)}
+        if sight.by == "decision" or self.path is None:
+            return self.lanes
+        half = self.width / 2.0
+        body = {math.floor((self.y - half) / odd.lane_width), math.floor((self.y + half) / odd.lane_width)}
+        return {lane for lane in body if lane >= 0} | {self.lane_entered(sight, odd)}
+
     def box(self) -> Box:
         """Its body."""
         return Box(self.x, self.y, self.heading, self.length, self.width)
@@ -164,19 +195,12 @@ class World:
         """Those present by rising x, slot by slot at the same x."""
         return sorted((v for v in self.vehicles if v.present), key=lambda v: (v.x, v.slot))
 
-    def neighbours(
-        self, subject: Vehicle, lane: int, *, intentions: bool = True
-    ) -> tuple[Vehicle | None, Vehicle | None]:
-        """Nearest vehicles ahead and behind in a lane, within sight.
-
-        With `intentions` a vehicle is in every lane that it touches or changes to, else only in that of its centre.
-        """
+    def neighbours(self, subject: Vehicle, lane: int, sight: Sight = DECIDED) -> tuple[Vehicle | None, Vehicle | None]:
+        """Nearest vehicles ahead and behind in a lane, within 200 m; `sight` says who is in it."""
         seen = [
             other
             for other in self.from_rear_to_front()
-            if other is not subject
-            and abs(other.x - subject.x) < SIGHT
-            and (lane in other.lanes if intentions else math.floor(other.y / self.odd.lane_width) == lane)
+            if other is not subject and abs(other.x - subject.x) < SIGHT and lane in other.lanes_seen(sight, self.odd)
         ]
         ahead = [v for v in seen if (v.x, v.slot) > (subject.x, subject.slot)]
         behind = [v for v in seen if (v.x, v.slot) < (subject.x, subject.slot)]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from hand_built import Car, setting_of, world_of
+from hand_built import Car, change_lane, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.av_features import N_AV_FEATURES, av_features
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
+from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.world import World
 from cornerforge.types import ODDS
 
@@ -22,7 +23,7 @@ AHEAD, BEHIND, LEFT_AHEAD, LEFT_BEHIND, RIGHT_AHEAD, RIGHT_BEHIND = (
 def features(model: NddModel, world: World) -> np.ndarray:
     road = setting_of(model, ODD).road
     view = np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32)
-    view_of_av(world, road, np.zeros(VIEW_ROWS - 1, dtype=np.int64), view)
+    view_of_av(world, road, VISIBLE, np.zeros(VIEW_ROWS - 1, dtype=np.int64), view)
     out = np.full(N_AV_FEATURES, np.nan, dtype=np.float32)
     av_features(view, road, out)
     return out
@@ -44,9 +45,12 @@ def test_entries_by_hand(model: NddModel) -> None:
         assert not out[part].any()
 
 
-def test_who_changes_lanes_stands_in_both(model: NddModel) -> None:
+def test_who_is_seen_to_change_lanes_stands_in_both(model: NddModel) -> None:
     world = world_of([Car(340.0, 1, 30.0), Car(365.0, 2, 30.0)])
-    start_lane_change(world, 1, 1, setting_of(model, ODD).road)
+    change_lane(world, 1, 1, setting_of(model, ODD).road)
+    out = features(model, world)
+    assert (out[AHEAD][0], out[LEFT_AHEAD][0]) == (0.0, 1.0)
+    change_lane(world, 1, 1, setting_of(model, ODD).road, ago=1.0)
     out = features(model, world)
     np.testing.assert_array_equal(out[AHEAD], out[LEFT_AHEAD])
     assert out[AHEAD][0] == 1.0

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, n_weights
 from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.av_file import av_of
-from cornerforge.sim.actions import start_lane_change
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.recorder import Recorder
@@ -35,10 +34,10 @@ def decide(model: NddModel, av: str | AvModel, world: World, substep: int = 0) -
 
 
 def changing(model: NddModel, cars: list[Car], changes: dict[int, int]) -> World:
-    """A world in which slots have just begun to change to lanes."""
+    """A world in which slots change to lanes for 1.5 s now: all AVs see it, and no centre is over the line."""
     world = world_of(cars)
     for slot, lane in changes.items():
-        start_lane_change(world, slot, lane, setting_of(model, ROAD).road)
+        change_lane(world, slot, lane, setting_of(model, ROAD).road, ago=1.5)
     return world
 
 

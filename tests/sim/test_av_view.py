@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_built import Car, setting_of, world_of
+from hand_built import Car, change_lane, setting_of, world_of
 
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
+from cornerforge.sim.sight import VISIBLE
+from cornerforge.sim.world import World
 from cornerforge.types import ODDS
 
 ODD = ODDS["default"]
 
 
-def view(model: NddModel, cars: list[Car]) -> np.ndarray:
+def view(model: NddModel, cars: list[Car] | World) -> np.ndarray:
+    world = cars if isinstance(cars, World) else world_of(cars)
     out = np.full((VIEW_ROWS, VIEW_COLUMNS), np.nan, dtype=np.float32)
-    view_of_av(world_of(cars), setting_of(model, ODD).road, np.zeros(VIEW_ROWS - 1, dtype=np.int64), out)
+    view_of_av(world, setting_of(model, ODD).road, VISIBLE, np.zeros(VIEW_ROWS - 1, dtype=np.int64), out)
     return out
 
 
@@ -25,6 +28,19 @@ def test_columns_by_hand(model: NddModel) -> None:
     np.testing.assert_allclose(seen[1], [1, -10.0, -4.0, 35.0, 0, 0, 0, 0])
     np.testing.assert_allclose(seen[2], [1, 30.0, 4.0, 27.0, 0, 0, 2, 0])
     assert not seen[3:].any()
+
+
+@pytest.mark.parametrize(
+    ("ago", "lane", "changes"), [(0.0, 2, 0), (0.96, 2, 0), (0.97, 1, 1), (1.99, 1, 1), (2.01, 1, 1), (3.1, 1, 0)]
+)
+def test_a_lane_change_shows_by_its_motion(model: NddModel, ago: float, lane: int, changes: int) -> None:
+    world = world_of([Car(250.0, 1, 32.0), Car(280.0, 2, 27.0)])
+    for slot, to in ((0, 0), (1, 1)):
+        change_lane(world, slot, to, setting_of(model, ODD).road, ago=ago if slot else 0.0)
+    seen = view(model, world)
+    assert seen[0, 6:].tolist() == [0, 1]  # its own decision the AV knows
+    assert seen[1, 6:].tolist() == [lane, changes]
+    assert seen[1, 4] == pytest.approx(world.vehicles["lateral_speed"][1])
 
 
 def test_the_nearest_rows_nearest_first(model: NddModel, seed: int) -> None:

@@ -229,7 +229,7 @@ def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) 
         drivers = eager(model, wish=wish, conflict=conflict, overlook=overlook)
         setting = setting_of(drivers, LANES)
         fast, plain = both_worlds(cars, changing, setting, LANES)
-        simulator = Simulator(LANES, drivers, AvDriver(av.idm, av.mobil, True))
+        simulator = Simulator(LANES, drivers, AvDriver(av.idm, av.mobil, av.sight))
         av_lane = min(2, max(0, cars[0].lane + int(rng.choice([-1, 0, 1]))))
         for slot in range(1, len(cars)):
             attentive = bool(rng.random() < 0.3)

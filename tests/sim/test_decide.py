@@ -6,7 +6,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from hand_built import Car, glide, setting_of, world_of
+from hand_built import Car, change_lane, glide, setting_of, world_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from statistical_bounds import l1_bound, l1_distance, rate_fits
@@ -14,6 +14,7 @@ from statistical_bounds import l1_bound, l1_distance, rate_fits
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY
+from cornerforge.drivers.sight import BY_CENTRE, SightNumbers
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
@@ -23,6 +24,7 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, sort_by_x
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
+from cornerforge.sim.sight import DECIDED, VISIBLE
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import World
 from cornerforge.types import ACCELERATIONS, Odd
@@ -240,28 +242,32 @@ def test_between_two_lanes_both_leads_are_minded(model: NddModel) -> None:
 # Lanes and neighbours
 
 
-def test_neighbours_by_intention_and_by_centre(model: NddModel) -> None:
-    setting = setting_of(model, ROAD)
+def test_neighbours_by_decision_by_motion_and_by_centre(model: NddModel) -> None:
+    setting, centres = setting_of(model, ROAD), SightNumbers(BY_CENTRE, 0.0, 0.0)
     world = world_of([Car(100.0, 0, 30.0), Car(150.0, 1, 30.0), Car(60.0, 1, 30.0), Car(140.0, 2, 30.0)])
-    assert neighbours_in_lane(world, 0, 0, 4.0, 1) == (-1, -1)
-    assert neighbours_in_lane(world, 0, 1, 4.0, 1) == (1, 2)
-    start_lane_change(world, 3, 1, setting.road)  # begins to come over: seen by intention, not by centre
-    assert neighbours_in_lane(world, 0, 1, 4.0, 1) == (3, 2)
-    assert neighbours_in_lane(world, 0, 1, 4.0, 0) == (1, 2)
-    assert neighbours_in_lane(world, 0, 2, 4.0, 1) == (3, -1)
+    assert neighbours_in_lane(world, 0, 0, 4.0, DECIDED) == (-1, -1)
+    assert neighbours_in_lane(world, 0, 1, 4.0, DECIDED) == (1, 2)
+    start_lane_change(world, 3, 1, setting.road)
+    assert neighbours_in_lane(world, 0, 1, 4.0, DECIDED) == (3, 2)
+    assert neighbours_in_lane(world, 0, 2, 4.0, DECIDED) == (3, -1)
+    assert neighbours_in_lane(world, 0, 1, 4.0, VISIBLE) == (1, 2)
+    change_lane(world, 3, 1, setting.road, ago=1.0)
+    assert neighbours_in_lane(world, 0, 1, 4.0, VISIBLE) == (3, 2)
+    assert neighbours_in_lane(world, 0, 2, 4.0, VISIBLE) == (3, -1)
+    assert neighbours_in_lane(world, 0, 1, 4.0, centres) == (1, 2)
 
 
 def test_sight_ends(model: NddModel) -> None:
     assert model is not None
     for distance, seen in ((SIGHT - 1e-6, True), (SIGHT, False), (SIGHT + 1.0, False)):
         world = world_of([Car(500.0, 0, 30.0), Car(500.0 + distance, 0, 30.0), Car(500.0 - distance, 0, 30.0)])
-        assert neighbours_in_lane(world, 0, 0, 4.0, 1) == ((1, 2) if seen else (-1, -1))
+        assert neighbours_in_lane(world, 0, 0, 4.0, DECIDED) == ((1, 2) if seen else (-1, -1))
 
 
 def test_side_by_side_vehicles_are_ordered_by_slot() -> None:
     world = world_of([Car(100.0, 0, 30.0), Car(100.0, 1, 30.0), Car(100.0, 1, 30.0)])
-    assert neighbours_in_lane(world, 1, 1, 4.0, 1) == (2, -1)
-    assert neighbours_in_lane(world, 2, 1, 4.0, 1) == (-1, 1)
+    assert neighbours_in_lane(world, 1, 1, 4.0, DECIDED) == (2, -1)
+    assert neighbours_in_lane(world, 2, 1, 4.0, DECIDED) == (-1, 1)
 
 
 def test_nearest_bv_is_by_distance_and_present() -> None:
@@ -463,14 +469,17 @@ def test_the_av_overtakes_where_it_gains(model: NddModel) -> None:
     assert av_decide(world_of([Car(100.0, 1, 30.0)]), setting.road, setting.av)[1] == 1  # nothing to gain
 
 
-def test_the_av_gives_way_only_if_it_sees_intentions(model: NddModel) -> None:
-    seeing, blind = av_named("idm-mobil"), av_named("idm-mobil-blind")
-    for av, lane in ((seeing, 0), (blind, 1)):
-        setting = setting_of(model, ROAD, av=av)
-        world = world_of([Car(100.0, 0, 30.0), Car(108.0, 2, 30.0)])
-        start_lane_change(world, 0, 1, setting.road)
-        start_lane_change(world, 1, 1, setting.road)
-        assert av_decide(world, setting.road, setting.av)[1] == lane
+@pytest.mark.parametrize(
+    ("av", "ago", "lane"),
+    [("idm-mobil-oracle", 0.0, 0), ("idm-mobil", 0.0, 1), ("idm-mobil", 0.96, 1), ("idm-mobil", 0.97, 0),
+     ("idm-mobil-blind", 0.97, 1)],
+)  # fmt: skip
+def test_the_av_gives_way_once_it_sees_a_lane_change(model: NddModel, av: str, ago: float, lane: int) -> None:
+    setting = setting_of(model, ROAD, av=av_named(av))
+    world = world_of([Car(100.0, 0, 30.0), Car(108.0, 2, 30.0)])
+    start_lane_change(world, 0, 1, setting.road)
+    change_lane(world, 1, 1, setting.road, ago=ago)
+    assert av_decide(world, setting.road, setting.av)[1] == lane
 
 
 def test_idm_bvs_take_the_nearest_action_and_keep_their_lanes(model: NddModel) -> None:

@@ -1,19 +1,27 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from hand_built import Car, setting_of, world_of
+import pytest
+from hand_built import Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.policy import NO_POLICY
+from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
 from cornerforge.ndd.model import NddModel
-from cornerforge.sim.actions import hold
+from cornerforge.road.straight import lane_bits
+from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.step import SUBSTEPS, move_vehicle
 from cornerforge.sim.world import UNKNOWN, World
-from cornerforge.types import Odd
+from cornerforge.types import ODDS, Odd
 
 ODD = Odd(n_lanes=3)
+SIGHTS = [numbers_of_sight(Sight(by)) for by in ("motion", "decision", "centre")]
+SIGHTS.append(numbers_of_sight(Sight(perception_time=0.4)))
 
 
 def test_nobody_drives_farther_or_less_far_than_was_bounded(model: NddModel) -> None:
@@ -40,10 +48,14 @@ def test_nobody_drives_farther_or_less_far_than_was_bounded(model: NddModel) -> 
     assert passed > 0  # as if the AV braked with 2 m/s2 at most
 
 
-def nearest_of_all(world: World, lane: int) -> tuple[int, int]:
+def nearest_of_all(world: World, lane: int, sight: SightNumbers) -> tuple[int, int]:
     """The AV's lead and rear in a lane, by looking at everybody."""
     v = world.vehicles
-    dx = {j: v["x"][j] - v["x"][0] for j in range(1, v.size) if v["lanes"][j] & (1 << lane) and v["present"][j]}
+    dx = {
+        j: v["x"][j] - v["x"][0]
+        for j in range(1, v.size)
+        if v["present"][j] and lanes_seen(v, j, ODD.lane_width, sight) & (1 << lane)
+    }
     ahead = [j for j in dx if 0.0 <= dx[j] < SIGHT]
     behind = [j for j in dx if -SIGHT < dx[j] < 0.0]
     return min(ahead, key=dx.__getitem__, default=-1), max(behind, key=dx.__getitem__, default=-1)
@@ -71,7 +83,44 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
             for i in range(v.size):
                 move_vehicle(v, i, 0.1 * (substep + 1), road)
             for lane in lanes:
-                now = nearest_of_all(world, lane)
-                assert neighbours_in_lane(world, 0, lane, road.lane_width, 1) == now
-                assert neighbours_in_lane(world, 0, lane, road.lane_width, 0) == now
+                for sight in SIGHTS:
+                    now = nearest_of_all(world, lane, sight)
+                    assert neighbours_in_lane(world, 0, lane, road.lane_width, sight) == now
     assert 300 < noted < 800, f"{noted} of 900 lanes are noted"
+
+
+@pytest.mark.parametrize("name", ["default", "swift", "paper"])
+def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) -> None:
+    """Many change lanes, some of them turn back: who is the AV's nearest must be among those whose state is current."""
+    rng = np.random.default_rng(7)
+    road, spared, by_motion_alone = setting_of(model, replace(ODDS[name], n_lanes=3)).road, 0, 0
+    for _ in range(300):
+        cars = [Car(200.0, int(rng.integers(3)), rng.uniform(20.0, 40.0))]
+        cars += [Car(rng.uniform(-60.0, 460.0), int(rng.integers(3)), rng.uniform(20.0, 40.0)) for _ in range(16)]
+        world = world_of(cars)
+        v = world.vehicles
+        for j in map(int, np.flatnonzero(rng.random(v.size) < 0.4)):
+            old = int(v["target_lane"][j])
+            target = 1 if old != 1 else int(rng.choice([0, 2]))
+            change_lane(world, j, target, road, ago=float(rng.uniform(0.0, 0.9 * road.lane_change_duration)))
+            if rng.random() < 0.5:
+                start_lane_change(world, j, old, road)
+                v["lanes"][j] = lane_bits(v["y"][j], 1.0, old, road.lane_width)  # as one second later
+        v["x_held"], v["speed_held"] = v["x"], v["speed"]
+        v["acceleration"] = rng.choice([-4.0, 0.0, 2.0], v.size)
+        world.order[:] = np.argsort(v["x"])
+        scratch = allocate_scratch(v.size, NO_POLICY)
+        bound_motion(world, 8.0, 2.0, scratch)
+        find_pairs(world, road, scratch)
+        choose_current(world, scratch, False, road)
+        spared += v.size - int(world.state["n_seen"][0])
+        for substep in range(SUBSTEPS):
+            for i in range(v.size):
+                move_vehicle(v, i, 0.1 * (substep + 1), road)
+            for lane in range(3):
+                for sight in SIGHTS:
+                    now = nearest_of_all(world, lane, sight)
+                    assert neighbours_in_lane(world, 0, lane, road.lane_width, sight) == now
+                    by_motion_alone += sum(j > 0 and not v["lanes"][j] & (1 << lane) for j in now)
+    assert spared > 300, "everybody is looked at: the case shows nothing"
+    assert by_motion_alone > 10 or name == "paper", "nobody is seen in a lane that he has decided to leave"

@@ -13,6 +13,7 @@ from reference.drivers import AvDriver
 from reference.simulator import AV_CRASH, BV_CRASH, COMPLETED, TIME_UP, Drive, Simulator
 
 from cornerforge.drivers.avs import AvModel, av_named
+from cornerforge.drivers.sight import Sight
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import drive_chunk
@@ -54,6 +55,14 @@ class Case:
         )
 
 
+def sight_of(number: int, *, by_motion: bool) -> Sight:
+    """What an AV sees: motion, from random offsets and at once or later, or decisions, or centres."""
+    rng = np.random.default_rng([number, 2])
+    if not by_motion:
+        return Sight(str(rng.choice(["decision", "centre"])))
+    return Sight(offset=float(rng.choice([0.1, 0.375, 0.8])), perception_time=float(rng.choice([0.0, 0.4])))
+
+
 def case(number: int) -> Case:
     """Every fourth case is natural driving; roads, lanes, AVs and models vary at random beside it."""
     rng = np.random.default_rng(number)
@@ -75,7 +84,7 @@ def case(number: int) -> Case:
     av = av_named(rng.choice(["idm-mobil", "idm-mobil-d2rl"]))
     av = replace(
         av,
-        sees_intentions=bool(rng.random() < 0.6),
+        sight=sight_of(number, by_motion=rng.random() < 0.6),
         mobil=replace(av.mobil, politeness=float(rng.choice([0.0, 0.5]))),
     )
     # A draw of its own, so that the other choices are those of the time when all AVs were plain.
@@ -95,7 +104,7 @@ def case(number: int) -> Case:
 
 def driver_of(av: AvModel) -> AvDriver:
     """The same AV for the slow simulator."""
-    return AvDriver(av.idm, av.mobil, av.sees_intentions, av.kind, av.rss)
+    return AvDriver(av.idm, av.mobil, av.sight, av.kind, av.rss)
 
 
 def column(drive: Drive, name: str) -> np.ndarray:

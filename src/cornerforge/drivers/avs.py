@@ -14,6 +14,7 @@ from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers
 from cornerforge.drivers.rss import RssNumbers, RssParams
+from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
 from cornerforge.errors import InputError, UnknownNameError
 
 __all__ = ["AVS", "AV_KINDS", "AvLaw", "AvModel", "AvNetwork", "AvNumbers", "av_hash", "av_named", "numbers_of_av"]
@@ -75,8 +76,8 @@ class AvModel:
         name: Its name on the command line.
         about: One line for people.
         idm, mobil: Parameters; the IDM's also decide how near to its lead the AV starts a test.
-        sees_intentions: It counts a vehicle that is entering a lane as being in it, and gives way to a vehicle that
-            enters its own target lane from the other side. False: a vehicle is in the lane of its centre only.
+        sight: Which lanes another vehicle is in for it, and from when on it gives way to a vehicle that enters its own
+            target lane from the other side.
         kind: One of `AV_KINDS`.
         rss: Safe distances, for the cautious kind.
         network: The network, for the learned kind; None until its file is read (`pipeline.av_file`).
@@ -89,7 +90,7 @@ class AvModel:
     about: str
     idm: IdmParams
     mobil: MobilParams
-    sees_intentions: bool = True
+    sight: Sight = field(default_factory=Sight)
     kind: str = "plain"
     rss: RssParams = field(default_factory=RssParams)
     network: AvNetwork | None = None
@@ -105,36 +106,52 @@ class AvModel:
                 )
 
 
-_COMMON = ("name", "about", "idm", "mobil", "sees_intentions", "kind")
+_COMMON = ("name", "about", "idm", "mobil", "sight", "kind")
 """Fields of `AvModel` that every kind uses; the others belong to single kinds (`AvLaw.parameters`)."""
 
 
 _D2RL = IdmParams(
     max_acceleration=1.5, comfortable_braking=2.0, standstill_gap=2.0, time_gap=1.2, desired_speed=33.3, max_braking=4.0
 )
+_AFTER_PERCEPTION = Sight(perception_time=0.4)
+"""UN R157: its careful driver begins to react 0.4 s after a cut-in can be seen."""
 
 AVS: dict[str, AvModel] = {
     model.name: model
     for model in (
         AvModel(
             "idm-mobil",
-            "IDM and MOBIL as the paper's group uses them (NADE); sees who enters a lane",
+            "IDM and MOBIL with the numbers of the paper's group (NADE); sees vehicles that move into a lane",
             IdmParams(),
             MobilParams(),
         ),
-        AvModel("idm-mobil-d2rl", "the same with the parameters of D2RL: closer and faster", _D2RL, MobilParams()),
         AvModel(
-            "idm-mobil-blind",
-            "idm-mobil that goes by lane centres and sees nobody's intention",
+            "idm-mobil-oracle",
+            "idm-mobil that knows others' lane changes when they are decided, as the paper's group has it",
             IdmParams(),
             MobilParams(),
-            False,
+            Sight("decision"),
+        ),
+        AvModel(
+            "idm-mobil-d2rl",
+            "idm-mobil-oracle with the parameters of D2RL: closer and faster",
+            _D2RL,
+            MobilParams(),
+            Sight("decision"),
+        ),
+        AvModel(
+            "idm-mobil-blind",
+            "idm-mobil that goes by lane centres and sees nobody's lane change",
+            IdmParams(),
+            MobilParams(),
+            Sight("centre"),
         ),
         AvModel(
             "idm-mobil-watchful",
             "idm-mobil that watches both sides while changing lanes, and evades who cuts in beside it",
             IdmParams(),
             MobilParams(),
+            _AFTER_PERCEPTION,
             kind="watchful",
         ),
         AvModel(
@@ -142,11 +159,12 @@ AVS: dict[str, AvModel] = {
             "keeps RSS distances ahead, and to both neighbours when it changes lanes; brakes with up to 8 m/s2",
             IdmParams(),
             MobilParams(),
+            _AFTER_PERCEPTION,
             kind="cautious",
         ),
         AvModel(
             "rl",
-            "a Q-network that `cornerforge train-av` trained; decides twice a second",
+            "a Q-network that `cornerforge train-av` trained; decides twice a second, sees lane changes when decided",
             IdmParams(),
             MobilParams(),
             kind="learned",
@@ -161,7 +179,7 @@ class AvNumbers(NamedTuple):
 
     Attributes:
         idm, mobil: Parameters of the built-in AV.
-        sees_intentions: 1 or 0, as in `AvModel`.
+        sight: As in `AvModel`.
         kind: Code of its law.
         rss, network: Parameters of the cautious and the learned kind.
         hardest_braking, strongest_acceleration: It never commands more [m/s2].
@@ -170,7 +188,7 @@ class AvNumbers(NamedTuple):
 
     idm: IdmNumbers
     mobil: MobilNumbers
-    sees_intentions: int
+    sight: SightNumbers
     kind: int
     rss: RssNumbers
     network: PolicyNumbers
@@ -189,7 +207,7 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
     return AvNumbers(
         IdmNumbers(*astuple(model.idm)),
         MobilNumbers(*astuple(model.mobil)),
-        int(model.sees_intentions),
+        numbers_of_sight(model.sight),
         law.code,
         RssNumbers(*astuple(model.rss)),
         network,
@@ -223,8 +241,10 @@ def _numbers_of(parameters: Any) -> tuple[object, ...]:
 
 def av_hash(model: AvModel) -> str:
     """Compute SHA-256 (first 16 hex digits) over all that decides how an AV drives; name and description left out."""
-    numbers: tuple[object, ...] = (*astuple(model.idm), *astuple(model.mobil), model.sees_intentions)
-    if model.kind != "plain":  # the hash of a plain one is that of versions that knew no other
+    # Hashes of AVs that could drive in earlier versions are as they were: sight was a bool there, every kind plain.
+    sight = {"decision": True, "centre": False}.get(model.sight.by, astuple(model.sight))
+    numbers: tuple[object, ...] = (*astuple(model.idm), *astuple(model.mobil), sight)
+    if model.kind != "plain":
         numbers += (model.kind,)
     for name in AV_KINDS[model.kind].parameters:
         numbers += _numbers_of(getattr(model, name))

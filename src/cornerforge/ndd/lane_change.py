@@ -66,8 +66,8 @@ class LaneChange:
     def desire(self) -> Floats:
         """Return the factor of the chance by (gap, range rate) to the leader, shape (116, 19).
 
-        It rises with the closing speed and tends to `desire_free` for large gaps; hardly above 0 where the leader is too
-        near to begin a change.
+        It rises with the closing speed and tends to `desire_free` for large gaps; hardly above 0 where the leader is
+        too near to begin a change.
         """
         gap, closing = GAPS[:, None], np.maximum(-RANGE_RATES, 0.0)[None, :]
         wish = self.desire_free + (0.5 + self.slower_leader * closing) * np.exp(-gap / self.near)

@@ -14,6 +14,7 @@ from safetensors.numpy import save
 
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
+from cornerforge.drivers.sight import Sight
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.pipeline.output import writing
 from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
@@ -23,6 +24,8 @@ __all__ = ["AV_FILE_SCHEMA", "av_of", "load_av", "rl_av_path", "save_av"]
 
 AV_FILE_SCHEMA = 1
 _KEY = "cornerforge_av"
+_SIGHTS = {1: Sight("decision"), AV_FEATURES_VERSION: Sight()}
+"""What an AV sees of lane changes, by the version of the features on which it learned."""
 
 
 def rl_av_path() -> Path:
@@ -89,8 +92,9 @@ def load_av(path: Path) -> AvModel:
         raise FileFormatError(f"AV file {path} is damaged: its weights do not fit its network.")
     if not np.isfinite(weights).all():
         raise FileFormatError(f"AV file {path} is damaged: weights are not finite.")
-    network = AvNetwork(shape, weights, AV_FEATURES_VERSION)
-    return replace(AVS["rl"], name=str(path), about=str(about), network=network)
+    version = header["features_version"]
+    network = AvNetwork(shape, weights, version)
+    return replace(AVS["rl"], name=str(path), about=str(about), network=network, sight=_SIGHTS[version])
 
 
 def _check_versions(header: Mapping[str, Any], path: Path) -> None:
@@ -99,9 +103,9 @@ def _check_versions(header: Mapping[str, Any], path: Path) -> None:
     Raises:
         FileFormatError: The file is of another schema or for another observation.
     """
-    for key, ours in (("schema_version", AV_FILE_SCHEMA), ("features_version", AV_FEATURES_VERSION)):
-        if header[key] != ours:
+    for key, ours in (("schema_version", (AV_FILE_SCHEMA,)), ("features_version", tuple(_SIGHTS))):
+        if header[key] not in ours:
             raise FileFormatError(
-                f"AV file {path} has {key} {header[key]}; this cornerforge reads {ours}. "
+                f"AV file {path} has {key} {header[key]}; this cornerforge reads {' and '.join(map(str, ours))}. "
                 f"Train it again: cornerforge train-av --out {path}"
             )

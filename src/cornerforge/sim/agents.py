@@ -17,6 +17,7 @@ from cornerforge.sim.advance import NEVER, advance, answer_as_av, look_as_bv
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.drive_bv import History, act_as_bv
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.step import bring_up_to_date
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_row
@@ -209,7 +210,7 @@ def start_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: Scr
         if agents.chosen[b]:
             w = world_row(agents.worlds, b)
             reset_world(w, agents.seeds[b], agents.tests[b], setting)
-            view_of_av(w, setting.road, s.av.found, agents.seen[b])
+            view_of_av(w, setting.road, VISIBLE, s.av.found, agents.seen[b])
 
 
 @kernel
@@ -232,4 +233,4 @@ def drive_on_as_av(begin: int, end: int, setting: Setting, agents: AvAgents, s: 
         advance(w, setting, s, keep, NEVER)
         agents.outcome[b] = w.state[0].outcome
         agents.metres[b] = driven(w.vehicles, 0, setting.road) - before
-        view_of_av(w, setting.road, s.av.found, agents.seen[b])
+        view_of_av(w, setting.road, VISIBLE, s.av.found, agents.seen[b])

@@ -11,8 +11,10 @@ from cornerforge.drivers.idm import free_acceleration, idm_acceleration
 from cornerforge.drivers.mobil import mobil_gain
 from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
 from cornerforge.sim.neighbours import neighbours_in_lane
+from cornerforge.sim.sight import lane_entered, lanes_seen
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.sight import SightNumbers
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import AvNumbers, World
 
@@ -24,14 +26,14 @@ _SIDES = (1, -1)
 
 
 @inlined_kernel
-def lead_acceleration(w: World, i: int, lanes: int, road: RoadNumbers, av: AvNumbers) -> float:
+def lead_acceleration(w: World, i: int, lanes: int, sight: SightNumbers, road: RoadNumbers, av: AvNumbers) -> float:
     """IDM acceleration of slot i behind the worst of its leads in all lanes of the bit mask."""
     v = w.vehicles
     speed = v[i].speed
     command = free_acceleration(speed, av.idm)
     for lane in range(road.n_lanes):
         if lanes & (1 << lane):
-            lead, _ = neighbours_in_lane(w, i, lane, road.lane_width, av.sees_intentions)
+            lead, _ = neighbours_in_lane(w, i, lane, road.lane_width, sight)
             if lead >= 0:
                 room = gap(v, i, lead)
                 command = min(command, idm_acceleration(speed, room, v[lead].speed - speed, av.idm))
@@ -43,7 +45,7 @@ def side_gain(w: World, lane: int, acceleration_now: float, needed: float, road:
     """Compute the AV's MOBIL gain [m/s2] of changing to `lane`; `needed` where it is certainly not above `needed`."""
     v = w.vehicles
     speed = v[0].speed
-    lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, av.sees_intentions)
+    lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, av.sight)
     lead_gap = np.inf
     lead_speed = speed
     rear_gap = np.inf
@@ -60,15 +62,16 @@ def side_gain(w: World, lane: int, acceleration_now: float, needed: float, road:
         rear_gap = gap(v, rear, 0)
         rear_speed = v[rear].speed
         if av.mobil.politeness > 0.0:
-            rear_now = lead_acceleration(w, rear, v[rear].lanes, road, av)
+            lanes = lanes_seen(v, rear, road.lane_width, av.sight)
+            rear_now = lead_acceleration(w, rear, lanes, av.sight, road, av)
     return mobil_gain(
         speed, acceleration_now, (lead_gap, lead_speed), (rear_gap, rear_speed), rear_now, av.idm, av.mobil
     )
 
 
 @kernel
-def must_give_way(w: World, road: RoadNumbers) -> bool:
-    """Does another vehicle enter the AV's target lane from the far side while the AV's centre is in its old lane?"""
+def must_give_way(w: World, road: RoadNumbers, sight: SightNumbers) -> bool:
+    """Is another vehicle seen to enter the AV's target lane from the far side while the AV is in its old lane?"""
     v = w.vehicles
     state = w.state[0]
     target = v[0].target_lane
@@ -77,7 +80,7 @@ def must_give_way(w: World, road: RoadNumbers) -> bool:
         return False
     for k in range(state.n_current):
         j = w.current[k]
-        if j > 0 and v[j].target_lane == target:
+        if j > 0 and lane_entered(v, j, road.lane_width, sight) == target:
             other = lane_of(v[j].y, road.lane_width)
             if other != target and other != old and abs(ahead_by(v, 0, j)) < half_lengths(v, 0, j) + CONFLICT_GAP:
                 return True
@@ -88,10 +91,10 @@ def must_give_way(w: World, road: RoadNumbers) -> bool:
 def av_decide(w: World, road: RoadNumbers, av: AvNumbers) -> tuple[float, int]:
     """Decide for the plain built-in AV by IDM and MOBIL: acceleration [m/s2] and target lane. Changes nothing."""
     v = w.vehicles
-    command = lead_acceleration(w, 0, v[0].lanes, road, av)
+    command = lead_acceleration(w, 0, v[0].lanes, av.sight, road, av)
     lane = v[0].target_lane
     if v[0].duration > 0.0:
-        if av.sees_intentions and must_give_way(w, road):
+        if must_give_way(w, road, av.sight):
             return command, lane_of(v[0].y, road.lane_width)
         return command, lane
     best_gain = av.mobil.min_gain

@@ -1,7 +1,7 @@
 """What the learned AV makes of its view: the view of `av_view.py`, sorted by lane and scaled to order 1.
 
 "Its lane" is the AV's target lane: the one that it keeps or changes to. A vehicle is in all lanes that its body touches
-and in its target lane. Entries, float32 (N_AV_FEATURES,):
+and in the lane of column 6 of the view, which it is seen to enter. Entries, float32 (N_AV_FEATURES,):
 
 - The AV: distance left in the test / 400 m; (speed - 30) / 10; offset from its target lane / 4 m; lateral speed / 2;
   acceleration / 4; whether there is a lane to the left, to the right (0 or 1); whether it changes lanes; 1.
@@ -29,8 +29,12 @@ if TYPE_CHECKING:
 
 __all__ = ["AV_FEATURES_VERSION", "N_AV_FEATURES", "av_actions_allowed", "av_features", "av_order"]
 
-AV_FEATURES_VERSION = 1
-"""Raised whenever the meaning of an entry changes; stored with every learned AV."""
+AV_FEATURES_VERSION = 2
+"""Raised whenever the meaning of an entry changes; stored with every learned AV.
+
+In version 1 a vehicle was in its target lane as soon as its driver had decided. AVs that learned so go on seeing so
+(`pipeline.av_file`).
+"""
 _N_OWN = 9
 _PER_OTHER = 8
 _LANES = (0, 1, -1)

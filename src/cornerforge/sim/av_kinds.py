@@ -19,6 +19,7 @@ from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side
 from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
 from cornerforge.sim.av_view import view_of_av
 from cornerforge.sim.neighbours import neighbours_in_lane
+from cornerforge.sim.sight import lane_entered
 from cornerforge.types import ACCELERATIONS
 
 if TYPE_CHECKING:
@@ -41,10 +42,10 @@ _SIDES = (1, -1)
 
 
 @inlined_kernel
-def _gaps(w: World, lane: int, road: RoadNumbers) -> tuple[float, float, float, float]:
+def _gaps(w: World, lane: int, road: RoadNumbers, av: AvNumbers) -> tuple[float, float, float, float]:
     """Find gap [m] and speed [m/s] of the AV's neighbours in a lane, ahead then behind; for none +inf and the AV's."""
     v = w.vehicles
-    lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, 1)
+    lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, av.sight)
     lead_gap = np.inf
     lead_speed = v[0].speed
     rear_gap = np.inf
@@ -61,7 +62,7 @@ def _gaps(w: World, lane: int, road: RoadNumbers) -> tuple[float, float, float, 
 @kernel
 def _is_refused(w: World, lane: int, road: RoadNumbers, av: AvNumbers) -> bool:
     """Is a lane unsafe for the AV, by MOBIL's safety criterion, or for the cautious kind by RSS distances?"""
-    lead_gap, lead_speed, rear_gap, rear_speed = _gaps(w, lane, road)
+    lead_gap, lead_speed, rear_gap, rear_speed = _gaps(w, lane, road, av)
     speed = w.vehicles[0].speed
     if av.kind != _CAUTIOUS:
         gain = mobil_gain(speed, 0.0, (lead_gap, lead_speed), (rear_gap, rear_speed), 0.0, av.idm, av.mobil)
@@ -84,15 +85,15 @@ def _turns_back(w: World, road: RoadNumbers, av: AvNumbers) -> bool:
     v = w.vehicles
     old = lane_of(v[0].y, road.lane_width)
     target = v[0].target_lane
-    if old == target or not (must_give_way(w, road) or _is_refused(w, target, road, av)):
+    if old == target or not (must_give_way(w, road, av.sight) or _is_refused(w, target, road, av)):
         return False
-    lead_gap, _, rear_gap, _ = _gaps(w, old, road)
+    lead_gap, _, rear_gap, _ = _gaps(w, old, road, av)
     return lead_gap > 0.0 and rear_gap > 0.0
 
 
 @inlined_kernel
-def _comes_in_beside(w: World, road: RoadNumbers) -> int:
-    """Find the nearest vehicle beside the AV that changes into the AV's target lane, its centre still in another lane.
+def _comes_in_beside(w: World, road: RoadNumbers, av: AvNumbers) -> int:
+    """Find the nearest vehicle beside the AV that is seen to enter its target lane, its centre still in another lane.
 
     Returns:
         Its slot, -1 for none.
@@ -103,7 +104,7 @@ def _comes_in_beside(w: World, road: RoadNumbers) -> int:
     nearest = np.inf
     for k in range(w.state[0].n_current):
         j = w.current[k]
-        if j > 0 and v[j].target_lane == lane and lane_of(v[j].y, road.lane_width) != lane:
+        if j > 0 and lane_entered(v, j, road.lane_width, av.sight) == lane != lane_of(v[j].y, road.lane_width):
             distance = abs(ahead_by(v, 0, j))
             if distance < min(nearest, half_lengths(v, 0, j) + BESIDE):
                 nearest = distance
@@ -136,7 +137,7 @@ def _watchful(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratc
     if v[0].duration > 0.0 and _turns_back(w, road, av):
         return command, lane_of(v[0].y, road.lane_width)
     if lane_of(v[0].y, road.lane_width) == v[0].target_lane:
-        other = _comes_in_beside(w, road)
+        other = _comes_in_beside(w, road, av)
         if other >= 0:
             return _evade(w, other, command, road, av)
     return command, lane
@@ -146,10 +147,10 @@ def _watchful(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratc
 def _rss_command(w: World, road: RoadNumbers, av: AvNumbers) -> float:
     """Compute the IDM's acceleration [m/s2], or the RSS braking where a lead in one of the AV's lanes is too near."""
     v = w.vehicles
-    command = lead_acceleration(w, 0, v[0].lanes, road, av)
+    command = lead_acceleration(w, 0, v[0].lanes, av.sight, road, av)
     for lane in range(road.n_lanes):
         if v[0].lanes & (1 << lane):
-            lead_gap, lead_speed, _, _ = _gaps(w, lane, road)
+            lead_gap, lead_speed, _, _ = _gaps(w, lane, road, av)
             braking = rss_braking(v[0].speed, lead_gap, lead_speed, av.rss)
             if braking > 0.0:
                 command = min(command, -braking)
@@ -165,7 +166,7 @@ def _cautious(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratc
     if v[0].duration > 0.0 and _turns_back(w, road, av):
         return command, lane_of(v[0].y, road.lane_width)
     if lane_of(v[0].y, road.lane_width) == lane:
-        other = _comes_in_beside(w, road)
+        other = _comes_in_beside(w, road, av)
         if other >= 0:
             return _evade(w, other, command, road, av)
     if v[0].duration > 0.0:
@@ -187,7 +188,7 @@ def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScra
     v = w.vehicles
     if substep % DECIDES_EVERY != 0:
         return v[0].acceleration, v[0].target_lane
-    view_of_av(w, road, s.found, s.seen)
+    view_of_av(w, road, av.sight, s.found, s.seen)
     av_features(s.seen, road, s.features)
     av_actions_allowed(w, road, s.allowed)
     q_values(av.network, s.features, s.layers, s.q)

@@ -11,10 +11,11 @@ to centre); rows without a vehicle are 0. Columns:
 | 3 | speed along the road [m/s] | the same |
 | 4 | lateral speed, to the left positive [m/s] | the same |
 | 5 | acceleration that it holds along the road [m/s2] | the same |
-| 6 | lane that it keeps or changes to, 0 the rightmost | the same: what its indicator says |
-| 7 | 1 while it changes lanes, else 0 | the same |
+| 6 | lane that it keeps or changes to, 0 the rightmost | lane that it is seen to enter, else that of its centre |
+| 7 | 1 while it changes lanes, else 0 | 1 from 0.375 m off the centre of its lane on, while it changes lanes |
 
-Perception is taken as perfect, as in the paper ("only decisions are tested").
+Perception of what can be seen is taken as perfect, as in the paper ("only decisions are tested"). What a driver has
+decided cannot be seen before the vehicle moves (docs/adr/0023-what-an-av-sees.md).
 """
 
 from __future__ import annotations
@@ -26,17 +27,19 @@ import numpy as np
 from cornerforge._jit import inlined_kernel
 from cornerforge.road.straight import ahead_by, distance_left
 from cornerforge.sim.neighbours import SIGHT
+from cornerforge.sim.sight import is_seen_changing, lane_entered
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.drivers.sight import SightNumbers
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
 __all__ = ["AV_VIEW_VERSION", "VIEW_COLUMNS", "VIEW_ROWS", "view_of_av"]
 
 AV_VIEW_VERSION = 1
-"""Raised whenever the meaning of an entry changes."""
+"""Raised when an AV that reads the columns as documented would misread them."""
 VIEW_ROWS = 13
 VIEW_COLUMNS = 8
 
@@ -62,12 +65,15 @@ def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
 
 
 @inlined_kernel
-def view_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+def view_of_av(
+    w: World, road: RoadNumbers, sight: SightNumbers, found: NDArray[np.int64], out: NDArray[np.float32]
+) -> None:
     """Write the AV's view into `out`.
 
     Args:
         w: The world; the state of every vehicle must be that of this moment (`step.begin_to_act` with `everybody`).
         road: Constants.
+        sight: What is seen of lane changes; by decision, columns 6 and 7 mean in all rows what they mean in row 0.
         found: Scratch, int64 (VIEW_ROWS - 1,).
         out: float32 (VIEW_ROWS, VIEW_COLUMNS), as the head of this module says.
     """
@@ -83,7 +89,9 @@ def view_of_av(w: World, road: RoadNumbers, found: NDArray[np.int64], out: NDArr
         out[row, 3] = v[j].speed
         out[row, 4] = v[j].lateral_speed
         out[row, 5] = v[j].acceleration
-        out[row, 6] = v[j].target_lane
-        out[row, 7] = 1.0 if v[j].duration > 0.0 else 0.0
+        out[row, 6] = lane_entered(v, j, road.lane_width, sight)
+        out[row, 7] = 1.0 if is_seen_changing(v, j, road.lane_width, sight) else 0.0
     out[0, 1] = distance_left(v, 0, road)
     out[0, 2] = v[0].y
+    out[0, 6] = v[0].target_lane
+    out[0, 7] = 1.0 if v[0].duration > 0.0 else 0.0

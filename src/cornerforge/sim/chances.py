@@ -24,6 +24,7 @@ from cornerforge.drivers.naturalistic import (
 from cornerforge.ndd.memory import remembered_share
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.sight import DECIDED
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACCELERATIONS, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def side_chance(
 ) -> float:
     """Compute P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
     v = w.vehicles
-    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
     chance = base
     if lead >= 0:
         accept = accept_chance(tables.lc_accept, 0, gap(v, i, lead), v[lead].speed - v[i].speed)
@@ -109,7 +110,7 @@ def side_chance(
 def _turn_back_wish(w: World, i: int, lane: int, road: RoadNumbers, tables: NddTables) -> float:
     """Compute the chance that slot i, if attentive, would leave `lane` for its neighbours there: the larger of two."""
     v = w.vehicles
-    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
     wish = 0.0
     if lead >= 0:
         wish = turn_back_chance(tables.lc_turn_back, gap(v, i, lead), v[lead].speed - v[i].speed)
@@ -229,7 +230,7 @@ def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
     third = -1
     for lane in range(road.n_lanes):
         if v[i].lanes & (1 << lane):
-            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, 1)
+            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
             if j >= 0:
                 third = second
                 second = first

@@ -28,6 +28,7 @@ from cornerforge.sim.av import lead_acceleration
 from cornerforge.sim.chances import return_chance, side_chance, word_of
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
+from cornerforge.sim.sight import DECIDED
 from cornerforge.sim.world import NO_VEHICLE, moment_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION
 
@@ -169,7 +170,7 @@ def _idm_action(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
     v = w.vehicles
     order = w.order
     i = order[rank]
-    command = lead_acceleration(w, i, v[i].lanes, road, av)
+    command = lead_acceleration(w, i, v[i].lanes, DECIDED, road, av)
     return nearest_action(command)
 
 

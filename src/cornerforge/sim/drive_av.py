@@ -19,6 +19,7 @@ from cornerforge.sim.av_kinds import DECIDES_EVERY
 from cornerforge.sim.av_view import view_of_av
 from cornerforge.sim.neighbours import neighbours_in_lane
 from cornerforge.sim.setting import NOBODY, OUTSIDE, Controllers, Setting
+from cornerforge.sim.sight import DECIDED
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, world_row
@@ -84,7 +85,7 @@ def _nearness(w: World, time_gap: float, road: RoadNumbers) -> float:
     worst = 0.0
     for lane in range(road.n_lanes):
         if v[0].lanes & (1 << lane):
-            lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, 1)
+            lead, rear = neighbours_in_lane(w, 0, lane, road.lane_width, DECIDED)
             if lead >= 0:
                 worst = max(worst, _lack(gap(v, 0, lead), v[0].speed, time_gap))
             if rear >= 0 and v[0].duration > 0.0 and lane == v[0].target_lane:
@@ -139,7 +140,7 @@ def _look(
     w: World, setting: Setting, s: AvScratch, observation: NDArray[np.float32], allowed: NDArray[np.bool_]
 ) -> None:
     """Fill the AV's observation and mask."""
-    view_of_av(w, setting.road, s.found, s.seen)
+    view_of_av(w, setting.road, setting.av.sight, s.found, s.seen)
     av_features(s.seen, setting.road, observation)
     av_actions_allowed(w, setting.road, allowed)
 

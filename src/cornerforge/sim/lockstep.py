@@ -15,6 +15,7 @@ from cornerforge._jit import kernel
 from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lane
 from cornerforge.sim.advance import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
+from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_row
 
@@ -76,7 +77,7 @@ def see(batch: Batch, setting: Setting, s: Scratch) -> None:
     for b in range(batch.views.shape[0]):
         w = world_row(batch.worlds, b)
         if w.state[0].outcome == RUNNING:
-            view_of_av(w, setting.road, s.av.found, batch.views[b])
+            view_of_av(w, setting.road, VISIBLE, s.av.found, batch.views[b])
         else:
             for row in range(VIEW_ROWS):
                 for column in range(VIEW_COLUMNS):

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import inlined_kernel
-from cornerforge.road.straight import ahead_by, lane_of
+from cornerforge.road.straight import ahead_by
+from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.world import NO_VEHICLE, UNKNOWN
 
 if TYPE_CHECKING:
+    from cornerforge.drivers.sight import SightNumbers
     from cornerforge.sim.world import World
 
 __all__ = ["SIGHT", "nearest_bv", "neighbours_in_lane", "sort_by_x"]
@@ -33,11 +35,10 @@ def _known_neighbours(w: World, lane: int) -> tuple[int, int]:
 
 
 @inlined_kernel
-def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_intentions: int) -> tuple[int, int]:
+def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sight: SightNumbers) -> tuple[int, int]:
     """Find the nearest vehicles ahead of and behind slot i in a lane: (lead, rear), -1 for none within sight.
 
-    Where `sees_intentions` is 0 a vehicle is in the lane that holds its centre and in no other. Vehicles at the same x
-    are ordered by slot.
+    `sight` says which lanes a vehicle is in. Vehicles at the same x are ordered by slot.
     """
     if i == 0 and w.av_lead[lane] != UNKNOWN:
         return _known_neighbours(w, lane)
@@ -55,10 +56,7 @@ def neighbours_in_lane(w: World, i: int, lane: int, lane_width: float, sees_inte
         dx = ahead_by(v, i, j)
         if dx > best_lead or -dx > best_rear:
             continue
-        if sees_intentions:
-            if v[j].lanes & bit == 0:
-                continue
-        elif lane_of(v[j].y, lane_width) != lane:
+        if lanes_seen(v, j, lane_width, sight) & bit == 0:
             continue
         if dx > 0.0 or (dx == 0.0 and j > i):
             if dx < best_lead:

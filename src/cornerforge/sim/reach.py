@@ -128,17 +128,22 @@ def _bound_av_neighbours(w: World, s: Scratch, road: RoadNumbers) -> None:
 
 @inlined_kernel
 def _is_seen(w: World, j: int, s: Scratch, road: RoadNumbers) -> bool:
-    """Can vehicle j be the AV's nearest one ahead or behind in some lane within the coming second?"""
+    """Can vehicle j be the AV's nearest one ahead or behind in some lane within the coming second?
+
+    While it changes lanes it may come to be seen in any lane: the AV need not take it to be in its target lane.
+    """
     v = w.vehicles
     dx = ahead_by(v, 0, j)
     nearest = dx - _falls_back(s, j)
     farthest = dx + _gains(s, j)
     lane = v[j].target_lane
-    if v[j].lanes == 1 << lane:
+    changes = v[j].duration > 0.0
+    if not changes and v[j].lanes == 1 << lane:
         seen: bool = nearest <= s.ahead[lane] and farthest >= -s.behind[lane]
         return seen
     for lane in range(road.n_lanes):
-        if v[j].lanes & (1 << lane) and nearest <= s.ahead[lane] and farthest >= -s.behind[lane]:
+        is_near = nearest <= s.ahead[lane] and farthest >= -s.behind[lane]
+        if is_near and (changes or v[j].lanes & (1 << lane)):
             return True
     return False
 

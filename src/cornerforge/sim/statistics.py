@@ -17,6 +17,7 @@ from cornerforge.ndd.grids import GAP_GRID
 from cornerforge.road.straight import ahead_by, gap, half_lengths
 from cornerforge.sim.crossings import crossing_of, has_crossed, rear_at, state_at
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
+from cornerforge.sim.sight import DECIDED
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import RUNNING
 from cornerforge.types import ACCELERATIONS, FIRST_ACCELERATION
@@ -413,7 +414,7 @@ def count_av(w: World, road: RoadNumbers, counts: Counts) -> None:
     """Count the AV's distances and TTC to the vehicles ahead and behind in its target lane."""
     v = w.vehicles
     counts.totals[AV_STATES] += 1
-    lead, rear = neighbours_in_lane(w, 0, v[0].target_lane, road.lane_width, 1)
+    lead, rear = neighbours_in_lane(w, 0, v[0].target_lane, road.lane_width, DECIDED)
     if lead >= 0:
         _count_pair(counts, 0, gap(v, 0, lead), v[lead].speed - v[0].speed)
     if rear >= 0:

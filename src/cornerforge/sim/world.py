@@ -11,6 +11,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.avs import AvModel, AvNumbers, numbers_of_av
 from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
+from cornerforge.drivers.sight import Sight
 from cornerforge.geometry import Path
 from cornerforge.types import CAR, CLASSES, MAX_LANES, Odd
 
@@ -175,9 +176,9 @@ def n_slots(odd: Odd) -> int:
     return 1 + odd.n_lanes * int(np.ceil(odd.traffic_length / 40.0))
 
 
-def av_numbers(idm: IdmParams, mobil: MobilParams, *, sees_intentions: bool) -> AvNumbers:
+def av_numbers(idm: IdmParams, mobil: MobilParams, sight: Sight) -> AvNumbers:
     """Make the constants of a plain AV (IDM and MOBIL) for the kernels."""
-    return numbers_of_av(AvModel("", "", idm, mobil, sees_intentions))
+    return numbers_of_av(AvModel("", "", idm, mobil, sight))
 
 
 def allocate_worlds(n_worlds: int, slots: int) -> World:
