@@ -2,24 +2,30 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from statistical_bounds import l1_bound, l1_distance
+from scipy import stats
+from statistical_bounds import distance_to_law, dkw_bound, l1_bound, l1_distance
 
 from cornerforge._philox import block, uniform
 from cornerforge.drivers.naturalistic import (
+    MemoryNumbers,
     NddTables,
     accept_chance,
     following_row,
     free_row,
     lane_change_base,
+    reflected,
+    remembered_share,
+    remembering_word,
     sample_row,
     table_row,
     tables_of,
+    turn_back_chance,
 )
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 
@@ -45,18 +51,20 @@ def words(request: pytest.FixtureRequest) -> np.ndarray:
 
 def test_rows_are_those_of_the_models_arrays(model: NddModel, tables: NddTables) -> None:
     for i, j, k in [(0, 0, 0), (20, 115, 18), (7, 33, 4), (0, 115, 0), (20, 0, 18)]:
-        row = following_row(SPEEDS[i], GAPS[j], RANGE_RATES[k], 0.5)
+        row = following_row(SPEEDS[i], 3.0, GAPS[j], RANGE_RATES[k], 0.5)
         np.testing.assert_array_equal(tables.p[row], model.following[i, j, k])
-        np.testing.assert_array_equal(tables.p[free_row(SPEEDS[i])], model.free[i])
+        np.testing.assert_array_equal(tables.p[free_row(SPEEDS[i] + 3.0, 3.0)], model.free[i])
 
 
 @pytest.mark.parametrize(
     ("speed", "index"), [(0.0, 0), (19.0, 0), (20.49, 0), (20.5, 1), (39.49, 19), (39.5, 20), (40.0, 20), (80.0, 20)]
 )
 def test_speeds_take_the_nearest_row(tables: NddTables, speed: float, index: int) -> None:
-    assert free_row(speed) == free_row(20.0) + index
-    assert following_row(speed, 0.0, -10.0, 0.5) == index * 116 * 19
-    assert free_row(20.0) == 21 * 116 * 19 == tables.p.shape[0] - 21
+    assert free_row(speed, 0.0) == free_row(20.0, 0.0) + index
+    assert free_row(speed + 2.0, 2.0) == free_row(speed, 0.0)  # who wants to be faster by 2 m/s takes the row below
+    assert following_row(speed, 2.0, 0.0, -10.0, 0.5) == index * 116 * 19  # behind a lead the wish counts for nothing
+    assert following_row(speed, 2.0, math.inf, 0.0, 0.5) == free_row(speed, 2.0)
+    assert free_row(20.0, 0.0) == 21 * 116 * 19 == tables.p.shape[0] - 21
 
 
 @pytest.mark.parametrize(
@@ -169,7 +177,7 @@ def test_frequencies_match_the_row(
     tables: NddTables, words: np.ndarray, speed: float, gap: float, range_rate: float
 ) -> None:
     # H0: actions are independent draws of the row; unit: a test's word; n = 100,000 sees L1 errors of 0.026.
-    row = following_row(speed, gap, range_rate, 0.5)
+    row = following_row(speed, 0.0, gap, range_rate, 0.5)
     drawn = [sample_row(tables.cut, row, word) for word in words]
     counts = np.bincount(drawn, minlength=31)
     bound = l1_bound(31, N, comparisons=4)
@@ -184,7 +192,7 @@ def test_frequencies_match_the_row(
 def test_one_word_never_accelerates_more_in_a_worse_row(
     tables: NddTables, word: np.uint64, speed: float, gap: float
 ) -> None:
-    rows = [following_row(speed, gap, rate, 0.5) for rate in RANGE_RATES]
+    rows = [following_row(speed, 0.0, gap, rate, 0.5) for rate in RANGE_RATES]
     for worse, better in itertools.pairwise(rows):
         # stochastically worse: the distribution function lies above everywhere
         if (tables.cut[worse] >= tables.cut[better]).all():
@@ -192,7 +200,7 @@ def test_one_word_never_accelerates_more_in_a_worse_row(
 
 
 def test_the_shipped_model_has_ordered_rows(tables: NddTables) -> None:
-    rows = [following_row(30.0, 30.0, rate, 0.5) for rate in RANGE_RATES]
+    rows = [following_row(30.0, 0.0, 30.0, rate, 0.5) for rate in RANGE_RATES]
     ordered = [(tables.cut[a] >= tables.cut[b]).all() for a, b in itertools.pairwise(rows)]
     assert any(ordered)  # otherwise the property above looks at nothing
 
@@ -226,11 +234,93 @@ def test_accept_chance(model: NddModel, tables: NddTables) -> None:
         assert accept_chance(tables.lc_accept, rear, math.inf, 0.0) == 1.0
 
 
+def test_turn_back_chance(model: NddModel, tables: NddTables) -> None:
+    for gap, rate in ((40.0, -3.0), (7.0, 2.0), (0.4, 0.0)):
+        table = model.lc_turn_back[round(gap), round(rate) + 10]
+        assert turn_back_chance(tables.lc_turn_back, gap, rate) == float(table)
+    assert turn_back_chance(tables.lc_turn_back, 0.0, 5.0) == 1.0
+    assert turn_back_chance(tables.lc_turn_back, -4.0, 5.0) == 1.0
+    assert turn_back_chance(tables.lc_turn_back, 116.0, 0.0) == 0.0
+    assert turn_back_chance(tables.lc_turn_back, math.inf, 0.0) == 0.0
+
+
+# Memory
+
+UNIT = st.floats(0.0, 1.0)
+WIDTH = st.floats(0.01, 1.0)
+MEMORIES = st.builds(
+    lambda shares, total, widths: MemoryNumbers(
+        *(part for share, width in zip(shares, widths, strict=True) for part in (total * share / sum(shares), width))
+    ),
+    st.lists(st.floats(0.01, 1.0), min_size=3, max_size=3),
+    st.floats(0.0, 1.0),
+    st.lists(WIDTH, min_size=3, max_size=3),
+)
+MINDFUL = MemoryNumbers(0.25, 0.1, 0.2, 0.45, 0.35, 0.2)
+
+
+def test_a_quantile_that_leaves_the_unit_interval_is_reflected() -> None:
+    for u, inside in ((-1.0, 1.0), (-0.2, 0.2), (0.0, 0.0), (0.7, 0.7), (1.0, 1.0), (1.3, 0.7), (2.0, 0.0)):
+        assert reflected(u) == pytest.approx(inside, abs=1e-15)
+
+
+@given(MEMORIES, UNIT, UNIT, UNIT, UNIT)
+def test_remembered_shares_are_a_distribution_function(
+    memory: MemoryNumbers, before: float, habit: float, x: float, y: float
+) -> None:
+    assert remembered_share(0.0, before, habit, memory) == pytest.approx(0.0, abs=1e-12)
+    assert remembered_share(1.0, before, habit, memory) == pytest.approx(1.0, abs=1e-9)
+    low, high = (remembered_share(min(x, y), before, habit, memory), remembered_share(max(x, y), before, habit, memory))
+    assert -1e-12 <= low <= high + 1e-12
+
+
+@given(MEMORIES, UNIT, UNIT, WORD)
+def test_a_word_that_remembers_is_a_word(memory: MemoryNumbers, before: float, habit: float, word: np.uint64) -> None:
+    assert 0 <= remembering_word(word, before, habit, memory) <= 2**32 - 2
+
+
+@given(WORD, UNIT, UNIT)
+def test_who_has_no_memory_takes_the_word_as_it_is(word: np.uint64, before: float, habit: float) -> None:
+    none = MemoryNumbers(0.0, 0.1, 0.0, 0.3, 0.0, 0.1)
+    assert remembering_word(word, before, habit, none) == word
+    assert remembered_share(float(uniform(word)), before, habit, none) == uniform(word)
+
+
+@pytest.mark.parametrize(("before", "habit"), [(0.5, 0.5), (0.02, 0.9), (0.99, 0.1)])
+def test_words_that_remember_have_the_stated_distribution(words: np.ndarray, before: float, habit: float) -> None:
+    # H0: quantiles are independent draws of `remembered_share`; unit: a test's word; n = 100,000 sees 0.009.
+    drawn = np.sort([float(uniform(remembering_word(word, before, habit, MINDFUL))) for word in words])
+    bound = dkw_bound(N, comparisons=3)
+
+    def distance(memory: MemoryNumbers) -> float:
+        stated = np.array([remembered_share(float(u), before, habit, memory) for u in drawn])
+        return float(np.abs(stated - np.arange(1, N + 1) / N).max())
+
+    assert distance(MINDFUL) <= bound
+    # negative controls: a width that is a third too small; habit and past mistaken
+    assert distance(MINDFUL._replace(far_width=0.3)) > bound
+    assert before == habit or distance(MINDFUL._replace(near=0.35, habit=0.25)) > bound
+
+
+def test_over_all_drivers_quantiles_stay_uniform(words: np.ndarray) -> None:
+    # H0: where quantiles and habits are uniform, they stay so from one second to the next; n = 100,000 sees 0.009.
+    rng = np.random.default_rng(7)
+    before, habits = rng.random(N), rng.random(N)
+    after = np.array(
+        [uniform(remembering_word(word, u, h, MINDFUL)) for word, u, h in zip(words, before, habits, strict=True)]
+    )
+    bound = dkw_bound(N)
+    assert distance_to_law(after, stats.uniform()) <= bound
+    assert distance_to_law(after**1.05, stats.uniform()) > bound  # negative control
+    assert np.corrcoef(before, after)[0, 1] > 0.3  # and they are remembered
+
+
 def test_tables_of_a_model_do_not_copy_its_meaning(model: NddModel) -> None:
     tables = tables_of(model)
     assert tables.overlook == model.overlook
     assert tables.overlook_conflict == model.overlook_conflict
-    assert tables.initial[0] == model.initial.speed_mean
-    assert tables.initial[11] == model.initial.free_gap_high
+    assert tables.initial._asdict() == asdict(model.initial)
+    assert tables.memory._asdict() == asdict(model.memory)
     np.testing.assert_array_equal(tables.lc_accept[0], model.lc_accept_lead)
     np.testing.assert_array_equal(tables.lc_accept[1], model.lc_accept_rear)
+    np.testing.assert_array_equal(tables.lc_turn_back, model.lc_turn_back)

@@ -21,9 +21,9 @@ def reckless(model: NddModel) -> NddModel:
 
     Much happens in few tests, and draws are refused that the shipped model hardly ever makes.
     """
-    initial = replace(model.initial, rr_scale=3.0, min_ttc=8.0)
-    base = np.full(21, 0.1, dtype=np.float32)
-    return replace(model, lc_base=base, overlook=0.3, overlook_conflict=0.5, initial=initial)
+    initial = replace(model.initial, speed_sd=3.5, rr_scale=3.0, min_ttc=8.0)
+    base = np.full(21, 0.2, dtype=np.float32)
+    return replace(model, lc_base=base, overlook=0.5, overlook_conflict=0.5, initial=initial)
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,7 @@ from statistical_bounds import l1_bound, l1_distance
 
 from cornerforge._jit import kernel
 from cornerforge.drivers.avs import av_named
+from cornerforge.drivers.naturalistic import MemoryNumbers
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim import chances
@@ -115,9 +116,15 @@ SCENES = {
 }
 
 
-@kernel
 def draw(w: World, av_lane: int, setting: Setting, s: Scratch, drawn: NDArray[np.int64]) -> None:
-    """Let everybody decide in test k of the seed, for each row k of `drawn`."""
+    """Let everybody decide in test k of the seed, for each row k of `drawn`; each time on the same state."""
+    _draw(w, av_lane, setting, s, w.vehicles["quantile"].copy(), drawn)
+
+
+@kernel
+def _draw(
+    w: World, av_lane: int, setting: Setting, s: Scratch, quantiles: NDArray[np.float64], drawn: NDArray[np.int64]
+) -> None:
     state = w.state[0]
     state.seed = SEED
     for test in range(drawn.shape[0]):
@@ -125,6 +132,7 @@ def draw(w: World, av_lane: int, setting: Setting, s: Scratch, drawn: NDArray[np
         decide_bvs(w, -1, av_lane, setting, s)
         for i in range(drawn.shape[1]):
             drawn[test, i] = w.vehicles[i].action
+            w.vehicles[i].quantile = quantiles[i]
 
 
 @pytest.mark.parametrize("name", sorted(SCENES))
@@ -153,10 +161,78 @@ def test_what_is_stated_is_what_is_drawn(model: NddModel, name: str) -> None:
             np.testing.assert_allclose(p, before[slot - 1], atol=1e-12)
 
 
+FOLLOWERS = {
+    "behind one lead": Scene([FAR, Car(300.0, 0, 31.0), Car(330.0, 0, 30.0)], set()),
+    "between two lanes": Scene(
+        [FAR, Car(300.0, 1, 32.0), Car(330.0, 1, 31.3), Car(325.0, 2, 27.6)], set(), changing={1: 2}
+    ),
+    "a lead that is beyond the tables": Scene([FAR, Car(300.0, 0, 31.0), Car(450.0, 0, 30.0)], set()),
+    "no lead": Scene([FAR, Car(300.0, 0, 31.0)], set()),
+}
+
+
+@pytest.mark.parametrize("drivers", ["model", "mindful"])
+@pytest.mark.parametrize("name", sorted(FOLLOWERS))
+def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: str, drivers: str) -> None:
+    # H0: the action of slot 1 is an independent draw of what is stated, given its last quantile, its habit and its
+    # desired speed; unit: a test; n = 100,000 sees an L1 distance of 0.028; over all scenes, models and drivers.
+    people = [(0.03, 0.2, -3.0), (0.5, 0.9, 0.0), (0.97, 0.6, 4.0)]
+    bound = l1_bound(33, N, comparisons=2 * len(FOLLOWERS) * len(people))
+    setting = setting_of(request.getfixturevalue(drivers), LANES)
+    forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
+    refuted = 0
+    for quantile, habit, wish in people:
+        world = FOLLOWERS[name].world(setting)
+        world.vehicles["quantile"][1], world.vehicles["habit"][1], world.vehicles["wish"][1] = quantile, habit, wish
+        drawn = np.empty((N, world.vehicles.size), dtype=np.int64)
+        draw(world, 0, setting, allocate_scratch(world.vehicles.size, NO_POLICY), drawn)
+        counts = np.bincount(drawn[:, 1], minlength=33)
+        p, without = (stated(world, 1, each, 0) for each in (setting, forgetful))
+        assert l1_distance(counts, p) <= bound
+        assert counts[p == 0.0].sum() == 0
+        assert ((p == 0.0) == (without == 0.0)).all()  # what the tables call impossible stays impossible, and no more
+        refuted += l1_distance(counts, without) > bound
+    # negative control: the statement that leaves memory out is refuted wherever there is a lead
+    assert refuted == (0 if name == "no lead" else len(people))
+
+
+def test_over_all_drivers_the_tables_stay_what_they_are(mindful: NddModel) -> None:
+    # The mean of what is stated over uniform quantiles and habits is what is stated without memory; to 1 / grid^2.
+    setting = setting_of(mindful, LANES)
+    forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
+    world = FOLLOWERS["between two lanes"].world(setting)
+    grid = (np.arange(1000) + 0.5) / 1000
+    means = []
+    for quantile, habit in zip(grid, np.random.default_rng(0).permutation(grid), strict=True):
+        world.vehicles["quantile"][1], world.vehicles["habit"][1] = quantile, habit
+        means.append(stated(world, 1, setting, 0))
+    np.testing.assert_allclose(np.mean(means, axis=0), stated(world, 1, forgetful, 0), atol=1e-3)
+    assert np.abs(means - np.mean(means, axis=0)).max() > 0.1
+
+
+def test_the_action_of_a_controlled_bv_is_remembered_as_one_that_was_drawn(mindful: NddModel) -> None:
+    # Its quantile is one with which the tables give the action: so it lies between the distribution functions.
+    setting = setting_of(mindful, LANES)
+    forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
+    for name in ("behind one lead", "no lead"):
+        world = FOLLOWERS[name].world(setting)
+        world.vehicles["speed"] = 30.0  # a range rate of 0, which is not rounded
+        world.state["controlled"] = 1
+        below = np.cumsum(stated(world, 1, forgetful, 0)[2:])
+        below /= below[-1]
+        for a in range(31):
+            world.state["test"] = a
+            decide_bvs(world, 2 + a, 0, setting, allocate_scratch(world.vehicles.size, NO_POLICY))
+            assert world.vehicles["action"][1] == 2 + a
+            quantile = world.vehicles["quantile"][1]
+            if below[a] > (below[a - 1] if a else 0.0):
+                assert (below[a - 1] if a else 0.0) - 1e-6 <= quantile <= below[a] + 1e-6
+
+
 def test_refused_changes_become_the_acceleration_that_was_drawn(model: NddModel) -> None:
     # H0: given that slot 1 gives way, its acceleration has the law of one that wants no change; n > 20,000 sees 0.06.
     setting = setting_of(eager(model, wish=1.0, conflict=0.5), LANES)
-    world = world_of([FAR, Car(300.0, 0, 31.0), Car(314.0, 0, 29.0)])
+    world = world_of([FAR, Car(300.0, 0, 31.0), Car(312.0, 0, 29.0)])
     p = stated(world, 1, setting, 0)
     quiet = stated(world, 1, setting_of(eager(model, wish=0.0), LANES), 0)
     assert 0.1 < p[0] < 0.9
@@ -173,9 +249,9 @@ def test_refused_changes_become_the_acceleration_that_was_drawn(model: NddModel)
 
 def test_what_an_attentive_driver_never_does_is_exactly_impossible(model: NddModel) -> None:
     setting = setting_of(eager(model, wish=0.3, conflict=0.2, overlook=0.1), LANES)
-    world = world_of([Car(308.0, 2, 30.0), Car(300.0, 0, 30.0)])
+    world = world_of([Car(304.0, 2, 30.0), Car(300.0, 0, 30.0)])
     assert stated(world, 1, setting, 2)[0] == stated(world, 1, setting, 2, attentive=True)[0] > 0.0
-    assert stated(world, 1, setting, 1, attentive=True)[0] == 0.0  # the AV starts into lane 1, 3 m ahead of it
+    assert stated(world, 1, setting, 1, attentive=True)[0] == 0.0  # the AV starts into lane 1, beside it
     assert stated(world, 1, setting, 1)[0] == pytest.approx(0.2 * 0.3)
 
 
@@ -186,6 +262,7 @@ def random_cars(rng: np.random.Generator) -> tuple[list[Car], dict[int, tuple[in
     """Two to seven cars within 150 m, the first the AV, and who changes lanes: target and substeps so far."""
     n = int(rng.integers(2, 8))
     cars = [Car(float(rng.uniform(0, 150)), int(rng.integers(3)), float(rng.uniform(24, 38))) for _ in range(n)]
+    cars = [car._replace(quantile=rng.random(), habit=rng.random(), wish=rng.normal(0.0, 3.0)) for car in cars]
     changing = {}
     for slot in range(n):
         target = cars[slot].lane + int(rng.choice([-1, 1]))
@@ -201,7 +278,8 @@ def both_worlds(
     fast, plain = world_of(cars), slow.World(odd)
     for slot, car in enumerate(cars):
         kind = slot % 3 if len(cars) % 2 else 0
-        plain.place(car.x, car.lane, car.speed, (kind, CLASSES[kind].length, CLASSES[kind].width))
+        size = CLASSES[kind].length, CLASSES[kind].width
+        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, car.quantile, car.habit, car.wish))
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():
         hold(fast.vehicles, slot, 0.0)
@@ -223,10 +301,11 @@ def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) 
     rng = np.random.default_rng([seed, round(100 * wish)])
     av = av_named("idm-mobil")
     compared = mattered = attentive_zeros = 0
-    for _ in range(150):
+    for habit in np.linspace(0.0, 0.6, 150):
         cars, changing = random_cars(rng)
         conflict, overlook = float(rng.choice([0.0, 0.1, 0.6])), float(rng.choice([0.0, 0.2]))
         drivers = eager(model, wish=wish, conflict=conflict, overlook=overlook)
+        drivers = replace(drivers, memory=replace(model.memory, habit=habit, habit_width=0.2))
         setting = setting_of(drivers, LANES)
         fast, plain = both_worlds(cars, changing, setting, LANES)
         simulator = Simulator(LANES, drivers, AvDriver(av.idm, av.mobil, av.sight))

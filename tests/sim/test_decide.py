@@ -15,7 +15,7 @@ from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.idm import idm_acceleration
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.drivers.sight import BY_CENTRE, SightNumbers
-from cornerforge.ndd.model import NddModel
+from cornerforge.ndd.model import GAPS, RANGE_RATES, NddModel
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.av import av_decide
@@ -45,9 +45,12 @@ def probabilities(
 def decide(
     world: World, setting: Setting, test: int, controlled_action: int = -1, seed: int = 11, av_lane: int | None = None
 ) -> np.ndarray:
+    """Let everybody decide, and forget it: the next decision is made on the same state."""
     lane = int(world.vehicles["target_lane"][0]) if av_lane is None else av_lane
     world.state["seed"], world.state["test"] = seed, test
+    quantiles = world.vehicles["quantile"].copy()
     decide_bvs(world, controlled_action, lane, setting, allocate_scratch(world.vehicles.size, NO_POLICY))
+    world.vehicles["quantile"] = quantiles
     return np.array(world.vehicles["action"])
 
 
@@ -332,9 +335,15 @@ def test_nobody_leaves_the_road(model: NddModel, lane: int, action: int) -> None
 
 
 def conflict(model: NddModel, overlook_conflict: float) -> tuple[World, Setting]:
-    """Slots 1 (lane 0) and 2 (lane 2, ahead by 8 m) that always want to change; lane 1 is free."""
+    """Slots 1 (lane 0) and 2 (lane 2, ahead by 8 m) that always want to change; lane 1 is free.
+
+    They accept every gap of 50 m, and none below.
+    """
+    accept = np.repeat((GAPS[:, None] >= 50.0).astype(np.float32), RANGE_RATES.size, axis=1)
     always = replace(
         model,
+        lc_accept_lead=accept,
+        lc_accept_rear=accept,
         lc_base=np.ones(21, dtype=np.float32),
         lc_desire=np.ones_like(model.lc_desire),
         lc_desire_free=1.0,

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
+from cornerforge.ndd.model import Memory, default_model_path, load_model, save_model
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.recorder import scenario_digest
-from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
+from cornerforge.sim.scripted import NATURAL, START_FIELDS, TRAITS, Script, ScriptDriver, scripted_start
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, Crash, Scenario
 
@@ -61,7 +63,7 @@ def start_of(*vehicles: tuple[float, int, float]) -> NDArray[np.void]:
     fields = np.zeros((len(vehicles), len(START_FIELDS)))
     for row, (x, lane, speed) in zip(fields, vehicles, strict=True):
         values = {"x": x, "y": lane_centre(lane, 4.0), "speed": speed, "target_lane": lane, "lanes": 1 << lane}
-        values |= {"length": 5.0, "width": 2.0}
+        values |= {"length": 5.0, "width": 2.0, **TRAITS}
         row[:] = [values.get(name, 0.0) for name in START_FIELDS]
     return scripted_start(fields)
 
@@ -84,6 +86,31 @@ def test_the_script_of_a_test_is_that_test_bit_for_bit(name: str) -> None:
         again, _ = driver.record(script, seed=3, test=test)
         assert scenario_digest(again) == scenario_digest(scenario)
         assert again.crash == scenario.crash
+        assert again.log_prob_nde[0] == scenario.log_prob_nde[0]
+        compared += 1
+    assert compared >= TESTS // 2
+
+
+@pytest.fixture(scope="module")
+def forgetful(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped model, but for its memory."""
+    path = tmp_path_factory.mktemp("model") / "forgetful.npz"
+    save_model(replace(load_model(default_model_path()), memory=Memory()), path)
+    return path
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_without_memory_the_chances_are_those_of_the_test_too(name: str, forgetful: Path) -> None:
+    """A script tells actions, not where in its interval each quantile was, which drivers with a memory go on from."""
+    run = experiment(**RUNS[name], model=forgetful)  # type: ignore[arg-type]
+    driver = ScriptDriver(run.setting, run.odd)
+    compared = 0
+    for test in range(TESTS):
+        scenario, script = recorded(run, driver, test)
+        if scenario.crash is not None and scenario.crash.slot_a != 0:
+            continue
+        again, _ = driver.record(script, seed=3, test=test)
+        assert scenario_digest(again) == scenario_digest(scenario)
         np.testing.assert_array_equal(again.log_prob_nde, scenario.log_prob_nde)
         compared += 1
     assert compared >= TESTS // 2
@@ -129,7 +156,7 @@ def test_a_drive_and_its_recording_end_alike(swerve: Experiment, driver: ScriptD
 
 def test_chances_are_probabilities_and_natural_is_the_likeliest(swerve: Experiment, driver: ScriptDriver) -> None:
     for scenario, script in crashes(swerve, driver, 5):
-        _, chances = driver.record(script, seed=3, test=0)
+        again, chances = driver.record(script, seed=3, test=0)
         bvs = scenario.present[::10][: len(scenario.action)].copy()
         bvs[:, 0] = False
         np.testing.assert_allclose(chances[: len(bvs)][bvs].sum(axis=1), 1.0, atol=1e-12)
@@ -137,7 +164,7 @@ def test_chances_are_probabilities_and_natural_is_the_likeliest(swerve: Experime
         k = np.arange(len(scenario.action))
         p = chances[k, scenario.critical_bv, scenario.action[k, scenario.critical_bv]]
         with np.errstate(divide="ignore"):
-            np.testing.assert_allclose(np.log(p), scenario.log_prob_nde, rtol=1e-12)
+            np.testing.assert_allclose(np.log(p), again.log_prob_nde, rtol=1e-12)
         free = replace(script, action=np.full_like(script.action, NATURAL))
         driven, chances = driver.record(free, seed=3, test=0)
         decided = driven.action >= 0

@@ -262,8 +262,8 @@ def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:
 def test_counts_are_those_of_the_recordings(reckless: NddModel, adversary: str | None) -> None:
     setting = setting_of(reckless, ODD, adversary=adversary)
     recorder = Recorder(setting, ODD)
-    slow = [slow_counts(recorder.record(5, test)) for test in range(40)]
-    counts = simulate(setting, n_slots(ODD), seed=5, tests=40, counting=True).counts
+    slow = [slow_counts(recorder.record(5, test)) for test in range(50)]
+    counts = simulate(setting, n_slots(ODD), seed=5, tests=50, counting=True).counts
     assert total(counts, statistics.BV_STATES) == sum(one[0] for one in slow)
     assert total(counts, statistics.LANE_CHANGES) == sum(one[2] for one in slow) > 100
     actions = np.sum([one[4] for one in slow], axis=0)
@@ -272,7 +272,7 @@ def test_counts_are_those_of_the_recordings(reckless: NddModel, adversary: str |
     np.testing.assert_array_equal(counts.histograms[4][:31], wanted)
     assert ACCELERATIONS[GO_ON - 2] == 0.0
     at_start = Census(True, 0, 1, -math.inf, math.inf, 0.0)
-    counts = simulate(setting, n_slots(ODD), seed=5, tests=40, counting=at_start).counts
+    counts = simulate(setting, n_slots(ODD), seed=5, tests=50, counting=at_start).counts
     assert total(counts, statistics.FOLLOWING_STATES) == sum(one[1] for one in slow) > 500
     assert total(counts, statistics.TTC_BELOW + 3) == sum(one[3] for one in slow) > 5
 

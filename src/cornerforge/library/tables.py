@@ -16,7 +16,7 @@ from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.library.schema import SCRIPTED_TRACKS, arrow_schema
 from cornerforge.sim.harvest import CASES as N_CASES
 from cornerforge.sim.harvest import EXACT, MARKS
-from cornerforge.sim.scripted import START_FIELDS, Script, scripted_start
+from cornerforge.sim.scripted import START_FIELDS, TRAITS, Script, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
 
 if TYPE_CHECKING:
@@ -188,6 +188,8 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     if "start" not in tracks.column_names:
         return None
     fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
-    if fields.shape[1] == len(START_FIELDS) - len(BODY):  # early libraries, of cars
+    if fields.shape[1] == len(START_FIELDS) - len(BODY) - len(TRAITS):  # early libraries, of cars
         fields = np.hstack([fields, np.stack([scenario.length, scenario.width, scenario.kind], axis=1)])
+    if fields.shape[1] == len(START_FIELDS) - len(TRAITS):  # drivers without memory and without desired speeds
+        fields = np.hstack([fields, np.tile([*TRAITS.values()], (len(fields), 1))])
     return Script(scenario.slot, scripted_start(fields), scenario.action)

@@ -111,7 +111,15 @@ def _follow_script(w: World, av_lane: int, setting: Setting, s: ChoiceScratch, c
             for a in range(N_ACTIONS):
                 chances[step, i, a] = s.p[a]
         v[i].action = action
-        v[i].quantile = uniform(word_of(w, i, action, _MIDDLE, 0.5, setting.road, setting.tables))
+
+
+@kernel
+def _remember_script(w: World, setting: Setting) -> None:
+    """Let each BV remember the action that the script gave it; first, all probabilities must have been stated."""
+    v = w.vehicles
+    for i in range(1, w.state[0].n_vehicles):
+        if v[i].present:
+            v[i].quantile = uniform(word_of(w, i, v[i].action, _MIDDLE, 0.5, setting.road, setting.tables))
 
 
 @kernel
@@ -125,6 +133,7 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
     if substep > 0:
         return v[0].acceleration, v[0].target_lane
     action = _likeliest(w, 0, v[0].target_lane, setting, s.choice)
+    v[0].quantile = uniform(word_of(w, 0, action, _MIDDLE, 0.5, setting.road, setting.tables))
     if action >= FIRST_ACCELERATION:
         return _ACCELERATIONS[action - FIRST_ACCELERATION], v[0].target_lane
     return 0.0, v[0].target_lane + ACTION_SIDES[action]
@@ -242,7 +251,9 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
         count_av(w, setting.road, keep.counts)
         state.travel += count_states(w, step, keep.counts, keep.census)
     state.bv_crashes_before = state.bv_crashes
-    if who.others != SCRIPTED:
+    if who.others == SCRIPTED:
+        _remember_script(w, setting)
+    else:
         decide_bvs(w, action, lane, setting, s)
     if recorded:
         record_choice(w, bv, log_prob_policy, s.choice, keep.decisions)
