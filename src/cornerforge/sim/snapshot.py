@@ -18,7 +18,7 @@ from cornerforge.sim.world import MAX_BRANCH, World
 
 __all__ = ["branch_of", "copy_of", "packed", "unpacked"]
 
-SNAPSHOT_SCHEMA = 1
+SNAPSHOT_SCHEMA = 2
 _MAGIC = b"cornerforge world\n"
 _DIGEST_BYTES = 32
 
