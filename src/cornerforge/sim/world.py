@@ -214,10 +214,7 @@ def world_of(worlds: World, b: int = 0) -> World:
 
 def arrays_of(worlds: World) -> dict[str, NDArray[Any]]:
     """List the arrays of a world or a batch by name, as views; records as bytes."""
-    return {
-        name: array.view(np.uint8) if array.dtype.names else array
-        for name, array in worlds._asdict().items()
-    }
+    return {name: array.view(np.uint8) if array.dtype.names else array for name, array in worlds._asdict().items()}
 
 
 @inlined_kernel
