@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.geometry import Path
 from cornerforge.types import CAR, CLASSES, MAX_LANES, Odd
+
+if TYPE_CHECKING:
+    from cornerforge.road.straight import RoadNumbers
 
 __all__ = [
     "SEEN",
@@ -163,7 +166,7 @@ SEEN = np.dtype([("x", "f8"), ("speed", "f8"), ("lanes", "i8"), ("as_what", "i8"
 and whether it is counted as following, as free, or not at all."""
 
 
-def n_slots(odd: Odd) -> int:
+def n_slots(odd: Odd | RoadNumbers) -> int:
     """Compute the vehicle slots per world: the AV, and one vehicle every 40 m of traffic in each lane."""
     return 1 + odd.n_lanes * int(np.ceil(odd.traffic_length / 40.0))
 
