@@ -19,7 +19,7 @@ from cornerforge.errors import InputError
 from cornerforge.sim.advance import MILESTONE, advance
 from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
 from cornerforge.sim.recorder import scenario_of
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, SCRIPTED
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
@@ -186,6 +186,7 @@ class ScriptDriver:
             script=np.ascontiguousarray(script.action),
         )
         _drive_script(self._world, script.start, drivers, self._scratch, keep)
+        warn_of_left_out(self._scratch)
 
     def drive(self, script: Script, *, av_is_natural: bool = False) -> Ending:
         """Drive a script and say how it ended.
