@@ -235,7 +235,8 @@ class ForeignAv:
             tests = ", ".join(str(test) for test in sorted(test for _, test in list(self.faults))[:5])
             raise AvFaultError(
                 f"The AV {self.spec} spoiled {n} tests (such as {tests}; {driven:,} were done before). "
-                f"In test {fault.test} it {fault.message}. Mend it; to look closer: cornerforge check-av {self.spec}"
+                f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: "
+                f"cornerforge check-av {self.spec}"
             )
 
     def _drive(

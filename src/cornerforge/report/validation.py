@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cornerforge.ndd.drawing import BLUE, GREEN, GREY, ORANGE, check_matplotlib, inline, new_figure, page, png_of, table
+from cornerforge.types import ACCELERATIONS
 
 __all__ = ["check_figures", "figures_of", "page_of"]
 
@@ -162,7 +163,7 @@ def _one_step_figure(cells: list[Mapping[str, Any]]) -> bytes:
     columns = min(4, len(cells))
     lines = -(-len(cells) // columns)
     drawing, panels = new_figure(lines, columns, 2.9 * columns, 2.5 * lines)
-    x = np.round(np.arange(31) * 0.2 - 4.0, 1)
+    x = ACCELERATIONS
     for panel, cell in zip(panels, cells, strict=False):
         panel.bar(x, cell["recorded"], 0.18, color="#bbbbbb", label="recorded")
         panel.plot(x, cell["predicted"], color=BLUE, linewidth=1.5, label="predicted")
@@ -187,8 +188,9 @@ def page_of(result: Result, figures: Mapping[str, bytes]) -> str:
         "be more likely than the IDM and than uniform guessing on every file, with the whole 95 % interval.</p>",
         "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in result["notes"]) + "</ul>",
         "<h2>Free-running traffic against published facts</h2>",
-        "<p>Traffic on 2400 m of three lanes; counted is who drives amid it, far from its ends and from the AV, which "
-        "is last of all. Intervals: jackknife over 20 blocks of worlds; of crashes: the exact upper bound.</p>",
+        "<p>Traffic on 2400 m of three lanes; vehicles are counted far from its ends and from the AV, which "
+        "drives behind all others. Intervals: jackknife over 20 blocks of worlds; of crashes: the exact upper "
+        "bound.</p>",
         inline(
             figures["facts"], "Gated facts on one scale; the shaded band is allowed. Marks at the rim lie beyond it."
         ),
