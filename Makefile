@@ -32,7 +32,7 @@ test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and 
 	@$(BIN)/python -m pytest -m "not gpu" --seed random --hypothesis-profile slow
 
 check: $(SETUP) ## check format, lint, types, layers and spelling; changes nothing
-	@$(BIN)/ruff format --check --quiet --output-format concise $(LINTED) || { echo "Not formatted as agreed; mend it with: make format"; exit 1; }
+	@$(BIN)/ruff format --check --quiet --output-format concise $(LINTED) || { echo "Not formatted; format it with: make format"; exit 1; }
 	@$(BIN)/ruff check --quiet $(LINTED)
 	@$(BIN)/mypy --cache-dir .mypy_cache/tests tests $(SCRIPTS) & tests=$$!; $(BIN)/mypy --strict src && wait $$tests
 	@$(BIN)/lint-imports --no-logo

@@ -1,4 +1,4 @@
-"""Bounds for tests that sample, from n alone (STYLE, section 4).
+"""Bounds for tests that sample, from n alone (CONTRIBUTING, Tests).
 
 A sampler that is right fails one of `comparisons` checks with a chance of at most `ALPHA`. Each bound is also the
 smallest error that such a test can see, so a test states its n and is worth nothing where the bound is large.

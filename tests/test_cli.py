@@ -345,7 +345,7 @@ def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: 
     assert "NUMBA_CACHE_DIR" in captured.err
     monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "folder")
     run_command(work, str, as_json=False, quiet=False)
-    assert "once per installation" in capsys.readouterr().err
+    assert "then it is kept" in capsys.readouterr().err
 
 
 def test_a_slow_speed_keeps_its_digits() -> None:
@@ -418,6 +418,10 @@ BAD: dict[str, tuple[Callable[[Path, Path], None], str, str]] = {
     "unknown ODD": (nothing, "simulate --odd defalt", 'Did you mean "default"'),
     "unknown budget": (nothing, "run --budget quik --out {n}/out", 'Did you mean "quick"'),
     "unknown effort": (nothing, "run --effort quik --out {n}/out", 'Did you mean "quick"'),
+    "effort and its old name": (nothing, "run --effort quick --budget standard --out {n}/out", "exclude each other"),
+    "effort and its old name, reproduce": (
+        nothing, "reproduce --effort full --budget full --out {n}/out", "leave the budget"
+    ),
     "unknown effort, reproduce": (nothing, "reproduce --effort ful --out {n}/out", 'Did you mean "full"'),
     "negative budget": (nothing, "run --budget -3 --out {n}/out", "budget = -3"),
     "a likelihood budget, reproduce": (nothing, "reproduce --budget 3 --out {n}/out", "no likelihood budget"),

@@ -300,7 +300,7 @@ def test_every_gate_can_fail_on_both_sides() -> None:
 
 
 def test_jackknife_intervals_hold_the_truth_about_as_often_as_they_say(seed: int) -> None:
-    """Following shares of blocks, each drawn about 0.7: coverage 0.95, n = 200 (exact binomial test, STYLE)."""
+    """Following shares of blocks, each drawn about 0.7: coverage 0.95, n = 200 (exact binomial test)."""
     from statistical_bounds import rate_fits
 
     rng = np.random.default_rng(seed)

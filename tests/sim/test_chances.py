@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from reference.drivers import AvDriver
 from reference.simulator import Simulator
 from statistical_bounds import l1_bound, l1_distance
 
+import cornerforge
 from cornerforge._jit import kernel
 from cornerforge.drivers.avs import av_named
 from cornerforge.drivers.naturalistic import MemoryNumbers
@@ -27,6 +30,7 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.neighbours import sort_by_x
 from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.scripted import NATURAL, Script, ScriptDriver
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.traffic import reset_world
@@ -367,6 +371,28 @@ def test_a_long_platoon_is_summed_up(model: NddModel) -> None:
     action_probabilities(longer, 1, False, 0, setting.road, setting.tables, scratch, last)
     assert scratch.left_out[0] == 1
     np.testing.assert_allclose(last, p[0], atol=1e-9)
+
+
+def test_who_states_too_crowded_chances_says_so(model: NddModel) -> None:
+    """One platoon more than fits warns, also of a later drive; one that fits does not."""
+    driver = ScriptDriver(setting_of(eager(model, wish=0.3, conflict=0.05), LANES), LANES)
+    for bvs, warns in ((MAX_STARTERS, False), (MAX_STARTERS + 1, True), (MAX_STARTERS + 1, True), (2, False)):
+        start = world_of([Car(5000.0, 0, 30.0), *(Car(20.0 * k, 2 * (k % 2), 30.0) for k in range(bvs))]).vehicles
+        script = Script(np.arange(bvs + 1, dtype=np.int16), start, np.full((1, bvs + 1), NATURAL, dtype=np.int8))
+        script.start["x_held"], script.start["speed_held"] = script.start["x"], script.start["speed"]
+        with pytest.warns(UserWarning, match="More than 32 vehicles") if warns else nullcontext():
+            driver.record(script, seed=0, test=0)
+
+
+def test_everything_that_drives_with_scratch_warns_of_what_was_left_out() -> None:
+    package = Path(cornerforge.__file__).parent
+    sources = {path: path.read_text(encoding="utf-8") for path in sorted(package.rglob("*.py"))}
+    drives = {
+        path for path, text in sources.items() if "import allocate_scratch" in text or ", allocate_scratch" in text
+    }
+    assert len(drives) > 10
+    for path in drives:
+        assert "warn_of_left_out" in sources[path], f"{path.name} drives and would leave vehicles out in silence"
 
 
 def test_more_sets_than_there_is_room_for_are_counted() -> None:

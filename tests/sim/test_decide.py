@@ -428,7 +428,7 @@ def test_a_lane_change_is_broken_off_before_its_middle(
     assert p[0] == 0.0
     assert p[1] == chance
     assert p.sum() == pytest.approx(1.0)
-    n = 2000  # tells 0.75 from 0.70 (STYLE section 4)
+    n = 2000  # tells 0.75 from 0.70 (CONTRIBUTING, Tests)
     backs = sum(int(decide(world, setting, test)[1] == 1) for test in range(n))
     assert rate_fits(backs, n, chance)
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hand_built import Car, change_lane, setting_of, world_of
 
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.drivers.sight import Sight, SightNumbers, numbers_of_sight
+from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import lane_bits
 from cornerforge.sim.actions import hold, start_lane_change
@@ -16,7 +18,7 @@ from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.sight import lanes_seen
 from cornerforge.sim.step import SUBSTEPS, move_vehicle
-from cornerforge.sim.world import UNKNOWN, World
+from cornerforge.sim.world import UNKNOWN, World, n_slots
 from cornerforge.types import ODDS, Odd
 
 ODD = Odd(n_lanes=3)
@@ -124,3 +126,30 @@ def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) 
                     by_motion_alone += sum(j > 0 and not v["lanes"][j] & (1 << lane) for j in now)
     assert spared > 300, "everybody is looked at: the case shows nothing"
     assert by_motion_alone > 10 or name == "paper", "nobody is seen in a lane that he has decided to leave"
+
+
+def test_no_pair_that_touches_is_missing_however_dense_the_traffic_is(model: NddModel) -> None:
+    """97 vehicles on six lanes, 6 m apart, standing or at full speed, all of them changing lanes."""
+    odd = Odd(n_lanes=6)
+    road, slots = setting_of(model, odd).road, n_slots(odd)
+    rng = np.random.default_rng(7)
+    world = world_of([Car(100.0 + 6.0 * (i // 6), i % 6, float(rng.choice([0.0, 39.0]))) for i in range(slots)])
+    v = world.vehicles
+    v["x_held"], v["speed_held"] = v["x"], v["speed"]
+    for i in range(slots):
+        start_lane_change(world, i, i % 6 + (1 if i % 6 < 3 else -1), road)
+    scratch = allocate_scratch(slots, NO_POLICY)
+    bound_motion(world, 8.0, 2.0, scratch)
+    find_pairs(world, road, scratch)
+    n_pairs = int(world.state["n_pairs"][0])
+    listed = set(zip(world.pair_a[:n_pairs].tolist(), world.pair_b[:n_pairs].tolist(), strict=True))
+    assert len(listed) == n_pairs
+    touching = set()
+    for substep in range(SUBSTEPS):
+        for i in range(slots):
+            move_vehicle(v, i, 0.1 * (substep + 1), road)
+        boxes = [Box(*(float(one[name]) for name in ("x", "y", "heading", "length", "width"))) for one in v]
+        touching |= {pair for pair in combinations(range(slots), 2) if boxes_overlap(boxes[pair[0]], boxes[pair[1]])}
+    assert touching <= listed
+    assert len(touching) > 100, "too few touch"
+    assert len(listed) > 8 * slots, "so few pairs fit into less room too"

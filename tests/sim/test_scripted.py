@@ -16,7 +16,7 @@ from cornerforge.road.straight import lane_centre
 from cornerforge.sim.recorder import scenario_digest
 from cornerforge.sim.scripted import NATURAL, START_FIELDS, TRAITS, Script, ScriptDriver, scripted_start
 from cornerforge.sim.world import VEHICLE
-from cornerforge.types import ACCELERATIONS, Crash, Scenario
+from cornerforge.types import ACCELERATIONS, CAR, MOTORCYCLE, TRUCK, Crash, Scenario
 
 RUNS = {
     "swerve": {"bv": "swerve"},
@@ -235,3 +235,30 @@ def test_what_is_no_script_is_refused(driver: ScriptDriver) -> None:
         driver.drive(natural(start, 100))
     with pytest.raises(InputError, match="vehicles of a script"):
         driver.drive(natural(start_of(*((10.0 * k, 0, 30.0) for k in range(100))), 1))
+
+
+@pytest.mark.parametrize(
+    ("odd", "kind", "size", "message"),
+    [
+        ("default", TRUCK, (16.5, 2.55), "Vehicle 1 .* 16.5 m long and 2.55 m wide; allowed in ODD default: 5 x 2 m."),
+        ("default", CAR, (4.5, 2.0), "4.5 m long"),
+        ("mixed", CAR, (18.0, 2.55), "18 m long"),
+        ("mixed", TRUCK, (16.5, 2.55), None),
+        ("mixed", MOTORCYCLE, (2.2, 0.8), None),
+    ],
+)
+def test_only_sizes_of_the_odd_are_driven(odd: str, kind: int, size: tuple[float, float], message: str | None) -> None:
+    """Contacts know the ODD's sizes only: a truck in an ODD of cars was a car when it touched another vehicle."""
+    run = experiment(odd=odd)
+    driver = ScriptDriver(run.setting, run.odd)
+    start = start_of((100.0, 1, 30.0), (109.0, 1, 30.0))  # a car's bumper is 4 m ahead, a truck's overlaps
+    start["kind"][1], start["length"][1], start["width"][1] = kind, *size
+    script = natural(start, 1)
+    if message is None:
+        assert (driver.drive(script).partner == 1) == (kind == TRUCK)
+        return
+    for attempt in (lambda: driver.drive(script), lambda: driver.record(script, seed=0, test=0)):
+        with pytest.raises(InputError, match=message):
+            attempt()
+    with pytest.raises(InputError, match=message):
+        driver.later(replace(script, action=np.vstack([script.action, script.action])), 1)

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.lib.recfunctions import drop_fields
 from sim.test_digests import DRIVERS, Bvs
 
 from cornerforge.errors import FileFormatError, InputError
@@ -138,3 +144,56 @@ def test_what_is_no_world_is_refused(model: NddModel) -> None:
             unpacked(wrong)
     with pytest.raises(InputError, match="branch"):
         branch_of(world, 65_536)
+
+
+def with_head(content: bytes, change: Callable[[dict[str, Any]], object]) -> bytes:
+    """A stored world with another first line, and a checksum that fits it."""
+    magic, head, rest = content[:-32].split(b"\n", 2)
+    header = json.loads(head)
+    changed = change(header)
+    body = magic + b"\n" + (changed if isinstance(changed, bytes) else json.dumps(header).encode()) + b"\n" + rest
+    return body + hashlib.sha256(body).digest()
+
+
+def cut(content: bytes) -> bytes:
+    """A stored world without its last number, and a checksum that fits."""
+    return content[:-40] + hashlib.sha256(content[:-40]).digest()
+
+
+def test_a_world_with_other_fields_is_refused_in_one_line(model: NddModel) -> None:
+    world = fresh_world(DRIVERS[0].setting(model, Odd(), "idm-mobil"), 0)
+    content = packed(world)
+    assert packed(unpacked(with_head(content, lambda _: None))) == content
+    fewer = world._replace(vehicles=drop_fields(world.vehicles, "kind", usemask=False))
+    other_type = world._replace(order=world.order.astype(np.int32))
+    for wrong, text in (
+        (packed(fewer), "other fields"),
+        (packed(other_type), "other fields"),
+        (packed(world._replace(pair_a=np.zeros(8, dtype=np.int16))), "other fields"),
+        (packed(allocate_worlds(3, 10)), "several"),
+        (cut(content), "other fields"),
+        (with_head(content, lambda head: head["arrays"].pop("seen")), "other fields"),
+        (with_head(content, lambda head: head.update(arrays={"x": 1})), "other fields"),
+        (with_head(content, lambda head: head.update(arrays=[])), "other fields"),
+        (with_head(content, lambda head: head["arrays"]["vehicles"].update(shape=[])), "other fields"),
+        (with_head(content, lambda head: head["arrays"]["vehicles"].update(shape=[-1])), "other fields"),
+        (with_head(content, lambda head: head["arrays"]["vehicles"].update(shape=[10**15])), "other fields"),
+        (with_head(content, lambda head: head["arrays"]["vehicles"].update(shape=[float("inf")])), "other fields"),
+        (with_head(content, lambda head: head.update(schema_version=1)), "schema version 1;"),
+        (with_head(content, lambda head: head.pop("schema_version")), "cannot be read"),
+        (with_head(content, lambda _: b"not json"), "cannot be read"),
+        (with_head(content, lambda _: b"[1]"), "cannot be read"),
+        (with_head(content, lambda _: b"\xff"), "cannot be read"),
+    ):
+        with pytest.raises(FileFormatError, match=text) as refused:
+            unpacked(wrong)
+        assert "\n" not in str(refused.value)
+
+
+def test_a_world_of_another_road_is_refused_where_it_is_driven_on(model: NddModel) -> None:
+    setting = DRIVERS[0].setting(model, Odd(), "idm-mobil")
+    content = packed(fresh_world(setting, 0))
+    assert packed(unpacked(content, setting)) == content
+    for other in (Odd(n_lanes=2), Odd(n_lanes=4), Odd(traffic_length=1200.0)):
+        with pytest.raises(InputError, match="49 vehicle slots"):
+            unpacked(content, DRIVERS[0].setting(model, other, "idm-mobil"))

@@ -20,7 +20,7 @@ from cornerforge.errors import FileFormatError, InputError, OutputError
 
 __all__ = ["CHECKPOINT_SCHEMA", "CheckpointFile", "TrainingState"]
 
-CHECKPOINT_SCHEMA = 3
+CHECKPOINT_SCHEMA = 4
 _WRITING_SHARE = 20
 """Least time between two writes as a multiple of the duration of one: a slow disk costs at most 5 %."""
 

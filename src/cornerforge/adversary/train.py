@@ -31,7 +31,7 @@ from cornerforge.sim.drive_bv import Exploring, Transitions, allocate_actors, co
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import POLICY, TOLD, Setting
 from cornerforge.sim.world import arrays_of
 
@@ -142,6 +142,7 @@ class _Actor:
         policy = self._setting.who.policy._replace(weights=weights)
         exploring = Exploring(POLICY, policy, epsilon, *self._guided)
         collect(n, exploring, self._setting, self._reward, self._actors, self._scratch, self._keep, out)
+        warn_of_left_out(self._scratch)
         return out
 
     def arrays(self) -> dict[str, NDArray[Any]]:

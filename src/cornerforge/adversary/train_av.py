@@ -32,7 +32,7 @@ from cornerforge.sim.drive_av import (
 )
 from cornerforge.sim.drive_bv import Transitions
 from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.scratch import LEARNED_WIDTH, allocate_scratch
+from cornerforge.sim.scratch import LEARNED_WIDTH, allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import ADVERSARIES, NOBODY, Setting
 from cornerforge.sim.world import arrays_of
 
@@ -139,7 +139,9 @@ class _Actor:
         """One second of the first n worlds into `_out`; returns the number of transitions."""
         av = self._setting.av
         setting = self._setting._replace(av=av._replace(network=av.network._replace(weights=weights)))
-        return collect_av(n, epsilon, setting, self._reward, self._actors, self._scratch, self._keep, self._out)
+        rows = collect_av(n, epsilon, setting, self._reward, self._actors, self._scratch, self._keep, self._out)
+        warn_of_left_out(self._scratch)
+        return rows
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Everything that `act` changes and needs again, by name; views."""

@@ -48,8 +48,8 @@ RULES = (
 
 FAULT_COLUMNS: tuple[Field, ...] = (
     Field("fault", "string", "", f"Who broke a rule of RSS: {', '.join(FAULTS)}."),
-    Field("fault_rule", "string", "", "The rule that was broken first; \"none\" where nobody broke one."),
-    Field("fault_s", "float64", "s", "When it was first broken, before contact; null: nobody broke one."),
+    Field("fault_rule", "string", "", "The rule that was broken first; \"none\" where neither broke one."),
+    Field("fault_s", "float64", "s", "When it was first broken, before contact; null: neither broke one."),
     Field("av_rule", "string", "", "The rule that the AV broke first, or \"none\"."),
     Field("av_fault_s", "float64", "s", "When, before contact; null: none."),
     Field("bv_rule", "string", "", "The rule that the crash partner broke first, or \"none\"."),

@@ -40,27 +40,27 @@ def _column(name: str, unit: str, meaning: str) -> Field:
 
 
 MEASURES: tuple[Field, ...] = (
-    _column("min_bbd_front_m", "m", "Least bumper-to-bumper distance to who is ahead in the AV's path; null: nobody."),
-    _column("min_bbd_rear_m", "m", "Least bumper-to-bumper distance to who is behind in the AV's path; null: nobody."),
-    _column("min_ttc_front_s", "s", "Least TTC of the AV with who is ahead in its path; null: nobody, never closing."),
-    _column("min_ttc_rear_s", "s", "Least TTC of who is behind in the AV's path; null: nobody, never closing."),
-    _column("min_thw_front_s", "s", "Least time headway of the AV to who is ahead in its path; null: nobody."),
-    _column("min_thw_rear_s", "s", "Least time headway of who is behind in the AV's path; null: nobody, or standing."),
+    _column("min_bbd_front_m", "m", "Least bumper distance to the vehicle ahead in the AV's path; null: none."),
+    _column("min_bbd_rear_m", "m", "Least bumper distance to the vehicle behind in the AV's path; null: none."),
+    _column("min_ttc_front_s", "s", "Least TTC of the AV to a vehicle ahead in its path; null: none, or not closing."),
+    _column("min_ttc_rear_s", "s", "Least TTC of the vehicle behind in the AV's path; null: none, never closing."),
+    _column("min_thw_front_s", "s", "Least time headway of the AV to the vehicle ahead in its path; null: none."),
+    _column("min_thw_rear_s", "s", "Least time headway of the vehicle behind in the AV's path; null: none, standing."),
     _column(
         "max_drac_front_mps2", "m/s2",
-        "Most braking that the AV needed for who is ahead in its path; 0: never closing; inf: level; null: nobody.",
+        "Most braking that the AV needed for the vehicle ahead in its path; 0: never closing; inf: level; null: none.",
     ),
     _column(
         "max_drac_rear_mps2", "m/s2",
-        "Most braking that who is behind in the AV's path needed; 0: never closing; inf: level; null: nobody.",
+        "Most braking that the vehicle behind in the AV's path needed; 0: never closing; inf: level; null: none.",
     ),
     _column(
         "min_rss_margin_front_m", "m",
-        "Least room beyond the RSS distance of the AV to who is ahead in its path; < 0: unsafe; null: nobody.",
+        "Least room beyond the RSS distance of the AV to the vehicle ahead in its path; < 0: unsafe; null: none.",
     ),
     _column(
         "min_rss_margin_rear_m", "m",
-        "Least room beyond the RSS distance of who is behind in the AV's path; < 0: unsafe; null: nobody.",
+        "Least room beyond the RSS distance of the vehicle behind in the AV's path; < 0: unsafe; null: none.",
     ),
     _column(
         "min_rss_margin_m", "m",

@@ -127,10 +127,10 @@ def compiling_text() -> str:
     from cornerforge._jit import cache_folder
 
     if cache_folder():
-        return "Compiling the simulator, once per installation; half a minute."
+        return "Compiling a part of the simulator that was not used before; up to half a minute, then it is kept."
     return (
-        "Compiling the simulator for this run only, half a minute: no folder for its machine code can be written; "
-        "name one in NUMBA_CACHE_DIR."
+        "Compiling the simulator for this run only, up to half a minute: no folder for its machine code can be "
+        "written; name one in NUMBA_CACHE_DIR."
     )
 
 

@@ -20,7 +20,9 @@ __all__ = ["reproduce", "run"]
 @app.command()
 @takes_world("av", "odd", "lanes", "model", "bounded")
 def run(
-    effort: Annotated[str, typer.Option(help="quick (2 minutes on 2 cores), standard (15) or paper.")] = "quick",
+    effort: Annotated[
+        str | None, typer.Option(help="quick (2 minutes on 2 cores), standard (15) or paper.", show_default="quick")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
     budget: Annotated[
@@ -72,8 +74,11 @@ def reproduce(
     # An option takes one value: what follows `--figure A` in `--figure A B C` arrives here.
     more: Annotated[list[str] | None, typer.Argument(metavar="ID", hidden=True)] = None,
     effort: Annotated[
-        str, typer.Option(help="quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).")
-    ] = "standard",
+        str | None,
+        typer.Option(
+            help="quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).", show_default="standard"
+        ),
+    ] = None,
     budget: Annotated[str | None, typer.Option(help="The old name of --effort.", hidden=True)] = None,
     paper_policy: Annotated[
         Path | None, typer.Option(help="A policy of preset paper, for Figure 2.", show_default=False)

@@ -30,7 +30,7 @@ from cornerforge.sim.agents import (
 from cornerforge.sim.drive_bv import allocate_history
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.rewards import RewardNumbers
-from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import OUTSIDE, TOLD
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, RUNNING, TIME_UP, World
 from cornerforge.types import FRAME_S
@@ -117,12 +117,14 @@ class Batch(ABC):
         """Let the threads work on their ranges of worlds: `work(begin, end, scratch, number)`."""
         if self._pool is None:
             work(0, self.n, self._scratch[0], 0)
-            return
-        waiting = [
-            self._pool.submit(work, begin, end, self._scratch[k], k) for k, (begin, end) in enumerate(self._parts)
-        ]
-        for future in waiting:
-            future.result()
+        else:
+            waiting = [
+                self._pool.submit(work, begin, end, self._scratch[k], k) for k, (begin, end) in enumerate(self._parts)
+            ]
+            for future in waiting:
+                future.result()
+        for scratch in self._scratch:
+            warn_of_left_out(scratch)
 
     def close(self) -> None:
         """End the threads."""

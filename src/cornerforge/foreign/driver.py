@@ -19,7 +19,7 @@ from cornerforge.foreign.session import AvSession, Steps, context_of
 from cornerforge.sim import lockstep
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, write_outcome
 from cornerforge.sim.runner import census_of
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import OUTSIDE, Setting
 from cornerforge.sim.statistics import Census, Counts, allocate_counts
 from cornerforge.sim.step import SUBSTEPS
@@ -235,7 +235,8 @@ class ForeignAv:
             tests = ", ".join(str(test) for test in sorted(test for _, test in list(self.faults))[:5])
             raise AvFaultError(
                 f"The AV {self.spec} spoiled {n} tests (such as {tests}; {driven:,} were done before). "
-                f"In test {fault.test} it {fault.message}. Mend it; to look closer: cornerforge check-av {self.spec}"
+                f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: "
+                f"cornerforge check-av {self.spec}"
             )
 
     def _drive(
@@ -287,7 +288,9 @@ class ForeignAv:
             if log is not None:
                 log[driving, answered[driving]] = answers[driving]
                 answered[driving] += 1
-            for b in done[: lockstep.act(answers, False, setting, batch, scratch, keep, done)]:
+            ended = done[: lockstep.act(answers, False, setting, batch, scratch, keep, done)]
+            warn_of_left_out(scratch)
+            for b in ended:
                 test, world = int(driven[b]), world_of(batch.worlds, int(b))
                 finished.add(test)
                 write_outcome(world, out, test - first, setting.road)

@@ -10,7 +10,7 @@ from cornerforge.foreign.process import AvProcess
 from cornerforge.sim import lockstep
 from cornerforge.sim.av_view import AV_VIEW_VERSION
 from cornerforge.sim.keep import Keep, keep_nothing
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import OUTSIDE, Setting
 from cornerforge.sim.world import IDLE
 from cornerforge.types import FRAME_S, Odd
@@ -92,3 +92,4 @@ class Steps:
     def act(self, answers: NDArray[np.float64]) -> None:
         """Carry out the AV's answers and go on to its next decision."""
         lockstep.act(answers, False, self._setting, self._batch, self._scratch, self._keep, self._done)
+        warn_of_left_out(self._scratch)

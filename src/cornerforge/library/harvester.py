@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from cornerforge.fields import CASES, TRACKS
 from cornerforge.library.schema import arrow_schema
 from cornerforge.library.tables import POLICY_COLUMNS, tables_of
-from cornerforge.sim.harvest import CASES as N_CASES
-from cornerforge.sim.harvest import FILLED, Buffers, Harvest, allocate_harvest, harvest_range, is_full
+from cornerforge.sim.harvest import CASES_KEPT, FILLED, Buffers, Harvest, allocate_harvest, harvest_range, is_full
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, keep_whole_test
 from cornerforge.sim.runner import census_of
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import Counts, allocate_counts
 from cornerforge.sim.step import SUBSTEPS
@@ -71,7 +70,7 @@ class CaseRoom:
 
     def _empty(self) -> None:
         h = self._harvest
-        if h.filled[N_CASES]:
+        if h.filled[CASES_KEPT]:
             self._parts.append(tables_of(h, policies=self._policies))
         h.filled[: len(FILLED) - 2] = 0
 
@@ -116,6 +115,7 @@ class Harvester:
         while done < count:
             rest = Outcomes._make(column[done:] for column in out)
             done += harvest_range(seed, first + done, self._setting, at, rest, self._cases.room())
+        warn_of_left_out(self._scratch)
         return harvested_of(first, out, counts, self._cases)
 
     def warm_up(self) -> None:

@@ -38,7 +38,7 @@ def reproduce(
     *,
     out: Path | str,
     figures: Sequence[str] | None = None,
-    effort: str = "standard",
+    effort: str | None = None,
     budget: str | None = None,
     paper_policy: Path | str | None = None,
     resume: bool = False,
@@ -55,7 +55,7 @@ def reproduce(
     Args:
         out: Folder for everything; must be new or empty unless `resume`.
         figures: Ids of items, such as "figure3"; None for all. The page shows them and those made earlier.
-        effort: "quick", "standard" or "full" (see `REPRODUCE_EFFORTS`).
+        effort: "quick", "standard" or "full" (see `REPRODUCE_EFFORTS`); None: "standard".
         budget: The old name of `effort`; goes on working, with a warning.
         paper_policy: A policy of preset `paper`, for Figure 2; None to leave that curve out.
         resume: Go on with what is in `out`: finished items, measurements and policies are kept as long as what they
@@ -75,7 +75,7 @@ def reproduce(
 
     start = time.perf_counter()
     folder = Path(out)
-    effort, nats = effort_and_budget(effort, budget, REPRODUCE_EFFORTS)
+    effort, nats = effort_and_budget(effort, budget, REPRODUCE_EFFORTS, "standard")
     if nats is not None:
         raise InputError(
             f"budget = {budget}: the paper has no likelihood budget; leave it out. More work: --effort full"

@@ -81,7 +81,7 @@ def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
         fault = next(iter(run.foreign.faults.values()))
         raise AvFaultError(
             f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
-            f"Mend it; to look closer: cornerforge check-av {run.av.name}"
+            f"Correct the AV; to look closer: cornerforge check-av {run.av.name}"
         )
 
 

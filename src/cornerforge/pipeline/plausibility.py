@@ -23,7 +23,7 @@ from cornerforge.rates import binomial_interval
 from cornerforge.results import NaturalPlausibility, Plausibility, PlausibilityRow, PlausibilityRun, as_json, from_json
 from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import allocate_decisions, allocate_outcomes, keep_nothing
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.world import allocate_worlds, world_of
 from cornerforge.world_options import AvKeywords, WorldOptions
 
@@ -166,6 +166,7 @@ def _natural(run: Experiment, seed: int) -> NaturalPlausibility:
         # A natural driver may overlook a neighbour, which is impossible for an attentive one.
         falls = decisions.shortfall[:n]
         shortfall += float(falls[np.isfinite(falls)].sum())
+    warn_of_left_out(scratch)
     return NaturalPlausibility(
         tests=_NATURAL_TESTS,
         log_prob_per_decision=log_prob / count,

@@ -205,7 +205,7 @@ def _identity(plain: Experiment, effort: str, seed: int) -> dict[str, Any]:
 
 def run(
     *,
-    effort: str = "quick",
+    effort: str | None = None,
     budget: float | str | None = None,
     out: Path | str = "cornerforge-out",
     bounded: bool = False,
@@ -218,7 +218,7 @@ def run(
     """Do the whole job: natural baseline, training, cases, analysis, report.
 
     Args:
-        effort: "quick", "standard" or "paper" (see `EFFORTS`).
+        effort: "quick", "standard" or "paper" (see `EFFORTS`); None: "quick".
         budget: Likelihood budget of a test [nats], as for `train`; implies `bounded`. A name is taken for `effort`, as
             it once was called, with a warning.
         out: Folder for everything; must be new or empty unless `resume`.

@@ -15,7 +15,7 @@ from cornerforge.sim.advance import advance
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.chances import action_probabilities
 from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import NATURALISTIC, NOBODY, Setting
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_of
@@ -117,6 +117,7 @@ def action_chances(
         action = int(world.vehicles["action"][slot]) if present else -1
         actions.append(action)
         rows.append(chances[:, action])
+    warn_of_left_out(scratch)
     taken = np.array(rows, dtype=np.float64).reshape(int(world.state["decisions"][0]), 2)
     return ActionChances(np.array(actions, dtype=np.int8), taken[:, 0], taken[:, 1])
 

@@ -21,6 +21,7 @@ from cornerforge.ndd.drawing import (
     png_of,
     table,
 )
+from cornerforge.types import ACCELERATIONS
 
 __all__ = ["check_figures", "figures_of", "page_of"]
 
@@ -176,7 +177,7 @@ def _one_step_figure(cells: list[Mapping[str, Any]]) -> bytes:
     columns = min(4, len(cells))
     lines = -(-len(cells) // columns)
     drawing, panels = new_figure(lines, columns, 2.9 * columns, 2.5 * lines)
-    x = np.round(np.arange(31) * 0.2 - 4.0, 1)
+    x = ACCELERATIONS
     for panel, cell in zip(panels, cells, strict=False):
         panel.bar(x, cell["recorded"], 0.18, color="#bbbbbb", label="recorded")
         panel.plot(x, cell["predicted"], color=BLUE, linewidth=1.5, label="predicted")
@@ -202,8 +203,8 @@ def page_of(result: Result, figures: Mapping[str, bytes]) -> str:
         _summary(result),
         "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in result["notes"]) + "</ul>",
         "<h2>Free-running traffic against published facts</h2>",
-        "<p>Traffic on 3000 m of three lanes, driven for 62 s; counted is who drives amid it, far from its ends and "
-        "from the AV, which is last of all. Intervals: jackknife over 20 blocks of worlds; of crashes: exact. The "
+        "<p>Traffic on 3000 m of three lanes, driven for 62 s; vehicles are counted far from its ends and from "
+        "the AV, which drives behind all others. Intervals: jackknife over 20 blocks of worlds; of crashes: exact. The "
         "ranges allowed are ours.</p>",
     ]
     for name, theme in result["themes"].items():

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.recorder import Recorder
     from cornerforge.sim.rewards import REWARDS
     from cornerforge.sim.runner import Tally, simulate
-    from cornerforge.sim.scratch import Scratch, allocate_scratch
+    from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
     from cornerforge.sim.scripted import Script, ScriptDriver
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.snapshot import branch_of, copy_of, packed, unpacked
@@ -81,6 +81,7 @@ __all__ = [
     "reset_world",
     "simulate",
     "unpacked",
+    "warn_of_left_out",
     "world_of",
 ]
 
@@ -113,6 +114,7 @@ __getattr__ = door(
         "reset_world": "traffic",
         "simulate": "runner",
         "unpacked": "snapshot",
+        "warn_of_left_out": "scratch",
         "world_of": "world",
     },
 )

@@ -63,7 +63,8 @@ class StarterScratch(NamedTuple):
         sets: Sets of starters, as bit masks; two lists, each made from the other in turn, int64 (2, MAX_SETS).
         chances: The probability of each set, float64 (2, MAX_SETS).
         left_out: How often there were more than MAX_STARTERS or MAX_SETS, int64 (1,). Then the vehicles furthest ahead
-            count as not starting, or a further set counts as the last one in the list.
+            count as not starting, or a further set counts as the last one in the list. Kernels cannot warn:
+            `scratch.warn_of_left_out` does.
     """
 
     slot: NDArray[np.int64]

@@ -116,7 +116,7 @@ class Harvest(NamedTuple):
     near: NDArray[np.int64]
 
 
-FILLED = CASES, NUMBERS, SLOTS, ACTIONS, DECISIONS, EXACT, MARKS, DRIVEN, CRASHED = range(9)
+FILLED = CASES_KEPT, NUMBERS, SLOTS, ACTIONS_KEPT, DECISIONS, EXACT, MARKS, DRIVEN, CRASHED = range(9)
 """Entries of `Harvest.filled`. DRIVEN, CRASHED: tests and crashes so far; `harvest_range` goes by their share."""
 
 
@@ -159,7 +159,7 @@ def is_full(h: Harvest, frames: int, slots: int) -> bool:
     most = frames * slots
     filled = h.filled
     full: bool = (
-        filled[CASES] >= h.rows.size
+        filled[CASES_KEPT] >= h.rows.size
         or filled[NUMBERS] + most > h.present.size
         or filled[EXACT] + _REALS * most > h.exact.size
         or filled[MARKS] + 3 * most > h.marks.size
@@ -232,7 +232,7 @@ def _keep_labels(
     """Fill the labels of the contact, the extremes of the motion of AV and partner, and whether these are plausible."""
     frame = end.contact
     partner = end.partner
-    row = h.rows[h.filled[CASES]]
+    row = h.rows[h.filled[CASES_KEPT]]
     av = recording[frame, 0]
     bv = recording[frame, partner]
     row.crash_time_s = frame / 10.0
@@ -273,7 +273,7 @@ def _keep_labels(
 @kernel
 def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None:
     """Fill the states of AV and partner at each second before the contact."""
-    history = h.history[h.filled[CASES]]
+    history = h.history[h.filled[CASES_KEPT]]
     for k in range(_HISTORY):
         history[k] = math.nan
     for second in range(_HISTORY_SECONDS):
@@ -329,7 +329,7 @@ def _keep_decisions(
 ) -> None:
     """Fill class, size and actions of the stored vehicles, and the log-probabilities of the critical BV's actions."""
     filled = h.filled
-    row = h.rows[filled[CASES]]
+    row = h.rows[filled[CASES_KEPT]]
     near = h.near
     for i in range(end.vehicles):
         if near[i] >= 0:
@@ -339,8 +339,8 @@ def _keep_decisions(
             h.width[filled[SLOTS]] = bodies[i].width
             filled[SLOTS] += 1
             for k in range(end.decisions):
-                h.action[filled[ACTIONS]] = _action(recording, decisions, k, i)
-                filled[ACTIONS] += 1
+                h.action[filled[ACTIONS_KEPT]] = _action(recording, decisions, k, i)
+                filled[ACTIONS_KEPT] += 1
     row.log_prob_nde = 0.0
     row.n_impossible = 0
     row.possible_shortfall_nats = 0.0
@@ -433,7 +433,7 @@ def keep_case(
         bodies: Class and size of each vehicle, records with the fields of `fields.BODY`.
         h: The columns; they must not be full (`is_full`).
     """
-    row = h.rows[h.filled[CASES]]
+    row = h.rows[h.filled[CASES_KEPT]]
     row.seed = name.seed
     row.test = name.test
     row.policy = name.policy
@@ -446,7 +446,7 @@ def keep_case(
     _keep_decisions(end, recording, decisions, bodies, h)
     _keep_tracks(end, recording, h)
     _keep_exact(end, recording, decisions, h)
-    h.filled[CASES] += 1
+    h.filled[CASES_KEPT] += 1
 
 
 @kernel

@@ -12,7 +12,7 @@ from cornerforge.sim.braking import Braking, is_avoidable
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import Keep, keep_whole_test
 from cornerforge.sim.rewards import av_strikes
-from cornerforge.sim.scratch import Scratch, allocate_scratch
+from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import forget_frames
 from cornerforge.sim.world import AV_CRASH, World, allocate_worlds, world_of
@@ -59,16 +59,18 @@ def _judge_chunk(
     setting: Setting, slots: int, seed: int, tests: NDArray[np.int64], braking: Braking
 ) -> NDArray[np.bool_]:
     judged = np.zeros((tests.size, 2), dtype=np.bool_)
+    scratch = allocate_scratch(slots, setting.who.policy)
     _judge_range(
         seed,
         tests,
         setting,
         braking,
         world_of(allocate_worlds(1, slots)),
-        allocate_scratch(slots, setting.who.policy),
+        scratch,
         keep_whole_test(setting, slots),
         judged,
     )
+    warn_of_left_out(scratch)
     return judged
 
 

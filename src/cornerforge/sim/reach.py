@@ -84,7 +84,7 @@ def find_pairs(w: World, road: RoadNumbers, s: Scratch) -> None:
                 break
             if v[j].present == 0 or dx > road.longest + 1.0 + max(0.0, s.most[i] - s.least[j]):
                 continue
-            if abs(v[j].y - v[i].y) < road.widest + 1.0 + reach + _lateral_reach(w, j, road) and found < w.pair_a.size:
+            if abs(v[j].y - v[i].y) < road.widest + 1.0 + reach + _lateral_reach(w, j, road):
                 w.pair_a[found] = min(i, j)
                 w.pair_b[found] = max(i, j)
                 found += 1

@@ -13,7 +13,7 @@ from cornerforge.fields import BODY, FRAME_FIELDS, REALS, SERIES
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.harvest import Harvest, Recorded, keep_driven
 from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, World, allocate_worlds, n_slots, world_of
@@ -61,6 +61,7 @@ class Recorder:
         check_integer("test", test, low=0, high=2**62)
         self._keep.recording["present"] = 0
         self._drive(seed, test)
+        warn_of_left_out(self._scratch)
 
     def record(self, seed: int, test: int) -> Scenario:
         """Drive one test and return all of it: all vehicles, every 0.1 s."""

@@ -12,7 +12,7 @@ from cornerforge._checks import check_integer
 from cornerforge.execution import in_order
 from cornerforge.sim.drive import drive_range, drive_windows
 from cornerforge.sim.keep import Outcomes, Windows, allocate_outcomes, keep_nothing
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.statistics import EVERYBODY, NOBODY_COUNTED, Census, Counts, allocate_counts
 from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds, world_of
@@ -98,15 +98,17 @@ def drive_chunk(
     `counting`: True for all BVs at all times, False for none, or a census.
     """
     out, counts = allocate_outcomes(count), allocate_counts()
+    scratch = allocate_scratch(slots, setting.who.policy)
     drive_range(
         seed,
         first,
         setting,
         world_of(allocate_worlds(1, slots)),
-        allocate_scratch(slots, setting.who.policy),
+        scratch,
         keep_nothing(slots, counts=counts, census=census_of(counting)),
         out,
     )
+    warn_of_left_out(scratch)
     return out, counts
 
 

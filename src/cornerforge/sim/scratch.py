@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +11,11 @@ from numpy.typing import NDArray
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.sim.av_features import N_AV_FEATURES
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
-from cornerforge.sim.chances import StarterScratch, allocate_starter_scratch
+from cornerforge.sim.chances import MAX_SETS, MAX_STARTERS, StarterScratch, allocate_starter_scratch
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.types import MAX_LANES, N_ACTIONS
 
-__all__ = ["LEARNED_WIDTH", "AvScratch", "ChoiceScratch", "Scratch", "allocate_scratch"]
+__all__ = ["LEARNED_WIDTH", "AvScratch", "ChoiceScratch", "Scratch", "allocate_scratch", "warn_of_left_out"]
 
 LEARNED_WIDTH = 128
 """No layer of a learned AV's network is wider."""
@@ -100,3 +101,18 @@ def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
             starters=allocate_starter_scratch(),
         ),
     )
+
+
+def warn_of_left_out(s: Scratch) -> None:
+    """Warn if probabilities of actions left vehicles out (`StarterScratch.left_out`), and forget it.
+
+    Everything that drives with scratch calls this before it gives its result.
+    """
+    if s.choice.starters.left_out[0]:
+        s.choice.starters.left_out[0] = 0
+        warnings.warn(
+            f"More than {MAX_STARTERS} vehicles, or {MAX_SETS} sets of them, may start into one lane at the same "
+            "moment: probabilities of some lane changes leave out those farthest ahead. Use less dense or shorter "
+            "traffic.",
+            stacklevel=3,
+        )

@@ -19,7 +19,7 @@ from cornerforge.errors import InputError
 from cornerforge.sim.advance import MILESTONE, advance
 from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
 from cornerforge.sim.recorder import scenario_of
-from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, SCRIPTED
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
@@ -169,6 +169,14 @@ class ScriptDriver:
     def _check(self, script: Script) -> None:
         check_integer("vehicles of a script", script.slot.size, low=1, high=self._world.order.size)
         check_integer("decisions of a script", len(script.action), low=1, high=self._setting.road.max_decisions)
+        allowed = self._odd.sizes_on_road
+        for slot, size in zip(script.slot, script.start[["length", "width"]].tolist(), strict=True):
+            if size not in allowed:
+                raise InputError(
+                    f"Vehicle {slot} of the script is {size[0]:g} m long and {size[1]:g} m wide; allowed in ODD "
+                    f"{self._odd.name}: {', '.join(f'{length:g} x {width:g} m' for length, width in allowed)}. Give it "
+                    "one of these sizes, or drive it in an ODD with its class."
+                )
 
     def _drive(self, script: Script, av_is_natural: bool, keep: Keep) -> None:
         self._check(script)
@@ -180,6 +188,7 @@ class ScriptDriver:
             script=np.ascontiguousarray(script.action),
         )
         _drive_script(self._world, script.start, drivers, self._scratch, keep)
+        warn_of_left_out(self._scratch)
 
     def drive(self, script: Script, *, av_is_natural: bool = False) -> Ending:
         """Drive a script and say how it ended.
@@ -189,7 +198,8 @@ class ScriptDriver:
             av_is_natural: The AV too takes the likeliest action of the naturalistic model, once a second.
 
         Raises:
-            InputError: The script has more vehicles or decisions than a test can have.
+            InputError: The script has more vehicles or decisions than a test can have, or a vehicle of a size that does
+                not occur in the ODD: contacts and bounds of motion know its sizes only.
         """
         self._drive(script, av_is_natural, self._nothing)
         state = self._world.state[0]

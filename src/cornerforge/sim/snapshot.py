@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
+from typing import Any, cast
 
 import numpy as np
 
 from cornerforge._checks import check_integer
-from cornerforge.errors import FileFormatError
-from cornerforge.sim.world import MAX_BRANCH, World
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.world import MAX_BRANCH, VEHICLE, World, allocate_worlds, n_slots, world_of
 
 __all__ = ["branch_of", "copy_of", "packed", "unpacked"]
 
-SNAPSHOT_SCHEMA = 1
+SNAPSHOT_SCHEMA = 2
 _MAGIC = b"cornerforge world\n"
 _DIGEST_BYTES = 32
 
@@ -46,20 +47,21 @@ def branch_of(world: World, branch: int) -> World:
 
 def packed(world: World) -> bytes:
     """Pack a world into bytes: a line with format and layout, the arrays one after the other, a SHA-256 over all."""
-    layout = {
-        name: {"fields": np.lib.format.dtype_to_descr(array.dtype), "shape": list(array.shape)}
-        for name, array in world._asdict().items()
-    }
-    head = json.dumps({"schema_version": SNAPSHOT_SCHEMA, "arrays": layout}).encode() + b"\n"
+    head = json.dumps({"schema_version": SNAPSHOT_SCHEMA, "arrays": _layout(world)}).encode() + b"\n"
     content = _MAGIC + head + b"".join(np.ascontiguousarray(array).tobytes() for array in world)
     return content + hashlib.sha256(content).digest()
 
 
-def unpacked(content: bytes) -> World:
+def unpacked(content: bytes, setting: Setting | None = None) -> World:
     """Unpack a world that `packed` made bytes of.
+
+    Args:
+        content: The bytes.
+        setting: The run in which the world is driven on; its road must be that of the world. None: not checked.
 
     Raises:
         FileFormatError: The bytes are no world, damaged, or of a version with another state.
+        InputError: The world is of a road with another number of lanes or of vehicle slots than the setting's.
     """
     body, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
     if not content.startswith(_MAGIC):
@@ -67,17 +69,52 @@ def unpacked(content: bytes) -> World:
     if hashlib.sha256(body).digest() != digest:
         raise FileFormatError("This stored world is damaged: its checksum does not fit.")
     head, _, rest = body[len(_MAGIC) :].partition(b"\n")
-    header = json.loads(head)
-    if header["schema_version"] != SNAPSHOT_SCHEMA:
-        raise FileFormatError(
-            f"This stored world has schema version {header['schema_version']}; this cornerforge reads "
-            f"{SNAPSHOT_SCHEMA}. Drive its test again."
+    world = _allocated(head, len(rest))
+    place = 0
+    for array in world:
+        array[...] = np.frombuffer(rest, dtype=array.dtype, count=array.size, offset=place)
+        place += array.nbytes
+    if setting is not None and world.vehicles.size != n_slots(setting.road):
+        raise InputError(
+            f"This stored world has {world.vehicles.size} vehicle slots, the setting's road of {setting.road.n_lanes} "
+            f"lanes has {n_slots(setting.road)}: drive it on in the ODD that it was stored in."
         )
-    arrays, place = {}, 0
-    for name, layout in header["arrays"].items():
-        dtype = np.lib.format.descr_to_dtype(layout["fields"])
-        shape = tuple(layout["shape"])
-        size = math.prod(shape) * dtype.itemsize
-        arrays[name] = np.frombuffer(rest[place : place + size], dtype=dtype).reshape(shape).copy()
-        place += size
-    return World(**arrays)
+    return world
+
+
+def _layout(world: World) -> dict[str, Any]:
+    """Describe the arrays of a world as JSON holds it: fields and shape by name."""
+    layout = {
+        name: {"fields": np.lib.format.dtype_to_descr(array.dtype), "shape": list(array.shape)}
+        for name, array in world._asdict().items()
+    }
+    return cast("dict[str, Any]", json.loads(json.dumps(layout)))
+
+
+def _allocated(head: bytes, size: int) -> World:
+    """Allocate the world that a head describes, of which `size` bytes follow.
+
+    Raises:
+        FileFormatError: It describes no world of this version.
+    """
+    try:
+        header = json.loads(head)
+        version = header["schema_version"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise FileFormatError("This stored world is damaged: its first line cannot be read.") from error
+    if version != SNAPSHOT_SCHEMA:
+        raise FileFormatError(
+            f"This stored world has schema version {version}; this cornerforge reads {SNAPSHOT_SCHEMA}. "
+            "Drive its test again."
+        )
+    try:
+        slots = int(header["arrays"]["vehicles"]["shape"][0])
+    except (LookupError, TypeError, ValueError, OverflowError):
+        slots = 0
+    if 0 < slots <= size // VEHICLE.itemsize:
+        world = world_of(allocate_worlds(1, slots))
+        if header["arrays"] == _layout(world) and sum(array.nbytes for array in world) == size:
+            return world
+    raise FileFormatError(
+        "This stored world has other fields than this cornerforge's, or is none or several. Drive its test again."
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.sight import Sight
 from cornerforge.geometry import Path
 from cornerforge.types import CAR, CLASSES, MAX_LANES, Odd
+
+if TYPE_CHECKING:
+    from cornerforge.road.straight import RoadNumbers
 
 __all__ = [
     "SEEN",
@@ -145,8 +148,8 @@ class World(NamedTuple):
         current: Slots of the vehicles whose state is that of this moment, int64 (N,), the first `state.n_current`
             entries: at decision times all that are present, within a second only vehicles that another may touch or
             look at. The AV comes first; the first `state.n_seen` may be looked at; slots rise within both parts.
-        pair_a, pair_b: Slots of the pairs that can touch within the running second, int64 (8 N,), the first
-            `state.n_pairs` entries; a < b.
+        pair_a, pair_b: Slots of the pairs that can touch within the running second, int16 (N (N - 1) / 2,), room for
+            all pairs; the first `state.n_pairs` entries; a < b.
         av_lead, av_rear: For each lane the only vehicle that can be the AV's nearest ahead or behind until the end of
             the second, int64 (MAX_LANES,), NO_VEHICLE for none; where `av_lead` is UNKNOWN all must be looked at.
         seen: Each BV's state at the last decision time, for counting, (N,) of SEEN.
@@ -156,8 +159,8 @@ class World(NamedTuple):
     state: NDArray[np.void]
     order: NDArray[np.int64]
     current: NDArray[np.int64]
-    pair_a: NDArray[np.int64]
-    pair_b: NDArray[np.int64]
+    pair_a: NDArray[np.int16]
+    pair_b: NDArray[np.int16]
     av_lead: NDArray[np.int64]
     av_rear: NDArray[np.int64]
     seen: NDArray[np.void]
@@ -168,10 +171,9 @@ SEEN = np.dtype(
 )
 """A vehicle at the last decision time, for `statistics.count_choices`: position along and across the road [m], speeds
 along and across it [m/s], its lanes as a bit mask, and whether it is counted as following, as free, or not at all."""
-_PAIRS_PER_SLOT = 8
 
 
-def n_slots(odd: Odd) -> int:
+def n_slots(odd: Odd | RoadNumbers) -> int:
     """Compute the vehicle slots per world: the AV, and one vehicle every 40 m of traffic in each lane."""
     return 1 + odd.n_lanes * int(np.ceil(odd.traffic_length / 40.0))
 
@@ -188,8 +190,8 @@ def allocate_worlds(n_worlds: int, slots: int) -> World:
         state=np.zeros((n_worlds, 1), dtype=STATE),
         order=np.zeros((n_worlds, slots), dtype=np.int64),
         current=np.zeros((n_worlds, slots), dtype=np.int64),
-        pair_a=np.zeros((n_worlds, _PAIRS_PER_SLOT * slots), dtype=np.int64),
-        pair_b=np.zeros((n_worlds, _PAIRS_PER_SLOT * slots), dtype=np.int64),
+        pair_a=np.zeros((n_worlds, slots * (slots - 1) // 2), dtype=np.int16),
+        pair_b=np.zeros((n_worlds, slots * (slots - 1) // 2), dtype=np.int16),
         av_lead=np.zeros((n_worlds, MAX_LANES), dtype=np.int64),
         av_rear=np.zeros((n_worlds, MAX_LANES), dtype=np.int64),
         seen=np.zeros((n_worlds, slots), dtype=SEEN),
@@ -222,10 +224,7 @@ def world_of(worlds: World, b: int = 0) -> World:
 
 def arrays_of(worlds: World) -> dict[str, NDArray[Any]]:
     """List the arrays of a world or a batch by name, as views; records as bytes."""
-    return {
-        name: array.view(np.uint8) if array.dtype.names else array
-        for name, array in zip(World._fields, worlds, strict=True)
-    }
+    return {name: array.view(np.uint8) if array.dtype.names else array for name, array in worlds._asdict().items()}
 
 
 @inlined_kernel
