@@ -13,21 +13,19 @@ from statistical_bounds import distance_to_law, dkw_bound, l1_bound, l1_distance
 
 from cornerforge._philox import block, uniform
 from cornerforge.drivers.naturalistic import (
-    MemoryNumbers,
     NddTables,
     accept_chance,
     following_row,
     free_row,
     lane_change_base,
-    reflected,
-    remembered_share,
-    remembering_word,
     sample_row,
     table_row,
     tables_of,
     turn_back_chance,
 )
+from cornerforge.ndd.memory import MemoryNumbers, reflected, remembered_share, remembering_word
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
+from cornerforge.types import ACCELERATIONS
 
 LAST = np.uint64(2**32 - 1)
 WORD = st.integers(0, 2**32 - 1).map(np.uint64)
@@ -51,20 +49,37 @@ def words(request: pytest.FixtureRequest) -> np.ndarray:
 
 def test_rows_are_those_of_the_models_arrays(model: NddModel, tables: NddTables) -> None:
     for i, j, k in [(0, 0, 0), (20, 115, 18), (7, 33, 4), (0, 115, 0), (20, 0, 18)]:
-        row = following_row(SPEEDS[i], 3.0, GAPS[j], RANGE_RATES[k], 0.5)
+        row = following_row(SPEEDS[i], 33.0, GAPS[j], RANGE_RATES[k], 0.5)
         np.testing.assert_array_equal(tables.p[row], model.following[i, j, k])
-        np.testing.assert_array_equal(tables.p[free_row(SPEEDS[i] + 3.0, 3.0)], model.free[i])
+        np.testing.assert_array_equal(tables.p[free_row(SPEEDS[i], SPEEDS[i])], model.free[i])  # it lacks nothing
+
+
+def test_a_free_driver_is_pulled_to_its_desired_speed(model: NddModel, tables: NddTables) -> None:
+    """Its mean is that of all drivers plus the pull, its spread about theirs, and impossible stays impossible."""
+    for i in (2, 10, 16):
+        p = model.free[i].astype(float)
+        spread = np.sqrt(p @ (ACCELERATIONS - p @ ACCELERATIONS) ** 2)
+        for lack in (-6.0, -1.5, 0.5, 4.0):
+            row = tables.p[free_row(SPEEDS[i], SPEEDS[i] + lack)].astype(float)
+            mean = row @ ACCELERATIONS
+            assert mean == pytest.approx(p @ ACCELERATIONS + model.free_pull * lack, abs=1e-5)
+            assert np.sqrt(row @ (ACCELERATIONS - mean) ** 2) == pytest.approx(spread, rel=0.35)
+            np.testing.assert_array_equal(row > 0.0, p > 0.0)
+    nobody_wants = tables_of(replace(model, free_pull=0.0))
+    for lack in (-6.0, 0.0, 6.0):
+        np.testing.assert_array_equal(nobody_wants.p[free_row(30.0, 30.0 + lack)], model.free[10])
 
 
 @pytest.mark.parametrize(
     ("speed", "index"), [(0.0, 0), (19.0, 0), (20.49, 0), (20.5, 1), (39.49, 19), (39.5, 20), (40.0, 20), (80.0, 20)]
 )
 def test_speeds_take_the_nearest_row(tables: NddTables, speed: float, index: int) -> None:
-    assert free_row(speed, 0.0) == free_row(20.0, 0.0) + index
-    assert free_row(speed + 2.0, 2.0) == free_row(speed, 0.0)  # who wants to be faster by 2 m/s takes the row below
-    assert following_row(speed, 2.0, 0.0, -10.0, 0.5) == index * 116 * 19  # behind a lead the wish counts for nothing
-    assert following_row(speed, 2.0, math.inf, 0.0, 0.5) == free_row(speed, 2.0)
-    assert free_row(20.0, 0.0) == 21 * 116 * 19 == tables.p.shape[0] - 21
+    assert free_row(speed, speed) == free_row(20.0, 20.0) + 25 * index
+    assert free_row(speed, speed + 2.0) == free_row(speed, speed) + 4  # it lacks 2 m/s, in halves
+    assert free_row(speed, speed - 99.0) == free_row(speed, speed) - 12
+    assert following_row(speed, 32.0, 0.0, -10.0, 0.5) == index * 116 * 19  # behind a lead the wish counts for nothing
+    assert following_row(speed, 32.0, math.inf, 0.0, 0.5) == free_row(speed, 32.0)
+    assert free_row(20.0, 0.0) == 21 * 116 * 19 == tables.p.shape[0] - 21 * 25
 
 
 @pytest.mark.parametrize(
