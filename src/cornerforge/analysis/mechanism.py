@@ -267,7 +267,7 @@ def _follows_bv_crash(scenario: Scenario, frame: int) -> bool:
         x, y = scenario.x[t - 1, gone], scenario.y[t - 1, gone]
         length, width = bodies["length"][gone], bodies["width"][gone]
         reach, beside = 0.5 * (length[:, None] + length) + closed, 0.5 * (width[:, None] + width) + 1.0
-        touched = (np.abs(x[:, None] - x) < reach) & (np.abs(y[:, None] - y) < beside)
+        touched = (np.abs(along(x[:, None], x)) < reach) & (np.abs(y[:, None] - y) < beside)
         np.fill_diagonal(touched, val=False)
         near = np.abs(along(scenario.x[t - 1, 0], x)) <= _FOLLOW_UP_M
         if (touched.any(axis=1) & near).any():

@@ -29,7 +29,7 @@ def top_view(worlds: World, b: int, road: RoadNumbers) -> NDArray[np.uint8]:
     """
     v = worlds.vehicles[b]
     state = worlds.state[b, 0]
-    first = float(v["x"][0]) - _BEHIND
+    first = float(along(_BEHIND, v["x"][0]))
     top = road.n_lanes * road.lane_width + _VERGE
     width = round((_BEHIND + _AHEAD) * _PIXELS_PER_M)
     height = round((top + _VERGE) * _PIXELS_PER_M)

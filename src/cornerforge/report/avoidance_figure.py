@@ -77,7 +77,7 @@ def _draw_road(
     odd = scenario.odd
     t = _times(first, last)
     x_contact = float(scenario.x[last, 0])
-    pace = (x_contact - float(scenario.x[first, 0])) / max(-float(t[0]), FRAME_S)
+    pace = float(along(scenario.x[first, 0], x_contact)) / max(-float(t[0]), FRAME_S)
     for lane in range(odd.n_lanes + 1):
         edge = lane in (0, odd.n_lanes)
         panel.axhline(lane * odd.lane_width, color="black" if edge else GREY, linewidth=1.2 if edge else 0.8,
