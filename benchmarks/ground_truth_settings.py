@@ -149,8 +149,9 @@ _LANE_CHANGE_TABLES: dict[str, Callable[[LaneChange], Any]] = {
     "lc_base": LaneChange.base,
     "lc_desire": LaneChange.desire,
     "lc_desire_free": lambda law: law.desire_free,
-    "lc_accept_lead": LaneChange.accept,
-    "lc_accept_rear": LaneChange.accept,
+    "lc_accept_lead": LaneChange.accept_lead,
+    "lc_accept_rear": LaneChange.accept_rear,
+    "lc_turn_back": LaneChange.turn_back,
     "overlook": lambda law: law.overlook,
     "overlook_conflict": lambda law: law.overlook_conflict,
 }
