@@ -345,7 +345,7 @@ def model() -> NddModel:
     return load_model(default_model_path())
 
 
-TABLES = ("following", "free", "lc_base", "lc_desire", "lc_accept_lead", "lc_accept_rear")
+TABLES = ("following", "free", "lc_base", "lc_desire", "lc_accept_lead", "lc_accept_rear", "lc_turn_back")
 
 
 def _difference(a: NddModel, b: NddModel, name: str) -> float:
@@ -365,7 +365,7 @@ def test_a_variation_moves_what_it_names_and_factor_one_moves_nothing(model: Ndd
         "model": set(),
         "safe": {"following"},
         "law": {"following"},
-        "lane_change": {"lc_base"} if field == "rate" else {"lc_accept_lead", "lc_accept_rear"},
+        "lane_change": {"lc_base"} if field == "rate" else {"lc_accept_rear"},
     }[variation.part]
     assert moved == expected
     if variation.part == "model":
