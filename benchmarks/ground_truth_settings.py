@@ -80,7 +80,7 @@ _VARIED: tuple[tuple[str, str, tuple[float, ...]], ...] = (
     ("law", "spread", (0.8, 1.25)),
     ("law", "degrees", (0.6, 3.0)),
     ("lane_change", "rate", (0.5, 2.0)),
-    ("lane_change", "reaction", (0.5, 1.5)),
+    ("lane_change", "rear_reaction", (0.5, 1.5)),
 )
 """Part, field, factors (for "fit" values). The shipped model, factor 1 and strength 200, is the base setting."""
 

@@ -365,7 +365,7 @@ def test_a_variation_moves_what_it_names_and_factor_one_moves_nothing(model: Ndd
         "model": set(),
         "safe": {"following"},
         "law": {"following"},
-        "lane_change": {"lc_base"} if field == "rate" else {"lc_turn_back"},
+        "lane_change": {"lc_base"} if field == "rate" else {"lc_accept_rear"},
     }[variation.part]
     assert moved == expected
     if variation.part == "model":

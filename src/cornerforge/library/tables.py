@@ -15,7 +15,7 @@ from cornerforge._arrow import arrow_type
 from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.library.schema import SCRIPTED_TRACKS, arrow_schema
 from cornerforge.sim.harvest import CASES_KEPT, EXACT, MARKS
-from cornerforge.sim.scripted import START_FIELDS, TRAITS, Script, scripted_start
+from cornerforge.sim.scripted import START_FIELDS, TRAITS, Script, average_traits, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
 
 if TYPE_CHECKING:
@@ -190,5 +190,5 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     if fields.shape[1] == len(START_FIELDS) - len(BODY) - len(TRAITS):  # early libraries, of cars
         fields = np.hstack([fields, np.stack([scenario.length, scenario.width, scenario.kind], axis=1)])
     if fields.shape[1] == len(START_FIELDS) - len(TRAITS):  # drivers without memory and without desired speeds
-        fields = np.hstack([fields, np.tile([*TRAITS.values()], (len(fields), 1))])
+        fields = np.hstack([fields, average_traits(fields[:, START_FIELDS.index("speed")])])
     return Script(scenario.slot, scripted_start(fields), scenario.action)

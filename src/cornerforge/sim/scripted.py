@@ -33,20 +33,34 @@ if TYPE_CHECKING:
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
-__all__ = ["NATURAL", "START_FIELDS", "TRAITS", "Ending", "Script", "ScriptDriver", "scripted_start"]
+__all__ = [
+    "NATURAL",
+    "START_FIELDS",
+    "TRAITS",
+    "Ending",
+    "Script",
+    "ScriptDriver",
+    "average_traits",
+    "scripted_start",
+]
 
 NATURAL = NO_ACTION
 """Entry of a script: the likeliest action of the naturalistic model in the present state (the lowest index of several
 equally likely). In recordings it stands where a vehicle is absent, and means nothing."""
 
-TRAITS = {"quantile": 0.5, "habit": 0.5, "wish": 0.0}
-"""What stays with a driver; the values are those of the average one, for starts stored before drivers had them."""
+TRAITS = ("quantile", "habit", "wish")
+"""What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
 START_FIELDS = (
     "x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration",
     "c0", "c1", "c2", "c3", "c4", "c5", "target_lane", "lanes", "length", "width", "kind", *TRAITS,
 )  # fmt: skip
 """Fields of `world.VEHICLE` that make a start. The others follow: a vehicle that starts is present, has decided nothing
 yet, and has held its acceleration from that moment on."""
+
+
+def average_traits(speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make the TRAITS of drivers of whom nothing is known, (N, 3): medians, and each desires the speed that it has."""
+    return np.stack([np.full(speed.size, 0.5), np.full(speed.size, 0.5), speed], axis=1)
 
 
 @dataclass(frozen=True)
