@@ -5,14 +5,17 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cornerforge.errors import InputError
+from cornerforge.fields import BODY
 from cornerforge.library import CaseRecord, case_record
-from cornerforge.library.tables import restore
+from cornerforge.library.tables import restore, script_of
 from cornerforge.sim.harvest import NEAR_M
+from cornerforge.sim.scripted import START_FIELDS, TRAITS
 from cornerforge.types import Crash, Odd, Scenario
 
 Make = Callable[..., Scenario]
@@ -167,3 +170,18 @@ def test_a_crash_outside_the_recording_is_refused(make_scenario: Make, crash: Cr
 def test_extra_names_that_cannot_be_columns_are_refused(make_scenario: Make, name: str) -> None:
     with pytest.raises(InputError, match="Extra column"):
         case_record(make_scenario(1), trajectory_digest="ab", extra={name: 1})
+
+
+def test_drivers_of_older_starts_desire_the_speed_that_they_have(make_scenario: Make) -> None:
+    """Scripted cases stored before drivers had a memory and a desired speed, and before that all were cars."""
+    scenario = make_scenario(5)
+    states = np.zeros((scenario.slot.size, len(START_FIELDS)))
+    states[:, START_FIELDS.index("speed")] = 20.0 + np.arange(len(states))
+    states[:, START_FIELDS.index("length")], states[:, START_FIELDS.index("width")] = scenario.length, scenario.width
+    for lacking in (len(TRAITS), len(TRAITS) + len(BODY)):
+        stored = states[:, : len(START_FIELDS) - lacking]
+        script = script_of(scenario, pa.table({"start": pa.array([stored.reshape(-1).tolist()])}), 0)
+        assert script is not None
+        np.testing.assert_array_equal(script.start["wish"], script.start["speed"])
+        np.testing.assert_array_equal(script.start["quantile"], 0.5)
+        np.testing.assert_array_equal(script.start["length"], scenario.length)
