@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hand_built import Car, change_lane, setting_of, world_of
 
+from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.sight import VISIBLE
@@ -64,3 +65,7 @@ def test_the_nearest_rows_nearest_first(model: NddModel, seed: int) -> None:
 @pytest.mark.parametrize(("distance", "rows"), [(199.9, 1), (200.0, 0), (-199.9, 1), (-200.0, 0)])
 def test_sight_ends_at_200_metres(model: NddModel, distance: float, rows: int) -> None:
     assert view(model, [Car(250.0, 1, 30.0), Car(250.0 + distance, 1, 30.0)])[1:, 0].sum() == rows
+
+
+def test_avs_from_outside_are_told_the_views_shape() -> None:
+    assert VIEW_SHAPE == (VIEW_ROWS, VIEW_COLUMNS)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.types import Odd
 
 __all__ = ["EDGE_CASES", "EdgeCase", "edge_case", "random_views"]
 
-_ROWS, _COLUMNS = 13, 8
+_ROWS, _COLUMNS = VIEW_SHAPE
 
 
 @dataclass(frozen=True)

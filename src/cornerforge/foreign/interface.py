@@ -10,7 +10,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Av", "AvContext"]
+__all__ = ["VIEW_SHAPE", "Av", "AvContext"]
+
+VIEW_SHAPE = (13, 8)
+"""Rows and columns of the view (`cornerforge.sim.av_view`). An AV's process imports nothing of the simulator, so the
+numbers stand here again, and a test holds them together."""
 
 
 @dataclass(frozen=True)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, MissingExtraError
+from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.foreign.networks import BLOCK, NetworkAv
 
 __all__ = ["OnnxAv"]
 
-_VIEW, _FLAT = (13, 8), (104,)
+_FLAT = (math.prod(VIEW_SHAPE),)
 
 
 class OnnxAv(NetworkAv):
@@ -44,7 +46,11 @@ class OnnxAv(NetworkAv):
             reason = " ".join(str(error).split())[:200]
             raise FileFormatError(f"{name} is no ONNX model that can be run: {reason}") from error
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        if len(inputs) != 1 or inputs[0].type != "tensor(float)" or tuple(inputs[0].shape[1:]) not in (_VIEW, _FLAT):
+        if (
+            len(inputs) != 1
+            or inputs[0].type != "tensor(float)"
+            or tuple(inputs[0].shape[1:]) not in (VIEW_SHAPE, _FLAT)
+        ):
             found = ", ".join(f"{i.name} {i.type} {i.shape}" for i in inputs)
             raise FileFormatError(f"{name} takes {found}; an AV takes one float32 (B, 13, 8) or (B, 104).")
         shape = list(outputs[0].shape)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import itertools
 import json
+import math
 import re
 import zipfile
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, MissingExtraError
+from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.foreign.networks import NetworkAv
 from cornerforge.types import N_ACTIONS
 
@@ -140,7 +142,7 @@ def _check_chain(name: str, layers: list[tuple[Any, Any]], settings: dict[str, A
     if not linear or any(a[0] != b[1] for a, b in itertools.pairwise(shapes)):
         raise FileFormatError(f"{name} holds layers that are no chain of linear ones ({shapes}).")
     observed = (settings.get("observation_space") or {}).get("_shape")
-    if shapes[0][1] != 104 or observed not in ([13, 8], [104]):
+    if shapes[0][1] != math.prod(VIEW_SHAPE) or observed not in ([*VIEW_SHAPE], [math.prod(VIEW_SHAPE)]):
         raise FileFormatError(
             f"{name} takes observations of shape {observed}; an AV's view is (13, 8), or flattened (104,)."
         )

@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge.foreign.interface import AvContext
+from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
 from cornerforge.foreign.protocol import ACT, ANSWER, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = ["main", "numbers_of"]
-
-VIEW_SHAPE = (13, 8)
 
 
 class _UnusableError(Exception):

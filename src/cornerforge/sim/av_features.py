@@ -17,7 +17,17 @@ from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel
 from cornerforge.road.straight import lane_bits, lane_centre
-from cornerforge.sim.av_view import VIEW_ROWS
+from cornerforge.sim.av_view import (
+    ACCELERATION,
+    AHEAD,
+    CHANGES,
+    LANE,
+    LATERAL_SPEED,
+    LEFT,
+    SPEED,
+    THERE,
+    VIEW_ROWS,
+)
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -44,18 +54,18 @@ N_AV_FEATURES = _N_OWN + 2 * len(_LANES) * _PER_OTHER
 @inlined_kernel
 def _describe(view: NDArray[np.float32], row: int, length: float, place: int, out: NDArray[np.float32]) -> None:
     """Write the eight entries of the vehicle in a row of the view, from `place` on; length: of a car [m]."""
-    dx = view[row, 1]
+    dx = view[row, AHEAD]
     gap = abs(dx) - length
-    rate = view[row, 3] - view[0, 3]
+    rate = view[row, SPEED] - view[0, SPEED]
     closing = -rate if dx >= 0.0 else rate
     out[place] = 1.0
     out[place + 1] = min(3.0, max(-0.1, gap / 50.0))
     out[place + 2] = 10.0 / (10.0 + max(0.0, gap))
     out[place + 3] = rate / 10.0
     out[place + 4] = min(2.0, max(0.0, closing / max(1.0, gap)))
-    out[place + 5] = view[row, 2] / 4.0
-    out[place + 6] = view[row, 4] / 2.0
-    out[place + 7] = view[row, 5] / 4.0
+    out[place + 5] = view[row, LEFT] / 4.0
+    out[place + 6] = view[row, LATERAL_SPEED] / 2.0
+    out[place + 7] = view[row, ACCELERATION] / 4.0
 
 
 @inlined_kernel
@@ -69,21 +79,21 @@ def av_features(view: NDArray[np.float32], road: RoadNumbers, out: NDArray[np.fl
     """
     for k in range(out.size):
         out[k] = 0.0
-    target = int(view[0, 6])
-    out[0] = view[0, 1] / 400.0
-    out[1] = (view[0, 3] - 30.0) / 10.0
-    out[2] = (view[0, 2] - lane_centre(target, road.lane_width)) / 4.0
-    out[3] = view[0, 4] / 2.0
-    out[4] = view[0, 5] / 4.0
+    target = int(view[0, LANE])
+    out[0] = view[0, AHEAD] / 400.0
+    out[1] = (view[0, SPEED] - 30.0) / 10.0
+    out[2] = (view[0, LEFT] - lane_centre(target, road.lane_width)) / 4.0
+    out[3] = view[0, LATERAL_SPEED] / 2.0
+    out[4] = view[0, ACCELERATION] / 4.0
     out[5] = 1.0 if target + 1 < road.n_lanes else 0.0
     out[6] = 1.0 if target > 0 else 0.0
-    out[7] = view[0, 7]
+    out[7] = view[0, CHANGES]
     out[8] = 1.0
     for row in range(1, VIEW_ROWS):
-        if view[row, 0] == 0.0:
+        if view[row, THERE] == 0.0:
             return
-        bits = lane_bits(view[0, 2] + view[row, 2], 0.5 * road.width, int(view[row, 6]), road.lane_width)
-        place = _N_OWN if view[row, 1] >= 0.0 else _N_OWN + _PER_OTHER
+        bits = lane_bits(view[0, LEFT] + view[row, LEFT], 0.5 * road.width, int(view[row, LANE]), road.lane_width)
+        place = _N_OWN if view[row, AHEAD] >= 0.0 else _N_OWN + _PER_OTHER
         for relative in _LANES:
             lane = target + relative
             # Rows come nearest first.

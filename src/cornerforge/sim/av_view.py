@@ -36,12 +36,17 @@ if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.world import World
 
-__all__ = ["AV_VIEW_VERSION", "VIEW_COLUMNS", "VIEW_ROWS", "view_of_av"]
+__all__ = [
+    "ACCELERATION", "AHEAD", "AV_VIEW_VERSION", "CHANGES", "LANE", "LATERAL_SPEED", "LEFT", "SPEED", "THERE",
+    "VIEW_COLUMNS", "VIEW_ROWS", "view_of_av",
+]  # fmt: skip
 
 AV_VIEW_VERSION = 1
 """Raised when an AV that reads the columns as documented would misread them."""
 VIEW_ROWS = 13
-VIEW_COLUMNS = 8
+THERE, AHEAD, LEFT, SPEED, LATERAL_SPEED, ACCELERATION, LANE, CHANGES = range(8)
+"""The columns; in row 0, AHEAD is the distance left to drive, and LEFT is counted from the road's edge."""
+VIEW_COLUMNS = CHANGES + 1
 
 
 @inlined_kernel
@@ -83,15 +88,15 @@ def view_of_av(
             out[row, column] = 0.0
     for row in range(1 + _nearest_along(w, found)):
         j = 0 if row == 0 else found[row - 1]
-        out[row, 0] = 1.0
-        out[row, 1] = ahead_by(v, 0, j)
-        out[row, 2] = v[j].y - v[0].y
-        out[row, 3] = v[j].speed
-        out[row, 4] = v[j].lateral_speed
-        out[row, 5] = v[j].acceleration
-        out[row, 6] = lane_entered(v, j, road.lane_width, sight)
-        out[row, 7] = 1.0 if is_seen_changing(v, j, road.lane_width, sight) else 0.0
-    out[0, 1] = distance_left(v, 0, road)
-    out[0, 2] = v[0].y
-    out[0, 6] = v[0].target_lane
-    out[0, 7] = 1.0 if v[0].duration > 0.0 else 0.0
+        out[row, THERE] = 1.0
+        out[row, AHEAD] = ahead_by(v, 0, j)
+        out[row, LEFT] = v[j].y - v[0].y
+        out[row, SPEED] = v[j].speed
+        out[row, LATERAL_SPEED] = v[j].lateral_speed
+        out[row, ACCELERATION] = v[j].acceleration
+        out[row, LANE] = lane_entered(v, j, road.lane_width, sight)
+        out[row, CHANGES] = 1.0 if is_seen_changing(v, j, road.lane_width, sight) else 0.0
+    out[0, AHEAD] = distance_left(v, 0, road)
+    out[0, LEFT] = v[0].y
+    out[0, LANE] = v[0].target_lane
+    out[0, CHANGES] = 1.0 if v[0].duration > 0.0 else 0.0
