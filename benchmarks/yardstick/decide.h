@@ -243,7 +243,7 @@ static double side_chance(
 static double turn_back_wish(const World *w, int64_t i, int64_t lane, const Road *road, const Tables *tables) {
     const Vehicle *v = w->v;
     int64_t lead, rear;
-    neighbours_in_lane(w, i, lane, road->lane_width, 1, &lead, &rear);
+    neighbours_in_lane(w, i, lane, road->lane_width, &DECIDED, &lead, &rear);
     double wish = 0.0, behind = 0.0;
     if (lead >= 0) wish = turn_back_chance(tables, v[lead].x - v[i].x - road->length, v[lead].speed - v[i].speed);
     if (rear >= 0) behind = turn_back_chance(tables, v[i].x - v[rear].x - road->length, v[i].speed - v[rear].speed);

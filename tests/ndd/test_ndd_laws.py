@@ -38,10 +38,11 @@ def test_closing_drivers_brake_enough_to_keep_four_metres(speed: float, gap: flo
 
 
 def test_closing_faster_never_raises_the_mean_of_a_table_row() -> None:
-    # at 8 m and closing by 9 to 10 m/s the centre is far below -4 m/s2, and wider noise lifts what is cut there
+    # near a leader noise is wide and cut off at -4 and 2 m/s2, and a bin at the edge of the support comes or goes: this
+    # moves a mean by less than 0.001 m/s2
     mean = TABLE @ ACCELERATIONS
-    assert (np.diff(mean, axis=2) >= -1e-5).all()
-    assert (np.diff(mean[:, 10:], axis=2) >= -1e-9).all()
+    assert (np.diff(mean, axis=2) >= -1e-3).all()
+    assert (np.diff(mean[:, 15:], axis=2) >= -1e-9).all()
 
 
 def test_a_shorter_gap_never_raises_the_mean_where_the_pair_closes() -> None:
@@ -162,7 +163,12 @@ def test_the_wish_to_change_grows_behind_a_slower_and_nearer_leader() -> None:
 
 
 def test_nobody_begins_a_lane_change_too_near_its_own_leader() -> None:
-    desire = LaneChange().desire()
-    critical = np.array([4.0 + closing + closing**2 / 6.0 for closing in np.maximum(-RANGE_RATES, 0.0)])
-    assert (desire[GAPS[:, None] <= critical[None, :]] == 0.0).all()
-    assert (desire[GAPS[:, None] > critical[None, :]] > 0.0).all()
+    """At 4 m and one second of closing hardly anybody, at the usual gap every second one who wants to."""
+    change = LaneChange()
+    desire, closing = change.desire(), np.maximum(-RANGE_RATES, 0.0)
+    critical = 4.0 + closing + closing**2 / 6.0
+    wish = 0.5 + (0.5 + closing) * np.exp(-GAPS[:, None] / 40.0)
+    near = GAPS[:, None] <= critical[None, :]
+    assert (desire / wish)[near].max() < 0.12
+    assert (desire > 0.0).all()
+    np.testing.assert_allclose((desire / wish)[9, RANGE_RATES >= 0.0], 0.5)

@@ -225,7 +225,7 @@ def test_wrong_arguments_make_no_library(arguments: dict[str, object], tmp_path:
 def test_an_adversary_too_weak_is_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generate_module, "_MAX_TESTS_PER_CASE", 3)
     with pytest.raises(InputError, match=r"0 of 1 cases after 3 tests"):
-        pipeline.generate(policy="uniform", cases=1, out=tmp_path / "library")
+        pipeline.generate(policy="uniform", bounded=True, cases=1, out=tmp_path / "library")
 
 
 # --- replay ---
@@ -304,7 +304,7 @@ def test_acting_at_random_is_another_library_and_greedy_has_no_doubt(some_policy
 
 @pytest.mark.parametrize("budget", [3.0, 15.0])
 def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
-    found = pipeline.simulate(bv="swerve", odd="paper", budget=budget, tests=3000, out=tmp_path / "library")
+    found = pipeline.simulate(bv="swerve", odd="paper", budget=budget, tests=9000, out=tmp_path / "library")
     assert found.cases is not None
     assert found.cases >= 3
     shortfall = column(tmp_path / "library", "shortfall_nats")

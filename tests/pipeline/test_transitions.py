@@ -10,13 +10,20 @@ import pytest
 
 from cornerforge.ndd import default_model_path, load_model, read_decisions, save_model
 from cornerforge.ndd.lane_observations import Transition, transitions_of
+from cornerforge.ndd.model import GAPS, RANGE_RATES
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.pipeline.transitions import chance_of, compare_transitions
 
 
 @pytest.fixture(scope="module")
-def run() -> Experiment:
-    return experiment()
+def run(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
+    """Drivers with critical gaps: nobody accepts 10 m, or 30 m when the one behind closes by 5 m/s or more."""
+    path = tmp_path_factory.mktemp("model") / "sharp.npz"
+    needed = np.where(RANGE_RATES <= -5.0, 30.0, 10.0)
+    accept = (GAPS[:, None] > needed[None, :]).astype(np.float32)
+    model = load_model(default_model_path())
+    save_model(replace(model, lc_accept_lead=accept, lc_accept_rear=accept), path)
+    return experiment(model=path)
 
 
 def transition(*others: tuple[float, float, bool], to_left: bool = True) -> Transition:

@@ -130,7 +130,7 @@ def choose_k(points: NDArray[np.float64], *, seed: int = 0) -> Choice:
         return Choice(1, (), None)
     rng = np.random.default_rng(seed)
     sample = _sample_of(points, _SUBSAMPLE, rng)
-    most = min(MAX_CLUSTERS, len(np.unique(sample, axis=0)) - 1, len(sample) // 3)
+    most = min(MAX_CLUSTERS, _distinct(sample) - 1, len(sample) // 3)
     if most < 2:
         return Choice(1, (), None)
     with one_thread():
@@ -179,3 +179,9 @@ def _evenly_spread(points: NDArray[np.float64], rng: np.random.Generator) -> NDA
     axes = np.linalg.svd(centred, full_matrices=False)[2]
     along = np.einsum("sf,cf->sc", centred, axes)
     return np.asarray(rng.uniform(along.min(axis=0), along.max(axis=0), size=along.shape), np.float64)
+
+
+def _distinct(points: NDArray[np.float64]) -> int:
+    """Count the points, (S, 2), that k-means can tell apart: those nearer than 1e-9 of their spread count as one."""
+    step = 1e-9 * float(np.ptp(points, axis=0).max())
+    return 1 if step == 0.0 else len(np.unique(np.rint(points / step), axis=0))

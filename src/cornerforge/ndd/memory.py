@@ -100,24 +100,24 @@ def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNu
 
 
 @inlined_kernel
-def _share_near(x: float, centre: float, width: float) -> float:
-    """Compute P(u <= x) for u uniform within `width` of `centre`, reflected at 0 and 1; x in 0 to 1."""
+def _share_near(u: float, centre: float, width: float) -> float:
+    """Compute P(U <= u) for U uniform within `width` of `centre`, reflected at 0 and 1; u in 0 to 1."""
     low = centre - width
     scale = 0.5 / width
-    inside = min(1.0, max(0.0, (x - low) * scale)) - min(1.0, max(0.0, (-x - low) * scale))
-    return inside + min(1.0, max(0.0, (2.0 + x - low) * scale)) - min(1.0, max(0.0, (2.0 - x - low) * scale))
+    inside = min(1.0, max(0.0, (u - low) * scale)) - min(1.0, max(0.0, (-u - low) * scale))
+    return inside + min(1.0, max(0.0, (2.0 + u - low) * scale)) - min(1.0, max(0.0, (2.0 - u - low) * scale))
 
 
 @inlined_kernel
-def remembered_share(x: float, before: float, habit: float, memory: MemoryNumbers) -> float:
-    """Compute P(u <= x) for the quantile u that `remembering_word` draws; x itself without memory."""
-    share = (1.0 - memory.near - memory.far - memory.habit) * x
+def remembered_share(u: float, before: float, habit: float, memory: MemoryNumbers) -> float:
+    """Compute P(U <= u) for the quantile U that `remembering_word` draws; u itself without memory."""
+    share = (1.0 - memory.near - memory.far - memory.habit) * u
     if memory.near > 0.0:
-        share += memory.near * _share_near(x, before, memory.near_width)
+        share += memory.near * _share_near(u, before, memory.near_width)
     if memory.far > 0.0:
-        share += memory.far * _share_near(x, before, memory.far_width)
+        share += memory.far * _share_near(u, before, memory.far_width)
     if memory.habit > 0.0:
-        share += memory.habit * _share_near(x, habit, memory.habit_width)
+        share += memory.habit * _share_near(u, habit, memory.habit_width)
     return share
 
 
@@ -144,13 +144,13 @@ def given_the_past(
         before = 0.0
         for a in range(p.shape[1]):
             total += p[row, a]
-            x = min(total, 1.0)
-            share = blank * x
+            u = min(total, 1.0)
+            share = blank * u
             for point in range(_POINTS):
                 centre = low[row] + (high[row] - low[row]) * (point + 0.5) * weight
                 if memory.near > 0.0:
-                    share += weight * memory.near * _share_near(x, centre, memory.near_width)
+                    share += weight * memory.near * _share_near(u, centre, memory.near_width)
                 if memory.far > 0.0:
-                    share += weight * memory.far * _share_near(x, centre, memory.far_width)
+                    share += weight * memory.far * _share_near(u, centre, memory.far_width)
             p[row, a] = share - before
             before = share

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge.ndd.grids import GAP_GRID
 from cornerforge.pipeline.judging import judged, spread
+from cornerforge.road.straight import along
 
 __all__ = ["PERSISTENCE", "Pairs", "compare_persistence", "pairs_of", "residuals"]
 
@@ -60,7 +61,7 @@ def _leaders(states: NDArray[np.void], length: Floats, lane_width: float) -> tup
     k, t = np.ogrid[: shape[0], : shape[1]]
     lead_x = states["x"][k[..., None], t[..., None], lead]
     own = np.broadcast_to(length[:, None, :], shape)
-    gap = lead_x - states["x"] - 0.5 * (own + length[k[..., None], lead])
+    gap = along(states["x"], lead_x) - 0.5 * (own + length[k[..., None], lead])
     return lead, np.where(lead == _NO_LEAD, np.inf, gap)
 
 
