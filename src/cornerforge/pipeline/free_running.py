@@ -22,7 +22,7 @@ from cornerforge.execution import in_order
 from cornerforge.pipeline.persistence import Pairs, pairs_of
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
-from cornerforge.road.straight import road_numbers
+from cornerforge.road.straight import along, road_numbers
 from cornerforge.sim import statistics
 from cornerforge.sim.keep import Outcomes, allocate_windows
 from cornerforge.sim.runner import drive_chunk_by_window, warm_up
@@ -164,7 +164,7 @@ def free_running_odd() -> Odd:
 
 def is_counted(x: NDArray[np.float64], time: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Is a position [m] in the counted stretch at a time [s]? Arrays that broadcast."""
-    start = x - STRETCH_SPEED * time
+    start = along(STRETCH_SPEED * time, x)
     return (start >= COUNTED[0]) & (start <= COUNTED[1])
 
 
