@@ -14,7 +14,7 @@ from cornerforge.ndd.model import Memory, default_model_path, load_model, save_m
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.road.straight import lane_centre
 from cornerforge.sim.recorder import scenario_digest
-from cornerforge.sim.scripted import NATURAL, START_FIELDS, TRAITS, Script, ScriptDriver, scripted_start
+from cornerforge.sim.scripted import NATURAL, START_FIELDS, Script, ScriptDriver, scripted_start
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, CAR, MOTORCYCLE, TRUCK, Crash, Scenario
 
@@ -63,7 +63,7 @@ def start_of(*vehicles: tuple[float, int, float]) -> NDArray[np.void]:
     fields = np.zeros((len(vehicles), len(START_FIELDS)))
     for row, (x, lane, speed) in zip(fields, vehicles, strict=True):
         values = {"x": x, "y": lane_centre(lane, 4.0), "speed": speed, "target_lane": lane, "lanes": 1 << lane}
-        values |= {"length": 5.0, "width": 2.0, **TRAITS}
+        values |= {"length": 5.0, "width": 2.0, "quantile": 0.5, "habit": 0.5, "wish": speed}
         row[:] = [values.get(name, 0.0) for name in START_FIELDS]
     return scripted_start(fields)
 
