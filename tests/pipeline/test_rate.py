@@ -220,6 +220,26 @@ def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
     assert cornerforge.replay(out / "library", "all", check=True).identical
 
 
+def test_an_interrupt_before_a_finished_block_is_saved_loses_nothing(
+    world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = importlib.import_module("cornerforge.pipeline.rate")
+    monkeypatch.setattr(module, "_BLOCK", 500)
+    write, asked = module.write_json, []
+
+    def interrupted_once(path: Path, content: Any) -> None:
+        asked.append(path.name)
+        if asked == ["counts.json"] * 3:
+            raise KeyboardInterrupt
+        write(path, content)
+
+    monkeypatch.setattr(module, "write_json", interrupted_once)
+    with pytest.raises(KeyboardInterrupt):
+        cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r")
+    saved, told = (json.loads((tmp_path / "r" / name).read_text())["tests"] for name in ("counts.json", "rate.json"))
+    assert saved == told == 1_500
+
+
 def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None:
     from cornerforge.pipeline.rate_text import rate_text
 

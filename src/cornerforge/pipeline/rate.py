@@ -134,14 +134,19 @@ class _Session:
                 drive=self._run.drive,
             )
             self.counts = self.counts.plus(block)
-            # An incomplete last block is not saved: a later, longer run drives the whole block, so that its digest is
-            # the one of a run without a break.
-            if self._out is not None and tests == _BLOCK:
-                write_json(self._out / "counts.json", self.counts.to_json())
+            self._save()
             if self._out is not None and time.monotonic() - stored >= _STORE_SECONDS:
                 self.store("running")
                 stored = time.monotonic()
         return "target" if enough else "max_tests"
+
+    def _save(self) -> None:
+        """Save the counts, unless the last block is incomplete.
+
+        A later, longer run drives an incomplete block as a whole, so that its digest is the one of a run without a break.
+        """
+        if self._out is not None and self.counts.tests % _BLOCK == 0:
+            write_json(self._out / "counts.json", self.counts.to_json())
 
     def _tell(self, target: float, max_tests: int, done: int, crashes: int) -> None:
         """Report tests; once there are crashes, the total is the number that the target will probably need."""
@@ -154,6 +159,7 @@ class _Session:
 
     def store(self, state: str) -> NaturalRate:
         """Bring library and `rate.json` up to the counts; return the summary. `state` says why it is done now."""
+        self._save()  # An interrupt may come after the last block was counted and before it was saved.
         # No progress bar before the end: a long run would leave hundreds of bars.
         self._keeper.catch_up(self.counts, NO_PROGRESS if state == "running" else self._progress)
         if self._travel is None or self._travel.tests < SAMPLE_TESTS:
