@@ -30,7 +30,7 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.neighbours import sort_by_x
 from cornerforge.sim.scratch import Scratch, allocate_scratch
-from cornerforge.sim.scripted import NATURAL, Script, ScriptDriver
+from cornerforge.sim.scripted import NATURAL, TRAITS, Script, ScriptDriver
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.traffic import reset_world
@@ -185,9 +185,10 @@ def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: st
     setting = setting_of(request.getfixturevalue(drivers), LANES)
     forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
     refuted = 0
-    for quantile, habit, wish in people:
+    for person in people:
         world = FOLLOWERS[name].world(setting)
-        world.vehicles["quantile"][1], world.vehicles["habit"][1], world.vehicles["wish"][1] = quantile, habit, wish
+        for trait, value in zip(TRAITS, person, strict=True):
+            world.vehicles[trait][1] = value
         drawn = np.empty((N, world.vehicles.size), dtype=np.int64)
         draw(world, 0, setting, allocate_scratch(world.vehicles.size, NO_POLICY), drawn)
         counts = np.bincount(drawn[:, 1], minlength=33)
@@ -266,7 +267,7 @@ def random_cars(rng: np.random.Generator) -> tuple[list[Car], dict[int, tuple[in
     """Two to seven cars within 150 m, the first the AV, and who changes lanes: target and substeps so far."""
     n = int(rng.integers(2, 8))
     cars = [Car(float(rng.uniform(0, 150)), int(rng.integers(3)), float(rng.uniform(24, 38))) for _ in range(n)]
-    cars = [car._replace(quantile=rng.random(), habit=rng.random(), wish=rng.normal(0.0, 3.0)) for car in cars]
+    cars = [car._replace(quantile=rng.random(), habit=rng.random(), desired_speed=rng.normal(0.0, 3.0)) for car in cars]
     changing = {}
     for slot in range(n):
         target = cars[slot].lane + int(rng.choice([-1, 1]))
@@ -283,7 +284,7 @@ def both_worlds(
     for slot, car in enumerate(cars):
         kind = slot % 3 if len(cars) % 2 else 0
         size = CLASSES[kind].length, CLASSES[kind].width
-        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, car.quantile, car.habit, car.wish))
+        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, car.quantile, car.habit, car.desired_speed))
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():
         hold(fast.vehicles, slot, 0.0)
@@ -305,7 +306,7 @@ def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) 
     rng = np.random.default_rng([seed, round(100 * wish)])
     av = av_named("idm-mobil")
     compared = mattered = attentive_zeros = 0
-    for habit in np.linspace(0.0, 0.6, 150):
+    for habit in np.linspace(0.0, 0.5, 150):
         cars, changing = random_cars(rng)
         conflict, overlook = float(rng.choice([0.0, 0.1, 0.6])), float(rng.choice([0.0, 0.2]))
         drivers = eager(model, wish=wish, conflict=conflict, overlook=overlook)

@@ -142,9 +142,19 @@ class NddModel:
         for name in ("lc_base", "lc_accept_lead", "lc_accept_rear", "lc_turn_back"):
             if (getattr(self, name) > 1).any():
                 raise FileFormatError(f"Model table {name} holds probabilities above 1.")
-        for name in ("overlook", "overlook_conflict"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise FileFormatError(f"Model number {name} = {getattr(self, name)} is no probability.")
+        numbers = {name: getattr(self, name) for name in _NUMBERS}
+        for name, value in (numbers | asdict(self.memory) | asdict(self.initial)).items():
+            low, high = _LIMITS.get(name, (0.0, _LARGE))
+            if not low <= value <= high:
+                raise FileFormatError(f"Model number {name} = {value} is not between {low:g} and {high:g}.")
+        remembered = self.memory.near + self.memory.far + self.memory.habit
+        if remembered > 1.0:
+            raise FileFormatError(
+                f"The weights of the model's memory (near, far, habit) sum to {remembered:g}, above 1."
+            )
+        for name in ("speed", "free_gap"):
+            if getattr(self.initial, f"{name}_low") > getattr(self.initial, f"{name}_high"):
+                raise FileFormatError(f"Model number {name}_low is above {name}_high.")
 
 
 _PLACES = (GAPS.size, RANGE_RATES.size)
@@ -158,6 +168,17 @@ _SHAPES = {
     "lc_turn_back": _PLACES,
 }
 _NUMBERS = ("free_pull", "lc_desire_free", "overlook", "overlook_conflict")
+_LARGE, _SMALL = 1e4, 1e-3
+_SHARES = (
+    "free_pull", "overlook", "overlook_conflict", "near", "far", "habit", "follow_share", "desire_share",
+    "habit_spread",
+)  # fmt: skip
+_LIMITS = {
+    **dict.fromkeys(_SHARES, (0.0, 1.0)),
+    **dict.fromkeys(("near_width", "far_width", "habit_width"), (_SMALL, 1.0)),
+    **dict.fromkeys(("speed_sd", "time_gap_median"), (_SMALL, _LARGE)),
+}
+"""Lowest and highest value of the model's numbers; of others 0 and `_LARGE`."""
 
 
 def default_model_path() -> Path:
