@@ -173,11 +173,11 @@ def _timed_draws(
     cut = setting.tables.cut
     for i in range(1, n):
         if v[i].present:
-            total += sample_row(cut, free_row(v[i].speed, v[i].wish), words[1, i])
+            total += sample_row(cut, free_row(v[i].speed, v[i].desired_speed), words[1, i])
             if states[i, 0] < np.inf:
                 total += sample_row(
                     cut,
-                    following_row(v[i].speed, v[i].wish, states[i, 0], states[i, 1], uniform(words[1, i])),
+                    following_row(v[i].speed, v[i].desired_speed, states[i, 0], states[i, 1], uniform(words[1, i])),
                     words[1, i],
                 )
     _lap(extras, LOOK_UPS, since, clock)

@@ -190,7 +190,7 @@ static int64_t worst_follow(
         if (dx >= SIGHT) break;
         if (v[j].present == 0 || (v[j].lanes & wanted) == 0) continue;
         double here = dx - road->length, closing = v[j].speed - v[i].speed;
-        int64_t row = following_row(v[i].speed, v[i].wish, here, closing, rounding);
+        int64_t row = following_row(v[i].speed, v[i].desired_speed, here, closing, rounding);
         int64_t later = draw_later(tables, row, follower_word);
         if (action < 0) {
             *gap = here;
@@ -203,7 +203,7 @@ static int64_t worst_follow(
         wanted &= ~v[j].lanes;
         if (wanted == 0) break;
     }
-    return action < 0 ? draw_later(tables, free_row(v[i].speed, v[i].wish), word) : action;
+    return action < 0 ? draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word) : action;
 }
 
 static inline int64_t follow(
@@ -215,11 +215,11 @@ static inline int64_t follow(
     if (dx >= SIGHT) {
         *gap = INFINITY;
         *rate = 0.0;
-        return draw_later(tables, free_row(speed, v[i].wish), word);
+        return draw_later(tables, free_row(speed, v[i].desired_speed), word);
     }
     *gap = dx - road->length;
     *rate = v[lead].speed - speed;
-    return draw_later(tables, following_row(speed, v[i].wish, *gap, *rate, rounding), follower_word);
+    return draw_later(tables, following_row(speed, v[i].desired_speed, *gap, *rate, rounding), follower_word);
 }
 
 static double side_chance(

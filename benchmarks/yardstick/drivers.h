@@ -72,14 +72,14 @@ static inline int64_t table_row(double gap, double range_rate, double rounding) 
     return gap_index(gap) * 19 + range_rate_index(range_rate, rounding);
 }
 
-static inline int64_t free_row(double speed, double wish) {
-    int64_t lack = (int64_t)floor((wish - speed) / 0.5 + 0.5) + 12;
+static inline int64_t free_row(double speed, double desired_speed) {
+    int64_t lack = (int64_t)floor((desired_speed - speed) / 0.5 + 0.5) + 12;
     return FIRST_FREE_ROW + speed_index(speed) * 25 + MAX(0, MIN(24, lack));
 }
 
-static inline int64_t following_row(double speed, double wish, double gap, double range_rate, double rounding) {
+static inline int64_t following_row(double speed, double desired_speed, double gap, double range_rate, double rounding) {
     int64_t row = table_row(gap, range_rate, rounding);
-    return row < 0 ? free_row(speed, wish) : speed_index(speed) * 116 * 19 + row;
+    return row < 0 ? free_row(speed, desired_speed) : speed_index(speed) * 116 * 19 + row;
 }
 
 #define LAST_WORD 0xFFFFFFFEu

@@ -73,7 +73,7 @@ static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test) {
     double unused;
     w->v[slot].quantile = uniform(words.w[0]);
     w->v[slot].habit = uniform(words.w[1]);
-    normal_pair(words.w[2], words.w[3], &w->v[slot].wish, &unused);
+    normal_pair(words.w[2], words.w[3], &w->v[slot].desired_speed, &unused);
 }
 
 static void place(
@@ -82,8 +82,8 @@ static void place(
     Vehicle *v = &w->v[slot];
     speed = MIN(speed, road->max_speed);
     double share = initial->desire_share;
-    double noise = sqrt(share * (1.0 - share)) * initial->speed_sd * v->wish;
-    v->wish = mean + share * (speed - mean) + noise;
+    double noise = sqrt(share * (1.0 - share)) * initial->speed_sd * v->desired_speed;
+    v->desired_speed = mean + share * (speed - mean) + noise;
     v->x = x;
     v->y = lane_centre(lane, road->lane_width);
     v->speed = speed;

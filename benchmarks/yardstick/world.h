@@ -17,7 +17,7 @@ typedef struct {
     int64_t target_lane, lanes, present, action;
     double length, width; /* of the kernels; all are cars here, of the road's size */
     int64_t kind;
-    double quantile, habit, wish;
+    double quantile, habit, desired_speed;
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };

@@ -182,6 +182,6 @@ def test_drivers_of_older_starts_desire_the_speed_that_they_have(make_scenario: 
         stored = states[:, : len(START_FIELDS) - lacking]
         script = script_of(scenario, pa.table({"start": pa.array([stored.reshape(-1).tolist()])}), 0)
         assert script is not None
-        np.testing.assert_array_equal(script.start["wish"], script.start["speed"])
+        np.testing.assert_array_equal(script.start["desired_speed"], script.start["speed"])
         np.testing.assert_array_equal(script.start["quantile"], 0.5)
         np.testing.assert_array_equal(script.start["length"], scenario.length)

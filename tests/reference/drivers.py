@@ -151,14 +151,14 @@ class Naturalistic:
     model: NddModel
     _rows: dict[tuple[int, ...], Row] = field(default_factory=dict)
 
-    def row(self, speed: float, wish: float, gap: float, range_rate: float, rounding: float) -> Row:
+    def row(self, speed: float, desired_speed: float, gap: float, range_rate: float, rounding: float) -> Row:
         """The accelerations of a state; a gap of +inf is free flow.
 
-        In free flow a driver of desired speed `wish` has a mean acceleration above that of all drivers at its speed, by
+        In free flow a driver of `desired_speed` has a mean acceleration above that of all drivers at its speed, by
         the model's pull times what it lacks, to the nearest half m/s and at most 6 m/s.
         """
         place = _grid_place(gap, range_rate, rounding)
-        halves = min(max(math.floor(2.0 * (wish - speed) + 0.5), -12), 12)
+        halves = min(max(math.floor(2.0 * (desired_speed - speed) + 0.5), -12), 12)
         key = (_speed_place(speed), *(place or (halves,)))
         if key not in self._rows:
             self._rows[key] = Row.of(self.tilted(key[0], halves) if place is None else self.model.following[key])

@@ -183,7 +183,7 @@ class Simulator:
 
     def rows(self, world: World, bv: Vehicle, rounding: float) -> list[Row]:
         """Rows of accelerations, one per lead."""
-        return [self.tables.row(bv.speed, bv.wish, *state, rounding) for state in self.states(world, bv)]
+        return [self.tables.row(bv.speed, bv.desired_speed, *state, rounding) for state in self.states(world, bv)]
 
     def follows(self, world: World, bv: Vehicle) -> bool:
         """Has a BV a lead in any lane that it is in? Only then does its driver remember."""

@@ -25,7 +25,7 @@ _FULL_STEERING_SPEED = 5.0
 class Vehicle:
     """One vehicle; `path` is its lane change, None while it keeps its lane.
 
-    `quantile` is that of its last acceleration, `habit` the one that it tends to; `wish` is its desired speed [m/s].
+    `quantile` is that of its last acceleration, `habit` the one that it tends to; `desired_speed` is in m/s.
     """
 
     slot: int
@@ -47,7 +47,7 @@ class Vehicle:
     substeps_held: int = 0
     quantile: float = 0.0
     habit: float = 0.0
-    wish: float = 0.0
+    desired_speed: float = 0.0
 
     def change_lane(self, lane: int, odd: Odd) -> None:
         """Begin a lane change, or turn a running one."""
@@ -156,7 +156,7 @@ class Vehicle:
 class Body:
     """What a vehicle is before it has a place: its class and size, and its driver's traits.
 
-    `wish` is a standard normal number here; the desired speed follows from it and from the speed.
+    `desired_speed` is a standard normal number here; the desired speed follows from it and from the speed.
     """
 
     kind: int
@@ -164,7 +164,7 @@ class Body:
     width: float
     quantile: float
     habit: float
-    wish: float
+    desired_speed: float
 
 
 @dataclass
@@ -188,7 +188,7 @@ class World:
         y = (lane + 0.5) * self.odd.lane_width
         placed = Vehicle(len(self.vehicles), x, y, min(speed, self.odd.max_speed), lane, {lane})
         placed.kind, placed.length, placed.width = body.kind, body.length, body.width
-        placed.quantile, placed.habit, placed.wish = body.quantile, body.habit, body.wish
+        placed.quantile, placed.habit, placed.desired_speed = body.quantile, body.habit, body.desired_speed
         self.vehicles.append(placed)
 
     def from_rear_to_front(self) -> list[Vehicle]:
@@ -283,8 +283,8 @@ class _Traffic:
             kind, length, width = 1, 16.5, 2.55
         elif number > 0 and draw < odd.truck_share + odd.motorcycle_share:
             kind, length, width = 2, 2.2, 0.8
-        quantile, habit, *wish = self.stream.words(number, 0, TRAITS)
-        return Body(kind, length, width, unit(quantile), unit(habit), normal_pair(*wish)[0])
+        quantile, habit, *desired = self.stream.words(number, 0, TRAITS)
+        return Body(kind, length, width, unit(quantile), unit(habit), normal_pair(*desired)[0])
 
     def habit(self, habit: float, quantile: float | None) -> float:
         """The habit of a driver with a time gap of this quantile: the shorter the gap, the higher."""
@@ -296,8 +296,8 @@ class _Traffic:
         """The next vehicle, whose driver's desired speed has a normal distribution given its speed."""
         speed = min(speed, self.world.odd.max_speed)
         share = self.law.desire_share
-        noise = math.sqrt(share * (1.0 - share)) * self.law.speed_sd * body.wish
-        body.wish = self.mean + share * (speed - self.mean) + noise
+        noise = math.sqrt(share * (1.0 - share)) * self.law.speed_sd * body.desired_speed
+        body.desired_speed = self.mean + share * (speed - self.mean) + noise
         self.world.place(x, lane, speed, body)
 
     def fill_ahead(self, x: float, lane: int, speed: float, length: float, rear: Vehicle | None) -> None:

@@ -63,7 +63,7 @@ def start_of(*vehicles: tuple[float, int, float]) -> NDArray[np.void]:
     fields = np.zeros((len(vehicles), len(START_FIELDS)))
     for row, (x, lane, speed) in zip(fields, vehicles, strict=True):
         values = {"x": x, "y": lane_centre(lane, 4.0), "speed": speed, "target_lane": lane, "lanes": 1 << lane}
-        values |= {"length": 5.0, "width": 2.0, "quantile": 0.5, "habit": 0.5, "wish": speed}
+        values |= {"length": 5.0, "width": 2.0, "quantile": 0.5, "habit": 0.5, "desired_speed": speed}
         row[:] = [values.get(name, 0.0) for name in START_FIELDS]
     return scripted_start(fields)
 

@@ -176,13 +176,13 @@ def test_desired_speeds_given_speeds_are_normal(model: NddModel, seed: int) -> N
     steady = replace(model, initial=replace(model.initial, stream_sd=0.0))
     law = steady.initial
     started_ones = started(setting_of(steady, ODD), ODD, seed, range(N))
-    speed, wish = np.array([(vehicles["speed"][0], vehicles["wish"][0]) for vehicles in started_ones]).T
-    wish -= law.speed_mean
-    rest = wish - law.desire_share * (speed - law.speed_mean)
+    speed, desired = np.array([(vehicles["speed"][0], vehicles["desired_speed"][0]) for vehicles in started_ones]).T
+    desired -= law.speed_mean
+    rest = desired - law.desire_share * (speed - law.speed_mean)
     noise = stats.norm(scale=(law.desire_share * (1.0 - law.desire_share)) ** 0.5 * law.speed_sd)
     bound = dkw_bound(N, comparisons=2)
     assert distance_to_law(rest, noise) <= bound
-    assert distance_to_law(wish, stats.norm(scale=law.desire_share**0.5 * law.speed_sd)) <= bound
+    assert distance_to_law(desired, stats.norm(scale=law.desire_share**0.5 * law.speed_sd)) <= bound
     assert abs(np.corrcoef(rest, speed)[0, 1]) < 5.0 / N**0.5
     assert distance_to_law(1.1 * rest, noise) > bound  # negative control
 
@@ -190,10 +190,10 @@ def test_desired_speeds_given_speeds_are_normal(model: NddModel, seed: int) -> N
 def test_a_stream_is_faster_because_its_drivers_want_to(worlds: list[np.ndarray], model: NddModel) -> None:
     """Over all tests a desired speed has the mean of all speeds, and the streams' variance in it too."""
     law = model.initial
-    wish = np.array([vehicles["wish"][0] for vehicles in worlds]) - law.speed_mean
+    desired = np.array([vehicles["desired_speed"][0] for vehicles in worlds]) - law.speed_mean
     expected = law.stream_sd**2 + law.desire_share * law.speed_sd**2
-    assert abs(wish.mean()) < 5.0 * (expected / N) ** 0.5
-    assert abs(wish.var() / expected - 1.0) < 5.0 * (2.0 / N) ** 0.5
+    assert abs(desired.mean()) < 5.0 * (expected / N) ** 0.5
+    assert abs(desired.var() / expected - 1.0) < 5.0 * (2.0 / N) ** 0.5
 
 
 def test_first_quantiles_and_habits_are_uniform(worlds: list[np.ndarray], model: NddModel, mindful: NddModel) -> None:
@@ -241,7 +241,7 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
         "action",
         "quantile",
         "habit",
-        "wish",
+        "desired_speed",
     ):
         np.testing.assert_array_equal(after_others[name], fresh[name])
     world, unused = (world_of(allocate_worlds(1, n_slots(ODD))) for _ in range(2))

@@ -222,17 +222,17 @@ def table_row(gap: float, range_rate: float, rounding: float) -> tuple[int, int]
 
 
 @inlined_kernel
-def free_row(speed: float, wish: float) -> int:
-    """Find the row of `p` and `cut` for free flow; `wish`: the driver's desired speed [m/s]."""
-    return _FIRST_FREE_ROW + speed_index(speed) * LACK_GRID.bins + _index(LACK_GRID, wish - speed, NEAREST)
+def free_row(speed: float, desired_speed: float) -> int:
+    """Find the row of `p` and `cut` for free flow; `desired_speed`: the driver's [m/s]."""
+    return _FIRST_FREE_ROW + speed_index(speed) * LACK_GRID.bins + _index(LACK_GRID, desired_speed - speed, NEAREST)
 
 
 @inlined_kernel
-def following_row(speed: float, wish: float, gap: float, range_rate: float, rounding: float) -> int:
+def following_row(speed: float, desired_speed: float, gap: float, range_rate: float, rounding: float) -> int:
     """Find the row of `p` and `cut` for a state behind a lead; the free-flow row beyond the grid."""
     gap_row, rate_row = table_row(gap, range_rate, rounding)
     if gap_row < 0:
-        return free_row(speed, wish)
+        return free_row(speed, desired_speed)
     return (speed_index(speed) * GAP_GRID.bins + gap_row) * RANGE_RATE_GRID.bins + rate_row
 
 

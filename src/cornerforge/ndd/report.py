@@ -148,7 +148,7 @@ def _sources(report: FitReport, model: NddModel) -> str:
             f"are any ({report.states:,} of {report.states_total:,} states)",
         ],
         ["free-flow table", "prior: published facts (IVBSS), and counts", f"{sum(free):,} decisions"],
-        ["lane changes", "prior: published rates, kinematic gap acceptance", "no data"],
+        ["lane changes", "prior: published rates; gaps as in recorded cut-ins (SPMD)", "no data of these files"],
         ["overlooking a neighbour", "assumption: one in 10,000 as shipped", "no data; the crash rate depends on it"],
         ["traffic at the start", "published distributions (IVBSS)", "no data of these files"],
     ]

@@ -143,7 +143,7 @@ class _Session:
     def _save(self) -> None:
         """Save the counts, unless the last block is incomplete.
 
-        A later, longer run drives an incomplete block as a whole, so that its digest is the one of a run without a break.
+        A later, longer run drives an incomplete block as a whole, so its digest is the one of a run without a break.
         """
         if self._out is not None and self.counts.tests % _BLOCK == 0:
             write_json(self._out / "counts.json", self.counts.to_json())

@@ -159,7 +159,7 @@ def _add_cumulative(
     """
     rows = (-1, -1, -1)
     if leads[0] < 0:
-        row = free_row(v[i].speed, v[i].wish)
+        row = free_row(v[i].speed, v[i].desired_speed)
         rows = (row, row, row)
     else:
         first = _row_behind(v, i, leads[0], rounding)
@@ -182,7 +182,7 @@ def _add_cumulative(
 @kernel
 def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float) -> int:
     """Look up the tables' row for slot i behind a lead."""
-    row: int = following_row(v[i].speed, v[i].wish, gap(v, i, lead), v[lead].speed - v[i].speed, rounding)
+    row: int = following_row(v[i].speed, v[i].desired_speed, gap(v, i, lead), v[lead].speed - v[i].speed, rounding)
     return row
 
 
@@ -206,7 +206,7 @@ def word_of(
             low = max(low, _cut(tables, row, a - 1))
             high = max(high, _cut(tables, row, a))
     if leads[0] < 0:
-        row = free_row(w.vehicles[i].speed, w.vehicles[i].wish)
+        row = free_row(w.vehicles[i].speed, w.vehicles[i].desired_speed)
         low = _cut(tables, row, a - 1)
         high = _cut(tables, row, a)
     if high <= low:

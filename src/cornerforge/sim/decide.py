@@ -97,7 +97,7 @@ def _worst_follow(
             continue
         room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
-        later = _draw_later(tables, following_row(v[i].speed, v[i].wish, room, rate, rounding), follower_word)
+        later = _draw_later(tables, following_row(v[i].speed, v[i].desired_speed, room, rate, rounding), follower_word)
         if room < nearest_gap:
             nearest_gap = room
             nearest_rate = rate
@@ -106,7 +106,7 @@ def _worst_follow(
         if wanted == 0:
             break
     if action < 0:
-        action = _draw_later(tables, free_row(v[i].speed, v[i].wish), word)
+        action = _draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word)
     return action, nearest_gap, nearest_rate
 
 
@@ -118,10 +118,14 @@ def _follow(
     v = w.vehicles
     speed = v[i].speed
     if lead < 0 or ahead_by(v, i, lead) >= SIGHT:
-        return _draw_later(tables, free_row(speed, v[i].wish), word), np.inf, 0.0
+        return _draw_later(tables, free_row(speed, v[i].desired_speed), word), np.inf, 0.0
     room = gap(v, i, lead)
     rate = v[lead].speed - speed
-    return _draw_later(tables, following_row(speed, v[i].wish, room, rate, rounding), follower_word), room, rate
+    return (
+        _draw_later(tables, following_row(speed, v[i].desired_speed, room, rate, rounding), follower_word),
+        room,
+        rate,
+    )
 
 
 @inlined_kernel

@@ -48,7 +48,7 @@ NATURAL = NO_ACTION
 """Entry of a script: the likeliest action of the naturalistic model in the present state (the lowest index of several
 equally likely). In recordings it stands where a vehicle is absent, and means nothing."""
 
-TRAITS = ("quantile", "habit", "wish")
+TRAITS = ("quantile", "habit", "desired_speed")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
 START_FIELDS = (
     "x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration",

@@ -122,7 +122,7 @@ def _join(w: World, road: RoadNumbers) -> bool:
     words = block(state.seed, state.test, slot, 0, PURPOSE_TRAITS)
     v.quantile = uniform(words[0])
     v.habit = uniform(words[1])
-    v.wish = normal_pair(words[2], words[3])[0]
+    v.desired_speed = normal_pair(words[2], words[3])[0]
     return True
 
 
@@ -137,8 +137,8 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     slot = w.state[0].n_vehicles
     speed = min(speed, road.max_speed)
     share = initial.desire_share
-    noise = math.sqrt(share * (1.0 - share)) * initial.speed_sd * v[slot].wish
-    v[slot].wish = mean + share * (speed - mean) + noise
+    noise = math.sqrt(share * (1.0 - share)) * initial.speed_sd * v[slot].desired_speed
+    v[slot].desired_speed = mean + share * (speed - mean) + noise
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
     v[slot].speed = speed
