@@ -135,8 +135,12 @@ static inline double lane_change_base(const Tables *t, double speed, double lead
 
 static inline double accept_chance(const Tables *t, int64_t rear, double gap, double range_rate) {
     if (gap <= 0.0) return 0.0;
-    int64_t row = table_row(gap, range_rate, NEAREST);
-    return row < 0 ? 1.0 : (double)t->lc_accept[rear * 116 * 19 + row];
+    int64_t row = table_row(gap, range_rate, 0.0);
+    if (row < 0) return 1.0;
+    if (row % 19 == 18) row -= 1;
+    double share = MAX(0.0, MIN(1.0, range_rate + 10.0 - (double)(row % 19)));
+    const float *accept = t->lc_accept + rear * 116 * 19 + row;
+    return (1.0 - share) * (double)accept[0] + share * (double)accept[1];
 }
 
 #endif

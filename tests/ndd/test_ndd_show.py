@@ -80,8 +80,9 @@ def test_numbers_are_those_of_the_tables(model: NddModel) -> None:
     free = numbers["free_flow"]
     assert free["share_braking_1_mps2"][10] == pytest.approx(float(model.free[10, :16].sum()), abs=1e-6)  # -4 ... -1
     change = numbers["lane_change"]
-    half = change["gap_accepted_half_rear_m"][change["range_rate_mps"].index(-4.0)]
-    column = model.lc_accept_rear[:, int(np.searchsorted(RANGE_RATES, -4.0))]
+    assert change["gap_accepted_half_rear_m"][change["range_rate_mps"].index(-4.0)] is None  # beyond the grid
+    half = change["gap_accepted_half_lead_m"][change["range_rate_mps"].index(-4.0)]
+    column = model.lc_accept_lead[:, int(np.searchsorted(RANGE_RATES, -4.0))]
     assert column[int(half)] >= 0.5 > column[int(half) - 1]
     assert set(change["gap_always_refused_rear_m"]) == {None}  # any gap may be accepted
     refused = change["gap_turned_back_for_m"][change["range_rate_mps"].index(-4.0)]

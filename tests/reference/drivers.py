@@ -241,5 +241,9 @@ class Naturalistic:
         elif place is None:
             attentive = 1.0
         else:
-            attentive = float((self.model.lc_accept_rear if rear else self.model.lc_accept_lead)[place])
+            table = self.model.lc_accept_rear if rear else self.model.lc_accept_lead
+            beside = math.floor(min(max(range_rate, -10.0), 7.999))
+            between = min(max(range_rate - beside, 0.0), 1.0)
+            slower, faster = (float(table[place[0], beside + 10 + more]) for more in (0, 1))
+            attentive = (1.0 - between) * slower + between * faster
         return overlook + (1.0 - overlook) * attentive

@@ -314,11 +314,11 @@ class Simulator:
         return math.ceil((log(max(chances)) - log(chances[action])) * 1e6)
 
 
-def words_of(rows: list[Row], index: int) -> tuple[int, int] | None:
-    """From which word on and below which the least of the rows' accelerations has an index; None for never."""
+def words_of(rows: list[Row], index: int) -> tuple[int, int]:
+    """From which word on and below which the least of the rows' accelerations has an index; twice the same for never."""
     low = max(row.cuts[index - 1] if index > 0 else 0 for row in rows)
     high = min(max(row.cuts[index] for row in rows), 2**32 - 1)
-    return (low, high) if low < high else None
+    return low, high
 
 
 @dataclass
@@ -421,9 +421,8 @@ class _Test:
             return unit(self.word_of_acceleration(bv))
         _, word, _, rounding = self.stream.words(self.step, bv.slot, DECIDE)
         if action >= 2:
-            words = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2)
-            if words:
-                word = math.floor(words[0] + (words[1] - words[0]) * unit(word))
+            low, high = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2)
+            word = math.floor(low + (high - low) * unit(word))
         return unit(word)
 
     def give_way(self, actions: dict[int, Action], av_lane: int) -> None:

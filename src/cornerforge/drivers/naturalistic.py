@@ -282,6 +282,9 @@ def lane_change_base(tables: NddTables, speed: float, lead_gap: float, range_rat
 def accept_chance(accept: NDArray[np.float32], rear: int, gap: float, range_rate: float) -> float:
     """Compute the chance that an attentive driver accepts the gap to one neighbour; 1 for a neighbour beyond the grid.
 
+    Between two columns of range rate the chance is interpolated linearly: taken from the nearest, it would jump at a
+    closing speed of 0.5 m/s, where half of all cut-ins are.
+
     Args:
         accept: `NddTables.lc_accept`.
         rear: 1 for the neighbour behind, 0 for the one ahead.
@@ -290,7 +293,9 @@ def accept_chance(accept: NDArray[np.float32], rear: int, gap: float, range_rate
     """
     if gap <= 0.0:
         return 0.0
-    gap_row, rate_row = table_row(gap, range_rate, NEAREST)
+    gap_row, column = table_row(gap, range_rate, 0.0)
     if gap_row < 0:
         return 1.0
-    return float(accept[rear, gap_row, rate_row])
+    column = min(column, RANGE_RATE_GRID.bins - 2)
+    share = max(0.0, min(1.0, (range_rate - RANGE_RATE_GRID.low) / RANGE_RATE_GRID.step - column))
+    return (1.0 - share) * float(accept[rear, gap_row, column]) + share * float(accept[rear, gap_row, column + 1])

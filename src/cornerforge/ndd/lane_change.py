@@ -29,6 +29,11 @@ class LaneChange:
     the closing speed: `lead_standstill`, `lead_reaction`, `lead_doubt` for the vehicle ahead, `rear_...` for the one
     behind, `accept_braking` for both. It is 0 only where the bodies overlap lengthwise.
 
+    People change ahead of a vehicle that hardly closes, or ahead of one that closes by several m/s, and seldom between:
+    half of the recorded closing cut-ins close by less than 0.56 m/s, one in twenty by more than 3.2. So most drivers
+    wait for a vehicle behind that closes (`rear_reaction` is long), and the share `misjudge` looks at the gap alone.
+    That is an error that attentive drivers make too: the mask allows it.
+
     The desire has such a factor for the driver's own leader, with the numbers `own_...`: hardly any driver begins a
     change, which holds its speed for a second, close behind a leader or closing in on one fast.
 
@@ -40,18 +45,19 @@ class LaneChange:
 
     rate: float = 0.0150
     slower_leader: float = field(default=1.0, metadata={"unit": "s/m"})
-    near: float = field(default=40.0, metadata={"unit": "m"})
+    near: float = field(default=60.0, metadata={"unit": "m"})
     desire_free: float = 0.5
     standstill: float = field(default=6.0, metadata={"unit": "m"})
     rear_doubt: float = 0.9
-    rear_standstill: float = field(default=22.0, metadata={"unit": "m"})
-    rear_reaction: float = field(default=20.0, metadata={"unit": "s"})
+    rear_standstill: float = field(default=24.0, metadata={"unit": "m"})
+    rear_reaction: float = field(default=300.0, metadata={"unit": "s"})
     lead_doubt: float = 0.45
     lead_standstill: float = field(default=11.0, metadata={"unit": "m"})
     lead_reaction: float = field(default=2.0, metadata={"unit": "s"})
+    misjudge: float = 0.10
     accept_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
-    reaction: float = field(default=2.0, metadata={"unit": "s"})
-    braking: float = field(default=2.0, metadata={"unit": "m/s2"})
+    reaction: float = field(default=1.0, metadata={"unit": "s"})
+    braking: float = field(default=3.0, metadata={"unit": "m/s2"})
     own_standstill: float = field(default=9.0, metadata={"unit": "m"})
     own_doubt: float = 0.35
     own_reaction: float = field(default=1.0, metadata={"unit": "s"})
@@ -82,7 +88,9 @@ class LaneChange:
     def accept_rear(self) -> Floats:
         """Return the same for the vehicle behind; range rate front minus rear, < 0: closing."""
         usual = _critical_gap(RANGE_RATES, self.rear_standstill, self.rear_reaction, self.accept_braking)
-        return _accept(usual, self.rear_doubt)
+        careful = _accept(usual, self.rear_doubt)
+        by_gap_alone = _accept(np.full(RANGE_RATES.size, self.rear_standstill), self.rear_doubt)
+        return (1.0 - self.misjudge) * careful + self.misjudge * by_gap_alone
 
     def turn_back(self) -> Floats:
         """Return the chance to turn back for a neighbour by (gap, range rate), shape (116, 19): 0 or 1."""

@@ -67,16 +67,16 @@ class InitialState:
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
     stream_sd: float = field(default=2.9, metadata={"unit": "m/s"})
-    speed_sd: float = field(default=1.6, metadata={"unit": "m/s"})
+    speed_sd: float = field(default=1.65, metadata={"unit": "m/s"})
     speed_low: float = field(default=20.0, metadata={"unit": "m/s"})
     speed_high: float = field(default=40.0, metadata={"unit": "m/s"})
     follow_share: float = 0.682
     time_gap_shift: float = field(default=0.265, metadata={"unit": "s"})
     time_gap_median: float = field(default=0.92, metadata={"unit": "s"})
     time_gap_sigma: float = 0.68
-    desire_share: float = 0.5
+    desire_share: float = 0.33
     habit_spread: float = 1.0
-    rr_scale: float = field(default=0.77, metadata={"unit": "m/s"})
+    rr_scale: float = field(default=0.8, metadata={"unit": "m/s"})
     rr_exponent: float = 0.46
     min_ttc: float = field(default=2.5, metadata={"unit": "s"})
     free_gap_low: float = field(default=120.0, metadata={"unit": "m"})

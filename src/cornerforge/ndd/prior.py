@@ -28,7 +28,7 @@ MEMORY = Memory(near=0.12, near_width=0.091, far=0.35, far_width=0.32)
 """The shipped model's memory. Maximum likelihood on the NGSIM training halves gives these widths, and the weights 0.33
 and 0.43. But smoothing makes recorded accelerations more alike from one second to the next than they were: traffic with
 those weights has range rates with a spread of 2 m/s, published 1.3. These weights keep the published spread."""
-FREE_PULL = 0.15
+FREE_PULL = 0.22
 """Mean acceleration of a free driver, per m/s that it lacks to its desired speed [1/s]. In simulated traffic it keeps
 the speeds within a stream, and the differences between lanes, for a minute."""
 SUPPORT_SD = 5.0
@@ -58,16 +58,16 @@ class SafeLaw:
     time_gap_none: float = field(default=0.8, metadata={"unit": "s"})
     ttc_full: float = field(default=8.0, metadata={"unit": "s"})
     ttc_none: float = field(default=16.0, metadata={"unit": "s"})
-    repulsion: float = field(default=1.0, metadata={"unit": "m/s2 per s"})
-    repulsion_below: float = field(default=0.55, metadata={"unit": "s"})
+    repulsion: float = field(default=2.0, metadata={"unit": "m/s2 per s"})
+    repulsion_below: float = field(default=0.45, metadata={"unit": "s"})
     floor_margin: float = field(default=4.0, metadata={"unit": "m"})
     pull: float = field(default=0.12, metadata={"unit": "m/s2"})
     headway: float = field(default=0.62, metadata={"unit": "s"})
-    calm: float = 0.6
+    calm: float = 0.64
     motorway_none: float = field(default=24.0, metadata={"unit": "m/s"})
     motorway_full: float = field(default=28.0, metadata={"unit": "m/s"})
-    speed_none: float = field(default=18.0, metadata={"unit": "m/s"})
-    speed_full: float = field(default=24.0, metadata={"unit": "m/s"})
+    speed_none: float = field(default=16.0, metadata={"unit": "m/s"})
+    speed_full: float = field(default=21.0, metadata={"unit": "m/s"})
 
     @property
     def degrees(self) -> float:

@@ -135,8 +135,8 @@ def _free_lines(free: ShownFreeFlow) -> list[str]:
 def _lane_change_lines(change: ShownLaneChanges) -> list[str]:
     low, high = change.base_per_decision_and_side
 
-    def row(name: str, values: Iterable[float | None]) -> str:
-        return f"{name:<34}" + "".join(f"{'none' if value is None else format(value, 'g'):>8}" for value in values)
+    def row(name: str, values: Iterable[float | None], without: str = "none") -> str:
+        return f"{name:<34}" + "".join(f"{without if value is None else format(value, 'g'):>8}" for value in values)
 
     nearest = change.gap_m.index(30.0)
     return [
@@ -144,8 +144,8 @@ def _lane_change_lines(change: ShownLaneChanges) -> list[str]:
         f"{change.desire_free:g}; overlooked: {change.overlook:g}, conflict {change.overlook_conflict:g}",
         row("range rate [m/s]", change.range_rate_mps),
         row("desire, leader at 30 m", [round(value, 2) for value in change.desire[nearest]]),
-        row("gap ahead accepted by half [m]", change.gap_accepted_half_lead_m),
-        row("gap behind accepted by half [m]", change.gap_accepted_half_rear_m),
+        row("gap ahead accepted by half [m]", change.gap_accepted_half_lead_m, ">115"),
+        row("gap behind accepted by half [m]", change.gap_accepted_half_rear_m, ">115"),
         row("turns back at gaps up to [m]", change.gap_turned_back_for_m),
     ]
 

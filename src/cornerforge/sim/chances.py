@@ -192,7 +192,8 @@ def word_of(
 ) -> uint64:
     """Turn a random word into one with which slot i would have drawn an acceleration that somebody else chose for it.
 
-    A lane change tells nothing about it: the word stays. So does it for an impossible acceleration.
+    A lane change tells nothing about it: the word stays. An impossible acceleration is remembered as where it stands
+    among the possible ones: as the lowest of all quantiles if it brakes harder than anybody.
     """
     if action < FIRST_ACCELERATION:
         return word
@@ -209,8 +210,6 @@ def word_of(
         row = free_row(w.vehicles[i].speed, w.vehicles[i].desired_speed)
         low = _cut(tables, row, a - 1)
         high = _cut(tables, row, a)
-    if high <= low:
-        return word
     return np.uint64(low + (high - low) * uniform(word))
 
 
