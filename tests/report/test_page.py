@@ -19,15 +19,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cornerforge.analysis import fault, value
 from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
 from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
-from cornerforge.report.judged import FAULTS, PARTS, CaseJudgement, read_case_judgements
+from cornerforge.report.judged import CaseJudgement, read_case_judgements
 from cornerforge.report.text import share
+from cornerforge.results.analysis import PARTS
 from cornerforge.types import FRAME_S
 
 CHROMIUM = shutil.which("chromium")
@@ -324,11 +324,6 @@ def test_a_missing_column_of_the_cases_is_named(run_folder: Path) -> None:
     pq.write_table(pq.read_table(file).drop_columns(["fault_rule"]), file)
     with pytest.raises(FileFormatError, match=r"cases\.parquet lacks the column\(s\) fault_rule; .*--out"):
         write_report(run_folder)
-
-
-def test_parts_and_faults_are_those_of_the_analysis() -> None:
-    assert PARTS == value.PARTS
-    assert FAULTS == fault.FAULTS
 
 
 def test_headline_numbers_are_those_of_the_artefacts(run_folder: Path) -> None:

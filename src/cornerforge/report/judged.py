@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
 from cornerforge.report.reader import Reader
+from cornerforge.results.analysis import FAULTS, PARTS
 
 __all__ = [
     "Avoided",
@@ -25,9 +26,6 @@ __all__ = [
     "read_judged",
     "read_table",
 ]
-
-PARTS = ("avoidability", "severity", "novelty")
-FAULTS = ("av", "bv", "both", "none")
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 from cornerforge.results.rates import Interval
 from cornerforge.results.stating import meant
 
-__all__ = ["Analysed", "Avoidability", "Cluster", "ClusterChoice", "Coverage", "TopCase", "ValueFound"]
+__all__ = [
+    "FAULTS",
+    "PARTS",
+    "Analysed",
+    "AtFault",
+    "Avoidability",
+    "Cluster",
+    "ClusterChoice",
+    "Coverage",
+    "TopCase",
+    "ValueFound",
+]
+
+AtFault = Literal["av", "bv", "both", "none"]
+FAULTS: tuple[AtFault, ...] = get_args(AtFault)
+"""Which vehicles broke a rule of RSS."""
+PARTS = ("avoidability", "severity", "novelty")
+"""Parts of the value of a case; fields of `TopCase`."""
 
 _CASES = meant("Cases that were analysed.")
 
@@ -64,7 +82,7 @@ class TopCase:
     severity: float = field(metadata=meant("Part of the value, 0 to 1."))
     novelty: float = field(metadata=meant("Part of the value, 0 to 1."))
     crash_type: str = field(metadata=meant("Name of its crash type."))
-    fault: str | None = field(metadata=meant("Who is at fault by RSS; null: not judged."))
+    fault: AtFault | None = field(metadata=meant("Who is at fault by RSS; null: not judged."))
     text: str = field(metadata=meant("What happened, in a sentence."))
 
 
@@ -119,7 +137,7 @@ class Analysed:
     striker: dict[str, int] = field(metadata=meant("Cases by who struck: av, bv or mutual."))
     seconds: dict[str, float] = field(metadata=meant("Wall-clock by stage, and `total`.", "s"))
     note: str | None = field(default=None, metadata=meant("Why there was no split; only then."))
-    fault: dict[str, int] = field(metadata=meant("Cases by who is at fault (RSS), only those that occur."))
+    fault: dict[AtFault, int] = field(metadata=meant("Cases by who is at fault (RSS), only those that occur."))
     fault_rules: dict[str, int] = field(metadata=meant("Cases by the rule that was broken, only those that occur."))
     severity: dict[str, dict[str, float]] = field(
         metadata=meant("By measure, its 5, 50, 95 and 99 % quantiles.", "as its name says")

@@ -5,13 +5,16 @@ from __future__ import annotations
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from cornerforge.errors import FileFormatError
 
 __all__ = ["as_json", "from_json", "meant", "results_markdown"]
 
 T = TypeVar("T")
+
+UNIONS = (Union, types.UnionType)
+"""Origins of `A | B`; the first is that of a union with a Literal."""
 
 
 def meant(meaning: str, unit: str = "") -> dict[str, str]:
@@ -71,7 +74,7 @@ def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
 def _typed(kind: Any, value: Any) -> Any:
     """Convert a value of JSON to a field's type."""
     arguments = get_args(kind)
-    if isinstance(kind, types.UnionType):
+    if get_origin(kind) in UNIONS:
         if value is None:
             return None
         others = [one for one in arguments if one is not types.NoneType]
@@ -93,7 +96,7 @@ _WORDS = {int: "integer", float: "number", str: "string", bool: "true or false",
 def _in_words(kind: Any) -> str:
     """Describe a field's type in JSON; results within it by name, with a link to their tables."""
     arguments = get_args(kind)
-    if isinstance(kind, types.UnionType):
+    if get_origin(kind) in UNIONS:
         return " or ".join(map(_in_words, arguments))
     if is_dataclass(kind):
         name = getattr(kind, "__name__", "")
@@ -104,7 +107,7 @@ def _in_words(kind: Any) -> str:
         return f"[{', '.join(map(_in_words, arguments))}]"
     if get_origin(kind) is dict:
         return f"object of {_in_words(arguments[1])} by name"
-    return _WORDS[kind]
+    return _WORDS[str if get_origin(kind) is Literal else kind]
 
 
 def _parts(kind: Any) -> Iterator[Any]:
