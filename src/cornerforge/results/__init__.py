@@ -54,12 +54,13 @@ from cornerforge.results.naturalistic import (
     ShownSupport,
 )
 from cornerforge.results.rates import Rate, Yield
+from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import (
     PaperItem,
     PaperRow,
     Reproduced,
 )
-from cornerforge.results.stating import as_json, from_json, results_markdown
+from cornerforge.results.stating import as_json, results_markdown
 from cornerforge.results.validation import (
     AcceptedGaps,
     BaselineDifference,

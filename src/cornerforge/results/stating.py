@@ -1,17 +1,13 @@
-"""Metadata of result fields, and conversion of results to JSON, back from it, and to documentation."""
+"""Metadata of result fields, and conversion of results to JSON and to documentation."""
 
 from __future__ import annotations
 
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from cornerforge.errors import FileFormatError
-
-__all__ = ["as_json", "from_json", "meant", "results_markdown"]
-
-T = TypeVar("T")
+__all__ = ["UNIONS", "as_json", "meant", "results_markdown", "share"]
 
 UNIONS = (Union, types.UnionType)
 """Origins of `A | B`; the first is that of a union with a Literal."""
@@ -25,6 +21,11 @@ def meant(meaning: str, unit: str = "") -> dict[str, str]:
         unit: Unit of the values, "" for none.
     """
     return {"unit": unit, "meaning": meaning}
+
+
+def share(meaning: str, unit: str = "") -> dict[str, Any]:
+    """Make the metadata of a field from 0 to 1: `meant`, with a range that a reader of files checks."""
+    return {**meant(meaning, unit), "within": (0.0, 1.0)}
 
 
 def as_json(result: Any) -> dict[str, Any]:
@@ -51,42 +52,6 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
-    return value
-
-
-def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
-    """The inverse of `as_json`.
-
-    Args:
-        kind: Its class: one of the dataclasses of this package.
-        content: The object.
-
-    Raises:
-        FileFormatError: Keys are missing or unknown, or a value is of another shape.
-    """
-    hints = get_type_hints(kind)
-    try:
-        return kind(**{name: _typed(hints[name], value) for name, value in content.items()})
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FileFormatError(f"This is no {kind.__name__} ({error}).") from error
-
-
-def _typed(kind: Any, value: Any) -> Any:
-    """Convert a value of JSON to a field's type."""
-    arguments = get_args(kind)
-    if get_origin(kind) in UNIONS:
-        if value is None:
-            return None
-        others = [one for one in arguments if one is not types.NoneType]
-        many = isinstance(value, (list, tuple))
-        return _typed(next((one for one in others if many == (get_origin(one) is tuple)), others[0]), value)
-    if is_dataclass(kind):
-        return from_json(kind, value)  # type: ignore[arg-type]
-    if get_origin(kind) is tuple:
-        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
-        return tuple(_typed(one, item) for one, item in zip(kinds, value, strict=True))
-    if get_origin(kind) is dict:
-        return {key: _typed(arguments[1], item) for key, item in value.items()}
     return value
 
 
