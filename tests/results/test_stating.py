@@ -23,6 +23,7 @@ from cornerforge.results import (
     Rate,
     Simulated,
     TrafficDistances,
+    TrainingCurve,
     as_json,
     from_json,
     results_markdown,
@@ -52,6 +53,7 @@ VALUES = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | s
 DISTANCES = st.builds(TrafficDistances, **{one.name: st.just({}) for one in dataclasses.fields(TrafficDistances)})
 DRAWN: dict[type, st.SearchStrategy[Any]] = {
     Queried: st.builds(Queried, rows=st.lists(st.lists(VALUES).map(tuple)).map(tuple)),
+    TrainingCurve: st.builds(TrainingCurve, config=st.dictionaries(st.text(), VALUES)),
     # Its largest parts stay empty, or Hypothesis finds it too large; they are drawn as classes of their own.
     NddValidated: st.builds(NddValidated, distances=DISTANCES, traffic=st.just(())),
 }

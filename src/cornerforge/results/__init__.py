@@ -33,7 +33,15 @@ from cornerforge.results.driving import (
     Quantity,
     Simulated,
 )
-from cornerforge.results.learning import Baseline, Learned, LearnedPolicy, Trained, TrainedAv
+from cornerforge.results.learning import (
+    Baseline,
+    Learned,
+    LearnedPolicy,
+    Trained,
+    TrainedAv,
+    TrainingCurve,
+    TrainingPoint,
+)
 from cornerforge.results.naturalistic import (
     BadRows,
     FitTraffic,
@@ -78,7 +86,7 @@ from cornerforge.results.validation import (
     TrafficDistances,
     TtcShare,
 )
-from cornerforge.results.whole import RunDone, RunTrained
+from cornerforge.results.whole import Exposed, Exposure, ExposureMiles, RunDone, RunTrained
 
 __all__ = [
     "VERBS",
@@ -102,6 +110,9 @@ __all__ = [
     "CrashCircumstances",
     "Curve",
     "Distributions",
+    "Exposed",
+    "Exposure",
+    "ExposureMiles",
     "FactFound",
     "Filled",
     "FitTraffic",
@@ -153,6 +164,8 @@ __all__ = [
     "TrafficDistances",
     "Trained",
     "TrainedAv",
+    "TrainingCurve",
+    "TrainingPoint",
     "TtcShare",
     "ValueFound",
     "Varied",
