@@ -16,6 +16,7 @@ import cornerforge
 from cornerforge import pipeline, results
 from cornerforge.errors import FileFormatError
 from cornerforge.results import (
+    FILES,
     VERBS,
     Cluster,
     NddValidated,
@@ -115,7 +116,7 @@ def test_every_verb_returns_its_class() -> None:
 
 def test_the_documentation_is_made_of_the_code(golden: Callable[[str, str], None]) -> None:
     """docs/results-json.md."""
-    golden("../../docs/results-json.md", results_markdown(VERBS))
+    golden("../../docs/results-json.md", results_markdown(VERBS, FILES))
 
 
 def test_the_documentation_says_types_units_and_parts() -> None:
@@ -130,7 +131,7 @@ def test_the_documentation_says_types_units_and_parts() -> None:
     Outer.__annotations__ = {
         "parts": tuple[Cluster, ...], "pair": tuple[float, float] | None, "late": int | None,
     }  # fmt: skip
-    lines = results_markdown({"try": Outer}).splitlines()
+    lines = results_markdown({"try": Outer}, {}).splitlines()
     assert "## `try`" in lines
     assert "| `parts` | list of [Cluster](#cluster) | m | Parts. |" in lines
     assert "| `pair` | [number, number] or null |  | Null: none. |" in lines
@@ -139,7 +140,7 @@ def test_the_documentation_says_types_units_and_parts() -> None:
 
 
 def test_a_verbs_keys_are_in_the_page() -> None:
-    page = results_markdown(VERBS)
+    page = results_markdown(VERBS, FILES)
     section = page.split("## `simulate`")[1].split("\n## ")[0]
     for one in dataclasses.fields(Simulated):
         assert f"| `{one.name}` |" in section

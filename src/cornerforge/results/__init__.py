@@ -89,6 +89,7 @@ from cornerforge.results.validation import (
 from cornerforge.results.whole import Exposed, Exposure, ExposureMiles, RunDone, RunTrained
 
 __all__ = [
+    "FILES",
     "VERBS",
     "AcceptedGaps",
     "Analysed",
@@ -198,3 +199,6 @@ VERBS: dict[str, type] = {
     "reproduce": Reproduced,
 }
 """Commands, and the classes of their results."""
+
+FILES: dict[str, type] = {"exposure.json": Exposure, "training.json": TrainingCurve}
+"""Files in the folder of `run` that no command prints, and the classes that they hold."""

@@ -101,22 +101,25 @@ def _type_of(one: Field[Any], hints: Mapping[str, Any]) -> Any:
     return get_args(kind)[0] if _may_be_missing(one) else kind
 
 
-def results_markdown(verbs: Mapping[str, Any]) -> str:
-    """Write the page docs/results-json.md: a table for each verb, and one for each result within others.
+def results_markdown(verbs: Mapping[str, Any], files: Mapping[str, Any]) -> str:
+    """Write the page docs/results-json.md: a table for each verb and file, and one for each result within others.
 
     Args:
         verbs: A verb's name to its result's dataclass.
+        files: A file's name to the dataclass that it holds; no file of a verb's own result.
     """
     lines = [
         "# What commands print with `--json`", "",
         "One object a command. From Python it is a dataclass of `cornerforge.results` whose attributes are the keys",
         "(`simulate(tests=1000).crashes_per_test`), and `cornerforge.results.as_json` makes the object of it. Lists",
-        "are tuples there, and a key that may be missing is None. This page is made from the code (`make golden`).", "",
+        "are tuples there, and a key that may be missing is None. After the commands stand files of a run that no",
+        "command prints. This page is made from the code (`make golden`).", "",
     ]  # fmt: skip
-    for verb, kind in verbs.items():
+    stated = {**verbs, **files}
+    for verb, kind in stated.items():
         lines += [f"## `{verb}`", "", f"`{kind.__name__}`: {kind.__doc__.splitlines()[0]}", "", *_table(kind)]
-    inner = dict.fromkeys(part for kind in verbs.values() for part in _parts(kind))
-    own = set(verbs.values())
+    inner = dict.fromkeys(part for kind in stated.values() for part in _parts(kind))
+    own = set(stated.values())
     for part in inner:
         if part not in own:
             lines += [f"### {part.__name__}", "", part.__doc__.splitlines()[0], "", *_table(part)]
