@@ -107,6 +107,7 @@ COUNTED = {
         ({"tests": True}, '"tests" is True, not a whole number of at least 0'),
         ({"miles": "far"}, "\"miles\" is 'far', not a finite number"),
         ({"miles": float("nan")}, '"miles" is nan, not a finite number'),
+        ({"miles": 10**400}, '"miles" is 1000000'),
         ({"crashes_per_mile": float("inf")}, '"crashes_per_mile" is inf, not a finite number'),
         ({"crashes_per_test": 1.5}, '"crashes_per_test" = 1.5 is outside [0, 1]'),
         ({"interval95": [0.0]}, '"interval95" has 1 entries instead of 2'),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
+from sys import float_info
 from types import NoneType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -163,7 +163,7 @@ class _Reading:
             str: (isinstance(value, str), "a text"),
             bool: (isinstance(value, bool), "true or false"),
             int: (is_number and isinstance(value, int) and (value >= 0 or not self.is_file), _WHOLE),
-            float: (is_number and (math.isfinite(value) or not self.is_file), "a finite number"),
+            float: (is_number and (abs(value) <= float_info.max or not self.is_file), "a finite number"),
         }
         if get_origin(kind) is Literal:
             is_right, what = value in get_args(kind), f"one of {', '.join(get_args(kind))}"
