@@ -196,7 +196,7 @@ def _training() -> dict[str, Any]:
             "epsilon": epsilon,
         }
         points.append(row | {"loss": 0.02 / math.sqrt(k), "crashes_per_test": seen, "tests": 800})
-    return {"preset": "fast", "points": points}
+    return {"preset": "fast", "config": {}, "points": points}
 
 
 def _exposure(scenarios: list[Scenario]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
 import html
 import json
@@ -19,15 +20,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cornerforge.analysis import fault, value
 from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
 from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
-from cornerforge.report.judged import FAULTS, PARTS, CaseJudgement, read_case_judgements
+from cornerforge.report.artefacts import Rate, Summary
+from cornerforge.report.judged import CaseJudgement, read_case_judgements
 from cornerforge.report.text import share
+from cornerforge.results import Baseline, Filled, RunDone, Simulated
+from cornerforge.results.analysis import PARTS
 from cornerforge.types import FRAME_S
 
 CHROMIUM = shutil.which("chromium")
@@ -309,8 +312,13 @@ def test_an_analysis_by_an_earlier_version_is_named_with_its_command(run_folder:
         ("coverage", "cells", {"sideswipe": 60}, r"\"coverage\.cells\" holds 'sideswipe', which is no combination"),
         ("coverage", "cases", 61, r'"coverage\.cells" sum to 60, cases = 61'),
         ("coverage", "axes", {"crash type": ["angle"]}, r'"coverage\.axes" are not two or three'),
-        ("coverage", "discovery_curve", [[1.0, 1.0], [2.0]], r'"coverage\.discovery_curve" is not a list of pairs'),
-        ("coverage", "discovery_curve", [[1.0, None]], r'"coverage\.discovery_curve\[1\]" is None'),
+        (
+            "coverage",
+            "discovery_curve",
+            [[1.0, 1.0], [2.0]],
+            r'"coverage\.discovery_curve\[1\]" has 1 entries instead of 2',
+        ),
+        ("coverage", "discovery_curve", [[1.0, None]], r'"coverage\.discovery_curve\[0\]\[1\]" is None'),
     ],
 )
 def test_a_wrong_judgement_is_named(run_folder: Path, key: str, inner: str, value: object, message: str) -> None:
@@ -324,11 +332,6 @@ def test_a_missing_column_of_the_cases_is_named(run_folder: Path) -> None:
     pq.write_table(pq.read_table(file).drop_columns(["fault_rule"]), file)
     with pytest.raises(FileFormatError, match=r"cases\.parquet lacks the column\(s\) fault_rule; .*--out"):
         write_report(run_folder)
-
-
-def test_parts_and_faults_are_those_of_the_analysis() -> None:
-    assert PARTS == value.PARTS
-    assert FAULTS == fault.FAULTS
 
 
 def test_headline_numbers_are_those_of_the_artefacts(run_folder: Path) -> None:
@@ -390,7 +393,11 @@ def test_a_missing_library_is_named(run_folder: Path) -> None:
     [
         ("summary.json", {"av": None}, r'"av" is missing'),
         ("summary.json", {"av": 3}, r'"av" is 3, not a text'),
-        ("summary.json", {"nde": {"tests": 0}}, r'"nde\.tests" is 0'),
+        (
+            "summary.json",
+            {"nde": {"tests": 0, "crashes_per_test": 0.0, "interval95": [0.0, 1.0]}},
+            r'"nde\.tests" is 0',
+        ),
         (
             "summary.json",
             {"generate": {"cases": 1, "tests": 9, "crashes_per_test": 0.5, "interval95": [0.6, 0.7]}},
@@ -399,20 +406,32 @@ def test_a_missing_library_is_named(run_folder: Path) -> None:
         (
             "training.json",
             {"points": [{"decisions": "many"}]},
-            r"""points\[0\]\.decisions" is 'many', not a finite number""",
+            r"""points\[0\]\.decisions" is 'many', not a whole number""",
         ),
         (
             "exposure.json",
             {"quantities": {"bbd": {"label": "b", "unit": "m", "edges": [1, 0], "nde": [1], "adversary": [1]}}},
             r'"quantities\.bbd\.edges" are not at least two rising',
         ),
-        ("analysis/analysis.json", {"rare": [1]}, r'"rare" does not hold texts only'),
+        ("analysis/analysis.json", {"rare": [1]}, r'"rare\[0\]" is 1, not a text'),
     ],
 )
 def test_a_wrong_value_is_named(run_folder: Path, name: str, values: dict[str, Any], message: str) -> None:
     change(run_folder / name, **values)
     with pytest.raises(FileFormatError, match=message):
         write_report(run_folder)
+
+
+@pytest.mark.parametrize(("shown", "whole"), [(Summary, (RunDone,)), (Rate, (Simulated, Filled, Baseline))])
+def test_what_the_page_shows_of_a_result_are_its_fields(shown: type, whole: tuple[type, ...]) -> None:
+    """A rate's fields are of one result at least, and of the same type and range; its own are read as a rate."""
+    known = [one for kind in whole for one in dataclasses.fields(kind)]
+    for one in dataclasses.fields(shown):
+        found = [other for other in known if other.name == one.name]
+        assert found, one.name
+        if "Rate" not in str(one.type) and one.default is dataclasses.MISSING:
+            assert {str(other.type) for other in found} == {one.type}
+            assert not one.metadata or all(other.metadata == one.metadata for other in found)
 
 
 @pytest.mark.parametrize(

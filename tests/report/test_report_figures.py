@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from scipy.stats import binomtest
 
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import Artefacts, Rate, read_artefacts
+from cornerforge.report.judged import kind_counts
 
 
 @pytest.fixture
@@ -30,18 +30,18 @@ def coloured(node: Any) -> Any:
 
 
 def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
-    analysis = artefacts.analysis
-    none_seen = Rate("nobody", 100, 0.0, 0.0, 0.04)
+    analysis, summary = artefacts.analysis, artefacts.summary
+    none_seen = Rate(name="nobody", tests=100, crashes_per_test=0.0, interval95=(0.0, 0.04))
     made = [
-        figures.rate_figure([artefacts.generate, *artefacts.baselines], artefacts.nde),
+        figures.rate_figure([summary.generate, *summary.baselines], summary.nde),
         figures.rate_figure([none_seen], none_seen),
         figures.crash_type_figure(analysis),
-        figures.map_figure(artefacts.points, analysis, analysis.rare[:1], set(analysis.rare)),
-        figures.share_figure(artefacts.judged.rules, 60, "share of all cases"),
+        figures.map_figure(artefacts.points, analysis, list(analysis.rare[:1]), set(analysis.rare)),
+        figures.share_figure(analysis.fault_rules, 60, "share of all cases"),
         figures.share_figure({"none at all": 0, "all": 3}, 3, "share"),
-        figures.discovery_figure(artefacts.judged.coverage),
-        figures.training_figure(artefacts.training, artefacts.nde),
-        *(figures.exposure_figure(h) for h in artefacts.exposure.values()),
+        figures.discovery_figure(analysis.coverage),
+        figures.training_figure(artefacts.training, summary.nde),
+        *(figures.exposure_figure(h) for h in artefacts.exposure.quantities.values()),
     ]
     for figure in made:
         go.Figure(coloured(figure))
@@ -50,7 +50,7 @@ def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
 
 
 def test_axes_carry_units(artefacts: Artefacts) -> None:
-    for key, histogram in artefacts.exposure.items():
+    for key, histogram in artefacts.exposure.quantities.items():
         layout = figures.exposure_figure(histogram)["layout"]
         unit = "m" if key.startswith("bbd") else "s"
         assert layout["xaxis"]["title"]["text"].endswith(f"[{unit}]")
@@ -58,11 +58,11 @@ def test_axes_carry_units(artefacts: Artefacts) -> None:
 
 
 def test_densities_have_area_one(artefacts: Artefacts) -> None:
-    for histogram in artefacts.exposure.values():
+    for histogram in artefacts.exposure.quantities.values():
         for counts in (histogram.nde, histogram.adversary):
             area = float((figures.density(histogram, counts) * np.diff(histogram.edges)).sum())
             assert area == pytest.approx(1.0)
-        assert not figures.density(histogram, 0 * histogram.nde).any()
+        assert not figures.density(histogram, [0] * len(histogram.nde)).any()
 
 
 @pytest.mark.parametrize(("crashes", "tests"), [(0, 800), (1, 5), (200, 800), (7, 7)])
@@ -75,7 +75,7 @@ def test_the_training_band_is_the_score_interval(crashes: int, tests: int) -> No
 def test_the_map_shows_every_case_once_and_marks_the_valuable(artefacts: Artefacts) -> None:
     analysis = artefacts.analysis
     typical = {case for cluster in analysis.clusters for case in cluster.typical}
-    top = [case.case_id for case in artefacts.judged.top]
+    top = [case.case_id for case in analysis.value.top]
     made = figures.map_figure(artefacts.points, analysis, top, typical | set(analysis.rare) | set(top[1:]))["data"]
     *clusters, typical_trace, rare_trace, top_trace = made
     shown = [case for trace in clusters for case in trace["customdata"]]
@@ -114,20 +114,23 @@ def test_names_in_bars_cannot_be_markup() -> None:
 
 
 def test_heat_is_there_where_cases_are(artefacts: Artefacts) -> None:
-    grid = artefacts.judged.coverage
-    cells = [cell for row in tables.coverage_rows(grid) for group in row.groups for cell in group]
-    assert [cell.cases for cell in cells] == grid.counts.ravel().tolist()
+    counts = kind_counts(artefacts.analysis.coverage)
+    cells = [
+        cell
+        for row in tables.coverage_rows(artefacts.analysis.coverage.axes, counts)
+        for group in row.groups
+        for cell in group
+    ]
+    assert [cell.cases for cell in cells] == counts.ravel().tolist()
     assert all((cell.heat > 0) == (cell.cases > 0) for cell in cells)
     assert max(cell.heat for cell in cells) == 100
 
 
 def test_a_grid_without_avoidability_has_one_group(artefacts: Artefacts) -> None:
-    grid = artefacts.judged.coverage
-    kind, _, speed = grid.axes
-    flat = dataclasses.replace(
-        grid, axes={kind: grid.axes[kind], speed: grid.axes[speed]}, counts=grid.counts.sum(axis=1)
-    )
-    rows = tables.coverage_rows(flat)
-    assert [len(row.groups) for row in rows] == [1] * len(grid.axes[kind])
-    assert [cell.cases for row in rows for cell in row.groups[0]] == flat.counts.ravel().tolist()
-    assert rows[0].groups[0][0].name == f"{grid.axes[kind][0]}, {grid.axes[speed][0]}"
+    axes = artefacts.analysis.coverage.axes
+    kind, _, speed = axes
+    counts = kind_counts(artefacts.analysis.coverage).sum(axis=1)
+    rows = tables.coverage_rows({kind: axes[kind], speed: axes[speed]}, counts)
+    assert [len(row.groups) for row in rows] == [1] * len(axes[kind])
+    assert [cell.cases for row in rows for cell in row.groups[0]] == counts.ravel().tolist()
+    assert rows[0].groups[0][0].name == f"{axes[kind][0]}, {axes[speed][0]}"

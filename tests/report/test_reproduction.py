@@ -93,7 +93,7 @@ def write_items(folder: Path, **changes: Any) -> Path:
     for name in ITEMS:
         about = {"id": name, "title": f"Item {name}", "place": "Figure", "says": "something", "notes": ["A note."]}
         items.append({**about, **a_row(), "rows": [a_row(), a_row(paper=None, interval=None)],
-                      "data": drawable().get(name, {}), **changes})  # fmt: skip
+                      "data": drawable().get(name, {}), "seconds": 0.5, **changes})  # fmt: skip
     (folder / "items.json").write_text(json.dumps({"effort": "quick", "seed": 0, "items": items}), encoding="utf-8")
     made = {"cornerforge": "0", "command": "cornerforge reproduce", "identity": {"seed": 0}, "machine": {"cores": 2}}
     (folder / "provenance.json").write_text(json.dumps(made), encoding="utf-8")

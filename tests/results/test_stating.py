@@ -16,6 +16,7 @@ import cornerforge
 from cornerforge import pipeline, results
 from cornerforge.errors import FileFormatError
 from cornerforge.results import (
+    FILES,
     VERBS,
     Cluster,
     NddValidated,
@@ -23,6 +24,7 @@ from cornerforge.results import (
     Rate,
     Simulated,
     TrafficDistances,
+    TrainingCurve,
     as_json,
     from_json,
     results_markdown,
@@ -39,7 +41,8 @@ RATE = Rate(
 def test_every_field_says_its_unit_and_meaning(kind: type) -> None:
     assert kind.__doc__
     for one in dataclasses.fields(kind):
-        assert set(one.metadata) == {"unit", "meaning"}, one.name
+        assert set(one.metadata) - {"within"} == {"unit", "meaning"}, one.name
+        assert "within" not in one.metadata or "0 to 1" in one.metadata["meaning"], one.name
         assert one.metadata["meaning"].endswith("."), one.name
         assert "|" not in one.metadata["meaning"] + one.metadata["unit"], f"{one.name} would break the table"
         assert one.default in (None, dataclasses.MISSING), "a field that may be missing is None then"
@@ -51,6 +54,7 @@ VALUES = st.none() | st.booleans() | st.integers() | st.floats() | st.text() | s
 DISTANCES = st.builds(TrafficDistances, **{one.name: st.just({}) for one in dataclasses.fields(TrafficDistances)})
 DRAWN: dict[type, st.SearchStrategy[Any]] = {
     Queried: st.builds(Queried, rows=st.lists(st.lists(VALUES).map(tuple)).map(tuple)),
+    TrainingCurve: st.builds(TrainingCurve, config=st.dictionaries(st.text(), VALUES)),
     # Its largest parts stay empty, or Hypothesis finds it too large; they are drawn as classes of their own.
     NddValidated: st.builds(NddValidated, distances=DISTANCES, traffic=st.just(())),
 }
@@ -112,7 +116,7 @@ def test_every_verb_returns_its_class() -> None:
 
 def test_the_documentation_is_made_of_the_code(golden: Callable[[str, str], None]) -> None:
     """docs/results-json.md."""
-    golden("../../docs/results-json.md", results_markdown(VERBS))
+    golden("../../docs/results-json.md", results_markdown(VERBS, FILES))
 
 
 def test_the_documentation_says_types_units_and_parts() -> None:
@@ -127,7 +131,7 @@ def test_the_documentation_says_types_units_and_parts() -> None:
     Outer.__annotations__ = {
         "parts": tuple[Cluster, ...], "pair": tuple[float, float] | None, "late": int | None,
     }  # fmt: skip
-    lines = results_markdown({"try": Outer}).splitlines()
+    lines = results_markdown({"try": Outer}, {}).splitlines()
     assert "## `try`" in lines
     assert "| `parts` | list of [Cluster](#cluster) | m | Parts. |" in lines
     assert "| `pair` | [number, number] or null |  | Null: none. |" in lines
@@ -136,7 +140,7 @@ def test_the_documentation_says_types_units_and_parts() -> None:
 
 
 def test_a_verbs_keys_are_in_the_page() -> None:
-    page = results_markdown(VERBS)
+    page = results_markdown(VERBS, FILES)
     section = page.split("## `simulate`")[1].split("\n## ")[0]
     for one in dataclasses.fields(Simulated):
         assert f"| `{one.name}` |" in section

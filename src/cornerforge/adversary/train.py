@@ -27,6 +27,7 @@ from cornerforge.adversary.learner import DqnLearner, below
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
+from cornerforge.results import TrainingPoint
 from cornerforge.sim.drive_bv import Exploring, Transitions, allocate_actors, collect, start_worlds
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
@@ -50,23 +51,11 @@ _MOST_POINTS = 1000
 """At this many points of the curve pairs of neighbours are joined, and later points come half as often."""
 
 
-@dataclass(frozen=True)
-class CurvePoint:
-    """One point of the training curve, over the tests that ended since the point before.
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint(TrainingPoint):
+    """A point of the curve of a training that runs, hence with its time."""
 
-    The tests explore, at random only: tests of guided worlds (`TrainConfig.guided`) are not counted.
-    `paid_per_test` is the share of tests in which the reward was +1 (with the reward `crash` that of all AV crashes);
-    None where it is not counted.
-    """
-
-    decisions: int
-    seconds: float
-    updates: int
-    epsilon: float
-    loss: float | None
-    tests: int
-    crashes_per_test: float | None
-    paid_per_test: float | None = None
+    seconds: float = field(metadata={"unit": "s", "meaning": "Wall-clock so far."})
 
 
 @dataclass
@@ -265,8 +254,9 @@ class _Training:
         epsilon = round(_epsilon(self._config, result.decisions - self._config.worlds), 4)
         seconds = round(result.seconds, 3)
         point = CurvePoint(
-            result.decisions, seconds, self._learner.updates, epsilon, self._loss, tests, rate, paid_rate
-        )
+            decisions=result.decisions, seconds=seconds, updates=self._learner.updates, epsilon=epsilon,
+            loss=self._loss, tests=tests, crashes_per_test=rate, paid_per_test=paid_rate,
+        )  # fmt: skip
         result.curve.append(point)
         if len(result.curve) == _MOST_POINTS:
             result.curve[:] = [_joined(*pair) for pair in zip(result.curve[::2], result.curve[1::2], strict=True)]

@@ -28,13 +28,11 @@ from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.fields import Field
 from cornerforge.metrics.rss import rss_lateral, rss_longitudinal, rss_margin
 from cornerforge.recordings import Recordings
+from cornerforge.results.analysis import FAULTS
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S
 
 __all__ = ["FAULTS", "FAULT_COLUMNS", "RULES", "Duties", "Faults", "RssRules", "assign_fault", "pair_margins"]
-
-FAULTS = ("av", "bv", "both", "none")
-"""Which vehicles broke a rule; `Faults.fault` holds places in this tuple."""
 
 RULES = (
     "none",

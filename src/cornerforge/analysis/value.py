@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cornerforge.analysis.dbscan import choose_min_samples, neighbour_distance
 from cornerforge.errors import InputError
+from cornerforge.results.analysis import PARTS
 
 __all__ = [
     "PARTS",
@@ -26,8 +27,6 @@ __all__ = [
     "severity_part",
     "value_of",
 ]
-
-PARTS = ("avoidability", "severity", "novelty")
 
 REACTION_S = 2.0
 """Time to react [s] from which the part of avoidability is 1."""

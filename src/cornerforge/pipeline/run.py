@@ -39,11 +39,16 @@ from cornerforge.pipeline.train import (
 from cornerforge.results import (
     Analysed,
     Baseline,
+    Exposed,
+    Exposure,
+    ExposureMiles,
     Filled,
     LearnedPolicy,
     RunDone,
     RunTrained,
     Simulated,
+    TrainingCurve,
+    TrainingPoint,
     Yield,
     as_json,
     from_json,
@@ -146,17 +151,18 @@ _LABELS = {
 
 def _write_exposure(out: Path, nde: _Counted, adversary: _Counted) -> None:
     """Write `exposure.json`, the paper's Figure 3, without the last bin, which holds all values beyond the grid."""
-    quantities = {}
-    for grid in EXPOSURE:
-        quantities[grid.name] = {
-            "label": _LABELS[grid.name],
-            "unit": grid.unit,
-            "edges": grid_edges(grid)[:-1].tolist(),
-            "nde": nde.exposure[grid.name][:-1],
-            "adversary": adversary.exposure[grid.name][:-1],
-        }
-    miles = {"nde": nde.rate.miles, "adversary": adversary.rate.miles}
-    write_json(out / "exposure.json", {"miles": miles, "quantities": quantities})
+    quantities = {
+        grid.name: Exposed(
+            label=_LABELS[grid.name],
+            unit=grid.unit,
+            edges=tuple(grid_edges(grid)[:-1].tolist()),
+            nde=nde.exposure[grid.name][:-1],
+            adversary=adversary.exposure[grid.name][:-1],
+        )
+        for grid in EXPOSURE
+    }
+    miles = ExposureMiles(nde=nde.rate.miles, adversary=adversary.rate.miles)
+    write_json(out / "exposure.json", as_json(Exposure(miles=miles, quantities=quantities)))
 
 
 def _train(
@@ -166,8 +172,9 @@ def _train(
     config = _train_config(size)
     policy, result = learn(run, config, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint)
     save_policy(policy, out / "policy.safetensors")
-    points = canonical_curve(result)
-    write_json(out / "training.json", {"preset": config.preset, "config": asdict(config), "points": points})
+    points = tuple(TrainingPoint(**point) for point in canonical_curve(result))
+    curve = TrainingCurve(preset=config.preset, config=asdict(config), points=points)
+    write_json(out / "training.json", asdict(curve))  # not as_json, which leaves out null
     learned = LearnedPolicy(
         decisions=result.decisions,
         updates=result.updates,

@@ -152,8 +152,11 @@ def ndd_validate(
     }
     if folder is not None:
         content |= {"out": str(folder), "report": str(folder / _PAGE)}
-        _write(folder, content)
-    return from_json(NddValidated, content)
+    found = from_json(NddValidated, content)
+    if folder is not None:
+        write_json(folder / VALIDATION, content)
+        _write_page(folder, found)
+    return found
 
 
 def _facts(traffic: FreeTraffic, whole: FreeRunning, parts: list[FreeRunning]) -> list[dict[str, Any]]:
@@ -174,10 +177,9 @@ def _open(folder: Path, identity: dict[str, Any]) -> None:
     open_output(folder, identity, resume=True)
 
 
-def _write(folder: Path, result: dict[str, Any]) -> None:
+def _write_page(folder: Path, result: NddValidated) -> None:
     from cornerforge.report.validation import figures_of, page_of
 
-    write_json(folder / VALIDATION, result)
     figures = figures_of(result)
     for name, png in figures.items():
         (folder / f"{name}.png").write_bytes(png)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,52 +12,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
-from cornerforge.report.judged import Judged, read_judged, read_table
-from cornerforge.report.reader import Reader, read_json
+from cornerforge.report.judged import check_analysis, check_interval, read_table
+from cornerforge.results import Analysed, Exposed, Exposure, TrainingCurve
+from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval
+from cornerforge.results.reading import JsonFile, open_json
 
-__all__ = [
-    "Analysis",
-    "Artefacts",
-    "Cluster",
-    "Histogram",
-    "Points",
-    "Rate",
-    "Training",
-    "analyse_command",
-    "read_artefacts",
-]
+__all__ = ["Artefacts", "FilledRate", "Points", "Rate", "Summary", "analyse_command", "read_artefacts"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rate:
-    """Crashes of the AV in independent tests, with its 95 % interval.
+    """What the page shows of a crash rate: of fields of `Simulated`, `Filled` and `Baseline`, those that each may have.
 
     Attributes:
         name: What drove the background vehicles.
-        tests: Number of tests, the sampling unit.
-        per_test: Crashes per test, in [0, 1].
-        low, high: 95 % interval of `per_test`.
-        crashes: Number of crashes; None where the artefact does not say.
-        per_mile: Crashes per mile; None where the artefact does not say.
     """
 
-    name: str
-    tests: int
-    per_test: float
-    low: float
-    high: float
-    crashes: int | None = None
-    per_mile: float | None = None
+    name: str = ""
+    tests: int = field(metadata=TESTS)
+    crashes_per_test: float = field(metadata=PER_TEST)
+    interval95: Interval = field(metadata=INTERVAL95)
+    av_crashes: int | None = None
+    crashes_per_mile: float | None = None
 
     @property
     def is_bound(self) -> bool:
         """True if no crash was seen: the rate is known only to lie below 3 / tests (95 %)."""
-        return self.per_test == 0.0
+        return self.crashes_per_test == 0.0
 
     @property
     def digits(self) -> int:
         """Number of significant digits to show: the third is noise unless there are hundreds of crashes."""
-        return 3 if self.per_test * self.tests >= 100.0 else 2
+        return 3 if self.crashes_per_test * self.tests >= 100.0 else 2
 
     @property
     def bound(self) -> float:
@@ -65,67 +51,26 @@ class Rate:
         return min(1.0, 3.0 / self.tests)
 
 
-@dataclass(frozen=True)
-class Histogram:
-    """One quantity at 1 Hz in two worlds.
-
-    Attributes:
-        label, unit: For the axis.
-        edges: Bin edges in `unit`, shape (n + 1,), rising.
-        nde, adversary: Samples per bin, shape (n,).
-    """
-
-    label: str
-    unit: str
-    edges: NDArray[np.float64]
-    nde: NDArray[np.float64]
-    adversary: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Training:
-    """Yield while the adversary learnt; lists of equal length, None where a value was not recorded."""
-
-    preset: str
-    seconds: list[float | None]
-    decisions: list[float]
-    epsilon: list[float | None]
-    loss: list[float | None]
-    per_test: list[float | None]
-    tests: list[float | None]
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """A cluster of cases; `typical` holds case ids, nearest to the centre first."""
-
-    id: int
-    group: str
-    size: int
-    typical: list[str]
-    crash_types: dict[str, int]
-
-
-@dataclass(frozen=True)
-class Analysis:
-    """The analysis of the library; see each key of `analysis.json`. `explained_variance` are shares in [0, 1]."""
+@dataclass(frozen=True, kw_only=True)
+class FilledRate(Rate):
+    """The rate of the tests that filled the library, and the cases in it."""
 
     cases: int
-    steps: int
-    features: list[str]
-    padded: int
-    excluded: int
-    explained_variance: list[float]
-    loadings: dict[str, list[float]]
-    eps: float | None
-    min_samples: int | None
-    majority: int
-    minority: int
-    clusters: list[Cluster]
-    rare: list[str]
-    crash_types: dict[str, int]
-    striker: dict[str, int]
-    note: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """What the page shows of `RunDone`; early files may lack what has a default."""
+
+    av: str
+    version: str = "unknown"
+    effort: str = "unknown"
+    seed: int | str = "unknown"
+    bounded: bool = False
+    seconds: float | None = None
+    nde: Rate
+    generate: FilledRate
+    baselines: tuple[Rate, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -145,21 +90,10 @@ class Artefacts:
     """Everything the page shows except the trajectories, which are read case by case."""
 
     out: Path
-    av: str
-    version: str
-    effort: str
-    seed: str
-    bounded: bool
-    seconds: float | None
-    nde: Rate
-    generate: Rate
-    cases: int
-    baselines: list[Rate]
-    training: Training
-    miles: dict[str, float]
-    exposure: dict[str, Histogram]
-    analysis: Analysis
-    judged: Judged
+    summary: Summary
+    training: TrainingCurve
+    exposure: Exposure
+    analysis: Analysed
     points: Points
     provenance: Mapping[str, Any]
 
@@ -173,35 +107,24 @@ def read_artefacts(out: Path) -> Artefacts:
     Raises:
         FileFormatError: A file is missing or damaged; the message names it and what writes it again.
     """
-    run = f"cornerforge run --out {out}"
-    summary = read_json(out / "summary.json", run)
-    exposure = read_json(out / "exposure.json", run)
-    analyse = analyse_command(out)
-    analysis = read_json(out / "analysis" / "analysis.json", analyse)
-    generate = summary.child("generate")
-    provenance = read_json(out / "provenance.json", run)
-    return Artefacts(
+    run, analyse = f"cornerforge run --out {out}", analyse_command(out)
+    summary, exposure = open_json(out / "summary.json", run), open_json(out / "exposure.json", run)
+    analysis = open_json(out / "analysis" / "analysis.json", analyse)
+    provenance = open_json(out / "provenance.json", run)
+    found = Artefacts(
         out=out,
-        av=summary.text("av"),
-        version=summary.text("version", "unknown"),
-        effort=summary.text("effort", "unknown"),
-        seed=str(summary.values.get("seed", "unknown")),
-        bounded=bool(summary.values.get("bounded", False)),
-        seconds=summary.number_or_none("seconds"),
-        nde=_rate(summary.child("nde"), "natural traffic (NDE)"),
-        generate=_rate(generate, "adversary"),
-        cases=generate.count("cases"),
-        baselines=[
-            _rate(r, r.text("name")) for r in (summary.children("baselines") if summary.has("baselines") else [])
-        ],
-        training=_training(read_json(out / "training.json", run), provenance),
-        miles={world: exposure.child("miles").number(world) for world in ("nde", "adversary")},
-        exposure={k: _histogram(exposure.child("quantities").child(k)) for k in exposure.child("quantities").values},
-        analysis=_analysis(analysis),
-        judged=read_judged(analysis),
+        summary=_named(summary.read(Summary)),
+        training=_timed(open_json(out / "training.json", run).read(TrainingCurve), provenance),
+        exposure=exposure.read(Exposure),
+        analysis=analysis.read(Analysed),
         points=_points(out / "analysis" / "points.parquet", analyse),
         provenance=provenance.values,
     )
+    _check_summary(summary, found.summary)
+    for name, quantity in found.exposure.quantities.items():
+        _check_exposed(exposure, f"quantities.{name}", quantity)
+    check_analysis(analysis, found.analysis)
+    return found
 
 
 def analyse_command(out: Path) -> str:
@@ -209,79 +132,43 @@ def analyse_command(out: Path) -> str:
     return f"cornerforge analyse {out / 'library'} --out {out / 'analysis'}"
 
 
-def _rate(reader: Reader, name: str) -> Rate:
-    tests = reader.count("tests")
-    if tests == 0:
-        raise reader.fault("tests", "is 0, so there is no rate")
-    per_test = reader.number("crashes_per_test")
-    low, high = reader.numbers("interval95", 2)
-    if not 0.0 <= low <= per_test <= high:
-        raise reader.fault("interval95", f"= [{low}, {high}] does not hold crashes_per_test = {per_test}")
-    crashes = reader.count("av_crashes") if reader.has("av_crashes") else None
-    return Rate(name, tests, per_test, low, high, crashes, reader.number_or_none("crashes_per_mile"))
+def _named(found: Summary) -> Summary:
+    nde, generate = replace(found.nde, name="natural traffic (NDE)"), replace(found.generate, name="adversary")
+    return replace(found, nde=nde, generate=generate)
 
 
-def _training(reader: Reader, provenance: Reader) -> Training:
-    """Read the curve; its times come from the provenance, or from the points in files of older versions."""
-    points = reader.children("points")
-    found = provenance.values.get("point_seconds")
-    timed = isinstance(found, list) and len(found) == len(points)
-
-    def column(key: str) -> list[float | None]:
-        return [point.number_or_none(key) for point in points]
-
-    return Training(
-        preset=reader.text("preset", "unknown"),
-        seconds=[*provenance.numbers("point_seconds")] if timed else column("seconds"),
-        decisions=[point.number("decisions") for point in points],
-        epsilon=column("epsilon"),
-        loss=column("loss"),
-        per_test=column("crashes_per_test"),
-        tests=column("tests"),
-    )
+def _check_summary(file: JsonFile, found: Summary) -> None:
+    plain = {f"baselines[{i}]": rate for i, rate in enumerate(found.baselines)}
+    for key, rate in {"nde": found.nde, "generate": found.generate, **plain}.items():
+        if not rate.name:
+            raise file.fault(f"{key}.name", "is missing")
+        if rate.tests == 0:
+            raise file.fault(f"{key}.tests", "is 0, so there is no rate")
+        check_interval(file, f"{key}.interval95", rate.interval95, "crashes_per_test", rate.crashes_per_test)
 
 
-def _histogram(reader: Reader) -> Histogram:
-    edges = np.array(reader.numbers("edges"))
-    if len(edges) < 2 or not (np.diff(edges) > 0).all():
-        raise reader.fault("edges", "are not at least two rising numbers")
-    counts = {world: np.array(reader.numbers(world, len(edges) - 1)) for world in ("nde", "adversary")}
-    for world, values in counts.items():
-        if (values < 0).any():
-            raise reader.fault(world, "holds a negative count")
-    return Histogram(reader.text("label"), reader.text("unit"), edges, counts["nde"], counts["adversary"])
+def _timed(found: TrainingCurve, provenance: JsonFile) -> TrainingCurve:
+    """Take the times of the points from the provenance; those of files of older versions are in the points."""
+    seconds = provenance.read(_Times).point_seconds
+    if seconds is None or len(seconds) != len(found.points):
+        return found
+    points = (replace(point, seconds=at) for point, at in zip(found.points, seconds, strict=True))
+    return replace(found, points=tuple(points))
 
 
-def _analysis(reader: Reader) -> Analysis:
-    loadings = reader.child("loadings") if reader.has("loadings") else None
-    return Analysis(
-        cases=reader.count("cases"),
-        steps=reader.count("steps"),
-        features=reader.texts("features"),
-        padded=reader.count("padded"),
-        excluded=reader.count("excluded"),
-        explained_variance=reader.numbers("explained_variance", 2),
-        loadings={name: loadings.numbers(name, 2) for name in loadings.values} if loadings else {},
-        eps=reader.number_or_none("eps"),
-        min_samples=reader.count("min_samples") if reader.has("min_samples") else None,
-        majority=reader.count("majority"),
-        minority=reader.count("minority"),
-        clusters=[_cluster(cluster) for cluster in reader.children("clusters")],
-        rare=reader.texts("rare"),
-        crash_types=reader.counts("crash_types"),
-        striker=reader.counts("striker"),
-        note=reader.text("note", ""),
-    )
+@dataclass(frozen=True)
+class _Times:
+    """When the points of the training curve were reached [s], as a provenance may say."""
+
+    point_seconds: tuple[float, ...] | None = None
 
 
-def _cluster(reader: Reader) -> Cluster:
-    return Cluster(
-        id=reader.count("id"),
-        group=reader.text("group"),
-        size=reader.count("size"),
-        typical=reader.texts("typical"),
-        crash_types=reader.counts("crash_types"),
-    )
+def _check_exposed(file: JsonFile, key: str, found: Exposed) -> None:
+    if len(found.edges) < 2 or not (np.diff(found.edges) > 0).all():
+        raise file.fault(f"{key}.edges", "are not at least two rising numbers")
+    for world, counts in (("nde", found.nde), ("adversary", found.adversary)):
+        if len(counts) != len(found.edges) - 1:
+            raise file.fault(f"{key}.{world}", f"has {len(counts)} entries instead of {len(found.edges) - 1}")
 
 
 def _points(file: Path, command: str) -> Points:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import html
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from numpy.typing import NDArray
 
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
-from cornerforge.report.artefacts import Analysis, Histogram, Points, Rate, Training
-from cornerforge.report.judged import Coverage
+from cornerforge.report.artefacts import Points, Rate
+from cornerforge.results import Analysed, Coverage, Exposed, TrainingCurve
 
 __all__ = [
     "crash_type_figure",
@@ -53,9 +54,12 @@ def rate_figure(rates: list[Rate], natural: Rate) -> Figure:
         "error_x": {
             "type": "data",
             "symmetric": False,
-            "array": [r.high - r.per_test for r in seen],
+            "array": [r.interval95[1] - r.crashes_per_test for r in seen],
             # An interval that reaches 0 has no end on a log axis: its line is drawn out of the picture.
-            "arrayminus": [r.per_test - r.low if r.low > 0 else 0.999 * r.per_test for r in seen],
+            "arrayminus": [
+                r.crashes_per_test - r.interval95[0] if r.interval95[0] > 0 else 0.999 * r.crashes_per_test
+                for r in seen
+            ],
             "thickness": 2,
             "width": 6,
             "color": "css:ink",
@@ -64,7 +68,7 @@ def rate_figure(rates: list[Rate], natural: Rate) -> Figure:
     arrows = _rate_marks(bounds, natural)
     arrows["marker"] |= {"symbol": "triangle-left", "size": 15}
     arrows["textposition"] = "top right"
-    lowest = min([r.low if r.low > 0 else r.per_test / 3 for r in seen] + [r.bound / 10 for r in bounds])
+    lowest = min([r.interval95[0] or r.crashes_per_test / 3 for r in seen] + [r.bound / 10 for r in bounds])
     layout = _layout(height=110 + 62 * len(rows), showlegend=False, margin={"l": 10, "r": 30, "t": 20, "b": 55})
     layout["xaxis"] = _axis(
         "crashes of the AV per test (log scale)", type="log", range=[float(np.log10(lowest)) - 0.3, 0.25], **_POWERS
@@ -81,13 +85,13 @@ _POWERS = {"exponentformat": "power", "dtick": 1}
 def _rate_marks(rates: list[Rate], natural: Rate) -> dict[str, Any]:
     """One mark a rate, with its value in words."""
     shown = [
-        f"no crash seen: below {text.rate(r.bound, 2)}" if r.is_bound else text.rate(r.per_test, r.digits)
+        f"no crash seen: below {text.rate(r.bound, 2)}" if r.is_bound else text.rate(r.crashes_per_test, r.digits)
         for r in rates
     ]
     return {
         "type": "scatter",
         "mode": "markers+text",
-        "x": [r.bound if r.is_bound else r.per_test for r in rates],
+        "x": [r.bound if r.is_bound else r.crashes_per_test for r in rates],
         "y": [_row_label(r) for r in rates],
         "marker": {"size": 13, "color": [NATURAL if r is natural else ADVERSARY for r in rates]},
         "text": shown,
@@ -131,12 +135,14 @@ def wilson_interval(per_test: NDArray[np.float64], tests: NDArray[np.float64]) -
     return np.clip(np.stack([centre - half, centre + half]), 0.0, 1.0)
 
 
-def training_figure(training: Training, natural: Rate) -> Figure:
+def training_figure(training: TrainingCurve, natural: Rate) -> Figure:
     """Yield and exploration, and below them the loss, over the decisions that the adversary has seen."""
-    known = [i for i, (p, n) in enumerate(zip(training.per_test, training.tests, strict=True)) if p is not None and n]
-    x = [training.decisions[i] for i in known]
-    share = np.array([training.per_test[i] for i in known], dtype=np.float64)
-    low, high = wilson_interval(share, np.array([training.tests[i] for i in known], dtype=np.float64))
+    known = [point for point in training.points if point.crashes_per_test is not None and point.tests]
+    x = [float(point.decisions) for point in known]
+    share = np.array([point.crashes_per_test for point in known], dtype=np.float64)
+    low, high = wilson_interval(share, np.array([point.tests for point in known], dtype=np.float64))
+    decisions = [float(point.decisions) for point in training.points]
+    loss = [point.loss for point in training.points]
     traces: list[dict[str, Any]] = [
         {
             "type": "scatter",
@@ -150,13 +156,13 @@ def training_figure(training: Training, natural: Rate) -> Figure:
         },
         _line(x, share.tolist(), "yield [crashes per test]", color=ADVERSARY, width=2.5),
         _line(
-            training.decisions,
-            training.epsilon,
+            decisions,
+            [point.epsilon for point in training.points],
             "exploration: share of random actions",
             color="css:accent",
             dash="dash",
         ),
-        {**_line(training.decisions, training.loss, "loss (temporal difference)", color="css:muted"), "yaxis": "y2"},
+        {**_line(decisions, loss, "loss (temporal difference)", color="css:muted"), "yaxis": "y2"},
     ]
     layout = _layout(height=460, legend={"orientation": "h", "y": 1.08, "x": 0, "yanchor": "bottom"})
     layout["xaxis"] = _axis(
@@ -164,8 +170,8 @@ def training_figure(training: Training, natural: Rate) -> Figure:
     )
     layout["yaxis"] = _axis("crashes per test;<br>share of random actions", domain=[0.36, 1.0], range=[0, 1.02])
     layout["yaxis2"] = _axis("loss (log scale)", domain=[0.0, 0.26], type="log", exponentformat="power")
-    if not natural.is_bound and natural.per_test > 1e-3:
-        layout["shapes"] = [_level(natural.per_test)]
+    if not natural.is_bound and natural.crashes_per_test > 1e-3:
+        layout["shapes"] = [_level(natural.crashes_per_test)]
     return {"data": traces, "layout": layout}
 
 
@@ -178,7 +184,7 @@ def _line(x: list[float], y: list[float | None], name: str, **line: Any) -> dict
     return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": line}
 
 
-def exposure_figure(histogram: Histogram) -> Figure:
+def exposure_figure(histogram: Exposed) -> Figure:
     """How often the AV saw each value, in natural traffic and with the adversary: densities, each with area 1."""
     layout = _layout(height=300, legend={"orientation": "h", "y": 1.02, "x": 0, "yanchor": "bottom"})
     unit = html.escape(histogram.unit)
@@ -190,16 +196,16 @@ def exposure_figure(histogram: Histogram) -> Figure:
     )
     traces = []
     for name, counts, colour, fill, dash in worlds:
-        trace = _line(histogram.edges.tolist(), _steps(density(histogram, counts)), name, color=colour, dash=dash)
+        trace = _line(list(histogram.edges), _steps(density(histogram, counts)), name, color=colour, dash=dash)
         trace["line"]["shape"] = "hv"
         traces.append(trace | {"fill": "tozeroy", "fillcolor": fill, "hovertemplate": "from %{x}: %{y:.3g}"})
     layout["hovermode"] = "x"
     return {"data": traces, "layout": layout}
 
 
-def density(histogram: Histogram, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+def density(histogram: Exposed, counts: Sequence[int]) -> NDArray[np.float64]:
     """Counts as a density [1 / unit] whose area is 1; zeros where nothing was counted. Shape (n,)."""
-    return counts / (max(float(counts.sum()), 1.0) * np.diff(histogram.edges))
+    return np.asarray(np.array(counts) / (max(float(sum(counts)), 1.0) * np.diff(histogram.edges)))
 
 
 def _steps(values: NDArray[np.float64]) -> list[float | None]:
@@ -207,7 +213,7 @@ def _steps(values: NDArray[np.float64]) -> list[float | None]:
     return [float(f"{v:.5g}") for v in [*values, values[-1]]]
 
 
-def crash_type_figure(analysis: Analysis) -> Figure:
+def crash_type_figure(analysis: Analysed) -> Figure:
     """Cases by crash type, most frequent on top."""
     ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
     total = max(1, sum(n for _, n in ordered))
@@ -280,7 +286,7 @@ def _wrapped(name: str, width: int = 24) -> str:
 
 def discovery_figure(coverage: Coverage) -> Figure:
     """Kinds expected among the first cases, had they come in another order: flat at its end means little is missing."""
-    m, kinds = coverage.curve.T
+    m, kinds = np.array(coverage.discovery_curve).T
     curve = _line(m.tolist(), [float(f"{k:.4g}") for k in kinds], "kinds seen", color="css:accent", width=2.5)
     curve |= {"mode": "lines+markers", "hovertemplate": "%{x} cases: %{y} kinds<extra></extra>"}
     layout = _layout(height=330, showlegend=False, margin={"l": 60, "r": 20, "t": 20, "b": 50})
@@ -289,7 +295,7 @@ def discovery_figure(coverage: Coverage) -> Figure:
     return {"data": [curve], "layout": layout}
 
 
-def map_figure(points: Points, analysis: Analysis, top: list[str], animated: set[str]) -> Figure:
+def map_figure(points: Points, analysis: Analysed, top: list[str], animated: set[str]) -> Figure:
     """The plane of the two principal components with clusters, typical, rare and top cases; a click plays a case.
 
     Args:

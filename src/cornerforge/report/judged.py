@@ -1,4 +1,4 @@
-"""Reading and checking what `analyse` says about single cases: value, avoidability, fault, severity, coverage."""
+"""Checking what `analyse` says about single cases, and its words and grids for the page."""
 
 from __future__ import annotations
 
@@ -12,111 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
-from cornerforge.report.reader import Reader
+from cornerforge.results import Analysed, Avoidability, Coverage
+from cornerforge.results.analysis import FAULTS, PARTS
+from cornerforge.results.rates import Interval
+from cornerforge.results.reading import JsonFile
 
 __all__ = [
-    "Avoided",
     "CaseJudgement",
-    "Coverage",
-    "Judged",
-    "TopCase",
     "WayOut",
+    "avoided_kinds",
+    "check_analysis",
+    "check_interval",
+    "faults_in_words",
+    "kind_counts",
     "read_case_judgements",
-    "read_judged",
     "read_table",
 ]
-
-PARTS = ("avoidability", "severity", "novelty")
-FAULTS = ("av", "bv", "both", "none")
-
-
-@dataclass(frozen=True)
-class TopCase:
-    """A case worth a look. `value` and `parts` (in the order of `PARTS`) lie in [0, 1]; `text` is one sentence."""
-
-    case_id: str
-    value: float
-    parts: dict[str, float]
-    crash_type: str
-    fault: str
-    text: str
-
-
-@dataclass(frozen=True)
-class Avoided:
-    """How the AV could have avoided cases drawn at random.
-
-    Attributes:
-        cases: Number drawn, at least 1.
-        reaction_s: A way out counts if it begins at least this long after the manoeuvre's begin [s].
-        labels: Cases of each label; with `not_judged` they sum to `cases`.
-        not_judged: Cases that cannot be judged.
-        share, low, high: Share with a way out, in [0, 1], and its 95 % interval.
-        median_s: Median time to react [s]; None where no case has one.
-    """
-
-    cases: int
-    reaction_s: float
-    labels: dict[str, int]
-    not_judged: int
-    share: float
-    low: float
-    high: float
-    median_s: float | None
-
-    @property
-    def kinds(self) -> dict[str, int]:
-        """All cases by label, those that cannot be judged as a kind of their own where there are any."""
-        return self.labels | ({"cannot be judged": self.not_judged} if self.not_judged else {})
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Which kinds of case were seen.
-
-    Attributes:
-        cases: Number of cases in the grid, at least 1.
-        axes: Name of each of the two or three axes to its labels; the first is the crash type, the last the speed.
-        counts: Cases in each cell, one axis each, int64.
-        curve: Cases looked at, and kinds expected among them, shape (m, 2).
-        unseen, low, high: Chance that the next case is of a kind not seen, in [0, 1], and its 95 % interval.
-    """
-
-    cases: int
-    axes: dict[str, list[str]]
-    counts: NDArray[np.int64]
-    curve: NDArray[np.float64]
-    unseen: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class Judged:
-    """The judgement of a library.
-
-    Attributes:
-        fault: Number of cases by the vehicle that broke a rule of RSS.
-        rules: Cases by the rule that was broken first.
-        severity: Quantity to its quantiles, percent to value.
-        avoided: Avoidability; None if ways out were not searched for.
-        weights: Weights of the parts of the value.
-        top: The most valuable cases, the best first; empty if ways out were not searched for.
-        coverage: Kinds seen and not seen.
-    """
-
-    fault: dict[str, int]
-    rules: dict[str, int]
-    severity: dict[str, dict[str, float]]
-    avoided: Avoided | None
-    weights: dict[str, float]
-    top: list[TopCase]
-    coverage: Coverage
-
-    @property
-    def fault_in_words(self) -> dict[str, int]:
-        """`fault` by names for people."""
-        return {name: self.fault[who] for who, name in zip(FAULTS, ("AV", "BV", "both", "nobody"), strict=True)}
 
 
 @dataclass(frozen=True)
@@ -143,109 +54,76 @@ class CaseJudgement:
     way_out: WayOut | None
 
 
-def read_judged(reader: Reader) -> Judged:
-    """Read the keys of `analysis.json` about single cases.
+def check_analysis(file: JsonFile, found: Analysed) -> None:
+    """Check that what `analysis.json` says in several places agrees.
 
     Raises:
-        FileFormatError: A key is missing, as in an analysis by an earlier version, or holds something else.
+        FileFormatError: It does not, or there is no case.
     """
-    # A missing key must not look like a library without a case of that fault.
-    for key in ("fault", "fault_rules"):
-        reader.child(key)
-    fault = reader.counts("fault")
-    unknown = sorted(set(fault) - set(FAULTS))
-    if unknown:
-        raise reader.fault("fault", f"holds {unknown[0]!r}, allowed: {', '.join(FAULTS)}")
-    rules = reader.counts("fault_rules")
-    if not sum(fault.values()) or sum(fault.values()) != sum(rules.values()):
-        raise reader.fault("fault", f"holds {sum(fault.values())} cases, fault_rules {sum(rules.values())}")
-    value, severity = reader.child("value"), reader.child("severity")
-    weights = value.child("weights")
-    if set(weights.values) != set(PARTS):
-        raise value.fault("weights", f"are of {', '.join(weights.values)}, here: {', '.join(PARTS)}")
-    return Judged(
-        fault={who: fault.get(who, 0) for who in FAULTS},
-        rules=rules,
-        severity={name: _numbers(severity.child(name)) for name in severity.values},
-        avoided=_avoided(reader),
-        weights={part: weights.number(part) for part in PARTS},
-        top=[_top(case) for case in value.children("top")],
-        coverage=_coverage(reader.child("coverage")),
-    )
+    broken, by_rule = sum(found.fault.values()), sum(found.fault_rules.values())
+    if not broken or broken != by_rule:
+        raise file.fault("fault", f"holds {broken} cases, fault_rules {by_rule}")
+    if set(found.value.weights) != set(PARTS):
+        raise file.fault("value.weights", f"are of {', '.join(found.value.weights)}, here: {', '.join(PARTS)}")
+    for key, numbers in {"explained_variance": found.explained_variance, **found.loadings}.items():
+        if len(numbers) != 2:
+            raise file.fault(key, f"has {len(numbers)} entries instead of 2")
+    _check_avoidability(file, found.avoidability)
+    _check_coverage(file, found.coverage)
 
 
-def _numbers(reader: Reader) -> dict[str, float]:
-    return {key: reader.number(key) for key in reader.values}
+def check_interval(file: JsonFile, key: str, ends: Interval, of: str, share: float) -> None:
+    """Check an interval of the share named `of`.
 
-
-def _share(reader: Reader, key: str) -> float:
-    value = reader.number(key)
-    if not 0.0 <= value <= 1.0:
-        raise reader.fault(key, f"= {value} is outside [0, 1]")
-    return value
-
-
-def _interval(reader: Reader, key: str, share: float) -> tuple[float, float]:
-    low, high = reader.numbers(key, 2)
+    Raises:
+        FileFormatError: It does not hold the share, or leaves [0, 1].
+    """
+    low, high = ends
     if not 0.0 <= low <= share <= high <= 1.0:
-        raise reader.fault(key, f"= [{low}, {high}] does not hold {share}, or leaves [0, 1]")
-    return low, high
+        raise file.fault(key, f"= [{low}, {high}] does not hold {of} = {share}, or leaves [0, 1]")
 
 
-def _avoided(reader: Reader) -> Avoided | None:
-    if "avoidability" in reader.values and reader.values["avoidability"] is None:
-        return None
-    child = reader.child("avoidability")
-    cases, labels, rest = child.count("cases"), child.counts("labels"), child.count("not_judged")
-    if cases == 0 or sum(labels.values()) + rest != cases:
-        raise child.fault("labels", f"and not_judged sum to {sum(labels.values()) + rest}, cases = {cases}")
-    share = _share(child, "avoidable_share")
-    low, high = _interval(child, "interval95", share)
-    median = child.number_or_none("median_time_to_react_s")
-    return Avoided(cases, child.number("reaction_s"), labels, rest, share, low, high, median)
+def _check_avoidability(file: JsonFile, found: Avoidability | None) -> None:
+    if found is None:
+        return
+    looked = sum(found.labels.values()) + found.not_judged
+    if found.cases == 0 or looked != found.cases:
+        raise file.fault("avoidability.labels", f"and not_judged sum to {looked}, cases = {found.cases}")
+    check_interval(file, "avoidability.interval95", found.interval95, "avoidable_share", found.avoidable_share)
 
 
-def _top(reader: Reader) -> TopCase:
-    return TopCase(
-        case_id=reader.text("case_id"),
-        value=_share(reader, "value"),
-        parts={part: _share(reader, part) for part in PARTS},
-        crash_type=reader.text("crash_type"),
-        fault=reader.text("fault"),
-        text=reader.text("text"),
-    )
-
-
-def _coverage(reader: Reader) -> Coverage:
-    children = reader.child("axes")
-    axes = {name: children.texts(name) for name in children.values}
-    if len(axes) not in (2, 3) or not all(axes.values()):
-        raise reader.fault("axes", "are not two or three lists of labels")
-    names = {" | ".join(labels): place for place, labels in enumerate(product(*axes.values()))}
-    cells, cases = reader.counts("cells"), reader.count("cases")
-    unknown = sorted(set(cells) - set(names))
+def _check_coverage(file: JsonFile, found: Coverage) -> None:
+    if len(found.axes) not in (2, 3) or not all(found.axes.values()):
+        raise file.fault("coverage.axes", "are not two or three lists of labels")
+    unknown = sorted(set(found.cells) - set(_kinds(found)))
     if unknown:
-        raise reader.fault("cells", f"holds {unknown[0]!r}, which is no combination of the axes' labels")
-    if cases == 0 or sum(cells.values()) != cases:
-        raise reader.fault("cells", f"sum to {sum(cells.values())}, cases = {cases}")
-    counts = np.zeros(len(names), np.int64)
-    for name, n in cells.items():
-        counts[names[name]] = n
-    rows = reader.items("discovery_curve")
-    if not rows or not all(isinstance(row, list) and len(row) == 2 for row in rows):
-        raise reader.fault("discovery_curve", "is not a list of pairs")
-    pairs = Reader(reader.file, {"discovery_curve": [v for row in rows for v in row]}, reader.command, reader.place)
-    unseen = _share(reader, "unseen_kind_chance")
-    low, high = _interval(reader, "unseen_kind_interval95", unseen)
-    return Coverage(
-        cases=cases,
-        axes=axes,
-        counts=counts.reshape([len(labels) for labels in axes.values()]),
-        curve=np.array(pairs.numbers("discovery_curve")).reshape(-1, 2),
-        unseen=unseen,
-        low=low,
-        high=high,
-    )
+        raise file.fault("coverage.cells", f"holds {unknown[0]!r}, which is no combination of the axes' labels")
+    if found.cases == 0 or sum(found.cells.values()) != found.cases:
+        raise file.fault("coverage.cells", f"sum to {sum(found.cells.values())}, cases = {found.cases}")
+    if not found.discovery_curve:
+        raise file.fault("coverage.discovery_curve", "is empty")
+    key, ends = "coverage.unseen_kind_interval95", found.unseen_kind_interval95
+    check_interval(file, key, ends, "unseen_kind_chance", found.unseen_kind_chance)
+
+
+def _kinds(found: Coverage) -> list[str]:
+    return [" | ".join(labels) for labels in product(*found.axes.values())]
+
+
+def kind_counts(found: Coverage) -> NDArray[np.int64]:
+    """Cases of each kind, one axis each for `axes`: first the crash type, last the speed."""
+    counts = np.array([found.cells.get(name, 0) for name in _kinds(found)], np.int64)
+    return counts.reshape([len(labels) for labels in found.axes.values()])
+
+
+def faults_in_words(found: Analysed) -> dict[str, int]:
+    """Cases by who is at fault, zeros included, by names for people."""
+    return {name: found.fault.get(who, 0) for who, name in zip(FAULTS, ("AV", "BV", "both", "nobody"), strict=True)}
+
+
+def avoided_kinds(found: Avoidability) -> dict[str, int]:
+    """All cases by label, those that cannot be judged as a kind of their own where there are any."""
+    return found.labels | ({"cannot be judged": found.not_judged} if found.not_judged else {})
 
 
 def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[str] | None = None) -> dict[str, Any]:

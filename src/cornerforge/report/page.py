@@ -14,7 +14,14 @@ from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import Artefacts, Rate, analyse_command, read_artefacts
 from cornerforge.report.cases import case_data, load_scenarios
-from cornerforge.report.judged import CaseJudgement, read_case_judgements
+from cornerforge.report.judged import (
+    CaseJudgement,
+    avoided_kinds,
+    faults_in_words,
+    kind_counts,
+    read_case_judgements,
+)
+from cornerforge.results.analysis import PARTS
 
 __all__ = ["write_report"]
 
@@ -136,7 +143,7 @@ def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
             roles[case] |= {"role": role, "rank": min(1, roles[case]["rank"]), "rare": True}
         else:
             roles[case] = {"group": "Rare: farthest from the others first", "role": "rare", "rank": 1, "rare": True}
-    for place, top in enumerate(artefacts.judged.top, start=1):
+    for place, top in enumerate(artefacts.analysis.value.top, start=1):
         role = f"worth a look, number {place}"
         if top.case_id in roles:
             roles[top.case_id] |= {"role": f"{role}; {roles[top.case_id]['role']}", "rank": -1, "top": place}
@@ -160,49 +167,53 @@ def _ratio(adversary: Rate, natural: Rate) -> str:
         return "The adversary caused no crash, so there is no ratio."
     unit = "times as many crashes per test as natural traffic"
     if natural.is_bound:
-        return f"More than {text.times(adversary.low / natural.bound)} {unit} (lower end of the yield over 3/n)."
-    ends = f"from {text.times(adversary.low / natural.high)}"
-    ends += f" to {text.times(adversary.high / natural.low)}" if natural.low > 0 else " upwards"
-    return f"{text.times(adversary.per_test / natural.per_test)} {unit} ({ends}, opposite ends of the two intervals)."
+        return (
+            f"More than {text.times(adversary.interval95[0] / natural.bound)} {unit} (lower end of the yield over 3/n)."
+        )
+    (low, high), (natural_low, natural_high) = adversary.interval95, natural.interval95
+    ends = f"from {text.times(low / natural_high)}"
+    ends += f" to {text.times(high / natural_low)}" if natural_low > 0 else " upwards"
+    factor = text.times(adversary.crashes_per_test / natural.crashes_per_test)
+    return f"{factor} {unit} ({ends}, opposite ends of the two intervals)."
 
 
 def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figure]:
-    analysis, judged = artefacts.analysis, artefacts.judged
-    cases = sum(judged.fault.values())
+    analysis, summary = artefacts.analysis, artefacts.summary
+    cases = sum(analysis.fault.values())
     made = {
-        "fault": figures.share_figure(judged.fault_in_words, cases, "share of all cases"),
-        "rules": figures.share_figure(judged.rules, cases, "share of all cases"),
-        "discovery": figures.discovery_figure(judged.coverage),
-        "rates": figures.rate_figure([artefacts.generate, *artefacts.baselines], artefacts.nde),
+        "fault": figures.share_figure(faults_in_words(analysis), cases, "share of all cases"),
+        "rules": figures.share_figure(analysis.fault_rules, cases, "share of all cases"),
+        "discovery": figures.discovery_figure(analysis.coverage),
+        "rates": figures.rate_figure([summary.generate, *summary.baselines], summary.nde),
         "types": figures.crash_type_figure(analysis),
-        "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in judged.top], animated),
-        "training": figures.training_figure(artefacts.training, artefacts.nde),
+        "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in analysis.value.top], animated),
+        "training": figures.training_figure(artefacts.training, summary.nde),
     }
-    if judged.avoided is not None:
-        n = judged.avoided.cases
-        made["avoidability"] = figures.share_figure(judged.avoided.kinds, n, "share of the cases looked at")
-    return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in artefacts.exposure.items()}
+    if analysis.avoidability is not None:
+        kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
+        made["avoidability"] = figures.share_figure(kinds, n, "share of the cases looked at")
+    return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in artefacts.exposure.quantities.items()}
 
 
 def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
-    analysis, judged = artefacts.analysis, artefacts.judged
-    cases = sum(judged.fault.values())
+    analysis, summary = artefacts.analysis, artefacts.summary
+    cases = sum(analysis.fault.values())
     made = {
-        "fault": tables.share_table("Cases by fault", "at fault", judged.fault_in_words, cases),
-        "rules": tables.share_table("Cases by the rule that was broken first", "rule", judged.rules, cases),
-        "severity": tables.severity_table(judged),
-        "discovery": tables.discovery_table(judged.coverage),
-        "rates": tables.rate_table([artefacts.generate, *artefacts.baselines, artefacts.nde]),
+        "fault": tables.share_table("Cases by fault", "at fault", faults_in_words(analysis), cases),
+        "rules": tables.share_table("Cases by the rule that was broken first", "rule", analysis.fault_rules, cases),
+        "severity": tables.severity_table(analysis),
+        "discovery": tables.discovery_table(analysis.coverage),
+        "rates": tables.rate_table([summary.generate, *summary.baselines, summary.nde]),
         "types": tables.crash_type_table(analysis),
         "clusters": tables.cluster_table(analysis),
         "loadings": tables.loading_table(analysis),
         "training": tables.training_table(artefacts.training),
         "provenance": tables.provenance_table(artefacts.provenance),
     }
-    if judged.avoided is not None:
-        n = judged.avoided.cases
-        made["avoidability"] = tables.share_table("Cases looked at", "avoidability", judged.avoided.kinds, n)
-    return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in artefacts.exposure.items()}
+    if analysis.avoidability is not None:
+        kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
+        made["avoidability"] = tables.share_table("Cases looked at", "avoidability", kinds, n)
+    return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in artefacts.exposure.quantities.items()}
 
 
 def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
@@ -222,14 +233,18 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False, "ensure_ascii": False}
     environment.filters |= {"rate": text.rate, "count": text.count, "duration": text.duration}
     environment.filters |= {"share": text.share, "sentence": text.sentence}
+    kinds = kind_counts(artefacts.analysis.coverage)
     scripts = [plotly, *(_template(name) for name in SCRIPTS)]
     return environment.get_template("report.html.j2").render(
-        run=artefacts,
+        run=artefacts.summary,
         analysis=artefacts.analysis,
-        judged=artefacts.judged,
+        exposure=artefacts.exposure,
+        preset=artefacts.training.preset,
+        parts=PARTS,
         played={case["id"] for case in cases},
-        coverage=tables.coverage_rows(artefacts.judged.coverage),
-        ratio=_ratio(artefacts.generate, artefacts.nde),
+        kinds=kinds,
+        coverage=tables.coverage_rows(artefacts.analysis.coverage.axes, kinds),
+        ratio=_ratio(artefacts.summary.generate, artefacts.summary.nde),
         figures=_figures(artefacts, {case["id"] for case in cases}),
         tables=_tables(artefacts),
         cases=cases,

@@ -17,7 +17,6 @@ from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError, OutputError
 from cornerforge.ndd.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.report import text
-from cornerforge.report.reader import Reader, read_json
 from cornerforge.report.reproduction_clusters import cluster_pictures, example_pictures, period_pictures
 from cornerforge.report.reproduction_figures import (
     Picture,
@@ -27,6 +26,8 @@ from cornerforge.report.reproduction_figures import (
     training_pictures,
 )
 from cornerforge.report.tables import Table
+from cornerforge.results import PaperItem, PaperRow
+from cornerforge.results.reading import open_json
 
 __all__ = ["RENDERERS", "check_reproduction", "write_reproduction"]
 
@@ -46,19 +47,42 @@ RENDERERS: dict[str, Callable[[Mapping[str, Any]], list[Picture]]] = {
 """Item id to what draws its `data`."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Item(PaperItem):
+    """An item as `items.json` holds it."""
+
+    says: str
+    data: dict[str, Any]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Items:
+    """What the page shows of `items.json`."""
+
+    effort: str
+    seed: int
+    items: tuple[_Item, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Made:
+    """What the page shows of `provenance.json`."""
+
+    cornerforge: str
+    command: str
+    identity: dict[str, Any]
+    machine: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class _Section:
     """One item as the template takes it."""
 
-    id: str
-    title: str
-    place: str
-    says: str
+    item: _Item
     headline: str
     pictures: list[tuple[str, str]]
-    notes: list[str]
     table: Table
-    is_long: bool
 
 
 def check_reproduction() -> None:
@@ -89,11 +113,11 @@ def write_reproduction(out: Path) -> Path:
         OutputError: A file cannot be written.
     """
     check_reproduction()
-    file = read_json(out / "items.json", COMMAND)
-    made = read_json(out / "provenance.json", COMMAND)
+    found = open_json(out / "items.json", COMMAND).read(_Items)
+    made = open_json(out / "provenance.json", COMMAND).read(_Made)
     try:
-        sections = [_section(item, out / "figures") for item in file.children("items")]
-        page = _render(file, made, sections)
+        sections = [_section(item, out / "figures") for item in found.items]
+        page = _render(found, made, sections)
         with writing(out / "index.html") as part:
             part.write_text(page, encoding="utf-8", newline="\n")
     except OutputError:
@@ -103,9 +127,8 @@ def write_reproduction(out: Path) -> Path:
     return out / "index.html"
 
 
-def _section(item: Reader, folder: Path) -> _Section:
-    name = item.text("id")
-    drawn = RENDERERS[name](item.child("data").values) if name in RENDERERS else []
+def _section(item: _Item, folder: Path) -> _Section:
+    drawn = RENDERERS[item.id](item.data) if item.id in RENDERERS else []
     folder.mkdir(parents=True, exist_ok=True)
     pictures = []
     for picture in drawn:
@@ -113,47 +136,26 @@ def _section(item: Reader, folder: Path) -> _Section:
         (folder / f"{picture.name}.png").write_bytes(png)
         (folder / f"{picture.name}.svg").write_bytes(svg_of(picture.drawing))
         pictures.append((base64.b64encode(png).decode("ascii"), picture.caption))
-    rows = item.children("rows")
-    return _Section(
-        id=name,
-        title=item.text("title"),
-        place=item.text("place"),
-        says=item.text("says"),
-        headline=_headline(item),
-        pictures=pictures,
-        notes=item.texts("notes"),
-        table=_table(item.text("title"), rows),
-        is_long=len(rows) > 16,
-    )
+    return _Section(item, _headline(item), pictures, _table(item))
 
 
-def _headline(item: Reader) -> str:
-    paper, ours = (_value(item.values.get(key)) for key in ("paper", "ours"))
-    unit = f" {item.text('unit')}" if item.text("unit") else ""
+def _headline(item: PaperItem) -> str:
+    unit = f" {item.unit}" if item.unit else ""
     ends = _ends(item)
-    note = f"; {item.text('note').rstrip('.')}" if item.text("note") else ""
+    note = f"; {item.note.rstrip('.')}" if item.note else ""
     return (
-        f"{item.text('what')}: the paper {paper}, ours {ours}{unit}{f' (95 % interval {ends})' if ends else ''}{note}."
+        f"{item.what}: the paper {_value(item.paper)}, ours {_value(item.ours)}{unit}"
+        f"{f' (95 % interval {ends})' if ends else ''}{note}."
     )
 
 
-def _table(title: str, rows: list[Reader]) -> Table:
+def _table(item: PaperItem) -> Table:
     head = ["quantity", "the paper", "ours", "95 % interval", "unit", "note"]
-    cells = [
-        [
-            row.text("what"),
-            _value(row.values.get("paper")),
-            _value(row.values.get("ours")),
-            _ends(row),
-            row.text("unit"),
-            row.text("note"),
-        ]
-        for row in rows
-    ]
-    return Table(title, head, cells)
+    cells = [[row.what, _value(row.paper), _value(row.ours), _ends(row), row.unit, row.note] for row in item.rows]
+    return Table(item.title, head, cells)
 
 
-def _value(value: Any) -> str:
+def _value(value: float | str | None) -> str:
     """A number, a text, or a dash."""
     if value is None:
         return "–"
@@ -164,14 +166,11 @@ def _value(value: Any) -> str:
     return ("−" if value < 0 else "") + text.rate(abs(value))
 
 
-def _ends(row: Reader) -> str:
-    if not row.has("interval"):
-        return ""
-    low, high = row.numbers("interval", 2)
-    return f"{_value(low)} to {_value(high)}"
+def _ends(row: PaperItem | PaperRow) -> str:
+    return "" if row.interval is None else " to ".join(map(_value, row.interval))
 
 
-def _render(file: Reader, made: Reader, sections: list[_Section]) -> str:
+def _render(found: _Items, made: _Made, sections: list[_Section]) -> str:
     import jinja2
     from markupsafe import Markup
 
@@ -185,12 +184,12 @@ def _render(file: Reader, made: Reader, sections: list[_Section]) -> str:
     style = resources.files("cornerforge.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
     return environment.get_template("reproduction.html.j2").render(
         sections=sections,
-        effort=file.text("effort"),
-        seed=file.count("seed"),
-        version=made.text("cornerforge"),
-        command=made.text("command"),
-        identity={key: value for key, value in made.child("identity").values.items() if not isinstance(value, dict)},
-        machine=made.child("machine").values,
+        effort=found.effort,
+        seed=found.seed,
+        version=made.cornerforge,
+        command=made.command,
+        identity={key: value for key, value in made.identity.items() if not isinstance(value, dict)},
+        machine=made.machine,
         # Marked as safe is our own file, nothing else.
         style=Markup(style),
     )

@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
-from cornerforge.report.artefacts import Analysis, Histogram, Rate, Training
+from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
-from cornerforge.report.judged import Coverage, Judged
+from cornerforge.results import Analysed, Coverage, Exposed, TrainingCurve
 
 __all__ = [
     "HeatCell",
@@ -47,36 +50,34 @@ def rate_table(rates: list[Rate]) -> Table:
         [
             r.name,
             text.count(r.tests),
-            "–" if r.crashes is None else text.count(r.crashes),
-            text.rate(r.per_test, r.digits),
-            text.interval(r.low, r.high, r.digits),
-            "–" if r.per_mile is None else text.rate(r.per_mile),
+            "–" if r.av_crashes is None else text.count(r.av_crashes),
+            text.rate(r.crashes_per_test, r.digits),
+            text.interval(*r.interval95, r.digits),
+            "–" if r.crashes_per_mile is None else text.rate(r.crashes_per_mile),
         ]
         for r in rates
     ]
     return Table("Crashes of the AV; the sampling unit is the test", head, rows)
 
 
-def training_table(training: Training) -> Table:
+def training_table(training: TrainingCurve) -> Table:
     """Every recorded point of the training."""
     head = ["decisions", "time [s]", "crashes per test", "tests", "exploration", "loss"]
-    columns = (training.decisions, training.seconds, training.per_test, training.tests, training.epsilon, training.loss)
     rows = [
         [
-            text.count(d),
-            _number(s, ".1f"),
-            _number(p, ".4f"),
-            _number(n, ".0f"),
-            _number(e, ".3f"),
-            _number(loss, ".3g"),
+            text.count(point.decisions),
+            _number(point.seconds, ".1f"),
+            _number(point.crashes_per_test, ".4f"),
+            str(point.tests),
+            f"{point.epsilon:.3f}",
+            _number(point.loss, ".3g"),
         ]
-        for d, s, p, n, e, loss in zip(*columns, strict=True)
-        if d is not None
+        for point in training.points
     ]
     return Table("Training, one row per recorded point", head, rows)
 
 
-def exposure_table(histogram: Histogram) -> Table:
+def exposure_table(histogram: Exposed) -> Table:
     """Counts and densities of one quantity in both worlds."""
     unit = histogram.unit
     head = [
@@ -102,7 +103,7 @@ def exposure_table(histogram: Histogram) -> Table:
     return Table(f"{histogram.label}, sampled once a second", head, rows)
 
 
-def crash_type_table(analysis: Analysis) -> Table:
+def crash_type_table(analysis: Analysed) -> Table:
     """Cases by crash type."""
     total = max(1, sum(analysis.crash_types.values()))
     ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
@@ -126,19 +127,19 @@ _SEVERITIES = {
 }
 
 
-def severity_table(judged: Judged) -> Table:
+def severity_table(analysis: Analysed) -> Table:
     """Quantiles of how bad the cases are."""
-    levels = sorted({level for quantiles in judged.severity.values() for level in quantiles}, key=float)
+    levels = sorted({level for quantiles in analysis.severity.values() for level in quantiles}, key=float)
     rows = [
         [_SEVERITIES.get(name, name), *("–" if level not in of else text.rate(of[level]) for level in levels)]
-        for name, of in judged.severity.items()
+        for name, of in analysis.severity.items()
     ]
     return Table("Severity: quantiles over all cases", ["quantity", *(f"{level} %" for level in levels)], rows)
 
 
 def discovery_table(coverage: Coverage) -> Table:
     """The points of the discovery curve."""
-    rows = [[text.count(m), f"{kinds:.2f}"] for m, kinds in coverage.curve]
+    rows = [[text.count(m), f"{kinds:.2f}"] for m, kinds in coverage.discovery_curve]
     return Table("Kinds expected among cases in random order", ["cases", "kinds"], rows)
 
 
@@ -159,11 +160,16 @@ class HeatRow:
     groups: list[list[HeatCell]]
 
 
-def coverage_rows(coverage: Coverage) -> list[HeatRow]:
-    """The grid of kinds as rows of a table, the first axis down and the others across."""
-    first, *middle, last = coverage.axes.values()
-    columns = middle[0] if middle else [""]
-    grid = coverage.counts.reshape(len(first), len(columns), len(last))
+def coverage_rows(axes: dict[str, tuple[str, ...]], counts: NDArray[np.int64]) -> list[HeatRow]:
+    """The grid of kinds as rows of a table, the first axis down and the others across.
+
+    Args:
+        axes: Labels of each of the two or three axes.
+        counts: Cases of each kind, one axis each.
+    """
+    first, *middle, last = axes.values()
+    columns = middle[0] if middle else ("",)
+    grid = counts.reshape(len(first), len(columns), len(last))
     top = math.log1p(int(grid.max()))
 
     def cell(i: int, j: int, k: int) -> HeatCell:
@@ -177,7 +183,7 @@ def coverage_rows(coverage: Coverage) -> list[HeatRow]:
     ]
 
 
-def cluster_table(analysis: Analysis) -> Table:
+def cluster_table(analysis: Analysed) -> Table:
     """Clusters with their size, make-up and typical cases."""
     rows = [
         [
@@ -194,7 +200,7 @@ def cluster_table(analysis: Analysis) -> Table:
     )
 
 
-def loading_table(analysis: Analysis) -> Table:
+def loading_table(analysis: Analysed) -> Table:
     """What the principal components are made of."""
     rows = [[name, f"{pc1:+.3f}", f"{pc2:+.3f}"] for name, (pc1, pc2) in analysis.loadings.items()]
     return Table("Loadings of the standardised features", ["feature", "component 1", "component 2"], rows)

@@ -33,7 +33,15 @@ from cornerforge.results.driving import (
     Quantity,
     Simulated,
 )
-from cornerforge.results.learning import Baseline, Learned, LearnedPolicy, Trained, TrainedAv
+from cornerforge.results.learning import (
+    Baseline,
+    Learned,
+    LearnedPolicy,
+    Trained,
+    TrainedAv,
+    TrainingCurve,
+    TrainingPoint,
+)
 from cornerforge.results.naturalistic import (
     BadRows,
     FitTraffic,
@@ -54,12 +62,13 @@ from cornerforge.results.naturalistic import (
     ShownSupport,
 )
 from cornerforge.results.rates import Rate, Yield
+from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import (
     PaperItem,
     PaperRow,
     Reproduced,
 )
-from cornerforge.results.stating import as_json, from_json, results_markdown
+from cornerforge.results.stating import as_json, results_markdown
 from cornerforge.results.validation import (
     AcceptedGaps,
     BaselineDifference,
@@ -77,9 +86,10 @@ from cornerforge.results.validation import (
     TrafficDistances,
     TtcShare,
 )
-from cornerforge.results.whole import RunDone, RunTrained
+from cornerforge.results.whole import Exposed, Exposure, ExposureMiles, RunDone, RunTrained
 
 __all__ = [
+    "FILES",
     "VERBS",
     "AcceptedGaps",
     "Analysed",
@@ -101,6 +111,9 @@ __all__ = [
     "CrashCircumstances",
     "Curve",
     "Distributions",
+    "Exposed",
+    "Exposure",
+    "ExposureMiles",
     "FactFound",
     "Filled",
     "FitTraffic",
@@ -152,6 +165,8 @@ __all__ = [
     "TrafficDistances",
     "Trained",
     "TrainedAv",
+    "TrainingCurve",
+    "TrainingPoint",
     "TtcShare",
     "ValueFound",
     "Varied",
@@ -184,3 +199,6 @@ VERBS: dict[str, type] = {
     "reproduce": Reproduced,
 }
 """Commands, and the classes of their results."""
+
+FILES: dict[str, type] = {"exposure.json": Exposure, "training.json": TrainingCurve}
+"""Files in the folder of `run` that no command prints, and the classes that they hold."""

@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal, get_args
 
 from cornerforge.results.rates import Interval
-from cornerforge.results.stating import meant
+from cornerforge.results.stating import meant, share
 
-__all__ = ["Analysed", "Avoidability", "Cluster", "ClusterChoice", "Coverage", "TopCase", "ValueFound"]
+__all__ = [
+    "FAULTS",
+    "PARTS",
+    "Analysed",
+    "AtFault",
+    "Avoidability",
+    "Cluster",
+    "ClusterChoice",
+    "Coverage",
+    "TopCase",
+    "ValueFound",
+]
+
+AtFault = Literal["av", "bv", "both", "none"]
+FAULTS: tuple[AtFault, ...] = get_args(AtFault)
+"""Which vehicles broke a rule of RSS."""
+PARTS = ("avoidability", "severity", "novelty")
+"""Parts of the value of a case; fields of `TopCase`."""
 
 _CASES = meant("Cases that were analysed.")
 
@@ -44,7 +62,7 @@ class Avoidability:
     reaction_s: float = field(metadata=meant("Time that the AV needs to react.", "s"))
     labels: dict[str, int] = field(metadata=meant("Drawn cases by the kind of way out, zeros included."))
     not_judged: int = field(metadata=meant("Drawn cases without a label."))
-    avoidable_share: float = field(metadata=meant("Share of the drawn cases with a way out, 0 to 1."))
+    avoidable_share: float = field(metadata=share("Share of the drawn cases with a way out, 0 to 1."))
     interval95: Interval = field(metadata=meant("Exact interval of `avoidable_share`."))
     median_time_to_react_s: float | None = field(
         metadata=meant(
@@ -59,12 +77,12 @@ class TopCase:
     """A case that is worth a look, with the parts of its value (docs/adr/0017)."""
 
     case_id: str = field(metadata=meant("Name of the case, seed:test."))
-    value: float = field(metadata=meant("Weighted mean of its parts, 0 to 1."))
-    avoidability: float = field(metadata=meant("Part of the value, 0 to 1."))
-    severity: float = field(metadata=meant("Part of the value, 0 to 1."))
-    novelty: float = field(metadata=meant("Part of the value, 0 to 1."))
+    value: float = field(metadata=share("Weighted mean of its parts, 0 to 1."))
+    avoidability: float = field(metadata=share("Part of the value, 0 to 1."))
+    severity: float = field(metadata=share("Part of the value, 0 to 1."))
+    novelty: float = field(metadata=share("Part of the value, 0 to 1."))
     crash_type: str = field(metadata=meant("Name of its crash type."))
-    fault: str | None = field(metadata=meant("Who is at fault by RSS; null: not judged."))
+    fault: AtFault | None = field(metadata=meant("Who is at fault by RSS; null: not judged."))
     text: str = field(metadata=meant("What happened, in a sentence."))
 
 
@@ -88,7 +106,7 @@ class Coverage:
         metadata=meant("Number of cases, and kinds that so many show on average.")
     )
     unseen_kind_chance: float = field(
-        metadata=meant("Chance that the next case is of a new kind (Good-Turing), 0 to 1.")
+        metadata=share("Chance that the next case is of a new kind (Good-Turing), 0 to 1.")
     )
     unseen_kind_interval95: Interval = field(metadata=meant("Interval of `unseen_kind_chance`."))
 
@@ -119,7 +137,7 @@ class Analysed:
     striker: dict[str, int] = field(metadata=meant("Cases by who struck: av, bv or mutual."))
     seconds: dict[str, float] = field(metadata=meant("Wall-clock by stage, and `total`.", "s"))
     note: str | None = field(default=None, metadata=meant("Why there was no split; only then."))
-    fault: dict[str, int] = field(metadata=meant("Cases by who is at fault (RSS), only those that occur."))
+    fault: dict[AtFault, int] = field(metadata=meant("Cases by who is at fault (RSS), only those that occur."))
     fault_rules: dict[str, int] = field(metadata=meant("Cases by the rule that was broken, only those that occur."))
     severity: dict[str, dict[str, float]] = field(
         metadata=meant("By measure, its 5, 50, 95 and 99 % quantiles.", "as its name says")

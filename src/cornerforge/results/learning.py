@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from cornerforge.results.rates import Rate, Yield
-from cornerforge.results.stating import meant
+from cornerforge.results.stating import meant, share
 
-__all__ = ["Baseline", "Learned", "LearnedPolicy", "Trained", "TrainedAv"]
+__all__ = ["Baseline", "Learned", "LearnedPolicy", "Trained", "TrainedAv", "TrainingCurve", "TrainingPoint"]
 
 POLICY_HASH = meant("Hash of the policy; what it made bears it.")
 BOUNDED = meant("Only actions that the naturalistic model calls possible.")
@@ -73,3 +74,35 @@ class TrainedAv(Rate, Learned):
     mean_speed: float = field(metadata=meant("Mean speed of the AV in these tests.", "m/s"))
     av_hash: str = field(metadata=meant("Hash of the AV."))
     out: str = field(metadata=meant("File of the AV."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingPoint:
+    """One point of a training curve, over the tests that ended since the point before.
+
+    The tests explore, at random only: tests of guided worlds (`TrainConfig.guided`) are not counted.
+    """
+
+    decisions: int = field(metadata=meant("Decisions learnt from so far."))
+    seconds: float | None = field(
+        metadata=meant("Wall-clock so far; null in files, so that the same training gives the same bytes.", "s")
+    )
+    updates: int = field(metadata=meant("Steps of the optimiser so far."))
+    epsilon: float = field(metadata=meant("Share of decisions taken at random, 0 to 1."))
+    loss: float | None = field(metadata=meant("Temporal difference; null: nothing was learnt yet."))
+    tests: int = field(metadata=meant("Tests that count."))
+    crashes_per_test: float | None = field(
+        metadata=share("Share of the tests in which the AV crashed, 0 to 1; null: no tests.", "per test")
+    )
+    paid_per_test: float | None = field(
+        default=None, metadata=share("Share of the tests with a reward of +1, 0 to 1; where it is counted.", "per test")
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingCurve:
+    """How an adversary learnt; `training.json` of a run."""
+
+    preset: str = field(metadata=PRESET)
+    config: dict[str, Any] = field(metadata=meant("Settings of the training, by name; null: not set."))
+    points: tuple[TrainingPoint, ...] = field(metadata=meant("In order."))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from cornerforge.results.stating import meant
+from cornerforge.results.stating import meant, share
 
 __all__ = ["INTERVAL95", "PER_TEST", "TESTS", "Interval", "Rate", "Yield"]
 
@@ -12,7 +12,7 @@ Interval = tuple[float, float]
 """Low and high of a 95 % interval."""
 
 TESTS = meant("Tests (AV drives of 400 m) that count; those that an AV from outside spoiled do not.")
-PER_TEST = meant("Share of the tests in which the AV crashed, 0 to 1.", "per test")
+PER_TEST = share("Share of the tests in which the AV crashed, 0 to 1.", "per test")
 INTERVAL95 = meant("Exact interval of `crashes_per_test` (Clopper-Pearson); low is 0 with no crash.", "per test")
 
 
@@ -37,12 +37,12 @@ class Yield(Rate):
     """How often an adversary makes the AV crash, how often so that braking helps, and who strikes."""
 
     avoidable_per_test: float = field(
-        metadata=meant("Share of the tests with a crash that braking in time would have avoided, 0 to 1.", "per test")
+        metadata=share("Share of the tests with a crash that braking in time would have avoided, 0 to 1.", "per test")
     )
     avoidable_interval95: Interval = field(
         metadata=meant("Exact interval of `avoidable_per_test`; low is 0 with none.", "per test")
     )
     striking_share: float | None = field(
-        metadata=meant("Share of the crashes in which the AV struck, 0 to 1; null: no crash.")
+        metadata=share("Share of the crashes in which the AV struck, 0 to 1; null: no crash.")
     )
     striking_interval95: Interval | None = field(metadata=meant("Exact interval of `striking_share`; null: no crash."))

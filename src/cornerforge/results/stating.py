@@ -1,17 +1,16 @@
-"""Metadata of result fields, and conversion of results to JSON, back from it, and to documentation."""
+"""Metadata of result fields, and conversion of results to JSON and to documentation."""
 
 from __future__ import annotations
 
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from cornerforge.errors import FileFormatError
+__all__ = ["UNIONS", "as_json", "meant", "results_markdown", "share"]
 
-__all__ = ["as_json", "from_json", "meant", "results_markdown"]
-
-T = TypeVar("T")
+UNIONS = (Union, types.UnionType)
+"""Origins of `A | B`; the first is that of a union with a Literal."""
 
 
 def meant(meaning: str, unit: str = "") -> dict[str, str]:
@@ -22,6 +21,11 @@ def meant(meaning: str, unit: str = "") -> dict[str, str]:
         unit: Unit of the values, "" for none.
     """
     return {"unit": unit, "meaning": meaning}
+
+
+def share(meaning: str, unit: str = "") -> dict[str, Any]:
+    """Make the metadata of a field from 0 to 1: `meant`, with a range that a reader of files checks."""
+    return {**meant(meaning, unit), "within": (0.0, 1.0)}
 
 
 def as_json(result: Any) -> dict[str, Any]:
@@ -51,49 +55,13 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def from_json(kind: type[T], content: Mapping[str, Any]) -> T:
-    """The inverse of `as_json`.
-
-    Args:
-        kind: Its class: one of the dataclasses of this package.
-        content: The object.
-
-    Raises:
-        FileFormatError: Keys are missing or unknown, or a value is of another shape.
-    """
-    hints = get_type_hints(kind)
-    try:
-        return kind(**{name: _typed(hints[name], value) for name, value in content.items()})
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FileFormatError(f"This is no {kind.__name__} ({error}).") from error
-
-
-def _typed(kind: Any, value: Any) -> Any:
-    """Convert a value of JSON to a field's type."""
-    arguments = get_args(kind)
-    if isinstance(kind, types.UnionType):
-        if value is None:
-            return None
-        others = [one for one in arguments if one is not types.NoneType]
-        many = isinstance(value, (list, tuple))
-        return _typed(next((one for one in others if many == (get_origin(one) is tuple)), others[0]), value)
-    if is_dataclass(kind):
-        return from_json(kind, value)  # type: ignore[arg-type]
-    if get_origin(kind) is tuple:
-        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
-        return tuple(_typed(one, item) for one, item in zip(kinds, value, strict=True))
-    if get_origin(kind) is dict:
-        return {key: _typed(arguments[1], item) for key, item in value.items()}
-    return value
-
-
 _WORDS = {int: "integer", float: "number", str: "string", bool: "true or false", type(None): "null", Any: "any value"}
 
 
 def _in_words(kind: Any) -> str:
     """Describe a field's type in JSON; results within it by name, with a link to their tables."""
     arguments = get_args(kind)
-    if isinstance(kind, types.UnionType):
+    if get_origin(kind) in UNIONS:
         return " or ".join(map(_in_words, arguments))
     if is_dataclass(kind):
         name = getattr(kind, "__name__", "")
@@ -104,7 +72,7 @@ def _in_words(kind: Any) -> str:
         return f"[{', '.join(map(_in_words, arguments))}]"
     if get_origin(kind) is dict:
         return f"object of {_in_words(arguments[1])} by name"
-    return _WORDS[kind]
+    return _WORDS[str if get_origin(kind) is Literal else kind]
 
 
 def _parts(kind: Any) -> Iterator[Any]:
@@ -133,22 +101,25 @@ def _type_of(one: Field[Any], hints: Mapping[str, Any]) -> Any:
     return get_args(kind)[0] if _may_be_missing(one) else kind
 
 
-def results_markdown(verbs: Mapping[str, Any]) -> str:
-    """Write the page docs/results-json.md: a table for each verb, and one for each result within others.
+def results_markdown(verbs: Mapping[str, Any], files: Mapping[str, Any]) -> str:
+    """Write the page docs/results-json.md: a table for each verb and file, and one for each result within others.
 
     Args:
         verbs: A verb's name to its result's dataclass.
+        files: A file's name to the dataclass that it holds; no file of a verb's own result.
     """
     lines = [
         "# What commands print with `--json`", "",
         "One object a command. From Python it is a dataclass of `cornerforge.results` whose attributes are the keys",
         "(`simulate(tests=1000).crashes_per_test`), and `cornerforge.results.as_json` makes the object of it. Lists",
-        "are tuples there, and a key that may be missing is None. This page is made from the code (`make golden`).", "",
+        "are tuples there, and a key that may be missing is None. After the commands stand files of a run that no",
+        "command prints. This page is made from the code (`make golden`).", "",
     ]  # fmt: skip
-    for verb, kind in verbs.items():
+    stated = {**verbs, **files}
+    for verb, kind in stated.items():
         lines += [f"## `{verb}`", "", f"`{kind.__name__}`: {kind.__doc__.splitlines()[0]}", "", *_table(kind)]
-    inner = dict.fromkeys(part for kind in verbs.values() for part in _parts(kind))
-    own = set(verbs.values())
+    inner = dict.fromkeys(part for kind in stated.values() for part in _parts(kind))
+    own = set(stated.values())
     for part in inner:
         if part not in own:
             lines += [f"### {part.__name__}", "", part.__doc__.splitlines()[0], "", *_table(part)]

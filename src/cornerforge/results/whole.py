@@ -1,4 +1,4 @@
-"""The result of `run`."""
+"""The result of `run`, and what its stages leave in files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolic
 from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
-__all__ = ["RunDone", "RunTrained"]
+__all__ = ["Exposed", "Exposure", "ExposureMiles", "RunDone", "RunTrained"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,3 +36,32 @@ class RunDone:
     analyse: Analysed = field(metadata=meant("What is in it."))
     report: str = field(metadata=meant("File of the report."))
     seconds: float = field(metadata=meant("Wall-clock of this call; stages of earlier ones are not in it.", "s"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureMiles:
+    """Distances over which exposure was counted."""
+
+    nde: float = field(metadata=meant("In natural traffic.", "miles"))
+    adversary: float = field(metadata=meant("With the adversary.", "miles"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposed:
+    """One quantity that the AV was exposed to, once a second, in natural traffic and with the adversary."""
+
+    label: str = field(metadata=meant("What it is, for an axis."))
+    unit: str = field(metadata=meant("Of `edges`."))
+    edges: tuple[float, ...] = field(metadata=meant("Edges of the bins, rising.", "`unit`"))
+    nde: tuple[int, ...] = field(metadata=meant("Counts of each bin in natural traffic."))
+    adversary: tuple[int, ...] = field(metadata=meant("Counts of each bin with the adversary."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure:
+    """What the AV was exposed to, the paper's Figure 3; `exposure.json` of a run."""
+
+    miles: ExposureMiles = field(metadata=meant("Distances driven."))
+    quantities: dict[str, Exposed] = field(
+        metadata=meant("By name, bumper-to-bumper distances and times to collision.")
+    )

@@ -1,0 +1,154 @@
+"""Reading of results: what is written comes back, and what a file has wrong is named with its place."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cornerforge import results
+from cornerforge.errors import FileFormatError
+from cornerforge.results import Analysed, Simulated, as_json
+from cornerforge.results.analysis import FAULTS
+from cornerforge.results.reading import JsonFile, open_json
+from cornerforge.results.stating import UNIONS
+
+CLASSES = [thing for name in results.__all__ if isinstance(thing := getattr(results, name), type)]
+KINDS = [pytest.param(kind, id=kind.__name__) for kind in CLASSES]
+SCALARS: dict[Any, st.SearchStrategy[Any]] = {
+    Any: st.none() | st.booleans() | st.integers(0) | st.text(),
+    NoneType: st.none(),
+    bool: st.booleans(),
+    float: st.floats(allow_nan=False, allow_infinity=False),
+    int: st.integers(0),
+    str: st.text(max_size=5),
+}
+
+
+def drawn(kind: Any) -> st.SearchStrategy[Any]:
+    """Values of a field's type that a file may hold; those of a dataclass within the ranges of its fields."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        hints = get_type_hints(kind)
+        ranged = {one.name: one.metadata.get("within") for one in dataclasses.fields(kind)}
+        made = {name: drawn(hints[name]) if ends is None else st.floats(*ends) for name, ends in ranged.items()}
+        return st.builds(kind, **made)
+    if origin in UNIONS:
+        return st.one_of(*map(drawn, arguments))
+    if origin is Literal:
+        return st.sampled_from(arguments)
+    if origin is dict:
+        return st.dictionaries(drawn(arguments[0]), drawn(arguments[1]), max_size=2)
+    if origin is tuple and arguments[-1] is Ellipsis:
+        return st.lists(drawn(arguments[0]), max_size=2).map(tuple)
+    return st.tuples(*map(drawn, arguments)) if origin is tuple else SCALARS[kind]
+
+
+def a_file(content: Any) -> JsonFile:
+    return JsonFile(Path("made.json"), "cornerforge make", content)
+
+
+LARGE = settings(suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large], max_examples=20)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@LARGE
+@given(data=st.data())
+def test_a_result_comes_back_from_its_file(kind: type, data: st.DataObject) -> None:
+    made = data.draw(drawn(kind))
+    assert a_file(json.loads(json.dumps(as_json(made), allow_nan=False))).read(kind) == made
+
+
+def wrong_for(kind: Any) -> Any:
+    """A value of JSON that no field of this type may hold; None where any value may stand."""
+    if kind is Any:
+        return None
+    return 7 if bool in (kind, *get_args(kind)) else True
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@LARGE
+@given(data=st.data())
+def test_each_field_that_is_missing_or_of_another_type_is_named(kind: type, data: st.DataObject) -> None:
+    content = as_json(data.draw(drawn(kind)))
+    for one in dataclasses.fields(kind):
+        less = {key: value for key, value in content.items() if key != one.name}
+        if one.default is dataclasses.MISSING:
+            with pytest.raises(FileFormatError, match=f'^made.json: "{one.name}" is missing; .*: cornerforge make$'):
+                a_file(less).read(kind)
+        else:
+            a_file(less).read(kind)
+        wrong = wrong_for(get_type_hints(kind)[one.name])
+        if wrong is not None:
+            with pytest.raises(FileFormatError, match=f'^made.json: "{one.name}" is .*; .*: cornerforge make$'):
+                a_file({**content, one.name: wrong}).read(kind)
+
+
+COUNTED = {
+    "tests": 4, "crashes_per_test": 0.25, "interval95": [0.0, 0.8], "crashes_per_mile": None,
+    "interval95_per_mile": None, "miles": 1, "av_crashes": 1, "av_faults": 0, "bv_crashes": 0, "seconds": 0.5,
+    "world_steps": 3, "world_steps_per_second": 6.0, "tests_per_second": 8.0, "digest": "ab",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tests": -1}, '"tests" is -1, not a whole number of at least 0'),
+        ({"tests": 1.5}, '"tests" is 1.5, not a whole number of at least 0'),
+        ({"tests": None}, '"tests" is missing'),
+        ({"tests": True}, '"tests" is True, not a whole number of at least 0'),
+        ({"miles": "far"}, "\"miles\" is 'far', not a finite number"),
+        ({"miles": float("nan")}, '"miles" is nan, not a finite number'),
+        ({"miles": 10**400}, '"miles" is 1000000'),
+        ({"crashes_per_mile": float("inf")}, '"crashes_per_mile" is inf, not a finite number'),
+        ({"crashes_per_test": 1.5}, '"crashes_per_test" = 1.5 is outside [0, 1]'),
+        ({"interval95": [0.0]}, '"interval95" has 1 entries instead of 2'),
+        ({"interval95": [0.0, None]}, '"interval95[1]" is None, not a finite number'),
+        ({"interval95": {}}, '"interval95" is not a list'),
+        ({"digest": 3}, '"digest" is 3, not a text'),
+        ({"distributions": {"speed": {"unit": 1}}}, '"distributions.speed.unit" is 1, not a text'),
+        ({"distributions": []}, '"distributions" is not an object'),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place(changes: dict[str, Any], message: str) -> None:
+    assert a_file(COUNTED).read(Simulated).crashes_per_test == 0.25
+    with pytest.raises(FileFormatError, match=re.escape(message)):
+        a_file(COUNTED | changes).read(Simulated)
+
+
+def test_names_are_those_of_the_type() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Blamed:
+        fault: dict[Literal["av", "bv"], int]
+        one: Literal["av", "bv"] | None
+
+    Blamed.__annotations__ = {"fault": dict[Literal["av", "bv"], int], "one": Literal["av", "bv"] | None}
+    assert a_file({"fault": {"bv": 2}, "one": None}).read(Blamed) == Blamed({"bv": 2}, None)
+    with pytest.raises(FileFormatError, match="\"fault\" holds 'road', allowed: av, bv"):
+        a_file({"fault": {"road": 2}, "one": "av"}).read(Blamed)
+    with pytest.raises(FileFormatError, match="\"one\" is 'road', not one of av, bv"):
+        a_file({"fault": {}, "one": "road"}).read(Blamed)
+    assert get_args(get_args(get_type_hints(Analysed)["fault"])[0]) == FAULTS
+
+
+def test_keys_of_other_versions_are_passed_over() -> None:
+    assert a_file(COUNTED | {"more": 1}).read(Simulated) == a_file(COUNTED).read(Simulated)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"), [(None, "is missing; write it with"), ("{", "cannot be read"), ("[]", "holds no JSON object")]
+)
+def test_a_file_that_is_no_object_is_named(text: str | None, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(FileFormatError, match=rf"a\.json {message}.*: cornerforge make"):
+        open_json(path, "cornerforge make")
