@@ -11,7 +11,8 @@ import pytest
 from cornerforge import pipeline
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.library import CaseLibrary
-from cornerforge.results import Quantity, Simulated
+from cornerforge.results import Simulated
+from cornerforge.results.driving import Quantity
 from cornerforge.sim import runner
 
 QUANTILES = ["1", "5", "25", "50", "75", "95", "99"]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,20 +17,16 @@ from hypothesis import strategies as st
 import cornerforge
 from cornerforge import pipeline, results
 from cornerforge.errors import FileFormatError
-from cornerforge.results import (
-    VERBS,
-    Cluster,
-    NddValidated,
-    Queried,
-    Rate,
-    Simulated,
-    TrafficDistances,
-    as_json,
-    from_json,
-    results_markdown,
-)
+from cornerforge.results import VERBS, NddValidated, Queried, Simulated, as_json, from_json
+from cornerforge.results.analysis import Cluster
+from cornerforge.results.rates import Rate
+from cornerforge.results.stating import results_markdown
+from cornerforge.results.validation import TrafficDistances
 
-CLASSES = [thing for name in results.__all__ if isinstance(thing := getattr(results, name), type)]
+MODULES = [importlib.import_module(f"{results.__name__}.{one.name}") for one in pkgutil.iter_modules(results.__path__)]
+CLASSES = [
+    thing for module in MODULES for name in module.__all__ if dataclasses.is_dataclass(thing := getattr(module, name))
+]
 KINDS = [pytest.param(kind, id=kind.__name__) for kind in CLASSES]
 RATE = Rate(
     tests=2, crashes_per_test=0.5, interval95=(0.0, 1.0), crashes_per_mile=None, interval95_per_mile=None, miles=0.0

@@ -60,7 +60,7 @@ def simulate(
 ) -> None:
     """Drive tests and count crashes; they are stored only with --out."""
     from cornerforge import pipeline
-    from cornerforge.results import Quantity
+    from cornerforge.results.driving import Quantity
 
     drivers = [*(bv or []), *map(str, policy or [])] or ["nde"]
 

@@ -26,7 +26,8 @@ from cornerforge.pipeline.output import (
     write_json,
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.results import PaperItem, Reproduced, from_json
+from cornerforge.results import Reproduced, from_json
+from cornerforge.results.reproduction import PaperItem
 from cornerforge.world_options import RoadKeywords, WorldOptions
 
 __all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
