@@ -19,12 +19,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from cornerforge import analyse
 from cornerforge.analysis import fault, value
 from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
-from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
 from cornerforge.report.judged import FAULTS, PARTS, CaseJudgement, read_case_judgements
 from cornerforge.report.text import share
