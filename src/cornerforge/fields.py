@@ -15,13 +15,9 @@ import numpy as np
 __all__ = [
     "BODY",
     "CASES",
-    "CASE_ROW",
     "FRAME_FIELDS",
     "HISTORY_SHAPE",
-    "PARTNER",
-    "REALS",
     "SERIES",
-    "SHORTFALL",
     "TRACKS",
     "Field",
     "Series",

@@ -72,7 +72,7 @@ def reproduce(
     Raises:
         CornerForgeError: Input, files or output place are not right; an extra is missing.
     """
-    from cornerforge.report import check_reproduction, write_reproduction
+    from cornerforge.report.reproduction import check_reproduction, write_reproduction
 
     start = time.perf_counter()
     folder = Path(out)
