@@ -30,7 +30,7 @@ from cornerforge.results import Queried, Replayed, as_json
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.setting import cast_index
 
-generate_module = importlib.import_module("cornerforge.pipeline.generate")  # the attribute of that name is the function
+generate_module = importlib.import_module("cornerforge.pipeline.generate")
 WHAT = ["case_id", "trajectory_digest", "crash_time_s", "log_prob_nde"]
 
 

@@ -22,7 +22,7 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.report.artefacts import read_artefacts
 from cornerforge.results import RunDone, as_json
 
-run_module = importlib.import_module("cornerforge.pipeline.run")  # the attribute of that name is the function
+run_module = importlib.import_module("cornerforge.pipeline.run")
 
 # Beyond replay_start of preset `fast`, so that it learns a little; enough to crash now and then.
 TINY = run_module.Effort(nde_tests=600, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
