@@ -12,10 +12,10 @@ from pathlib import Path
 
 from measuring import Series, interleave, table
 
+from cornerforge import analyse, generate
 from cornerforge.adversary.config import preset_named
 from cornerforge.adversary.policy_file import Policy
 from cornerforge.execution import default_threads
-from cornerforge.pipeline import analyse, generate
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.pipeline.train import learn
 from cornerforge.sim.runner import simulate, warm_up

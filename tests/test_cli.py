@@ -632,7 +632,7 @@ def test_a_file_that_ends_early_is_no_interrupt(capsys: Capture, monkeypatch: py
     def cut_off(*_: object, **__: object) -> dict[str, Any]:
         raise EOFError("Ran out of input")
 
-    monkeypatch.setattr("cornerforge.pipeline.avs", cut_off)
+    monkeypatch.setattr("cornerforge.avs", cut_off)
     with pytest.raises(EOFError, match="Ran out"):
         call(capsys, "avs")
 

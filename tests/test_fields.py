@@ -7,17 +7,55 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cornerforge.fields import CASE_ROW, CASES, FRAME_FIELDS, REALS, SERIES, TRACKS
+from cornerforge._jit import kernel
+from cornerforge.fields import CASE_ROW, CASES, FRAME_FIELDS, HISTORY_SHAPE, POSE, REALS, SERIES, TRACKS
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim import harvest
-from cornerforge.types import Scenario
+from cornerforge.sim.keep import Decisions
+from cornerforge.sim.step import allocate_recording, record_frame
+from cornerforge.sim.world import VEHICLE, World, allocate_worlds, world_of
+from cornerforge.types import Odd, Scenario
 
 
-def test_the_kernel_reads_the_real_series_in_their_order() -> None:
-    """`harvest._reals` is the one place that names them by hand."""
-    cell = np.zeros(1, dtype=FRAME_FIELDS)
+@kernel
+def _record(w: World, recording: np.ndarray) -> None:
+    record_frame(w, 1, recording)
+
+
+def test_a_frame_has_every_series_of_the_list() -> None:
+    """Of two vehicles that are there; the third is absent, and its cell stays as it was."""
+    world = world_of(allocate_worlds(1, 3))
+    world.state["n_vehicles"] = 3
+    for place, series in enumerate(SERIES, start=1):
+        world.vehicles[series.name] = [place, 10 * place, 99]
+    world.vehicles["present"] = [1, 1, 0]
+    recording = allocate_recording(2, 3)
+    _record(world, recording)
+    rest = [place for place, series in enumerate(SERIES, start=1) if series.name != "present"]
+    assert recording[1, 0].tolist() == (*rest, 1)
+    assert recording[1, 1].tolist() == (*(10 * place for place in rest), 1)
+    assert not recording[1, 2]["present"]
+    assert not recording[0]["present"].any()
+
+
+def test_a_case_has_every_real_series_and_pose_of_the_lists() -> None:
+    """Two vehicles, two frames; vehicle 1 is absent in the first."""
+    cells = np.zeros((2, 2), dtype=FRAME_FIELDS)
     for place, name in enumerate(REALS, start=1):
-        cell[name] = place
-    assert harvest._reals(cell.view(np.recarray)[0]) == tuple(range(1, len(REALS) + 1))
+        cells[name] = [[place, 99], [10 * place, 100 * place]]
+    cells["present"] = [[1, 0], [1, 1]]
+    nothing = Decisions(np.zeros((1, 2), np.int8), np.zeros(1, np.int16), np.zeros(1), np.zeros(1), np.zeros(1))
+    bodies = np.zeros(2, dtype=VEHICLE)
+    bodies["length"], bodies["width"] = 5.0, 2.0
+    room = harvest.allocate_harvest(1, 2, 1)
+    end = harvest.Recorded(2, 1, 2, 1, 1)
+    harvest.keep_case(harvest.CaseName(0, 0, 0), end, np.inf, road_numbers(Odd()), cells, nothing, bodies, room)
+    for row, name in enumerate(REALS):
+        values = np.where(cells["present"], cells[name], np.nan)
+        np.testing.assert_array_equal(room.reals[row, :4], values.T.ravel())
+        np.testing.assert_array_equal(room.exact[4 * row : 4 * row + 4], np.nan_to_num(values).ravel())
+    history = room.history[0].reshape(HISTORY_SHAPE)
+    np.testing.assert_array_equal(history[0], [[cells[name][1, i] for name in POSE] for i in (0, 1)])
 
 
 def test_series_are_those_of_a_scenario() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from dataclasses import fields
 from typing import Any
@@ -14,7 +15,14 @@ from cornerforge.cli import app
 from cornerforge.errors import InputError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.pipeline.setting import experiment
-from cornerforge.world_options import AvKeywords, RoadKeywords, WorldKeywords, WorldOptions
+from cornerforge.world_options import (
+    AdversaryEnvKeywords,
+    AvKeywords,
+    DrivingEnvKeywords,
+    RoadKeywords,
+    WorldKeywords,
+    WorldOptions,
+)
 
 NAMES = {one.name for one in fields(WorldOptions)}
 VERBS = {
@@ -34,6 +42,8 @@ def test_keywords_are_the_options() -> None:
     assert set(WorldKeywords.__annotations__) == NAMES
     assert set(AvKeywords.__annotations__) == NAMES - {"bounded", "budget"}
     assert set(RoadKeywords.__annotations__) == {"odd", "lanes", "model"}
+    assert set(DrivingEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"}
+    assert set(AdversaryEnvKeywords.__annotations__) == {"av", "odd", "lanes", "model", "bounded"}
     assert WorldOptions().av_timeout == DEFAULT_TIMEOUT
 
 
@@ -43,6 +53,20 @@ def test_no_verb_declares_an_option_of_the_world_again(name: str) -> None:
     assert NAMES & set(parameters) == OWN.get(name, set())
     rest = [one for one in parameters.values() if one.kind is inspect.Parameter.VAR_KEYWORD]
     assert [one.annotation for one in rest] == ([f"Unpack[{VERBS[name].__name__}]"] if name in VERBS else [])
+
+
+@pytest.mark.parametrize(("name", "keywords"), [("Adversary", AdversaryEnvKeywords), ("Driving", DrivingEnvKeywords)])
+@pytest.mark.parametrize("module", ["single.{}Env", "vector.{}VectorEnv"])
+def test_no_environment_declares_an_option_of_the_world_again(name: str, keywords: Any, module: str) -> None:
+    place, kind = module.format(name).split(".")
+    parameters = inspect.signature(getattr(importlib.import_module(f"cornerforge.envs.{place}"), kind)).parameters
+    assert not NAMES & set(parameters)
+    assert parameters["world"].annotation == f"Unpack[{keywords.__name__}]"
+
+
+def test_an_option_has_one_type() -> None:
+    for keywords in (AdversaryEnvKeywords, DrivingEnvKeywords):
+        assert keywords.__annotations__.items() <= WorldKeywords.__annotations__.items()
 
 
 def commands() -> dict[str, Any]:

@@ -11,27 +11,23 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.paper import reproduce
-    from cornerforge.pipeline import (
-        analyse,
-        avs,
-        check_av,
-        generate,
-        ndd_fit,
-        ndd_import,
-        ndd_show,
-        ndd_validate,
-        plausibility,
-        query,
-        rate,
-        replay,
-        run,
-        shrink,
-        simulate,
-        train,
-        train_av,
-        variety,
-    )
+    from cornerforge.paper.reproduce import reproduce
+    from cornerforge.pipeline.analyse import analyse
+    from cornerforge.pipeline.avs import avs
+    from cornerforge.pipeline.cases import query, replay
+    from cornerforge.pipeline.check_av import check_av
+    from cornerforge.pipeline.generate import generate
+    from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
+    from cornerforge.pipeline.plausibility import plausibility
+    from cornerforge.pipeline.rate import rate
+    from cornerforge.pipeline.run import run
+    from cornerforge.pipeline.show import ndd_show
+    from cornerforge.pipeline.shrink import shrink
+    from cornerforge.pipeline.simulate import simulate
+    from cornerforge.pipeline.train import train
+    from cornerforge.pipeline.train_av import train_av
+    from cornerforge.pipeline.validate import ndd_validate
+    from cornerforge.pipeline.variety import variety
 
 __all__ = [
     "__version__",
@@ -58,5 +54,27 @@ __all__ = [
 
 __version__ = "0.1.0"
 
-
-__getattr__ = door("cornerforge", dict.fromkeys(set(__all__) - {"__version__"}, "pipeline") | {"reproduce": "paper"})
+__getattr__ = door(
+    "cornerforge",
+    {
+        "analyse": "pipeline.analyse",
+        "avs": "pipeline.avs",
+        "check_av": "pipeline.check_av",
+        "generate": "pipeline.generate",
+        "ndd_fit": "pipeline.naturalistic",
+        "ndd_import": "pipeline.naturalistic",
+        "ndd_show": "pipeline.show",
+        "ndd_validate": "pipeline.validate",
+        "plausibility": "pipeline.plausibility",
+        "query": "pipeline.cases",
+        "rate": "pipeline.rate",
+        "replay": "pipeline.cases",
+        "reproduce": "paper.reproduce",
+        "run": "pipeline.run",
+        "shrink": "pipeline.shrink",
+        "simulate": "pipeline.simulate",
+        "train": "pipeline.train",
+        "train_av": "pipeline.train_av",
+        "variety": "pipeline.variety",
+    },
+)

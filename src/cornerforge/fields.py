@@ -15,13 +15,10 @@ import numpy as np
 __all__ = [
     "BODY",
     "CASES",
-    "CASE_ROW",
     "FRAME_FIELDS",
     "HISTORY_SHAPE",
-    "PARTNER",
-    "REALS",
+    "POSE",
     "SERIES",
-    "SHORTFALL",
     "TRACKS",
     "Field",
     "Series",
@@ -102,9 +99,11 @@ REALS: tuple[str, ...] = tuple(series.name for series in SERIES if series.record
 FRAME_FIELDS = np.dtype([(series.name, series.recorded.lstrip("<")) for series in SERIES], align=True)
 """One vehicle in one recorded frame; where `present` is 0 it is absent, and the rest means nothing."""
 
-HISTORY_SHAPE = (16, 2, 4)
-"""Shape of a case's history: seconds 0..15 before the contact; AV, crash partner; x [m], y [m], speed [m/s], heading
-[rad]."""
+POSE = ("x", "y", "speed", "heading")
+"""Names of the series that say where a vehicle is and how it moves, in the order of a case's history."""
+
+HISTORY_SHAPE = (16, 2, len(POSE))
+"""Shape of a case's history: seconds 0..15 before the contact; AV, crash partner; `POSE`."""
 
 
 def _limits(who: str, name: str) -> tuple[Field, ...]:
@@ -170,7 +169,7 @@ CASES: tuple[Field, ...] = (
     Field("critical_bv_action", "list of int8", "", "Critical BV's action at each decision; -1: no BV."),
     Field(
         "history", f"float32[{HISTORY_SHAPE[0] * HISTORY_SHAPE[1] * HISTORY_SHAPE[2]}]", "m, m/s, rad",
-        "[second 0..15 before contact][AV, partner][x, y, speed, heading], flat; NaN before the test began.",
+        f"[second 0..15 before contact][AV, partner][{', '.join(POSE)}], flat; NaN before the test began.",
     ),
     *SHORTFALL,
     *PARTNER,

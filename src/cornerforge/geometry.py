@@ -12,7 +12,6 @@ __all__ = [
     "Box",
     "boxes_overlap",
     "path_at",
-    "path_peak_acceleration",
     "plan_path",
     "quintic",
 ]

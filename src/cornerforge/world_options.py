@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 __all__ = [
     "PLAIN_ADVERSARIES",
     "REWARD_NAMES",
+    "AdversaryEnvKeywords",
     "AvKeywords",
+    "DrivingEnvKeywords",
     "RoadKeywords",
     "WorldKeywords",
     "WorldOptions",
@@ -102,3 +104,15 @@ class WorldKeywords(AvKeywords, total=False):
 
     bounded: bool
     budget: float | None
+
+
+class DrivingEnvKeywords(RoadKeywords, total=False):
+    """Keywords of `cornerforge/Driving-v0`, whose AV is the agent."""
+
+    bounded: bool
+
+
+class AdversaryEnvKeywords(DrivingEnvKeywords, total=False):
+    """Keywords of `cornerforge/Adversary-v0`, whose adversary is the agent."""
+
+    av: str

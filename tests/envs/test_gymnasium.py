@@ -303,6 +303,22 @@ def test_mistakes_are_named(steps: list[Any], message: str) -> None:
         call(*steps)
 
 
+@pytest.mark.parametrize("option", ["lane", "budget", "av_timeout", "av"])
+@pytest.mark.parametrize("kind", [AdversaryEnv, DrivingEnv, AdversaryVectorEnv, DrivingVectorEnv])
+def test_an_option_of_another_world_is_refused(kind: Any, option: str) -> None:
+    """In Python's words; the AV is an option where it is not the agent."""
+    if option == "av" and kind in (AdversaryEnv, AdversaryVectorEnv):
+        assert kind(av="rl")._batch.run.av.name == "rl"
+        return
+    words = rf"^{kind.__name__}\.__init__\(\) got an unexpected keyword argument '{option}'"
+    with pytest.raises(TypeError, match=words):
+        kind(**{option: 3})
+    name = ADVERSARY_ID if "Adversary" in kind.__name__ else DRIVING_ID
+    make: Any = gymnasium.make_vec if "Vector" in kind.__name__ else gymnasium.make
+    with pytest.raises(TypeError, match=words):
+        make(name, **{option: 3})
+
+
 # --- registration ---
 
 

@@ -27,6 +27,7 @@ from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import ADVERSARIES
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, World, world_of
 from cornerforge.types import Odd
+from cornerforge.world_options import WorldOptions
 
 SEED = 3
 N = 96
@@ -85,7 +86,7 @@ def assert_same_tests(batch: BvBatch | AvBatch, run: Experiment) -> Outcomes:
     [("swerve", False, "default"), ("uniform", False, "paper"), ("uniform", True, "swift")],
 )
 def test_the_controlled_bv_does_what_the_agent_says(kind: str, bounded: bool, odd: str, reckless: Path) -> None:
-    batch = adversary_batch(N, 2, av="idm-mobil", odd=odd, lanes=None, model=reckless, bounded=bounded, reward="crash")
+    batch = adversary_batch(N, 2, WorldOptions(odd=odd, model=reckless, bounded=bounded), reward="crash")
     drive_to_the_end(batch, as_adversary(kind))
     out = assert_same_tests(batch, experiment(odd=odd, model=reckless, bv=kind, bounded=bounded))
     assert len(set(out.code.tolist())) > 1, "too little happened"
@@ -95,16 +96,14 @@ def test_the_controlled_bv_does_what_the_agent_says(kind: str, bounded: bool, od
     ("bv", "odd"), [("nde", "default"), ("swerve", "default"), ("uniform", "paper"), ("idm", "swift")]
 )
 def test_the_av_does_what_the_agent_says(bv: str, odd: str, reckless: Path) -> None:
-    batch = driving_batch(N, 2, bv=bv, odd=odd, lanes=None, model=reckless, bounded=False, box=False, act_every=None)
+    batch = driving_batch(N, 2, WorldOptions(odd=odd, model=reckless), bv=bv, box=False, act_every=None)
     drive_to_the_end(batch, as_built_in_av)
     assert_same_tests(batch, experiment(odd=odd, model=reckless, bv=bv))
 
 
 @pytest.mark.parametrize("act_every", [2, 5, 10])
 def test_the_av_may_decide_less_often(act_every: int, reckless: Path) -> None:
-    batch = driving_batch(
-        N, 1, bv="swerve", odd="default", lanes=None, model=reckless, bounded=False, box=False, act_every=act_every
-    )
+    batch = driving_batch(N, 1, WorldOptions(model=reckless), bv="swerve", box=False, act_every=act_every)
     drive_to_the_end(batch, as_built_in_av)
     run = experiment(model=reckless, bv="swerve")
     slower = run.setting._replace(road=run.setting.road._replace(av_substeps=act_every))
@@ -114,9 +113,7 @@ def test_the_av_may_decide_less_often(act_every: int, reckless: Path) -> None:
 
 def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) -> None:
     """A fast test moves only whom somebody may touch or see; what is shown last must be of one moment all the same."""
-    batch = adversary_batch(
-        N, 1, av="idm-mobil", odd="default", lanes=None, model=reckless, bounded=False, reward="crash"
-    )
+    batch = adversary_batch(N, 1, WorldOptions(model=reckless), reward="crash")
     drive_to_the_end(batch, as_adversary("swerve"))
     assert {AV_CRASH, BV_CRASH, COMPLETED} <= set(batch.outcome.tolist())
     recorder = Recorder(experiment(model=reckless, bv="swerve").setting, Odd())
@@ -135,9 +132,7 @@ def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) ->
 @pytest.mark.parametrize("reward", ["crash", "striking", "avoidable"])
 def test_the_adversary_is_paid_as_its_crashes_are_judged(reward: str, reckless: Path) -> None:
     """One sum per test, by the judgement of the same tests driven again; two threads with scratch of their own."""
-    batch = adversary_batch(
-        N, 2, av="idm-mobil", odd="default", lanes=None, model=reckless, bounded=False, reward=reward, delay=0.3
-    )
+    batch = adversary_batch(N, 2, WorldOptions(model=reckless), reward=reward, delay=0.3)
     total = np.zeros(N)
     drive = as_adversary("swerve")
 
@@ -161,9 +156,7 @@ def test_the_adversary_is_paid_as_its_crashes_are_judged(reward: str, reckless: 
 
 
 def test_the_av_is_paid_for_metres_and_pays_for_crashes(reckless: Path) -> None:
-    batch = driving_batch(
-        N, 1, bv="swerve", odd="default", lanes=None, model=reckless, bounded=False, box=False, act_every=None
-    )
+    batch = driving_batch(N, 1, WorldOptions(model=reckless), bv="swerve", box=False, act_every=None)
     total = np.zeros(N)
 
     def act(batch: AvBatch, running: np.ndarray) -> None:
@@ -205,7 +198,7 @@ def test_accelerations_and_lane_orders_by_hand() -> None:
 
 
 def test_lane_orders_begin_break_off_and_stay_on_the_road() -> None:
-    batch = driving_batch(1, 1, bv="nde", odd="default", lanes=2, model=None, bounded=False, box=False, act_every=None)
+    batch = driving_batch(1, 1, WorldOptions(lanes=2), bv="nde", box=False, act_every=None)
     road = batch.run.setting.road
     one = np.ones(1, dtype=np.bool_)
     w = world(batch, 0)

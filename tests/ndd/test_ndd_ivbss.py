@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError
 from cornerforge.ndd import default_model_path, load_model
@@ -422,7 +422,7 @@ def test_the_command_writes_model_and_report_and_the_same_bytes_again(
     assert model.provenance["format"] == "ivbss"
     assert "source" not in json.dumps(dict(model.provenance))  # no folders
     first = out.read_bytes()
-    pipeline.ndd_import(published, out=out)
+    cornerforge.ndd_import(published, out=out)
     assert out.read_bytes() == first
 
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import InputError, MissingExtraError, OutputError
 from cornerforge.ndd import default_model_path, load_model, save_model
@@ -137,29 +137,29 @@ def test_without_matplotlib_the_message_says_how_to_get_it(tmp_path: Path, monke
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingExtraError, match=r'matplotlib.*pip install "cornerforge\[report\]"'):
-        pipeline.ndd_show(out=tmp_path / "figures")
+        cornerforge.ndd_show(out=tmp_path / "figures")
     assert not (tmp_path / "figures").exists()
 
 
 @needs_matplotlib
 def test_figures_are_drawn_and_drawn_again_to_the_same_bytes(tmp_path: Path, model: NddModel) -> None:
-    result = pipeline.ndd_show(out=tmp_path / "f")
+    result = cornerforge.ndd_show(out=tmp_path / "f")
     first = {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()}
     assert len(result.figures) == 7
     assert all(first[Path(name).name].startswith(b"\x89PNG") for name in result.figures)
     assert {"numbers.json", "provenance.json"} <= set(first)
-    again = pipeline.ndd_show(out=tmp_path / "f")
+    again = cornerforge.ndd_show(out=tmp_path / "f")
     assert all(Path(name).read_bytes() == first[Path(name).name] for name in again.figures)
     other = tmp_path / "other.npz"
     save_model(certain(model), other)
     with pytest.raises(InputError, match="holds a run with model"):
-        pipeline.ndd_show(other, out=tmp_path / "f")
-    assert len(pipeline.ndd_show(other, out=tmp_path / "g").figures) == 7
+        cornerforge.ndd_show(other, out=tmp_path / "f")
+    assert len(cornerforge.ndd_show(other, out=tmp_path / "g").figures) == 7
 
 
 @needs_matplotlib
 def test_a_folder_with_something_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(OutputError, match=r"thesis\.tex"):
-        pipeline.ndd_show(out=tmp_path)
+        cornerforge.ndd_show(out=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, save_policy
 from cornerforge.drivers.policy import n_weights
@@ -19,7 +19,7 @@ LIBRARY_SEED = 5
 def swerve_library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """60 crashes that the plain adversary `swerve` made; read only."""
     path = tmp_path_factory.mktemp("swerve") / "library"
-    pipeline.generate(policy="swerve", cases=60, out=path, seed=LIBRARY_SEED)
+    cornerforge.generate(policy="swerve", cases=60, out=path, seed=LIBRARY_SEED)
     return path
 
 

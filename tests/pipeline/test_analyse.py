@@ -12,7 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cornerforge import cli, pipeline
+import cornerforge
+from cornerforge import cli
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, LABELS
 from cornerforge.analysis.case_table import VALUE_COLUMNS
 from cornerforge.analysis.fault import FAULT_COLUMNS
@@ -26,7 +27,7 @@ from cornerforge.results import Analysed, as_json
 @pytest.fixture(scope="module")
 def analysed(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Analysed, Path]:
     out = tmp_path_factory.mktemp("analysed") / "out"
-    return pipeline.analyse(swerve_library, out=out, avoidability=40, seed=3, threads=2), out
+    return cornerforge.analyse(swerve_library, out=out, avoidability=40, seed=3, threads=2), out
 
 
 def test_every_case_has_its_row(analysed: tuple[Analysed, Path]) -> None:
@@ -96,11 +97,11 @@ def test_the_same_for_any_threads_and_another_draw_for_another_seed(
     def timeless(summary: Analysed) -> str:
         return json.dumps(as_json(replace(summary, seconds={})))
 
-    again = pipeline.analyse(swerve_library, out=tmp_path / "again", avoidability=40, seed=3, threads=1)
+    again = cornerforge.analyse(swerve_library, out=tmp_path / "again", avoidability=40, seed=3, threads=1)
     assert timeless(again) == timeless(analysed[0])
     for name in ("cases", "points", "witnesses"):
         assert (tmp_path / "again" / f"{name}.parquet").read_bytes() == (analysed[1] / f"{name}.parquet").read_bytes()
-    other = pipeline.analyse(swerve_library, avoidability=40, seed=4, threads=2)
+    other = cornerforge.analyse(swerve_library, avoidability=40, seed=4, threads=2)
     assert other.fault == again.fault
     assert other.coverage != again.coverage
 
@@ -108,7 +109,7 @@ def test_the_same_for_any_threads_and_another_draw_for_another_seed(
 def test_a_slower_av_avoids_no_more(swerve_library: Path) -> None:
     """The same draw; each case's label allows the less the later the AV may begin."""
     fast, slow = (
-        pipeline.analyse(swerve_library, avoidability=40, reaction=reaction, threads=2).avoidability
+        cornerforge.analyse(swerve_library, avoidability=40, reaction=reaction, threads=2).avoidability
         for reaction in (0.0, 1.5)
     )
     assert slow is not None
@@ -117,7 +118,7 @@ def test_a_slower_av_avoids_no_more(swerve_library: Path) -> None:
 
 
 def test_without_a_look_nothing_has_a_value(swerve_library: Path) -> None:
-    summary = pipeline.analyse(swerve_library, avoidability="none")
+    summary = cornerforge.analyse(swerve_library, avoidability="none")
     assert summary.avoidability is None
     assert summary.value.top == ()
     assert summary.coverage.cases == summary.cases
@@ -135,14 +136,14 @@ def test_without_a_look_nothing_has_a_value(swerve_library: Path) -> None:
 )
 def test_what_is_refused(wrong: dict[str, Any], message: str, swerve_library: Path) -> None:
     with pytest.raises(InputError, match=message):
-        pipeline.analyse(swerve_library, **wrong)
+        cornerforge.analyse(swerve_library, **wrong)
 
 
 def test_another_analysis_does_not_overwrite(
     swerve_library: Path, analysed: tuple[Analysed, Path]
 ) -> None:  # fmt: skip
     with pytest.raises((InputError, OutputError), match="reaction"):
-        pipeline.analyse(swerve_library, out=analysed[1], avoidability=40, seed=3, reaction=0.5)
+        cornerforge.analyse(swerve_library, out=analysed[1], avoidability=40, seed=3, reaction=0.5)
 
 
 def test_the_command_line_tells_it(swerve_library: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.fields import CASES, SHORTFALL
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
@@ -50,8 +50,8 @@ def assert_says_it(cases: pa.Table) -> None:
 
 def test_natural_crashes_of_a_foreign_av(blind: str, tmp_path: Path) -> None:
     """By `rate`, which records each crash again, and by `simulate --out`: the same rows."""
-    pipeline.rate(av=blind, max_tests=TESTS, out=tmp_path / "rate", seed=4)
-    pipeline.simulate(av=blind, tests=TESTS, out=tmp_path / "stored", seed=4)
+    cornerforge.rate(av=blind, max_tests=TESTS, out=tmp_path / "rate", seed=4)
+    cornerforge.simulate(av=blind, tests=TESTS, out=tmp_path / "stored", seed=4)
     rated, stored = cases_of(tmp_path / "rate" / "library"), cases_of(tmp_path / "stored")
     assert stored.num_rows > 20
     assert repr(rated.to_pylist()) == repr(stored.to_pylist())
@@ -62,7 +62,7 @@ def test_natural_crashes_of_a_foreign_av(blind: str, tmp_path: Path) -> None:
 
 def test_cases_of_an_adversary(swerve_library: Path, blind: str, tmp_path: Path) -> None:
     assert_says_it(cases_of(swerve_library))
-    pipeline.generate(policy="swerve", av=blind, cases=10, out=tmp_path / "foreign", seed=5)
+    cornerforge.generate(policy="swerve", av=blind, cases=10, out=tmp_path / "foreign", seed=5)
     foreign = cases_of(tmp_path / "foreign")
     assert_says_it(foreign)
     assert min(foreign.column("n_implausible").to_pylist()) > 0, "swerve does what no attentive driver does"
@@ -70,7 +70,7 @@ def test_cases_of_an_adversary(swerve_library: Path, blind: str, tmp_path: Path)
 
 def test_a_shrunk_case(swerve_library: Path, tmp_path: Path) -> None:
     case = CaseLibrary.open(swerve_library).scalars(["case_id"])["case_id"][0].as_py()
-    pipeline.shrink(swerve_library, [case], out=tmp_path / "small")
+    cornerforge.shrink(swerve_library, [case], out=tmp_path / "small")
     assert_says_it(cases_of(tmp_path / "small"))
 
 
@@ -95,7 +95,7 @@ def test_an_early_library_filled_in_bulk_tells_the_truth_too(swerve_library: Pat
     old = early(swerve_library, tmp_path / "old", bulk=True)
     assert "possible_shortfall_nats" not in pq.read_schema(old / "cases-000000.parquet").names
     assert repr(cases_of(old).to_pylist()) == repr(cases_of(swerve_library).to_pylist())
-    found = pipeline.query(old, "select count(*) from cases where shortfall_nats <= 20 and n_implausible > 0")
+    found = cornerforge.query(old, "select count(*) from cases where shortfall_nats <= 20 and n_implausible > 0")
     assert found.rows == ((0,),)
     assert CaseLibrary.open(old).scalars(["shortfall_nats"]).column(0).to_pylist().count(math.inf) > 0
 
@@ -104,8 +104,8 @@ def test_an_early_library_without_it_is_told(swerve_library: Path, tmp_path: Pat
     """No other number silently takes its place."""
     old = early(swerve_library, tmp_path / "old", bulk=False)
     with pytest.warns(UserWarning, match=r"60 of 60 cases of .*old do not say how natural their acts were"):
-        pipeline.analyse(old, out=tmp_path / "analysis", avoidability="none")
+        cornerforge.analyse(old, out=tmp_path / "analysis", avoidability="none")
     cases = pq.read_table(tmp_path / "analysis" / "cases.parquet")
     assert [cases.column(field.name).null_count for field in SHORTFALL] == [60, 60, 60]
-    pipeline.analyse(swerve_library, out=tmp_path / "new", avoidability="none")  # and no warning, which would fail
+    cornerforge.analyse(swerve_library, out=tmp_path / "new", avoidability="none")  # and no warning, which would fail
     assert_says_it(pq.read_table(tmp_path / "new" / "cases.parquet"))

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pytest
 from folder_snapshot import snapshot
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.drivers.policy import n_weights
@@ -30,7 +30,7 @@ from cornerforge.results import Queried, Replayed, as_json
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.setting import cast_index
 
-generate_module = importlib.import_module("cornerforge.pipeline.generate")  # the attribute of that name is the function
+generate_module = importlib.import_module("cornerforge.pipeline.generate")
 WHAT = ["case_id", "trajectory_digest", "crash_time_s", "log_prob_nde"]
 
 
@@ -70,7 +70,7 @@ def copied(library: Path, to: Path) -> Path:
 
 def test_cases_do_not_depend_on_threads(tmp_path: Path) -> None:
     for threads in (1, 2):
-        pipeline.generate(policy="lane-changer", cases=30, out=tmp_path / str(threads), threads=threads, seed=8)
+        cornerforge.generate(policy="lane-changer", cases=30, out=tmp_path / str(threads), threads=threads, seed=8)
     names = ["manifest.json", "cases-000000.parquet", "tracks-000000.parquet", "model.npz"]
     one, two = (snapshot(tmp_path / threads) for threads in "12")
     assert {name: one[name] for name in names} == {name: two[name] for name in names}
@@ -92,7 +92,7 @@ def test_counts_and_provenance(swerve_library: Path) -> None:
 def unbroken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three shards, written in one go."""
     path = tmp_path_factory.mktemp("unbroken") / "library"
-    pipeline.generate(policy="swerve", cases=9300, out=path, seed=1)
+    cornerforge.generate(policy="swerve", cases=9300, out=path, seed=1)
     return path
 
 
@@ -107,7 +107,7 @@ def test_a_library_goes_on_after_kills_as_if_nothing_had_happened(unbroken: Path
         process.communicate()
         assert 1000 <= len(CaseLibrary.open(library)) < 9300
         assert not CaseLibrary.open(library).finished
-    resumed = pipeline.generate(policy="swerve", cases=9300, out=library, seed=1, resume=True)
+    resumed = cornerforge.generate(policy="swerve", cases=9300, out=library, seed=1, resume=True)
     assert resumed.cases == 9300
     files, expected = snapshot(library), snapshot(unbroken)
     del files["provenance.json"], expected["provenance.json"]  # it tells the time
@@ -129,7 +129,7 @@ def test_ctrl_c_exits_130_and_keeps_what_was_recorded(unbroken: Path, tmp_path: 
     kept = len(CaseLibrary.open(library))
     assert kept > 1000
     assert not CaseLibrary.open(library).finished
-    resumed = pipeline.generate(policy="swerve", cases=kept + 5, out=library, seed=1, resume=True)
+    resumed = cornerforge.generate(policy="swerve", cases=kept + 5, out=library, seed=1, resume=True)
     assert resumed.cases == kept + 5
     both = min(kept + 5, 9300)
     assert table(library).slice(0, both).equals(table(unbroken).slice(0, both))
@@ -140,8 +140,8 @@ def test_ctrl_c_exits_130_and_keeps_what_was_recorded(unbroken: Path, tmp_path: 
 
 def test_resuming_a_finished_library_changes_no_case(swerve_library: Path, tmp_path: Path) -> None:
     library = copied(swerve_library, tmp_path / "library")
-    assert pipeline.generate(policy="swerve", cases=60, out=library, seed=5, resume=True).cases == 60
-    assert pipeline.generate(policy="swerve", cases=9, out=library, seed=5, resume=True).cases == 60
+    assert cornerforge.generate(policy="swerve", cases=60, out=library, seed=5, resume=True).cases == 60
+    assert cornerforge.generate(policy="swerve", cases=9, out=library, seed=5, resume=True).cases == 60
     assert table(library).equals(table(swerve_library))
 
 
@@ -155,11 +155,11 @@ def test_rare_crashes_are_committed_by_the_clock(tmp_path: Path, monkeypatch: py
             assert total == 3000
             seen.append((done, CaseLibrary.open(tmp_path / "library").next_test))
 
-    pipeline.simulate(tests=3000, bv="uniform", out=tmp_path / "library", progress=watch)
+    cornerforge.simulate(tests=3000, bv="uniform", out=tmp_path / "library", progress=watch)
     assert seen[0] == (128, 0)
     assert seen[1] == (256, 128)
     monkeypatch.undo()
-    pipeline.simulate(tests=3000, bv="uniform", out=tmp_path / "other")
+    cornerforge.simulate(tests=3000, bv="uniform", out=tmp_path / "other")
     files, others = snapshot(tmp_path / "library"), snapshot(tmp_path / "other")
     del files["provenance.json"], others["provenance.json"]  # it tells the time
     assert files == others
@@ -181,14 +181,14 @@ def test_a_library_of_another_run_is_refused_by_name_and_untouched(
     before = snapshot(swerve_library)
     arguments = {"policy": "swerve", "cases": 80, "seed": 5, "resume": True} | changes
     with pytest.raises(InputError, match=named):
-        pipeline.generate(out=swerve_library, **arguments)  # type: ignore[arg-type]
+        cornerforge.generate(out=swerve_library, **arguments)  # type: ignore[arg-type]
     assert snapshot(swerve_library) == before
 
 
 def test_without_resume_a_library_is_not_touched(swerve_library: Path) -> None:
     before = snapshot(swerve_library)
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.generate(policy="swerve", cases=60, out=swerve_library, seed=5)
+        cornerforge.generate(policy="swerve", cases=60, out=swerve_library, seed=5)
     assert snapshot(swerve_library) == before
 
 
@@ -196,7 +196,7 @@ def test_without_resume_a_library_is_not_touched(swerve_library: Path) -> None:
 def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("chapter 1", encoding="utf-8")
     with pytest.raises(OutputError, match=r"thesis\.tex"):
-        pipeline.generate(policy="swerve", cases=5, out=tmp_path, resume=resume)
+        cornerforge.generate(policy="swerve", cases=5, out=tmp_path, resume=resume)
     assert snapshot(tmp_path) == {"thesis.tex": b"chapter 1"}
 
 
@@ -218,29 +218,29 @@ def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path)
 )
 def test_wrong_arguments_make_no_library(arguments: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        pipeline.generate(**{"policy": "swerve", "cases": 5, "out": tmp_path / "library"} | arguments)  # type: ignore[arg-type]
+        cornerforge.generate(**{"policy": "swerve", "cases": 5, "out": tmp_path / "library"} | arguments)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 
 
 def test_an_adversary_too_weak_is_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generate_module, "_MAX_TESTS_PER_CASE", 3)
     with pytest.raises(InputError, match=r"0 of 1 cases after 3 tests"):
-        pipeline.generate(policy="uniform", bounded=True, cases=1, out=tmp_path / "library")
+        cornerforge.generate(policy="uniform", bounded=True, cases=1, out=tmp_path / "library")
 
 
 # --- replay ---
 
 
 def test_every_case_happens_again(swerve_library: Path) -> None:
-    found = pipeline.replay(swerve_library, "all", check=True)
+    found = cornerforge.replay(swerve_library, "all", check=True)
     assert found == Replayed(case="all", crash_time_s=None, identical=True, cases=60, differ=())
 
 
 def test_a_policys_cases_happen_again(some_policy: Path, tmp_path: Path) -> None:
     """The library keeps policy and model beside it, so it can be moved and played elsewhere."""
-    pipeline.generate(policy=some_policy, cases=3, out=tmp_path / "library", odd="paper", seed=2)
+    cornerforge.generate(policy=some_policy, cases=3, out=tmp_path / "library", odd="paper", seed=2)
     (tmp_path / "library").rename(tmp_path / "moved")
-    assert pipeline.replay(tmp_path / "moved", "all", check=True).identical is True
+    assert cornerforge.replay(tmp_path / "moved", "all", check=True).identical is True
 
 
 def more_policies(folder: Path, n: int, **changes: object) -> list[Path]:
@@ -262,7 +262,7 @@ def column(library: Path, name: str) -> list[object]:
 def test_a_mixture_says_which_policy_drove_and_happens_again(tmp_path: Path) -> None:
     policies = more_policies(tmp_path, 3)
     library = tmp_path / "library"
-    pipeline.generate(policy=policies, cases=40, out=library, odd="paper", acting="softmax:0.2", seed=2)
+    cornerforge.generate(policy=policies, cases=40, out=library, odd="paper", acting="softmax:0.2", seed=2)
     hashes = [policy_hash(load_policy(path)) for path in policies]
     tests = column(library, "test")
     assert column(library, "policy") == [hashes[cast_index(2, test, 3)] for test in tests]  # type: ignore[arg-type]
@@ -270,18 +270,18 @@ def test_a_mixture_says_which_policy_drove_and_happens_again(tmp_path: Path) -> 
     assert all(value < 0.0 for value in column(library, "log_prob_policy"))  # type: ignore[operator]
     for path in policies:
         path.unlink()
-    assert pipeline.replay(library, "all", check=True).identical is True
+    assert cornerforge.replay(library, "all", check=True).identical is True
     one = {name: CaseLibrary.open(library).identity[name] for name in ("policies", "acting", "bv", "budget")}
     assert one == {"policies": 3, "acting": "softmax:0.2", "bv": "policy", "budget": None}
 
 
 def test_a_test_of_a_mixture_is_that_of_its_policy_alone(tmp_path: Path) -> None:
     policies = more_policies(tmp_path, 2)
-    pipeline.simulate(bv=policies, tests=300, out=tmp_path / "both", odd="paper", seed=2)
+    cornerforge.simulate(bv=policies, tests=300, out=tmp_path / "both", odd="paper", seed=2)
     digests = dict(zip(column(tmp_path / "both", "test"), column(tmp_path / "both", "trajectory_digest"), strict=True))
     found = {}
     for k, path in enumerate(policies):
-        pipeline.simulate(bv=[path], tests=300, out=tmp_path / str(k), odd="paper", seed=2)
+        cornerforge.simulate(bv=[path], tests=300, out=tmp_path / str(k), odd="paper", seed=2)
         alone = tmp_path / str(k)
         for test, digest in zip(column(alone, "test"), column(alone, "trajectory_digest"), strict=True):
             if cast_index(2, test, 2) == k:  # type: ignore[arg-type]
@@ -292,26 +292,26 @@ def test_a_test_of_a_mixture_is_that_of_its_policy_alone(tmp_path: Path) -> None
 
 def test_acting_at_random_is_another_library_and_greedy_has_no_doubt(some_policy: Path, tmp_path: Path) -> None:
     for name, acting in (("greedy", "greedy"), ("soft", "softmax:0.05"), ("again", "softmax:0.05")):
-        pipeline.generate(policy=some_policy, cases=20, out=tmp_path / name, odd="paper", acting=acting)
+        cornerforge.generate(policy=some_policy, cases=20, out=tmp_path / name, odd="paper", acting=acting)
     assert set(column(tmp_path / "greedy", "log_prob_policy")) == {0.0}
     assert column(tmp_path / "soft", "trajectory_digest") == column(tmp_path / "again", "trajectory_digest")
     assert column(tmp_path / "soft", "trajectory_digest") != column(tmp_path / "greedy", "trajectory_digest")
     with pytest.raises(InputError, match="acting is"):
-        pipeline.generate(
+        cornerforge.generate(
             policy=some_policy, cases=30, out=tmp_path / "soft", odd="paper", acting="softmax:0.06", resume=True
         )
 
 
 @pytest.mark.parametrize("budget", [3.0, 15.0])
 def test_no_case_exceeds_its_budget(budget: float, tmp_path: Path) -> None:
-    found = pipeline.simulate(bv="swerve", odd="paper", budget=budget, tests=9000, out=tmp_path / "library")
+    found = cornerforge.simulate(bv="swerve", odd="paper", budget=budget, tests=9000, out=tmp_path / "library")
     assert found.cases is not None
     assert found.cases >= 3
     shortfall = column(tmp_path / "library", "shortfall_nats")
     assert all(0.0 <= value <= budget for value in shortfall)  # type: ignore[operator]
     assert max(shortfall) > 0.8 * budget  # type: ignore[type-var, operator]
     assert set(column(tmp_path / "library", "n_implausible")) == {0}
-    assert pipeline.replay(tmp_path / "library", "all", check=True).identical is True
+    assert cornerforge.replay(tmp_path / "library", "all", check=True).identical is True
 
 
 def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
@@ -324,21 +324,21 @@ def test_a_budget_goes_before_what_a_policy_brings(tmp_path: Path) -> None:
 
 def test_one_case(swerve_library: Path) -> None:
     case = table(swerve_library).slice(7, 1).to_pylist()[0]
-    found = pipeline.replay(swerve_library, case["case_id"])
+    found = cornerforge.replay(swerve_library, case["case_id"])
     assert as_json(found) == {"case": case["case_id"], "crash_time_s": case["crash_time_s"], "identical": None}
-    assert pipeline.replay(swerve_library, case["case_id"], check=True).identical is True
+    assert cornerforge.replay(swerve_library, case["case_id"], check=True).identical is True
 
 
 @pytest.mark.parametrize(("name", "begin"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml")])
 def test_a_case_as_a_picture(swerve_library: Path, tmp_path: Path, name: str, begin: bytes) -> None:
     case = table(swerve_library)["case_id"][7].as_py()
     place = tmp_path / "new" / name
-    assert pipeline.replay(swerve_library, case, picture=place).picture == str(place)
+    assert cornerforge.replay(swerve_library, case, picture=place).picture == str(place)
     first = place.read_bytes()
     assert first.startswith(begin)
     with pytest.raises(OutputError, match="exists already"):
-        pipeline.replay(swerve_library, case, picture=place)
-    pipeline.replay(swerve_library, table(swerve_library)["case_id"][8].as_py(), picture=place.with_name(f"b{name}"))
+        cornerforge.replay(swerve_library, case, picture=place)
+    cornerforge.replay(swerve_library, table(swerve_library)["case_id"][8].as_py(), picture=place.with_name(f"b{name}"))
     assert place.with_name(f"b{name}").read_bytes() != first
 
 
@@ -347,7 +347,7 @@ def test_what_cannot_be_a_picture_is_told_first(
     swerve_library: Path, tmp_path: Path, case: str, name: str, why: str
 ) -> None:
     with pytest.raises(InputError, match=why):
-        pipeline.replay(swerve_library, case, picture=tmp_path / name)
+        cornerforge.replay(swerve_library, case, picture=tmp_path / name)
 
 
 def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) -> None:
@@ -355,12 +355,12 @@ def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) ->
     run = experiment(bv="swerve")
     identity = run.identity(5)
     library = CaseLibrary.create(tmp_path / "library", identity, run.odd)
-    pipeline.generate(policy="swerve", cases=1, out=tmp_path / "model", seed=5)
+    cornerforge.generate(policy="swerve", cases=1, out=tmp_path / "model", seed=5)
     (tmp_path / "library" / "model.npz").write_bytes((tmp_path / "model" / "model.npz").read_bytes())
     test = CaseLibrary.open(tmp_path / "model").scalars(["test"])["test"].to_pylist()[0]
     scenario = Recorder(run.setting, run.odd).record(5, test)
     library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
-    found = pipeline.replay(tmp_path / "library", "all", check=True)
+    found = cornerforge.replay(tmp_path / "library", "all", check=True)
     assert (found.identical, found.differ) == (False, (f"5:{test}",))
     assert found.note is not None  # the identity says nothing of the code, so it may have been another
 
@@ -368,11 +368,11 @@ def test_negative_control_a_case_that_did_not_happen_is_found(tmp_path: Path) ->
 def test_unknown_case_and_unknown_library(swerve_library: Path, tmp_path: Path) -> None:
     last = max(CaseLibrary.open(swerve_library).scalars(["test"])["test"].to_pylist())
     with pytest.raises(UnknownNameError, match=f'Did you mean "5:{last}"'):
-        pipeline.replay(swerve_library, f"5:{last}9")
+        cornerforge.replay(swerve_library, f"5:{last}9")
     with pytest.raises(UnknownNameError, match=f"Known: 5:{last}"):
-        pipeline.replay(swerve_library, "5:999999")
+        cornerforge.replay(swerve_library, "5:999999")
     with pytest.raises(FileFormatError, match="no case library"):
-        pipeline.replay(tmp_path / "none", "0:1")
+        cornerforge.replay(tmp_path / "none", "0:1")
 
 
 @pytest.mark.parametrize(
@@ -391,7 +391,7 @@ def test_a_policy_from_another_world_is_said_to_be_one(
     here = experiment()
     about = {"odd": asdict(here.odd), "model_hash": model or model_hash(here.model)}
     save_policy(replace(load_policy(some_policy), about=about), tmp_path / "from.safetensors")
-    pipeline.simulate(bv=str(tmp_path / "from.safetensors"), tests=2, **world)
+    cornerforge.simulate(bv=str(tmp_path / "from.safetensors"), tests=2, **world)
     messages = [str(w.message) for w in recwarn]
     assert len(messages) == (told is not None)
     assert told is None or told in messages[0]
@@ -401,7 +401,7 @@ def test_a_library_with_another_model_does_not_replay(swerve_library: Path, tmp_
     library = copied(swerve_library, tmp_path / "library")
     (library / "model.npz").unlink()
     with pytest.raises(FileFormatError, match=r"model\.npz"):
-        pipeline.replay(library, "all")
+        cornerforge.replay(library, "all")
 
 
 def test_an_empty_library_is_not_called_identical(swerve_library: Path, tmp_path: Path) -> None:
@@ -413,13 +413,13 @@ def test_an_empty_library_is_not_called_identical(swerve_library: Path, tmp_path
     manifest["shards"] = []
     (library / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(InputError, match="no cases yet"):
-        pipeline.replay(library, "all", check=True)
+        cornerforge.replay(library, "all", check=True)
 
 
 def test_a_library_that_was_not_generated_does_not_replay(tmp_path: Path) -> None:
     CaseLibrary.create(tmp_path / "library", {"seed": 0}, experiment().odd)
     with pytest.raises(FileFormatError, match="does not say its av"):
-        pipeline.replay(tmp_path / "library", "all")
+        cornerforge.replay(tmp_path / "library", "all")
 
 
 def test_a_library_of_a_newer_schema_is_refused(swerve_library: Path, tmp_path: Path) -> None:
@@ -428,10 +428,10 @@ def test_a_library_of_a_newer_schema_is_refused(swerve_library: Path, tmp_path: 
     (library / "manifest.json").write_text(json.dumps(manifest | {"schema_version": 99}), encoding="utf-8")
     before = snapshot(library)
     for work in (
-        lambda: pipeline.replay(library, "all"),
-        lambda: pipeline.analyse(library),
-        lambda: pipeline.query(library, "select 1"),
-        lambda: pipeline.generate(policy="swerve", cases=70, out=library, seed=5, resume=True),
+        lambda: cornerforge.replay(library, "all"),
+        lambda: cornerforge.analyse(library),
+        lambda: cornerforge.query(library, "select 1"),
+        lambda: cornerforge.generate(policy="swerve", cases=70, out=library, seed=5, resume=True),
     ):
         with pytest.raises(FileFormatError, match="schema 99"):
             work()
@@ -442,13 +442,15 @@ def test_a_library_of_a_newer_schema_is_refused(swerve_library: Path, tmp_path: 
 
 
 def test_query_answers_in_plain_values(swerve_library: Path) -> None:
-    assert pipeline.query(swerve_library, "select count(*) as n from cases") == Queried(columns=("n",), rows=((60,),))
-    rows = pipeline.query(
+    assert cornerforge.query(swerve_library, "select count(*) as n from cases") == Queried(
+        columns=("n",), rows=((60,),)
+    )
+    rows = cornerforge.query(
         swerve_library,
         "select 1.5, 'nan'::double, 'inf'::float, date '2021-02-06', null, true, [1, 2], {'a': 0.5}, 2::hugeint, 'x'",
     ).rows
     assert rows == ((1.5, None, None, "2021-02-06", None, True, [1, 2], {"a": 0.5}, 2, "x"),)
-    everything = pipeline.query(swerve_library, "select * from cases order by test")
+    everything = cornerforge.query(swerve_library, "select * from cases order by test")
     assert len(json.loads(json.dumps(as_json(everything), allow_nan=False))["rows"]) == 60
 
 
@@ -457,7 +459,7 @@ def test_query_answers_in_plain_values(swerve_library: Path) -> None:
 )
 def test_a_query_that_cannot_be_answered_is_one_line(sql: str, swerve_library: Path) -> None:
     with pytest.raises(InputError) as caught:
-        pipeline.query(swerve_library, sql)
+        cornerforge.query(swerve_library, sql)
     assert "\n" not in str(caught.value)
 
 
@@ -465,7 +467,7 @@ def test_a_query_that_cannot_be_answered_is_one_line(sql: str, swerve_library: P
 
 
 def test_analyse_counts_every_case_once(swerve_library: Path, tmp_path: Path) -> None:
-    found = pipeline.analyse(swerve_library, steps=3, out=tmp_path / "analysis", seed=2)
+    found = cornerforge.analyse(swerve_library, steps=3, out=tmp_path / "analysis", seed=2)
     assert found.cases == found.majority + found.minority == 60
     assert sum(found.crash_types.values()) == sum(cluster.size for cluster in found.clusters) == 60
     assert len(found.features) == 15
@@ -479,29 +481,29 @@ def test_analyse_counts_every_case_once(swerve_library: Path, tmp_path: Path) ->
 
 
 def test_analyse_again_into_the_same_place(swerve_library: Path, tmp_path: Path) -> None:
-    first = pipeline.analyse(swerve_library, out=tmp_path)
-    second = pipeline.analyse(swerve_library, out=tmp_path)
+    first = cornerforge.analyse(swerve_library, out=tmp_path)
+    second = cornerforge.analyse(swerve_library, out=tmp_path)
     assert replace(first, seconds={}) == replace(second, seconds={})
     with pytest.raises(InputError, match="steps"):
-        pipeline.analyse(swerve_library, steps=2, out=tmp_path)
+        cornerforge.analyse(swerve_library, steps=2, out=tmp_path)
 
 
 def test_analyse_of_an_empty_library_says_how_to_fill_it(tmp_path: Path) -> None:
-    pipeline.simulate(tests=5, out=tmp_path / "library")
+    cornerforge.simulate(tests=5, out=tmp_path / "library")
     with pytest.raises(InputError, match="holds no cases yet"):
-        pipeline.analyse(tmp_path / "library", out=tmp_path / "analysis")
+        cornerforge.analyse(tmp_path / "library", out=tmp_path / "analysis")
     assert not (tmp_path / "analysis").exists()
 
 
 @pytest.mark.parametrize("arguments", [{"steps": 0}, {"steps": 16}, {"seed": -1}, {"seed": 2**32}])
 def test_analyse_out_of_range(arguments: dict[str, int], swerve_library: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="out of range"):
-        pipeline.analyse(swerve_library, out=tmp_path / "analysis", **arguments)  # type: ignore[arg-type]
+        cornerforge.analyse(swerve_library, out=tmp_path / "analysis", **arguments)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 
 
 def test_analyse_does_not_write_over_something_else(swerve_library: Path) -> None:
     before = snapshot(swerve_library)
     with pytest.raises(CornerForgeError):
-        pipeline.analyse(swerve_library, out=swerve_library)
+        cornerforge.analyse(swerve_library, out=swerve_library)
     assert snapshot(swerve_library) == before

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from folder_snapshot import snapshot
 
-from cornerforge import paper
+import cornerforge
 from cornerforge.adversary.config import PRESETS, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, save_policy
 from cornerforge.drivers.policy import n_weights
@@ -55,7 +55,7 @@ def tiny_effort() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Reproduced]:
     folder = tmp_path_factory.mktemp("reproduce") / "out"
-    return folder, paper.reproduce(effort="quick", out=folder, seed=3)
+    return folder, cornerforge.reproduce(effort="quick", out=folder, seed=3)
 
 
 def item(result: Reproduced, name: str) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def test_a_finished_folder_is_not_computed_again(
         monkeypatch.setattr(bench_module, name, never)
     monkeypatch.setattr(figure3, "simulate_chunks", never)
     before = snapshot(folder / "items") | snapshot(folder / "policies")
-    again = paper.reproduce(effort="quick", out=folder, seed=3, resume=True)
+    again = cornerforge.reproduce(effort="quick", out=folder, seed=3, resume=True)
     assert again.items == result.items
     assert snapshot(folder / "items") | snapshot(folder / "policies") == before
 
@@ -180,7 +180,7 @@ def test_one_item_is_made_again_of_kept_policies(
     folder, result = finished
     (folder / "items" / "figure5.json").unlink()
     monkeypatch.setattr(bench_module, "learn", lambda *_, **__: pytest.fail("trained again"))
-    again = paper.reproduce(effort="quick", out=folder, seed=3, figures=["figure5"], resume=True)
+    again = cornerforge.reproduce(effort="quick", out=folder, seed=3, figures=["figure5"], resume=True)
     assert [found.id for found in again.items] == ["figure5"]
     assert item(again, "figure5")["rows"] == item(result, "figure5")["rows"]
     # The page goes on showing the others.
@@ -190,13 +190,13 @@ def test_one_item_is_made_again_of_kept_policies(
 def test_another_seed_or_place_is_refused(finished: tuple[Path, Reproduced], tmp_path: Path) -> None:
     folder, _ = finished
     with pytest.raises(OutputError, match="--resume"):
-        paper.reproduce(effort="quick", out=folder, seed=3)
+        cornerforge.reproduce(effort="quick", out=folder, seed=3)
     with pytest.raises(InputError, match="seed = 3, not 4"):
-        paper.reproduce(effort="quick", out=folder, seed=4, resume=True)
+        cornerforge.reproduce(effort="quick", out=folder, seed=4, resume=True)
     with pytest.raises(UnknownNameError, match="figure2"):
-        paper.reproduce(effort="quick", out=tmp_path / "new", figures=["figur2"])
+        cornerforge.reproduce(effort="quick", out=tmp_path / "new", figures=["figur2"])
     with pytest.raises(UnknownNameError, match="standard"):
-        paper.reproduce(effort="medium", out=tmp_path / "new")
+        cornerforge.reproduce(effort="medium", out=tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -352,11 +352,13 @@ def test_a_policy_of_the_paper_preset_adds_a_curve(finished: tuple[Path, Reprodu
     folder, _ = finished
     path = tmp_path / "paper.safetensors"
     save_policy(some_policy_with([point(2.0, 50, 0.2), point(3.0, 50, 0.3)]), path)
-    result = paper.reproduce(effort="quick", out=folder, seed=3, figures=["figure2"], paper_policy=path, resume=True)
+    result = cornerforge.reproduce(
+        effort="quick", out=folder, seed=3, figures=["figure2"], paper_policy=path, resume=True
+    )
     ours = row(result, "figure2", "the same with preset paper (Table 1)")
     assert ours["paper"] == 0.286
     assert 0.0 <= ours["ours"] <= 1.0
-    paper.reproduce(effort="quick", out=folder, seed=3, figures=["table1"], resume=True)
+    cornerforge.reproduce(effort="quick", out=folder, seed=3, figures=["table1"], resume=True)
     kept = next(found for found in read(folder / "items.json")["items"] if found["id"] == "figure2")
     assert [curve["name"] for curve in kept["data"]["curves"]][-1] == "preset paper (Table 1)"
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from folder_snapshot import snapshot
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.adversary.policy_file import load_policy, policy_hash
 from cornerforge.errors import FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary
@@ -22,7 +22,7 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.report.artefacts import read_artefacts
 from cornerforge.results import RunDone, as_json
 
-run_module = importlib.import_module("cornerforge.pipeline.run")  # the attribute of that name is the function
+run_module = importlib.import_module("cornerforge.pipeline.run")
 
 # Beyond replay_start of preset `fast`, so that it learns a little; enough to crash now and then.
 TINY = run_module.Effort(nde_tests=600, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
@@ -43,7 +43,7 @@ def tiny_effort() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunDone]:
     folder = tmp_path_factory.mktemp("run") / "out"
-    return folder, pipeline.run(effort="quick", out=folder, seed=2)
+    return folder, cornerforge.run(effort="quick", out=folder, seed=2)
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -127,7 +127,7 @@ def test_the_likelihood_budget_is_in_the_identity() -> None:
 
 def test_the_old_name_of_effort_is_taken_with_a_warning(finished: tuple[Path, RunDone]) -> None:
     with pytest.warns(FutureWarning, match="--effort quick"):
-        again = pipeline.run(budget="quick", out=finished[0], seed=2, resume=True)
+        again = cornerforge.run(budget="quick", out=finished[0], seed=2, resume=True)
     assert again.effort == "quick"
 
 
@@ -135,7 +135,7 @@ def test_the_old_name_of_effort_is_taken_with_a_warning(finished: tuple[Path, Ru
 def test_a_number_is_a_likelihood_budget(budget: Any, finished: tuple[Path, RunDone]) -> None:
     assert effort_and_budget("quick", budget, ("quick",)) == ("quick", 5.0)
     with pytest.raises(InputError, match="with bounded = False, not True"):
-        pipeline.run(budget=budget, out=finished[0], seed=2, resume=True)
+        cornerforge.run(budget=budget, out=finished[0], seed=2, resume=True)
 
 
 def test_exposure_counts_agree_with_themselves(finished: tuple[Path, RunDone]) -> None:
@@ -150,7 +150,7 @@ def test_a_second_resume_does_nothing_again(finished: tuple[Path, RunDone]) -> N
     folder, summary = finished
     stages: set[str] = set()
     before = snapshot(folder)
-    again = pipeline.run(effort="quick", out=folder, seed=2, resume=True, progress=lambda name, *_: stages.add(name))
+    again = cornerforge.run(effort="quick", out=folder, seed=2, resume=True, progress=lambda name, *_: stages.add(name))
     assert stages <= {"report"}
     assert replace(again, seconds=0.0) == replace(summary, seconds=0.0)
     changed = {name for name, content in snapshot(folder).items() if before[name] != content}
@@ -168,11 +168,11 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_result(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        pipeline.run(effort="quick", out=tmp_path / "out", seed=2, progress=stop)
+        cornerforge.run(effort="quick", out=tmp_path / "out", seed=2, progress=stop)
     before = {entry.name: entry.read_bytes() for entry in (tmp_path / "out" / "stages").iterdir()}
     assert f"{stage}.json" not in before
     assert before
-    resumed = pipeline.run(effort="quick", out=tmp_path / "out", seed=2, resume=True)
+    resumed = cornerforge.run(effort="quick", out=tmp_path / "out", seed=2, resume=True)
     assert same_result(resumed) == same_result(finished[1])
     after = {entry.name: entry.read_bytes() for entry in (tmp_path / "out" / "stages").iterdir()}
     assert {name: after[name] for name in before} == before  # finished stages were not done again
@@ -188,7 +188,7 @@ def test_a_folder_of_another_run_is_refused_by_name(
 ) -> None:
     before = snapshot(finished[0])
     with pytest.raises(InputError, match=f"with {named} = "):
-        pipeline.run(out=finished[0], resume=True, **{"effort": "quick", "seed": 2} | changes)  # type: ignore[arg-type]
+        cornerforge.run(out=finished[0], resume=True, **{"effort": "quick", "seed": 2} | changes)  # type: ignore[arg-type]
     assert snapshot(finished[0]) == before
 
 
@@ -198,13 +198,13 @@ def test_another_size_under_the_same_name_is_refused(
     larger = run_module.Effort(nde_tests=700, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
     monkeypatch.setitem(run_module.EFFORTS, "quick", larger)
     with pytest.raises(InputError, match="config_hash"):
-        pipeline.run(effort="quick", out=finished[0], seed=2, resume=True)
+        cornerforge.run(effort="quick", out=finished[0], seed=2, resume=True)
 
 
 def test_without_resume_nothing_is_touched(finished: tuple[Path, RunDone]) -> None:
     before = snapshot(finished[0])
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.run(effort="quick", out=finished[0], seed=2)
+        cornerforge.run(effort="quick", out=finished[0], seed=2)
     assert snapshot(finished[0]) == before
 
 
@@ -215,14 +215,14 @@ def test_a_damaged_stage_is_named(finished: tuple[Path, RunDone], tmp_path: Path
     for damaged in ('{"half', '{"rate": {"tests": 3}}', '{"rate": 3}', '{"rates": {}}'):
         (folder / "stages" / "nde.json").write_text(damaged, encoding="utf-8")
         with pytest.raises(FileFormatError, match=r"nde\.json"):
-            pipeline.run(effort="quick", out=folder, seed=2, resume=True)
+            cornerforge.run(effort="quick", out=folder, seed=2, resume=True)
 
 
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(OutputError, match=r"notes\.txt"):
-        pipeline.run(effort="quick", out=tmp_path, resume=resume)
+        cornerforge.run(effort="quick", out=tmp_path, resume=resume)
     assert snapshot(tmp_path) == {"notes.txt": b"mine"}
 
 
@@ -233,5 +233,5 @@ def test_a_folder_of_something_else_is_not_touched(resume: bool, tmp_path: Path)
 )  # fmt: skip
 def test_wrong_arguments_make_no_folder(arguments: dict[str, Any], kind: type[Exception], tmp_path: Path) -> None:
     with pytest.raises(kind):
-        pipeline.run(out=tmp_path / "out", **{"effort": "quick"} | arguments)
+        cornerforge.run(out=tmp_path / "out", **{"effort": "quick"} | arguments)
     assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.shrink import AV, BVS, NOBODY, Reproducer
 from cornerforge.analysis.shrink import shrink as shrink_script
@@ -35,7 +35,7 @@ SIZES = ("vehicles", "decisions", "seconds", "deviating_actions")
 def shrunk(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ShrunkLibrary]:
     """All cases of the library shrunk, and what `shrink` said; read only."""
     out = tmp_path_factory.mktemp("shrunk") / "library"
-    return out, pipeline.shrink(swerve_library, "all", out=out)
+    return out, cornerforge.shrink(swerve_library, "all", out=out)
 
 
 def whole_script(library: Path, case_id: str) -> tuple[ScriptDriver, Script]:
@@ -125,7 +125,7 @@ def test_no_vehicle_second_or_deviating_action_can_go(swerve_library: Path, shru
 def test_what_is_small_stays_as_it_is(shrunk: tuple[Path, Any], tmp_path: Path) -> None:
     """Shrinking shrunk cases gives the same cases, bit for bit."""
     out, said = shrunk
-    again = pipeline.shrink(out, "all", out=tmp_path / "again")
+    again = cornerforge.shrink(out, "all", out=tmp_path / "again")
     columns = ["case_id", "trajectory_digest"]
     assert CaseLibrary.open(tmp_path / "again").scalars(columns) == CaseLibrary.open(out).scalars(columns)
     assert [row.after for row in again.cases] == [row.after for row in said.cases]
@@ -134,13 +134,13 @@ def test_what_is_small_stays_as_it_is(shrunk: tuple[Path, Any], tmp_path: Path) 
 
 def test_shrunk_cases_are_cases_like_any_other(shrunk: tuple[Path, Any]) -> None:
     out, said = shrunk
-    replayed = pipeline.replay(out, "all", check=True)
+    replayed = cornerforge.replay(out, "all", check=True)
     assert replayed.identical is True
     assert replayed.cases == len(said.cases)
     one = said.cases[0]
-    assert pipeline.replay(out, one.case).crash_time_s == one.after.seconds
-    assert pipeline.analyse(out).cases == len(said.cases)
-    rows = pipeline.query(out, "select count(*), max(n_vehicles - source_n_vehicles) < 1 from cases").rows
+    assert cornerforge.replay(out, one.case).crash_time_s == one.after.seconds
+    assert cornerforge.analyse(out).cases == len(said.cases)
+    rows = cornerforge.query(out, "select count(*), max(n_vehicles - source_n_vehicles) < 1 from cases").rows
     assert rows == ((len(said.cases), True),)
 
 
@@ -148,7 +148,7 @@ def test_a_replay_of_another_script_is_noticed(shrunk: tuple[Path, Any], monkeyp
     """Negative control of the check above: the same start, another AV."""
     out, _ = shrunk
     monkeypatch.setattr("cornerforge.pipeline.cases.experiment_of", lambda *_: experiment(av="idm-mobil-d2rl"))
-    assert pipeline.replay(out, "all", check=True).identical is False
+    assert cornerforge.replay(out, "all", check=True).identical is False
 
 
 # --- whose driving makes the crash ---
@@ -253,11 +253,11 @@ def test_an_interrupt_keeps_what_is_done_and_a_resume_goes_on(
 
     out = tmp_path / "library"
     with pytest.raises(KeyboardInterrupt):
-        pipeline.shrink(swerve_library, ids, out=out, progress=stop)
+        cornerforge.shrink(swerve_library, ids, out=out, progress=stop)
     assert ids_of(out) == ids[:3]
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.shrink(swerve_library, ids, out=out)
-    said = pipeline.shrink(swerve_library, ids[::-1], out=out, resume=True)
+        cornerforge.shrink(swerve_library, ids, out=out)
+    said = cornerforge.shrink(swerve_library, ids[::-1], out=out, resume=True)
     assert [row.case for row in said.cases] == ids
     assert said.cases == shrunk[1].cases[:8]
     columns = ["case_id", "trajectory_digest"]
@@ -266,9 +266,9 @@ def test_an_interrupt_keeps_what_is_done_and_a_resume_goes_on(
 
 def test_a_case_that_comes_too_early_asks_for_another_place(swerve_library: Path, tmp_path: Path) -> None:
     ids = ids_of(swerve_library)
-    pipeline.shrink(swerve_library, ids[5], out=tmp_path / "library")
+    cornerforge.shrink(swerve_library, ids[5], out=tmp_path / "library")
     with pytest.raises(InputError, match=rf"Case {ids[2]} comes before .* --out"):
-        pipeline.shrink(swerve_library, ids[2], out=tmp_path / "library", resume=True)
+        cornerforge.shrink(swerve_library, ids[2], out=tmp_path / "library", resume=True)
 
 
 def test_bad_wishes_are_named_before_anything_is_written(swerve_library: Path, tmp_path: Path) -> None:
@@ -279,9 +279,9 @@ def test_bad_wishes_are_named_before_anything_is_written(swerve_library: Path, t
         (["nonsense"], UnknownNameError, "No case"),
     ):
         with pytest.raises(error, match=message):
-            pipeline.shrink(swerve_library, wish, out=tmp_path / "library")
+            cornerforge.shrink(swerve_library, wish, out=tmp_path / "library")
     with pytest.raises(InputError, match="--out FOLDER"):
-        pipeline.shrink(swerve_library, "all")
+        cornerforge.shrink(swerve_library, "all")
     assert not (tmp_path / "library").exists()
 
 
@@ -297,7 +297,7 @@ def test_a_damaged_case_is_named_before_anything_is_written(swerve_library: Path
     tracks = library / "tracks-000000.parquet"
     tracks.write_bytes(tracks.read_bytes()[:-100])
     with pytest.warns(UserWarning, match="left out"), pytest.raises(CornerForgeError, match="damaged shard"):
-        pipeline.shrink(library, ids_of(swerve_library)[0], out=tmp_path / "shrunk")
+        cornerforge.shrink(library, ids_of(swerve_library)[0], out=tmp_path / "shrunk")
     assert not (tmp_path / "shrunk").exists()
 
 
@@ -310,7 +310,7 @@ def test_a_case_that_drives_otherwise_is_named_before_anything_is_written(swerve
     scenario = experiment_of(source).recorder().record(int(str(source.identity["seed"])), test)
     library.append([case_record(scenario, trajectory_digest="0" * 64)], next_test=test + 1, tests=test + 1, crashes=1)
     with pytest.raises(ReplayError, match="is not what is stored"):
-        pipeline.shrink(tmp_path / "library", "all", out=tmp_path / "shrunk")
+        cornerforge.shrink(tmp_path / "library", "all", out=tmp_path / "shrunk")
     assert not (tmp_path / "shrunk").exists()
 
 
@@ -320,7 +320,7 @@ def test_an_av_from_outside_is_refused_with_the_reason(swerve_library: Path, tmp
     manifest["run"]["av"] = "somewhere:Av"
     (library / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     with pytest.raises(InputError, match=r"somewhere:Av .* is not built in.* remembers"):
-        pipeline.shrink(library, ids_of(library)[0])
+        cornerforge.shrink(library, ids_of(library)[0])
 
 
 def test_the_command_line(swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.library import CaseLibrary
-from cornerforge.results import Quantity, Simulated
+from cornerforge.results import Simulated
+from cornerforge.results.driving import Quantity
 from cornerforge.sim import runner
 
 QUANTILES = ["1", "5", "25", "50", "75", "95", "99"]
@@ -23,20 +24,20 @@ def without_times(result: Simulated) -> Simulated:
 
 @pytest.mark.parametrize("bv", ["nde", "idm", "uniform", "lane-changer", "swerve"])
 def test_the_result_does_not_depend_on_threads(bv: str) -> None:
-    one, two = (pipeline.simulate(tests=700, bv=bv, seed=3, threads=n, stats=True) for n in (1, 2))
+    one, two = (cornerforge.simulate(tests=700, bv=bv, seed=3, threads=n, stats=True) for n in (1, 2))
     assert without_times(one) == without_times(two)
-    assert one.digest != pipeline.simulate(tests=700, bv=bv, seed=4).digest
+    assert one.digest != cornerforge.simulate(tests=700, bv=bv, seed=4).digest
 
 
 def test_counting_changes_nothing() -> None:
-    plain = pipeline.simulate(tests=600, bv="swerve")
-    counted = pipeline.simulate(tests=600, bv="swerve", stats=True)
+    plain = cornerforge.simulate(tests=600, bv="swerve")
+    counted = cornerforge.simulate(tests=600, bv="swerve", stats=True)
     assert counted.distributions is not None
     assert without_times(plain) == without_times(replace(counted, distributions=None))
 
 
 def test_rates_fit_together() -> None:
-    r = pipeline.simulate(tests=1000, bv="swerve", seed=1)
+    r = cornerforge.simulate(tests=1000, bv="swerve", seed=1)
     assert r.tests == 1000
     assert r.crashes_per_test == r.av_crashes / 1000
     assert r.interval95[0] < r.crashes_per_test < r.interval95[1]
@@ -48,14 +49,14 @@ def test_rates_fit_together() -> None:
 
 
 def test_no_crash_is_no_proof_of_safety() -> None:
-    r = pipeline.simulate(tests=500, seed=0)
+    r = cornerforge.simulate(tests=500, seed=0)
     assert r.av_crashes == 0
     assert r.interval95 == (0.0, pytest.approx(1.0 - 0.025 ** (1.0 / 500)))
     assert r.miles == pytest.approx(500 * 400.0 / 1609.344, rel=0.01)
 
 
 def test_statistics_have_the_promised_shape() -> None:
-    found = pipeline.simulate(tests=300, stats=True).distributions
+    found = cornerforge.simulate(tests=300, stats=True).distributions
     assert found is not None
     for name in ("speed", "gap", "time_gap", "range_rate", "acceleration"):
         quantity: Quantity = getattr(found, name)
@@ -77,14 +78,14 @@ def test_statistics_have_the_promised_shape() -> None:
 
 @pytest.mark.parametrize("lanes", [2, 4, 6])
 def test_other_numbers_of_lanes(lanes: int) -> None:
-    r = pipeline.simulate(tests=60, lanes=lanes, stats=True)
+    r = cornerforge.simulate(tests=60, lanes=lanes, stats=True)
     assert r.tests == 60
-    assert r.digest != pipeline.simulate(tests=60).digest
+    assert r.digest != cornerforge.simulate(tests=60).digest
 
 
 @pytest.mark.parametrize("bv", ["swerve", "uniform", "nde"])  # most, few and no tests crash
 def test_out_stores_the_crashes_that_are_counted(bv: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = pipeline.simulate(tests=600, bv=bv, seed=2, stats=True)
+    plain = cornerforge.simulate(tests=600, bv=bv, seed=2, stats=True)
     # each test is driven once: nothing may be driven for the counts alone
     driven: list[int] = []
     drive_range = runner.drive_range
@@ -95,7 +96,7 @@ def test_out_stores_the_crashes_that_are_counted(bv: str, tmp_path: Path, monkey
 
     monkeypatch.setattr(runner, "drive_range", count)
     told: set[str] = set()
-    stored = pipeline.simulate(
+    stored = cornerforge.simulate(
         tests=600, bv=bv, seed=2, stats=True, out=tmp_path / "library", progress=lambda stage, *_: told.add(stage)
     )
     assert (told, sum(driven)) == ({"store"}, 0)
@@ -107,11 +108,11 @@ def test_out_stores_the_crashes_that_are_counted(bv: str, tmp_path: Path, monkey
 
 
 def test_more_tests_go_on_in_the_same_library(tmp_path: Path) -> None:
-    pipeline.simulate(tests=200, bv="swerve", out=tmp_path / "a")
-    two = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
-    one = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "b")
+    cornerforge.simulate(tests=200, bv="swerve", out=tmp_path / "a")
+    two = cornerforge.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
+    one = cornerforge.simulate(tests=500, bv="swerve", out=tmp_path / "b")
     columns = ["case_id", "trajectory_digest"]
-    again = pipeline.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
+    again = cornerforge.simulate(tests=500, bv="swerve", out=tmp_path / "a", resume=True)
     assert without_times(again) == without_times(replace(one, library=str(tmp_path / "a")))
     assert without_times(two) == without_times(again)
     first, second = (CaseLibrary.open(tmp_path / name) for name in "ab")
@@ -133,7 +134,7 @@ def test_more_tests_go_on_in_the_same_library(tmp_path: Path) -> None:
 def test_what_is_out_of_range_is_refused(arguments: dict[str, int], message: str, tmp_path: Path) -> None:
     for out in (None, tmp_path / "library"):
         with pytest.raises(InputError, match=message):
-            pipeline.simulate(**arguments, out=out)  # type: ignore[arg-type]
+            cornerforge.simulate(**arguments, out=out)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 
 
@@ -143,4 +144,4 @@ def test_what_is_out_of_range_is_refused(arguments: dict[str, int], message: str
 )
 def test_unknown_names_suggest_the_nearest(arguments: dict[str, str], near: str) -> None:
     with pytest.raises(UnknownNameError, match=f'Did you mean "{near}"'):
-        pipeline.simulate(tests=10, **arguments)  # type: ignore[arg-type]
+        cornerforge.simulate(tests=10, **arguments)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from folder_snapshot import snapshot
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.adversary.policy_file import load_policy, policy_hash, save_policy
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.ndd.model import default_model_path, load_model, save_model
@@ -28,7 +28,7 @@ KNOWN = {
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Trained]:
     path = tmp_path_factory.mktemp("train") / "new" / "p.safetensors"
-    return path, pipeline.train(out=path, decisions=2000, tests=200, seed=4)
+    return path, cornerforge.train(out=path, decisions=2000, tests=200, seed=4)
 
 
 def test_summary_and_file_agree(trained: tuple[Path, Trained]) -> None:
@@ -57,7 +57,7 @@ def test_summary_and_file_agree(trained: tuple[Path, Trained]) -> None:
 def test_the_same_training_gives_the_same_bytes(trained: tuple[Path, Trained], tmp_path: Path) -> None:
     """However long it took: times stand in the provenance beside the policy."""
     path, summary = trained
-    pipeline.train(out=tmp_path / "q.safetensors", decisions=2000, tests=200, seed=4, threads=1)
+    cornerforge.train(out=tmp_path / "q.safetensors", decisions=2000, tests=200, seed=4, threads=1)
     assert (tmp_path / "q.safetensors").read_bytes() == path.read_bytes()
     made = json.loads((path.parent / "p.provenance.json").read_text(encoding="utf-8"))
     assert made["seconds"] == summary.seconds
@@ -85,28 +85,28 @@ def test_a_policy_of_old_keeps_the_times_that_it_carries(trained: tuple[Path, Tr
 
 def test_a_budget_is_stored_and_kept_to(tmp_path: Path) -> None:
     path = tmp_path / "p.safetensors"
-    summary = pipeline.train(out=path, budget=4.0, decisions=600, tests=200, seed=4)
+    summary = cornerforge.train(out=path, budget=4.0, decisions=600, tests=200, seed=4)
     assert (summary.bounded, summary.budget) == (True, 4.0)
     policy = load_policy(path)
     assert (policy.bounded, policy.budget) == (True, 4.0)
-    again = pipeline.train(out=path, budget=4.0, decisions=600, tests=200, seed=4, resume=True)
+    again = cornerforge.train(out=path, budget=4.0, decisions=600, tests=200, seed=4, resume=True)
     assert again.kept is True
     with pytest.raises(OutputError, match="another budget"):
-        pipeline.train(out=path, budget=5.0, decisions=600, seed=4, resume=True)
+        cornerforge.train(out=path, budget=5.0, decisions=600, seed=4, resume=True)
 
 
 def test_a_policy_is_not_overwritten(trained: tuple[Path, Trained]) -> None:
     path, _ = trained
     before = snapshot(path.parent)
     with pytest.raises(OutputError, match="exists already"):
-        pipeline.train(out=path, decisions=2000, seed=4)
+        cornerforge.train(out=path, decisions=2000, seed=4)
     assert snapshot(path.parent) == before
 
 
 def test_resume_keeps_the_policy_of_the_same_command(trained: tuple[Path, Trained]) -> None:
     path, summary = trained
     before = snapshot(path.parent)
-    again = pipeline.train(out=path, decisions=2000, tests=200, seed=4, resume=True)
+    again = cornerforge.train(out=path, decisions=2000, tests=200, seed=4, resume=True)
     assert again.kept is True
     assert snapshot(path.parent) == before
     assert replace(again, kept=False, seconds=0.0) == replace(summary, seconds=0.0)
@@ -130,7 +130,7 @@ def test_resume_refuses_the_policy_of_another_command(
     before = snapshot(path.parent)
     arguments = {"decisions": 2000, "seed": 4} | changes
     with pytest.raises(OutputError, match=f"another {named}"):
-        pipeline.train(out=path, resume=True, **arguments)  # type: ignore[arg-type]
+        cornerforge.train(out=path, resume=True, **arguments)  # type: ignore[arg-type]
     assert snapshot(path.parent) == before
 
 
@@ -138,7 +138,7 @@ def test_resume_refuses_a_damaged_policy(trained: tuple[Path, Trained], tmp_path
     path = tmp_path / "p.safetensors"
     path.write_bytes(trained[0].read_bytes()[:1000])
     with pytest.raises(FileFormatError, match="damaged"):
-        pipeline.train(out=path, decisions=2000, seed=4, resume=True)
+        cornerforge.train(out=path, decisions=2000, seed=4, resume=True)
     assert path.stat().st_size == 1000
 
 
@@ -156,16 +156,16 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a training that was stopped half way; read only."""
     folder = tmp_path_factory.mktemp("stopped")
     with pytest.raises(KeyboardInterrupt):
-        pipeline.train(out=folder / "p.safetensors", decisions=30_000, seed=4, progress=stop_amid_training)
+        cornerforge.train(out=folder / "p.safetensors", decisions=30_000, seed=4, progress=stop_amid_training)
     assert [entry.name for entry in folder.iterdir()] == ["p.safetensors.checkpoint"]
     return folder
 
 
 def test_a_stopped_training_goes_on_to_the_same_policy(stopped: Path, tmp_path: Path) -> None:
-    unbroken = pipeline.train(out=tmp_path / "unbroken.safetensors", decisions=30_000, tests=200, seed=4)
+    unbroken = cornerforge.train(out=tmp_path / "unbroken.safetensors", decisions=30_000, tests=200, seed=4)
     folder = Path(shutil.copytree(stopped, tmp_path / "copy"))
     stages: list[float] = []
-    resumed = pipeline.train(
+    resumed = cornerforge.train(
         out=folder / "p.safetensors", decisions=30_000, tests=200, seed=4, resume=True,
         progress=lambda stage, done, _: stages.append(done) if stage == "train" else None,
     )  # fmt: skip
@@ -177,7 +177,7 @@ def test_a_stopped_training_goes_on_to_the_same_policy(stopped: Path, tmp_path: 
 def test_without_resume_an_unfinished_training_is_not_overwritten(stopped: Path) -> None:
     before = snapshot(stopped)
     with pytest.raises(OutputError, match="unfinished training; go on with --resume"):
-        pipeline.train(out=stopped / "p.safetensors", decisions=30_000, seed=4)
+        cornerforge.train(out=stopped / "p.safetensors", decisions=30_000, seed=4)
     assert snapshot(stopped) == before
 
 
@@ -194,7 +194,7 @@ def test_resume_refuses_the_checkpoint_of_another_command(
     before = snapshot(stopped)
     arguments = {"decisions": 30_000, "seed": 4} | changes
     with pytest.raises(InputError, match=named):
-        pipeline.train(out=stopped / "p.safetensors", resume=True, **arguments)  # type: ignore[arg-type]
+        cornerforge.train(out=stopped / "p.safetensors", resume=True, **arguments)  # type: ignore[arg-type]
     assert snapshot(stopped) == before
 
 
@@ -203,7 +203,7 @@ def test_resume_refuses_a_damaged_checkpoint(stopped: Path, tmp_path: Path) -> N
     (tmp_path / name).write_bytes((stopped / name).read_bytes()[:-1])
     before = snapshot(tmp_path)
     with pytest.raises(FileFormatError, match=r"damaged .* remove it to begin again"):
-        pipeline.train(out=tmp_path / "p.safetensors", decisions=30_000, seed=4, resume=True)
+        cornerforge.train(out=tmp_path / "p.safetensors", decisions=30_000, seed=4, resume=True)
     assert snapshot(tmp_path) == before
 
 
@@ -212,9 +212,9 @@ def test_a_kill_between_policy_and_checkpoint_leaves_no_checkpoint_for_long(
 ) -> None:
     out = tmp_path / "p.safetensors"
     with pytest.raises(KeyboardInterrupt):
-        pipeline.train(out=out, decisions=2000, seed=4, progress=interrupt)
+        cornerforge.train(out=out, decisions=2000, seed=4, progress=interrupt)
     out.write_bytes(trained[0].read_bytes())
-    assert pipeline.train(out=out, decisions=2000, tests=200, seed=4, resume=True).kept is True
+    assert cornerforge.train(out=out, decisions=2000, tests=200, seed=4, resume=True).kept is True
     assert snapshot(tmp_path) == {"p.safetensors": trained[0].read_bytes()}
 
 
@@ -226,12 +226,12 @@ def test_a_kill_between_policy_and_checkpoint_leaves_no_checkpoint_for_long(
 )  # fmt: skip
 def test_wrong_arguments_make_nothing(arguments: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        pipeline.train(out=tmp_path / "new" / "p.safetensors", **{"decisions": 600} | arguments)  # type: ignore[arg-type]
+        cornerforge.train(out=tmp_path / "new" / "p.safetensors", **{"decisions": 600} | arguments)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 
 
 def test_time_alone_ends_a_training_of_minutes(tmp_path: Path) -> None:
-    summary = pipeline.train(out=tmp_path / "p.safetensors", minutes=0.02, tests=10, seed=4)
+    summary = cornerforge.train(out=tmp_path / "p.safetensors", minutes=0.02, tests=10, seed=4)
     policy = load_policy(tmp_path / "p.safetensors")
     assert policy.about["train"]["decisions"] == 10**12  # type: ignore[index]
     assert 512 <= summary.decisions < 10**8
@@ -244,7 +244,7 @@ def test_a_model_that_allows_everything_cannot_bound(tmp_path: Path) -> None:
     save_model(replace(model, following=following.astype(np.float32), free=free.astype(np.float32)), tmp_path / "m.npz")
     before = snapshot(tmp_path)
     with pytest.raises(InputError, match=r"m\.npz calls no acceleration impossible"):
-        pipeline.train(out=tmp_path / "p.safetensors", decisions=600, bounded=True, model=tmp_path / "m.npz")
+        cornerforge.train(out=tmp_path / "p.safetensors", decisions=600, bounded=True, model=tmp_path / "m.npz")
     assert snapshot(tmp_path) == before
 
 
@@ -252,5 +252,5 @@ def test_a_place_that_cannot_be_written_is_found_before_training(tmp_path: Path)
     (tmp_path / "file").write_text("mine", encoding="utf-8")
     for out in (tmp_path / "file" / "p.safetensors", tmp_path, tmp_path / ("x" * 300)):
         with pytest.raises(OutputError):
-            pipeline.train(out=out, decisions=10**9)
+            cornerforge.train(out=out, decisions=10**9)
     assert snapshot(tmp_path) == {"file": b"mine"}

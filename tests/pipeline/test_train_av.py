@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.drivers.avs import AvNetwork, av_hash, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.errors import FileFormatError, InputError, OutputError
@@ -22,7 +22,7 @@ from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, TrainedAv]:
     path = tmp_path_factory.mktemp("train-av") / "new" / "mine.safetensors"
-    return path, pipeline.train_av(out=path, decisions=1500, tests=50, seed=4, threads=2)
+    return path, cornerforge.train_av(out=path, decisions=1500, tests=50, seed=4, threads=2)
 
 
 def test_summary_and_file_agree(trained: tuple[Path, TrainedAv]) -> None:
@@ -36,15 +36,15 @@ def test_summary_and_file_agree(trained: tuple[Path, TrainedAv]) -> None:
 
 def test_the_same_seed_writes_the_same_bytes(trained: tuple[Path, TrainedAv], tmp_path: Path) -> None:
     path, _ = trained
-    pipeline.train_av(out=tmp_path / "again.safetensors", decisions=1500, tests=1, seed=4, threads=1)
+    cornerforge.train_av(out=tmp_path / "again.safetensors", decisions=1500, tests=1, seed=4, threads=1)
     assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
-    pipeline.train_av(out=tmp_path / "other.safetensors", decisions=1500, tests=1, seed=5, threads=1)
+    cornerforge.train_av(out=tmp_path / "other.safetensors", decisions=1500, tests=1, seed=5, threads=1)
     assert (tmp_path / "other.safetensors").read_bytes() != path.read_bytes()
 
 
 def test_its_file_is_an_av(trained: tuple[Path, TrainedAv]) -> None:
     path, _ = trained
-    mine, shipped = (pipeline.simulate(tests=40, av=av, seed=2) for av in (str(path), "rl"))
+    mine, shipped = (cornerforge.simulate(tests=40, av=av, seed=2) for av in (str(path), "rl"))
     assert mine.digest != shipped.digest
     assert mine.tests == 40
 
@@ -53,7 +53,7 @@ def test_nothing_is_overwritten_unasked(trained: tuple[Path, TrainedAv]) -> None
     path, _ = trained
     before = path.read_bytes()
     with pytest.raises(OutputError, match="exists already"):
-        pipeline.train_av(out=path, decisions=600)
+        cornerforge.train_av(out=path, decisions=600)
     assert path.read_bytes() == before
 
 
@@ -66,12 +66,12 @@ def test_a_stopped_training_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     path, other = tmp_path / "mine.safetensors", tmp_path / "unbroken.safetensors"
     wanted: dict[str, Any] = {"decisions": 52 * 512, "tests": 1, "seed": 4}
     with pytest.raises(KeyboardInterrupt):
-        pipeline.train_av(out=path, progress=stop, **wanted)
+        cornerforge.train_av(out=path, progress=stop, **wanted)
     assert [entry.name for entry in tmp_path.iterdir()] == ["mine.safetensors.checkpoint"]
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.train_av(out=path, **wanted)
-    pipeline.train_av(out=path, resume=True, **wanted)
-    pipeline.train_av(out=other, **wanted)
+        cornerforge.train_av(out=path, **wanted)
+    cornerforge.train_av(out=path, resume=True, **wanted)
+    cornerforge.train_av(out=other, **wanted)
     assert path.read_bytes() == other.read_bytes()
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["mine.safetensors", "unbroken.safetensors"]
 
@@ -81,7 +81,7 @@ def test_a_stopped_training_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
 )
 def test_numbers_out_of_range_are_refused(wrong: dict[str, float], named: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=named):
-        pipeline.train_av(out=tmp_path / "a.safetensors", **wrong)  # type: ignore[arg-type]
+        cornerforge.train_av(out=tmp_path / "a.safetensors", **wrong)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())
 
 
@@ -130,6 +130,6 @@ def test_the_shipped_av_drives_safely(seed: int) -> None:
     # rate of 1 in 200 for sure.
     assert rl_av_path().stat().st_size < 300_000
     assert av_of("rl").about == av_named("rl").about
-    result = pipeline.simulate(tests=3000, av="rl", seed=seed)
+    result = cornerforge.simulate(tests=3000, av="rl", seed=seed)
     low, _ = binomial_interval(result.av_crashes, 3000, confidence=1.0 - 1e-6)
     assert low < 1e-3

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.cli import main
 from cornerforge.cli.output import compiling_text
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError, MissingExtraError
@@ -61,7 +61,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(pairs: Path, folder: Path) -> NddValidated:
-    return pipeline.ndd_validate(default_model_path(), against=[pairs], data_format="pairs", miles=MILES, out=folder)
+    return cornerforge.ndd_validate(default_model_path(), against=[pairs], data_format="pairs", miles=MILES, out=folder)
 
 
 def test_the_promised_keys_are_there_and_are_json(found: NddValidated) -> None:
@@ -127,13 +127,13 @@ def test_the_same_again_gives_the_same_page_and_another_seed_is_refused(
     pairs: Path, found: NddValidated, folder: Path
 ) -> None:
     first = (folder / "validation.html").read_bytes()
-    again = pipeline.ndd_validate(
+    again = cornerforge.ndd_validate(
         default_model_path(), against=[pairs], data_format="pairs", miles=MILES, out=folder, threads=1
     )
     assert replace(again, seconds=0) == replace(found, seconds=0)
     assert (folder / "validation.html").read_bytes() == first
     with pytest.raises(InputError, match="seed"):
-        pipeline.ndd_validate(
+        cornerforge.ndd_validate(
             default_model_path(), against=[pairs], data_format="pairs", miles=MILES, out=folder, seed=1
         )
 
@@ -197,7 +197,7 @@ def test_bad_input_is_named(
 ) -> None:
     good = {"model": default_model_path(), "against": [pairs], "data_format": "pairs"}
     with pytest.raises(error, match=message):
-        pipeline.ndd_validate(**{**good, **change(pairs)})
+        cornerforge.ndd_validate(**{**good, **change(pairs)})
 
 
 def test_without_matplotlib_the_page_is_refused_before_any_work(
@@ -205,7 +205,7 @@ def test_without_matplotlib_the_page_is_refused_before_any_work(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=r"matplotlib.*cornerforge\[report\]"):
-        pipeline.ndd_validate(
+        cornerforge.ndd_validate(
             default_model_path(), against=[pairs], data_format="pairs", miles=MILES, out=tmp_path / "out"
         )
     assert not (tmp_path / "out").exists()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cornerforge import pipeline
+import cornerforge
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import InputError, OutputError
 from cornerforge.library import CaseLibrary
@@ -18,14 +18,14 @@ from cornerforge.results import Plausibility, as_json
 
 
 def test_a_librarys_row_counts_its_cases(swerve_library: Path, tmp_path: Path) -> None:
-    pipeline.simulate(tests=5, out=tmp_path / "empty")
-    found = pipeline.variety(libraries=[swerve_library, tmp_path / "empty"])
+    cornerforge.simulate(tests=5, out=tmp_path / "empty")
+    found = cornerforge.variety(libraries=[swerve_library, tmp_path / "empty"])
     row, empty = found.rows
     library = CaseLibrary.open(swerve_library)
     assert (row.cases, row.tests, row.av_crashes) == (60, library.tests, 60)
     assert sum(row.cells.values()) == 60
     assert row.filled == len(row.cells) > 1
-    types = pipeline.analyse(swerve_library).crash_types
+    types = cornerforge.analyse(swerve_library).crash_types
     by_type = dict.fromkeys(types, 0)
     for cell, n in row.cells.items():
         by_type[cell.split(" | ")[0]] += n
@@ -38,8 +38,8 @@ def test_policies_are_compared_on_the_same_tests(some_policy: Path, tmp_path: Pa
     other = tmp_path / "other.safetensors"
     other.write_bytes(some_policy.read_bytes())
     ways = {"policies": [some_policy, other], "tests": 150, "odd": "paper", "acting": "softmax:0.5", "seed": 3}
-    found = pipeline.variety(**ways, threads=2)  # type: ignore[arg-type]
-    assert found == pipeline.variety(**ways, threads=1)  # type: ignore[arg-type]
+    found = cornerforge.variety(**ways, threads=2)  # type: ignore[arg-type]
+    assert found == cornerforge.variety(**ways, threads=1)  # type: ignore[arg-type]
     names = [row.name for row in found.rows]
     assert [name.rpartition(", ")[2] for name in names] == ["greedy", "softmax:0.5"] * 3
     assert names[4:] == ["mixture of 2, greedy", "mixture of 2, softmax:0.5"]
@@ -69,13 +69,13 @@ def test_wrong_arguments_are_named(arguments: dict[str, object], message: str, s
     if arguments.get("policies") == ["x"]:
         arguments = arguments | {"policies": [some_policy]}
     with pytest.raises(InputError, match=message):
-        pipeline.variety(**arguments)  # type: ignore[arg-type]
+        cornerforge.variety(**arguments)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
 def curve(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Plausibility]:
     out = tmp_path_factory.mktemp("plausibility") / "curve"
-    return out, pipeline.plausibility(out=out, budgets=[30.0, 0.0], seeds=1, decisions=1024, tests=400)
+    return out, cornerforge.plausibility(out=out, budgets=[30.0, 0.0], seeds=1, decisions=1024, tests=400)
 
 
 def test_the_curve_has_every_mask_and_keeps_its_policies(curve: tuple[Path, Plausibility]) -> None:
@@ -116,14 +116,14 @@ def test_the_curve_is_taken_up_where_it_stopped(curve: tuple[Path, Plausibility]
     out, found = curve
     (out / "30-0.json").unlink()
     times = {path.name: path.stat().st_mtime_ns for path in out.glob("*.safetensors")}
-    again = pipeline.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=1024, tests=400, resume=True)
+    again = cornerforge.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=1024, tests=400, resume=True)
     changed = {path.name for path in out.glob("*.safetensors") if path.stat().st_mtime_ns != times[path.name]}
     assert changed == {"30-0.safetensors"}
     assert timeless(again) == timeless(found)
     with pytest.raises(InputError, match="budgets"):
-        pipeline.plausibility(out=out, budgets=[0.0], seeds=1, decisions=1024, tests=400, resume=True)
+        cornerforge.plausibility(out=out, budgets=[0.0], seeds=1, decisions=1024, tests=400, resume=True)
     with pytest.raises(OutputError, match="--resume"):
-        pipeline.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=1024, tests=400)
+        cornerforge.plausibility(out=out, budgets=[0.0, 30.0], seeds=1, decisions=1024, tests=400)
 
 
 @pytest.mark.parametrize(
@@ -131,5 +131,5 @@ def test_the_curve_is_taken_up_where_it_stopped(curve: tuple[Path, Plausibility]
 )
 def test_a_wrong_curve_makes_no_folder(arguments: dict[str, object], tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        pipeline.plausibility(out=tmp_path / "curve", **arguments)  # type: ignore[arg-type]
+        cornerforge.plausibility(out=tmp_path / "curve", **arguments)  # type: ignore[arg-type]
     assert not list(tmp_path.iterdir())

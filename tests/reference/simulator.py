@@ -315,7 +315,7 @@ class Simulator:
 
 
 def words_of(rows: list[Row], index: int) -> tuple[int, int]:
-    """From which word on and below which the least of the rows' accelerations has an index; twice the same for never."""
+    """From which word on and below which the least of the rows' accelerations has an index; equal for never."""
     low = max(row.cuts[index - 1] if index > 0 else 0 for row in rows)
     high = min(max(row.cuts[index] for row in rows), 2**32 - 1)
     return low, high

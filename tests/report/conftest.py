@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cornerforge import analyse
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, case_record
-from cornerforge.pipeline import analyse
 from cornerforge.results import as_json
 from cornerforge.types import ACCELERATIONS, ACTION_LEFT, ACTION_RIGHT, FRAME_S, Crash, Odd, Scenario
 

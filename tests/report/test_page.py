@@ -20,17 +20,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from cornerforge import analyse
 from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
-from cornerforge.pipeline import analyse
 from cornerforge.report import page, write_report
 from cornerforge.report.artefacts import Rate, Summary
 from cornerforge.report.judged import CaseJudgement, read_case_judgements
 from cornerforge.report.text import share
-from cornerforge.results import Baseline, Filled, RunDone, Simulated
+from cornerforge.results import Filled, RunDone, Simulated
 from cornerforge.results.analysis import PARTS
+from cornerforge.results.learning import Baseline
 from cornerforge.types import FRAME_S
 
 CHROMIUM = shutil.which("chromium")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -13,24 +15,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cornerforge
-from cornerforge import pipeline, results
+from cornerforge import results
 from cornerforge.errors import FileFormatError
-from cornerforge.results import (
-    FILES,
-    VERBS,
-    Cluster,
-    NddValidated,
-    Queried,
-    Rate,
-    Simulated,
-    TrafficDistances,
-    TrainingCurve,
-    as_json,
-    from_json,
-    results_markdown,
-)
+from cornerforge.results import FILES, VERBS, NddValidated, Queried, Simulated, as_json, from_json
+from cornerforge.results.analysis import Cluster
+from cornerforge.results.learning import TrainingCurve
+from cornerforge.results.rates import Rate
+from cornerforge.results.stating import results_markdown
+from cornerforge.results.validation import TrafficDistances
 
-CLASSES = [thing for name in results.__all__ if isinstance(thing := getattr(results, name), type)]
+MODULES = [importlib.import_module(f"{results.__name__}.{one.name}") for one in pkgutil.iter_modules(results.__path__)]
+CLASSES = [thing for module in MODULES for name in module.__all__ if isinstance(thing := getattr(module, name), type)]
 KINDS = [pytest.param(kind, id=kind.__name__) for kind in CLASSES]
 RATE = Rate(
     tests=2, crashes_per_test=0.5, interval95=(0.0, 1.0), crashes_per_mile=None, interval95_per_mile=None, miles=0.0
@@ -79,7 +74,7 @@ def test_keys_are_the_fields_in_their_order(kind: type) -> None:
 def test_what_is_none_is_null_but_for_what_may_be_missing() -> None:
     assert as_json(RATE)["crashes_per_mile"] is None
     assert as_json(RATE)["interval95"] == [0.0, 1.0]
-    counted = pipeline.simulate(tests=2)
+    counted = cornerforge.simulate(tests=2)
     assert counted.distributions is None
     assert not {"distributions", "cases", "library"} & set(as_json(counted))
     stored = dataclasses.replace(counted, cases=0, library="")

@@ -27,7 +27,7 @@ from cornerforge.adversary.learner import DqnLearner, below
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
-from cornerforge.results import TrainingPoint
+from cornerforge.results.learning import TrainingPoint
 from cornerforge.sim.drive_bv import Exploring, Transitions, allocate_actors, collect, start_worlds
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION

@@ -6,7 +6,7 @@ what else could have happened. Clustering needs scikit-learn (the extra "analysi
 
 from __future__ import annotations
 
-from cornerforge.analysis.analyse import Analysis, Cluster, analyse
+from cornerforge.analysis.analyse import Analysis, analyse
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, CrashTypes, classify_crashes
 from cornerforge.analysis.features import Features, crash_features
 from cornerforge.analysis.variety import Variety, crash_cells, unseen_chance, variety_of
@@ -15,7 +15,6 @@ __all__ = [
     "CRASH_TYPES",
     "STRIKERS",
     "Analysis",
-    "Cluster",
     "CrashTypes",
     "Features",
     "Variety",

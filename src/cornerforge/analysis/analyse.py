@@ -16,7 +16,8 @@ from cornerforge.analysis.grouping import MIN_CASES, Clock, Grouping, group_feat
 from cornerforge.analysis.kmeans import Choice
 from cornerforge.analysis.pca import Projection
 from cornerforge.errors import InputError
-from cornerforge.results import Cluster, as_json
+from cornerforge.results import as_json
+from cornerforge.results.analysis import Cluster
 
 __all__ = ["MIN_CASES", "Analysis", "Cluster", "analyse"]
 

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.contact import FRONT, REAR, find_contact
 from cornerforge.analysis.crash_types import CrashTypes, classify_crashes
 from cornerforge.errors import InputError
+from cornerforge.fields import POSE
 from cornerforge.recordings import bodies_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
@@ -134,8 +135,7 @@ def contact_pose(scenario: Scenario) -> NDArray[np.float64]:
     """
     frame, partner = crash_frame(scenario)
     pair = [0, partner]
-    columns = (scenario.x, scenario.y, scenario.speed, scenario.heading)
-    return np.stack([values[frame, pair] for values in columns], axis=-1).astype(np.float64)
+    return np.stack([getattr(scenario, name)[frame, pair] for name in POSE], axis=-1).astype(np.float64)
 
 
 def crash_types_of(scenarios: Sequence[Scenario]) -> CrashTypes:

@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
+from cornerforge.fields import POSE
 from cornerforge.recordings import Recordings
 
 __all__ = ["AV", "BV", "PairMotion", "pair_motion"]
 
 AV, BV = 0, 1
 """First axis of the arrays of a pair."""
-
-_MOTION = ("x", "y", "speed", "heading")
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def pair_motion(recordings: Recordings) -> PairMotion:
     # Behind the last frame in which one of them was missing, both have been there ever since.
     first = np.where(absent, within + 1, 0).max(axis=1)
     entries = vehicle_start + np.maximum(frame, first[:, None])
-    series = {name: np.asarray(getattr(r, name)[entries], np.float64) for name in _MOTION}
+    series = {name: np.asarray(getattr(r, name)[entries], np.float64) for name in POSE}
     for name, values in series.items():
         bad = ~np.isfinite(values).all(axis=(0, 2))
         if bad.any():

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import cornerforge
 from cornerforge.cli.options import (
     Acting,
     Debug,
@@ -55,10 +56,8 @@ def generate(
     debug: Debug = False,
 ) -> None:
     """Fill a case library with crashes that an adversary makes."""
-    from cornerforge import pipeline
-
     run_command(
-        lambda bars: pipeline.generate(
+        lambda bars: cornerforge.generate(
             policy=policy, cases=cases, out=out, resume=resume, acting=acting, seed=seed, threads=threads,
             progress=bars, **world,
         ),
@@ -88,7 +87,6 @@ def analyse(
     debug: Debug = False,
 ) -> None:
     """Cluster a library's cases; say which could have been avoided, whose fault they were, and which to look at."""
-    from cornerforge import pipeline
 
     def text(r: Analysed) -> str:
         share = 100.0 * sum(r.explained_variance)
@@ -103,7 +101,7 @@ def analyse(
         return "\n".join(lines if r.note is None else [*lines, r.note])
 
     run_command(
-        lambda bars: pipeline.analyse(
+        lambda bars: cornerforge.analyse(
             library, steps=steps, out=out, avoidability=avoidability, reaction=reaction, seed=seed, threads=threads,
             progress=bars,
         ),
@@ -127,11 +125,10 @@ def shrink(
     debug: Debug = False,
 ) -> None:
     """Make cases as small as they get: fewest vehicles, shortest window, most natural actions, the same crash."""
-    from cornerforge import pipeline
     from cornerforge.pipeline.shrink import shrink_text
 
     run_command(
-        lambda bars: pipeline.shrink(library, cases, out=out, resume=resume, progress=bars),
+        lambda bars: cornerforge.shrink(library, cases, out=out, resume=resume, progress=bars),
         shrink_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
@@ -155,7 +152,6 @@ def replay(
     debug: Debug = False,
 ) -> None:
     """Drive a case again from its seed."""
-    from cornerforge import pipeline
 
     def text(r: Replayed) -> str:
         verdict = {None: "driven again", True: "identical", False: "NOT identical"}[r.identical]
@@ -166,7 +162,7 @@ def replay(
         return f"Case {r.case}: {verdict}; crash at {r.crash_time_s} s{drawn}"
 
     result = run_command(
-        lambda bars: pipeline.replay(
+        lambda bars: cornerforge.replay(
             library, case, check=check, picture=picture, progress=bars, **world
         ),
         text, as_json=as_json, quiet=quiet, out=out,
@@ -191,12 +187,11 @@ def query(
     debug: Debug = False,
 ) -> None:
     """Ask a library, or an analysis, in SQL (table `cases`, key `case_id`)."""
-    from cornerforge import pipeline
 
     def text(r: Queried) -> str:
         return "\n".join("\t".join(map(str, row)) for row in [r.columns, *r.rows])
 
-    run_command(lambda bars: pipeline.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
+    run_command(lambda bars: cornerforge.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
 
 
 @app.command()
@@ -220,11 +215,10 @@ def variety(
     debug: Debug = False,
 ) -> None:
     """Count kinds of crash: in libraries, or as policies make them greedily, at random and mixed."""
-    from cornerforge import pipeline
     from cornerforge.pipeline.variety import variety_text
 
     run_command(
-        lambda bars: pipeline.variety(
+        lambda bars: cornerforge.variety(
             libraries=libraries or (), policies=policy or (), tests=tests, acting=acting, seed=seed, threads=threads,
             progress=bars, **world,
         ),
@@ -254,11 +248,10 @@ def plausibility(
     debug: Debug = False,
 ) -> None:
     """Plot what an adversary reaches against how plausible it must stay: one training per budget and seed."""
-    from cornerforge import pipeline
     from cornerforge.pipeline.plausibility import BUDGETS_NATS, plausibility_text
 
     run_command(
-        lambda bars: pipeline.plausibility(
+        lambda bars: cornerforge.plausibility(
             out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),

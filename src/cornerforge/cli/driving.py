@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import cornerforge
 from cornerforge.cli.options import (
     Acting,
     Debug,
@@ -59,8 +60,7 @@ def simulate(
     debug: Debug = False,
 ) -> None:
     """Drive tests and count crashes; they are stored only with --out."""
-    from cornerforge import pipeline
-    from cornerforge.results import Quantity
+    from cornerforge.results.driving import Quantity
 
     drivers = [*(bv or []), *map(str, policy or [])] or ["nde"]
 
@@ -81,7 +81,7 @@ def simulate(
         return "\n".join(lines)
 
     run_command(
-        lambda bars: pipeline.simulate(
+        lambda bars: cornerforge.simulate(
             tests=tests, bv=drivers, acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads,
             progress=bars, **world,
         ),
@@ -109,13 +109,12 @@ def rate(
     debug: Debug = False,
 ) -> None:
     """Measure the AV's natural crash rate, without bias; stopped at any moment, it goes on with --resume."""
-    from cornerforge import pipeline
     from cornerforge.pipeline.rate_text import rate_text as crashes_text
 
     if out is None and max_tests > 10_000_000 and not quiet:
         typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)
     run_command(
-        lambda bars: pipeline.rate(
+        lambda bars: cornerforge.rate(
             method=method, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, seed=seed,
             threads=threads, progress=bars, **world,
         ),
@@ -136,10 +135,8 @@ def avs(
     debug: Debug = False,
 ) -> None:
     """List the built-in AVs."""
-    from cornerforge import pipeline
-
     run_command(
-        lambda bars: pipeline.avs(),  # noqa: ARG005
+        lambda bars: cornerforge.avs(),  # noqa: ARG005
         lambda r: "\n".join(f"{a.name:<20}{a.about}" for a in r.avs), as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
 
@@ -160,7 +157,6 @@ def check_av(
     debug: Debug = False,
 ) -> None:
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
-    from cornerforge import pipeline
 
     def text(r: AvChecked) -> str:
         lines = [f"{c.verdict:<5}{c.name}: {c.found}" for c in r.checks]
@@ -172,7 +168,7 @@ def check_av(
         return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
 
     result = run_command(
-        lambda bars: pipeline.check_av(
+        lambda bars: cornerforge.check_av(
             av=av, tests=tests, seed=seed, progress=bars, **world
         ),
         text, as_json=as_json, quiet=quiet, out=out,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import cornerforge
 from cornerforge.cli.options import (
     Debug,
     Json,
@@ -54,14 +55,13 @@ def train(
 
     On one machine the same command gives the same policy; on another processor the weights may differ.
     """
-    from cornerforge import pipeline
 
     def text(r: Trained) -> str:
         lines = [yield_text(r, "Adversary")] + [yield_text(b, f"{b.name:>21}") for b in r.baselines]
         return "\n".join([*lines, f"{r.decisions:,} decisions in {r.seconds:.0f} s; policy: {r.out}"])
 
     run_command(
-        lambda bars: pipeline.train(
+        lambda bars: cornerforge.train(
             out=out, preset=preset, reward=reward, delay=delay,
             decisions=decisions, minutes=minutes, resume=resume, tests=tests,
             seed=seed, threads=threads, progress=bars, **world,
@@ -89,7 +89,6 @@ def train_av(
     debug: Debug = False,
 ) -> None:
     """Train an AV to drive in natural and hostile traffic."""
-    from cornerforge import pipeline
 
     def text(r: TrainedAv) -> str:
         return "\n".join(
@@ -101,7 +100,7 @@ def train_av(
         )
 
     run_command(
-        lambda bars: pipeline.train_av(
+        lambda bars: cornerforge.train_av(
             out=out, decisions=decisions, minutes=minutes, tests=tests, overwrite=overwrite, resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import cornerforge
 from cornerforge.cli.options import DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads, flag
 from cornerforge.cli.output import EXIT_GATE, run_command
 from cornerforge.cli.program import ndd
@@ -34,11 +35,10 @@ def ndd_fit(
 
     On one machine the same files give the same bytes; on another processor a law's fourth digit may differ.
     """
-    from cornerforge import pipeline
     from cornerforge.pipeline.naturalistic import fit_text
 
     run_command(
-        lambda bars: pipeline.ndd_fit(
+        lambda bars: cornerforge.ndd_fit(
             files, data_format=data_format, out=out, prior_strength=prior_strength, study=study,
             study_tests=study_tests, seed=seed, threads=threads, progress=bars,
         ),
@@ -66,11 +66,10 @@ def ndd_validate(
     debug: Debug = False,
 ) -> None:
     """Compare a model with held-out trajectories and published facts; exit status 1 if it does not pass."""
-    from cornerforge import pipeline
     from cornerforge.pipeline.validate import validation_text
 
     result = run_command(
-        lambda bars: pipeline.ndd_validate(
+        lambda bars: cornerforge.ndd_validate(
             model, against=[*against, *(more or [])], data_format=data_format, miles=miles, out=out, seed=seed,
             threads=threads, progress=bars,
         ),
@@ -93,11 +92,10 @@ def ndd_show(
     debug: Debug = False,
 ) -> None:
     """Show a naturalistic model: its key numbers beside published facts; figures with --out."""
-    from cornerforge import pipeline
     from cornerforge.pipeline.show import show_text
 
     run_command(
-        lambda bars: pipeline.ndd_show(model, out=out, progress=bars), show_text, as_json=as_json, quiet=quiet,
+        lambda bars: cornerforge.ndd_show(model, out=out, progress=bars), show_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
@@ -115,10 +113,9 @@ def ndd_import(
     debug: Debug = False,
 ) -> None:
     """Make a model of the published IVBSS arrays; what is missing is filled from ours and named."""
-    from cornerforge import pipeline
     from cornerforge.pipeline.naturalistic import import_text
 
     run_command(
-        lambda bars: pipeline.ndd_import(folder, out=out, model=model, progress=bars),
+        lambda bars: cornerforge.ndd_import(folder, out=out, model=model, progress=bars),
         import_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

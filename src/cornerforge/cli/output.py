@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
 
-    from cornerforge.results import Analysed, Filled, Rate, Yield
+    from cornerforge.results import Analysed, Filled
+    from cornerforge.results.rates import Rate, Yield
 
 __all__ = [
     "EXIT_GATE",
@@ -145,7 +146,7 @@ def speed_text(per_second: float) -> str:
 
 def rate_text(r: Rate | Filled, what: str) -> str:
     """A rate with its interval and its tests, per test and, where it is known, per mile."""
-    from cornerforge.results import Rate
+    from cornerforge.results.rates import Rate
 
     low, high = r.interval95
     interval = f"95 % interval {low:.3g} to {high:.3g}, {r.tests:,} tests"

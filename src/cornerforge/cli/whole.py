@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import cornerforge
 from cornerforge.cli.options import Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
 from cornerforge.cli.output import rate_text, run_command
 from cornerforge.cli.program import app
@@ -37,7 +38,6 @@ def run(
     debug: Debug = False,
 ) -> None:
     """Do the whole job: natural baseline, training, cases, analysis, report."""
-    from cornerforge import pipeline
 
     def text(r: RunDone) -> str:
         return "\n".join(
@@ -52,7 +52,7 @@ def run(
         )
 
     run_command(
-        lambda bars: pipeline.run(
+        lambda bars: cornerforge.run(
             effort=effort, out=out, budget=budget, resume=resume, seed=seed, threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
@@ -92,12 +92,11 @@ def reproduce(
     debug: Debug = False,
 ) -> None:
     """Make the paper's figures and tables again, ours beside theirs, on one page."""
-    from cornerforge import paper
     from cornerforge.paper.reproduce import reproduction_text
 
     figures = [*(figure or []), *(more or [])] or None
     run_command(
-        lambda bars: paper.reproduce(
+        lambda bars: cornerforge.reproduce(
             out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),

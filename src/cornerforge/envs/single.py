@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -14,9 +13,10 @@ from cornerforge.envs.batch import OUTCOMES, Batch
 from cornerforge.envs.batch import check_seed as _check_seed
 from cornerforge.envs.batch import read_options as _read_options
 from cornerforge.envs.raster import top_view
-from cornerforge.envs.runs import adversary_batch, driving_batch
+from cornerforge.envs.runs import adversary_batch, driving_batch, options_of
 from cornerforge.envs.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
 from cornerforge.errors import InputError
+from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords
 
 __all__ = ["AdversaryEnv", "DrivingEnv"]
 
@@ -116,32 +116,27 @@ class AdversaryEnv(_SingleEnv):
     Observation: float32 (41,), `sim.observe.observe`. Action: one of 33, see `info["action_mask"]`.
 
     Args:
-        av: Name of the built-in AV under test.
-        odd, lanes, model: The world, as for `simulate`.
-        bounded: The mask forbids what the naturalistic model calls impossible (paper, equation 12).
         reward: One of `sim.rewards.REWARDS`.
         delay: For `avoidable`: the AV's time to react [s], 0 to 10.
         render_mode: None or "rgb_array".
+        world: `av` (a built-in one), `odd`, `lanes`, `model` and `bounded`, as in `WorldOptions`; with `bounded` the
+            mask forbids what the naturalistic model calls impossible (paper, equation 12).
 
     Raises:
         CornerForgeError: A name, number or file is not right.
+        TypeError: There is no such option.
     """
 
     def __init__(
         self,
         *,
-        av: str = "idm-mobil",
-        odd: str = "default",
-        lanes: int | None = None,
-        model: Path | str | None = None,
-        bounded: bool = False,
         reward: str = "crash",
         delay: float = 1.0,
         render_mode: str | None = None,
+        **world: Unpack[AdversaryEnvKeywords],
     ) -> None:
-        self._batch = self._worlds = adversary_batch(
-            1, 1, av=av, odd=odd, lanes=lanes, model=model, bounded=bounded, reward=reward, delay=delay
-        )
+        options = options_of(self, AdversaryEnvKeywords, world)
+        self._batch = self._worlds = adversary_batch(1, 1, options, reward=reward, delay=delay)
         self.observation_space = adversary_observations(self._batch.run.odd)
         self.action_space = one_of_33()
         self._finish(render_mode, 1)
@@ -159,39 +154,28 @@ class DrivingEnv(_SingleEnv):
 
     Args:
         bv: The others: "nde", "idm", one of `world_options.PLAIN_ADVERSARIES`, or a policy file.
-        odd, lanes, model: The world, as for `simulate`.
-        bounded: A plain adversary does only what the naturalistic model calls possible; a policy file says it itself.
         actions: "discrete", one of 33, or "box", two numbers (`spaces.av_commands`).
         act_every: Tenths of a second between two decisions: 1, 2, 5 or 10; None for the ODD's own.
         render_mode: None or "rgb_array".
+        world: `odd`, `lanes`, `model` and `bounded`, as in `WorldOptions`; `bounded` is for plain adversaries, a policy
+            file says it itself.
 
     Raises:
         CornerForgeError: A name, number or file is not right.
+        TypeError: There is no such option.
     """
 
     def __init__(
         self,
         *,
         bv: str = "nde",
-        odd: str = "default",
-        lanes: int | None = None,
-        model: Path | str | None = None,
-        bounded: bool = False,
         actions: str = "discrete",
         act_every: int | None = None,
         render_mode: str | None = None,
+        **world: Unpack[DrivingEnvKeywords],
     ) -> None:
+        options = options_of(self, DrivingEnvKeywords, world)
         self.action_space = driving_actions(actions)
-        self._batch = driving_batch(
-            1,
-            1,
-            bv=bv,
-            odd=odd,
-            lanes=lanes,
-            model=model,
-            bounded=bounded,
-            box=actions == "box",
-            act_every=act_every,
-        )
+        self._batch = driving_batch(1, 1, options, bv=bv, box=actions == "box", act_every=act_every)
         self.observation_space = driving_observations(self._batch.run.odd)
         self._finish(render_mode, round(10 / self._batch.run.odd.av_substeps))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -15,9 +14,10 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_in, check_integer
 from cornerforge.envs.batch import OUTCOMES, Batch, check_seed, read_options
 from cornerforge.envs.raster import top_view
-from cornerforge.envs.runs import adversary_batch, driving_batch
+from cornerforge.envs.runs import adversary_batch, driving_batch, options_of
 from cornerforge.envs.spaces import adversary_observations, driving_actions, driving_observations, one_of_33
 from cornerforge.errors import InputError
+from cornerforge.world_options import AdversaryEnvKeywords, DrivingEnvKeywords
 
 __all__ = ["AdversaryVectorEnv", "DrivingVectorEnv"]
 
@@ -192,10 +192,11 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         num_envs: Number of worlds.
         threads: Threads that share them; None for all cores where there are enough worlds. Changes no result.
         autoreset_mode: When worlds whose test ended begin anew: "NextStep", "SameStep" or "Disabled".
-        av, odd, lanes, model, bounded, reward, delay, render_mode: As for `AdversaryEnv`.
+        reward, delay, render_mode, world: As for `AdversaryEnv`.
 
     Raises:
         CornerForgeError: A name, number or file is not right.
+        TypeError: There is no such option.
     """
 
     def __init__(
@@ -204,19 +205,14 @@ class AdversaryVectorEnv(_BatchVectorEnv):
         *,
         threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        av: str = "idm-mobil",
-        odd: str = "default",
-        lanes: int | None = None,
-        model: Path | str | None = None,
-        bounded: bool = False,
         reward: str = "crash",
         delay: float = 1.0,
         render_mode: str | None = None,
+        **world: Unpack[AdversaryEnvKeywords],
     ) -> None:
+        options = options_of(self, AdversaryEnvKeywords, world)
         check_integer("num_envs", num_envs, low=1, high=10**6)
-        self._batch = self._worlds = adversary_batch(
-            num_envs, threads, av=av, odd=odd, lanes=lanes, model=model, bounded=bounded, reward=reward, delay=delay
-        )
+        self._batch = self._worlds = adversary_batch(num_envs, threads, options, reward=reward, delay=delay)
         self.single_observation_space = adversary_observations(self._batch.run.odd)
         self.single_action_space = one_of_33()
         self._finish(num_envs, autoreset_mode, render_mode, 1)
@@ -231,10 +227,11 @@ class DrivingVectorEnv(_BatchVectorEnv):
 
     Args:
         num_envs, threads, autoreset_mode: As for `AdversaryVectorEnv`.
-        bv, odd, lanes, model, bounded, actions, act_every, render_mode: As for `DrivingEnv`.
+        bv, actions, act_every, render_mode, world: As for `DrivingEnv`.
 
     Raises:
         CornerForgeError: A name, number or file is not right.
+        TypeError: There is no such option.
     """
 
     def __init__(
@@ -244,26 +241,14 @@ class DrivingVectorEnv(_BatchVectorEnv):
         threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         bv: str = "nde",
-        odd: str = "default",
-        lanes: int | None = None,
-        model: Path | str | None = None,
-        bounded: bool = False,
         actions: str = "discrete",
         act_every: int | None = None,
         render_mode: str | None = None,
+        **world: Unpack[DrivingEnvKeywords],
     ) -> None:
+        options = options_of(self, DrivingEnvKeywords, world)
         check_integer("num_envs", num_envs, low=1, high=10**6)
         self.single_action_space = driving_actions(actions)
-        self._batch = driving_batch(
-            num_envs,
-            threads,
-            bv=bv,
-            odd=odd,
-            lanes=lanes,
-            model=model,
-            bounded=bounded,
-            box=actions == "box",
-            act_every=act_every,
-        )
+        self._batch = driving_batch(num_envs, threads, options, bv=bv, box=actions == "box", act_every=act_every)
         self.single_observation_space = driving_observations(self._batch.run.odd)
         self._finish(num_envs, autoreset_mode, render_mode, round(10 / self._batch.run.odd.av_substeps))

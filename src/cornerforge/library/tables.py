@@ -66,7 +66,8 @@ def tables_of(
     cases = pa.Table.from_arrays([*columns, *(given[name] for name in extra)], schema=arrow_schema(CASES, extra))
     kept, decided = rows["n_kept"].astype(np.int64), rows["n_decisions"]
     numbers = kept * rows["n_frames"]
-    stored = {**dict(zip(REALS, h.reals, strict=True)), "target_lane": h.target_lane, "present": h.present}
+    reals = dict(zip(REALS, h.reals, strict=True))
+    stored = {one.name: reals[one.name] if one.name in reals else getattr(h, one.name) for one in SERIES}
     tracks = {
         "case_id": given["case_id"],
         "n_frames": pa.array(rows["n_frames"].copy()),
@@ -187,8 +188,9 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     if "start" not in tracks.column_names:
         return None
     fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
-    if fields.shape[1] == len(START_FIELDS) - len(BODY) - len(TRAITS):  # early libraries, of cars
-        fields = np.hstack([fields, np.stack([scenario.length, scenario.width, scenario.kind], axis=1)])
+    bodies = [name for name in START_FIELDS if name in {body.name for body in BODY}]
+    if fields.shape[1] == len(START_FIELDS) - len(bodies) - len(TRAITS):  # early libraries, of cars
+        fields = np.hstack([fields, np.stack([getattr(scenario, name) for name in bodies], axis=1)])
     if fields.shape[1] == len(START_FIELDS) - len(TRAITS):  # drivers without memory and without desired speeds
         fields = np.hstack([fields, average_traits(fields[:, START_FIELDS.index("speed")])])
     return Script(scenario.slot, scripted_start(fields), scenario.action)

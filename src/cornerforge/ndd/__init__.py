@@ -7,7 +7,6 @@ from cornerforge.ndd.layouts import DATA_FORMATS
 from cornerforge.ndd.model import NddModel, default_model_path, load_model, model_hash, save_model
 from cornerforge.ndd.readers import read_decisions
 from cornerforge.ndd.report import FitReport, write_fit_report
-from cornerforge.ndd.scores import table_log_likelihood
 
 __all__ = [
     "DATA_FORMATS",
@@ -19,6 +18,5 @@ __all__ = [
     "model_hash",
     "read_decisions",
     "save_model",
-    "table_log_likelihood",
     "write_fit_report",
 ]

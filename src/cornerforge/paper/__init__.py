@@ -1,11 +1,9 @@
 """The paper's figures and tables, made again: what it says, what ours are, and how far they are apart.
 
 One module for each item; `registry.py` lists them. An item computes from a `Bench`, which keeps trained adversaries and
-measurements, so that items share them and an interrupted `reproduce` goes on.
+measurements, so that items share them and an interrupted `cornerforge.reproduce` goes on.
 """
 
 from __future__ import annotations
 
-from cornerforge.paper.reproduce import reproduce
-
-__all__ = ["reproduce"]
+__all__: list[str] = []

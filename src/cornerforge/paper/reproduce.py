@@ -26,7 +26,8 @@ from cornerforge.pipeline.output import (
     write_json,
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.results import PaperItem, Reproduced, from_json
+from cornerforge.results import Reproduced, from_json
+from cornerforge.results.reproduction import PaperItem
 from cornerforge.world_options import RoadKeywords, WorldOptions
 
 __all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
@@ -71,7 +72,7 @@ def reproduce(
     Raises:
         CornerForgeError: Input, files or output place are not right; an extra is missing.
     """
-    from cornerforge.report import check_reproduction, write_reproduction
+    from cornerforge.report.reproduction import check_reproduction, write_reproduction
 
     start = time.perf_counter()
     folder = Path(out)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from cornerforge.drivers.avs import AVS
-from cornerforge.results import AvAbout, Avs
+from cornerforge.results import Avs
+from cornerforge.results.avs import AvAbout
 
 __all__ = ["avs"]
 

@@ -17,7 +17,8 @@ from cornerforge.foreign.session import context_of
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_av_timeout, experiment, road_of
-from cornerforge.results import AvCheck, AvChecked, AvSpeed
+from cornerforge.results import AvChecked
+from cornerforge.results.avs import AvCheck, AvSpeed
 from cornerforge.types import Odd
 from cornerforge.world_options import AvKeywords, WorldOptions
 

@@ -9,7 +9,9 @@ from cornerforge.errors import AvFaultError
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.rates import binomial_interval
-from cornerforge.results import Distributions, Quantity, Rate, Simulated, from_json
+from cornerforge.results import Simulated, from_json
+from cornerforge.results.driving import Distributions, Quantity
+from cornerforge.results.rates import Rate
 from cornerforge.sim import statistics
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.runner import simulate as drive

@@ -12,7 +12,7 @@ from cornerforge.analysis.mechanism import MECHANISMS, crash_types_of, mechanism
 from cornerforge.foreign.recorder import ScriptedSeconds
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates.attention import action_chances, oversight
-from cornerforge.results import CrashCircumstances
+from cornerforge.results.driving import CrashCircumstances
 from cornerforge.types import Scenario
 
 __all__ = ["CrashStudy", "NaturalCrashes", "crash_tables"]

@@ -20,7 +20,8 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
 from cornerforge.rates import binomial_interval
-from cornerforge.results import NaturalPlausibility, Plausibility, PlausibilityRow, PlausibilityRun, as_json, from_json
+from cornerforge.results import Plausibility, as_json, from_json
+from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
 from cornerforge.sim.drive import drive_range
 from cornerforge.sim.keep import allocate_decisions, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out

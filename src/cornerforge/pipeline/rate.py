@@ -25,7 +25,8 @@ from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block
-from cornerforge.results import BvMilesEstimate, NaturalRate, as_json
+from cornerforge.results import NaturalRate, as_json
+from cornerforge.results.driving import BvMilesEstimate
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["rate"]

@@ -36,23 +36,10 @@ from cornerforge.pipeline.train import (
     measure_baselines,
     point_seconds,
 )
-from cornerforge.results import (
-    Analysed,
-    Baseline,
-    Exposed,
-    Exposure,
-    ExposureMiles,
-    Filled,
-    LearnedPolicy,
-    RunDone,
-    RunTrained,
-    Simulated,
-    TrainingCurve,
-    TrainingPoint,
-    Yield,
-    as_json,
-    from_json,
-)
+from cornerforge.results import Analysed, Filled, RunDone, Simulated, as_json, from_json
+from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
+from cornerforge.results.rates import Yield
+from cornerforge.results.whole import Exposed, Exposure, ExposureMiles, RunTrained
 from cornerforge.sim.runner import Tally
 from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges
 from cornerforge.world_options import AvKeywords, WorldOptions

@@ -10,8 +10,8 @@ from cornerforge.errors import OutputError
 from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.pipeline.output import open_output, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.results import (
-    NddShown,
+from cornerforge.results import NddShown, from_json
+from cornerforge.results.naturalistic import (
     ShownCounts,
     ShownFollowing,
     ShownFreeFlow,
@@ -19,7 +19,6 @@ from cornerforge.results import (
     ShownLaneChanges,
     ShownOrigin,
     ShownSupport,
-    from_json,
 )
 
 __all__ = ["ndd_show", "show_text"]

@@ -23,7 +23,8 @@ from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, config_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
-from cornerforge.results import CaseMedians, CaseSize, MedianSize, ShrunkCase, ShrunkLibrary
+from cornerforge.results import ShrunkLibrary
+from cornerforge.results.cases import CaseMedians, CaseSize, MedianSize, ShrunkCase
 from cornerforge.sim.scripted import Script, ScriptDriver
 from cornerforge.types import Scenario
 

@@ -19,7 +19,9 @@ from cornerforge.pipeline.output import check_new_file, code_hash, provenance, r
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
-from cornerforge.results import Baseline, Trained, Yield
+from cornerforge.results import Trained
+from cornerforge.results.learning import Baseline
+from cornerforge.results.rates import Yield
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.rewards import reward_numbers
 from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks

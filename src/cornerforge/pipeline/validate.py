@@ -31,16 +31,8 @@ from cornerforge.pipeline.persistence import compare_persistence
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
 from cornerforge.pipeline.transitions import compare_transitions
-from cornerforge.results import (
-    AcceptedGaps,
-    FactFound,
-    LaneChangeRate,
-    NddValidated,
-    RecordedQuantity,
-    RecordedTtc,
-    as_json,
-    from_json,
-)
+from cornerforge.results import NddValidated, as_json, from_json
+from cornerforge.results.validation import AcceptedGaps, FactFound, LaneChangeRate, RecordedQuantity, RecordedTtc
 
 if TYPE_CHECKING:
     from cornerforge.ndd.compare import SimulatedTraffic

@@ -18,7 +18,8 @@ from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
-from cornerforge.results import Varied, VarietyRow, from_json
+from cornerforge.results import Varied, from_json
+from cornerforge.results.cases import VarietyRow
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["VARIETY_TESTS", "variety"]

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from cornerforge.report.page import write_report
-from cornerforge.report.reproduction import check_reproduction, write_reproduction
+from cornerforge.report.reproduction import write_reproduction
 
-__all__ = ["check_reproduction", "write_report", "write_reproduction"]
+__all__ = ["write_report", "write_reproduction"]

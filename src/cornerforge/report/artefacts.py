@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
 from cornerforge.report.judged import check_analysis, check_interval, read_table
-from cornerforge.results import Analysed, Exposed, Exposure, TrainingCurve
+from cornerforge.results import Analysed
+from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval
 from cornerforge.results.reading import JsonFile, open_json
+from cornerforge.results.whole import Exposed, Exposure
 
 __all__ = ["Artefacts", "FilledRate", "Points", "Rate", "Summary", "analyse_command", "read_artefacts"]
 

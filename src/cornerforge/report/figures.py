@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Points, Rate
-from cornerforge.results import Analysed, Coverage, Exposed, TrainingCurve
+from cornerforge.results import Analysed
+from cornerforge.results.analysis import Coverage
+from cornerforge.results.learning import TrainingCurve
+from cornerforge.results.whole import Exposed
 
 __all__ = [
     "crash_type_figure",

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
-from cornerforge.results import Analysed, Avoidability, Coverage
-from cornerforge.results.analysis import FAULTS, PARTS
+from cornerforge.results import Analysed
+from cornerforge.results.analysis import FAULTS, PARTS, Avoidability, Coverage
 from cornerforge.results.rates import Interval
 from cornerforge.results.reading import JsonFile
 

@@ -26,8 +26,8 @@ from cornerforge.report.reproduction_figures import (
     training_pictures,
 )
 from cornerforge.report.tables import Table
-from cornerforge.results import PaperItem, PaperRow
 from cornerforge.results.reading import open_json
+from cornerforge.results.reproduction import PaperItem, PaperRow
 
 __all__ = ["RENDERERS", "check_reproduction", "write_reproduction"]
 

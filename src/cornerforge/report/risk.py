@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.fields import POSE
 from cornerforge.metrics import bbd, ttc
 from cornerforge.road.straight import along
 from cornerforge.types import Scenario
@@ -49,7 +50,7 @@ def plane_ttc(scenario: Scenario, partner: int) -> NDArray[np.float64]:
     Returns:
         Shape (T,), in [0, inf], +inf where the other vehicle is absent.
     """
-    x, y, speed, heading = (a[:, [0, partner]] for a in (scenario.x, scenario.y, scenario.speed, scenario.heading))
+    x, y, speed, heading = (a[:, [0, partner]] for a in (getattr(scenario, name) for name in POSE))
     # The recorded speed is the one along the road and the heading is the path's tangent, hence the lateral speed.
     lateral = speed * np.tan(heading)
     offset = np.stack([along(x[:, 0], x[:, 1]), y[:, 1] - y[:, 0]], axis=1)

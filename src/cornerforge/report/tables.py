@@ -14,7 +14,10 @@ from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
-from cornerforge.results import Analysed, Coverage, Exposed, TrainingCurve
+from cornerforge.results import Analysed
+from cornerforge.results.analysis import Coverage
+from cornerforge.results.learning import TrainingCurve
+from cornerforge.results.whole import Exposed
 
 __all__ = [
     "HeatCell",

@@ -21,7 +21,8 @@ from cornerforge.ndd.drawing import (
     png_of,
     table,
 )
-from cornerforge.results import FactFound, NddValidated, OneStepCell
+from cornerforge.results import NddValidated
+from cornerforge.results.validation import FactFound, OneStepCell
 from cornerforge.types import ACCELERATIONS
 
 __all__ = ["check_figures", "figures_of", "page_of"]

@@ -1,180 +1,48 @@
 """Results of verbs: frozen dataclasses whose fields say their unit and meaning, and are the keys of `--json`.
 
 A field's name is its key, and the order of fields is that of the keys; a class that is made of others has the fields of
-the last of its bases first. `as_json` makes from them what `--json` prints, `results_markdown` makes
-docs/results-json.md.
+the last of its bases first. `as_json` makes from them what `--json` prints, `stating.results_markdown` makes
+docs/results-json.md. The package gives what verbs return; the modules hold the parts of it.
 """
 
 from __future__ import annotations
 
-from cornerforge.results.analysis import Analysed, Avoidability, Cluster, ClusterChoice, Coverage, TopCase, ValueFound
-from cornerforge.results.avs import AvAbout, AvCheck, AvChecked, Avs, AvSpeed
-from cornerforge.results.cases import (
-    CaseMedians,
-    CaseSize,
-    MedianSize,
-    NaturalPlausibility,
-    Plausibility,
-    PlausibilityRow,
-    PlausibilityRun,
-    Queried,
-    Replayed,
-    ShrunkCase,
-    ShrunkLibrary,
-    Varied,
-    VarietyRow,
-)
-from cornerforge.results.driving import (
-    BvMilesEstimate,
-    CrashCircumstances,
-    Distributions,
-    Filled,
-    NaturalRate,
-    Quantity,
-    Simulated,
-)
-from cornerforge.results.learning import (
-    Baseline,
-    Learned,
-    LearnedPolicy,
-    Trained,
-    TrainedAv,
-    TrainingCurve,
-    TrainingPoint,
-)
-from cornerforge.results.naturalistic import (
-    BadRows,
-    FitTraffic,
-    FitVariant,
-    HeldOutScore,
-    NddFitted,
-    NddImported,
-    NddShown,
-    PublishedFree,
-    ShownCounts,
-    ShownFollowing,
-    ShownFreeFlow,
-    ShownInitial,
-    ShownLaneChanges,
-    ShownOrigin,
-    ShownQuantiles,
-    ShownSpeeds,
-    ShownSupport,
-)
-from cornerforge.results.rates import Rate, Yield
+from cornerforge.results.analysis import Analysed
+from cornerforge.results.avs import AvChecked, Avs
+from cornerforge.results.cases import Plausibility, Queried, Replayed, ShrunkLibrary, Varied
+from cornerforge.results.driving import Filled, NaturalRate, Simulated
+from cornerforge.results.learning import Trained, TrainedAv, TrainingCurve
+from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
 from cornerforge.results.reading import from_json
-from cornerforge.results.reproduction import (
-    PaperItem,
-    PaperRow,
-    Reproduced,
-)
-from cornerforge.results.stating import as_json, results_markdown
-from cornerforge.results.validation import (
-    AcceptedGaps,
-    BaselineDifference,
-    Curve,
-    FactFound,
-    FreeTraffic,
-    LaneChangeRate,
-    NddValidated,
-    OneStepCell,
-    PartDistance,
-    PartLikelihood,
-    RecordedQuantity,
-    RecordedTtc,
-    Theme,
-    TrafficDistances,
-    TtcShare,
-)
-from cornerforge.results.whole import Exposed, Exposure, ExposureMiles, RunDone, RunTrained
+from cornerforge.results.reproduction import Reproduced
+from cornerforge.results.stating import as_json
+from cornerforge.results.validation import NddValidated
+from cornerforge.results.whole import Exposure, RunDone
 
 __all__ = [
     "FILES",
     "VERBS",
-    "AcceptedGaps",
     "Analysed",
-    "AvAbout",
-    "AvCheck",
     "AvChecked",
-    "AvSpeed",
-    "Avoidability",
     "Avs",
-    "BadRows",
-    "Baseline",
-    "BaselineDifference",
-    "BvMilesEstimate",
-    "CaseMedians",
-    "CaseSize",
-    "Cluster",
-    "ClusterChoice",
-    "Coverage",
-    "CrashCircumstances",
-    "Curve",
-    "Distributions",
-    "Exposed",
-    "Exposure",
-    "ExposureMiles",
-    "FactFound",
     "Filled",
-    "FitTraffic",
-    "FitVariant",
-    "FreeTraffic",
-    "HeldOutScore",
-    "LaneChangeRate",
-    "Learned",
-    "LearnedPolicy",
-    "MedianSize",
-    "NaturalPlausibility",
     "NaturalRate",
     "NddFitted",
     "NddImported",
     "NddShown",
     "NddValidated",
-    "OneStepCell",
-    "PaperItem",
-    "PaperRow",
-    "PartDistance",
-    "PartLikelihood",
     "Plausibility",
-    "PlausibilityRow",
-    "PlausibilityRun",
-    "PublishedFree",
-    "Quantity",
     "Queried",
-    "Rate",
-    "RecordedQuantity",
-    "RecordedTtc",
     "Replayed",
     "Reproduced",
     "RunDone",
-    "RunTrained",
-    "ShownCounts",
-    "ShownFollowing",
-    "ShownFreeFlow",
-    "ShownInitial",
-    "ShownLaneChanges",
-    "ShownOrigin",
-    "ShownQuantiles",
-    "ShownSpeeds",
-    "ShownSupport",
-    "ShrunkCase",
     "ShrunkLibrary",
     "Simulated",
-    "Theme",
-    "TopCase",
-    "TrafficDistances",
     "Trained",
     "TrainedAv",
-    "TrainingCurve",
-    "TrainingPoint",
-    "TtcShare",
-    "ValueFound",
     "Varied",
-    "VarietyRow",
-    "Yield",
     "as_json",
     "from_json",
-    "results_markdown",
 ]
 
 VERBS: dict[str, type] = {

@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     )
     from cornerforge.sim.keep import Keep, keep_nothing, keep_whole_test
     from cornerforge.sim.recorder import Recorder
-    from cornerforge.sim.rewards import REWARDS
     from cornerforge.sim.runner import Tally, simulate
     from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
     from cornerforge.sim.scripted import Script, ScriptDriver
@@ -60,7 +59,6 @@ __all__ = [
     "MILESTONE",
     "NEVER",
     "OVER",
-    "REWARDS",
     "Keep",
     "Recorder",
     "Scratch",
@@ -93,7 +91,6 @@ __getattr__ = door(
         "MILESTONE": "advance",
         "NEVER": "advance",
         "OVER": "advance",
-        "REWARDS": "rewards",
         "Keep": "keep",
         "Recorder": "recorder",
         "Scratch": "scratch",

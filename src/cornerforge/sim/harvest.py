@@ -6,12 +6,13 @@ Cases go into flat arrays; there is no Python object per case. `fields.py` says 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba import literal_unroll
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, REALS
+from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, POSE, REALS
 from cornerforge.road.straight import ahead_by, half_lengths, half_widths
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import write_outcome
@@ -167,12 +168,6 @@ def is_full(h: Harvest, frames: int, slots: int) -> bool:
     return full
 
 
-@inlined_kernel
-def _reals(cell: Any) -> tuple[float, float, float, float, float]:
-    """List the real values of a vehicle in a frame, in the order of `fields.REALS`."""
-    return cell.x, cell.y, cell.speed, cell.heading, cell.acceleration
-
-
 @kernel
 def _peaks(recording: NDArray[np.void], frame: int, i: int) -> tuple[float, float, float]:
     """Find a vehicle's largest acceleration, braking and |lateral acceleration| [m/s2] up to a frame.
@@ -284,10 +279,9 @@ def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> Non
             cell = recording[frame, 0 if who == 0 else end.partner]
             if cell.present:
                 place = (_PAIR * second + who) * _HISTORY_VALUES
-                history[place] = cell.x
-                history[place + 1] = cell.y
-                history[place + 2] = cell.speed
-                history[place + 3] = cell.heading
+                for name in literal_unroll(POSE):
+                    history[place] = cell[name]
+                    place += 1
 
 
 @kernel
@@ -378,9 +372,10 @@ def _keep_tracks(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None
             place = filled[NUMBERS] + t
             cell = recording[t, i]
             there = cell.present != 0
-            values = _reals(cell)
-            for q in range(_REALS):
-                h.reals[q, place] = values[q] if there else math.nan
+            q = 0
+            for name in literal_unroll(REALS):
+                h.reals[q, place] = cell[name] if there else math.nan
+                q += 1  # noqa: SIM113  kernels know no enumerate of names
             h.target_lane[place] = cell.target_lane if there else -1
             h.present[place] = there
         filled[NUMBERS] += end.frames
@@ -399,9 +394,10 @@ def _keep_exact(end: Recorded, recording: NDArray[np.void], decisions: Decisions
             cell = recording[t, i]
             place = t * n + i
             there = cell.present != 0
-            values = _reals(cell)
-            for q in range(_REALS):
-                h.exact[exact + q * size + place] = values[q] if there else 0.0
+            q = exact + place
+            for name in literal_unroll(REALS):
+                h.exact[q] = cell[name] if there else 0.0
+                q += size
             h.marks[marks + place] = cell.target_lane & 255 if there else 255
             h.marks[marks + size + place] = 1 if there else 0
     filled[EXACT] += _REALS * size

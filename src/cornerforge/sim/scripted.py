@@ -16,6 +16,7 @@ import numpy as np
 from cornerforge._checks import check_integer
 from cornerforge._jit import kernel
 from cornerforge.errors import InputError
+from cornerforge.fields import POSE
 from cornerforge.sim.advance import MILESTONE, advance
 from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
 from cornerforge.sim.recorder import scenario_of
@@ -50,12 +51,10 @@ equally likely). In recordings it stands where a vehicle is absent, and means no
 
 TRAITS = ("quantile", "habit", "desired_speed")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
-START_FIELDS = (
-    "x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration",
-    "c0", "c1", "c2", "c3", "c4", "c5", "target_lane", "lanes", "length", "width", "kind", *TRAITS,
-)  # fmt: skip
-"""Fields of `world.VEHICLE` that make a start. The others follow: a vehicle that starts is present, has decided nothing
-yet, and has held its acceleration from that moment on."""
+_FOLLOWING = ("x_held", "speed_held", "present", "action")
+START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
+"""Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
+vehicle that starts is present, has decided nothing yet, and has held its acceleration from that moment on."""
 
 
 def average_traits(speed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -220,7 +219,7 @@ class ScriptDriver:
         if state["outcome"] != AV_CRASH:
             return Ending(None, -1, 0, int(state["bv_crashes"]))
         pair = self._world.vehicles[[0, state["slot_b"]]]
-        pose = np.stack([pair[name] for name in ("x", "y", "speed", "heading")], axis=1)
+        pose = np.stack([pair[name] for name in POSE], axis=1)
         return Ending(pose, int(script.slot[state["slot_b"]]), int(state["frame"]), int(state["bv_crashes"]))
 
     def record(

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import literal_unroll
 
 from cornerforge._elementary import atan
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.fields import FRAME_FIELDS
+from cornerforge.fields import FRAME_FIELDS, SERIES
 from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.road.straight import distance_left, go_along, go_further, lane_bits, lane_centre
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
@@ -51,6 +52,7 @@ SUBSTEPS = 10
 _DT = FRAME_S
 _FULL_STEERING_SPEED = 5.0
 _ACCELERATIONS = ACCELERATIONS
+_RECORDED = tuple(series.name for series in SERIES)
 _HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0
 """Limits assumed for an AV that does not drive by its own law [m/s2]; commands from outside are cut to less."""
 
@@ -178,14 +180,9 @@ def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
     v = w.vehicles
     for i in range(w.state[0].n_vehicles):
         if v[i].present:
-            cell = recording[frame, i]
-            cell.x = v[i].x
-            cell.y = v[i].y
-            cell.speed = v[i].speed
-            cell.heading = v[i].heading
-            cell.acceleration = v[i].acceleration
-            cell.target_lane = v[i].target_lane
-            cell.present = 1
+            cell, vehicle = recording[frame, i], v[i]
+            for name in literal_unroll(_RECORDED):
+                cell[name] = vehicle[name]
 
 
 @inlined_kernel
