@@ -19,8 +19,7 @@ around it, in the order of reading:
   processes), `agents` (environments), `drive_bv` and `drive_av` (training the adversary and the AV).
 - Callers of `drive`: `runner` (ranges of tests in threads), `harvest` (cases), `recorder` (one test in full), `judge`
   (crashes driven again).
-- About recorded crashes: `rewards` and `braking` (what the adversary is paid for), `avoid`, `avoid_cases`,
-  `avoid_check` and `avoid_motion` (search for ways out).
+- About recorded crashes: `rewards` and `braking` (what the adversary is paid for).
 
 The package gives the names that a user of the simulator needs (`__all__`); the other layers of cornerforge import from
 the modules. It knows no file, no learner and no plot. The same seed, test and setting give the same bits on any

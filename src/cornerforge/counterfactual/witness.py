@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import kernel
+from cornerforge.counterfactual.motion import take_over
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import box_in
 from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.avoid_motion import take_over
 from cornerforge.sim.step import move_vehicle
 from cornerforge.types import FRAME_S
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from cornerforge.counterfactual.search import Manoeuvres
     from cornerforge.recordings import Trajectories
-    from cornerforge.sim.avoid import Manoeuvres
     from cornerforge.sim.world import World
 
 __all__ = ["drive_way_out"]
