@@ -21,8 +21,7 @@ from cornerforge.counterfactual.search import (
 )
 from cornerforge.counterfactual.witness import drive_way_out
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, unpack
-from cornerforge.sim.braking import manoeuvre_begin
-from cornerforge.sim.step import allocate_recording
+from cornerforge.sim import allocate_recording, manoeuvre_begin
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,9 +13,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.counterfactual.motion import allocate_rows, take_over
 from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.recordings import box_in
-from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import path_of
+from cornerforge.sim import hold, move_vehicle, path_of, start_lane_change
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
 
     from cornerforge.recordings import Trajectories
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import World
+    from cornerforge.sim import World
 
 __all__ = [
     "BRAKING",

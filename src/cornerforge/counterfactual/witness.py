@@ -11,8 +11,7 @@ from cornerforge._jit import kernel
 from cornerforge.counterfactual.motion import take_over
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import box_in
-from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.step import move_vehicle
+from cornerforge.sim import hold, move_vehicle, start_lane_change
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
     from cornerforge.counterfactual.search import Manoeuvres
     from cornerforge.recordings import Trajectories
-    from cornerforge.sim.world import World
+    from cornerforge.sim import World
 
 __all__ = ["drive_way_out"]
 

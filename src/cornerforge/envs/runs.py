@@ -8,7 +8,7 @@ from pathlib import Path
 from cornerforge.envs.batch import AvBatch, BvBatch
 from cornerforge.errors import InputError
 from cornerforge.pipeline.setting import check_threads, experiment
-from cornerforge.sim.rewards import reward_numbers
+from cornerforge.sim import reward_numbers
 
 __all__ = ["adversary_batch", "driving_batch"]
 

@@ -10,9 +10,8 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Distributions, Quantity, Rate, Simulated, from_json
-from cornerforge.sim import statistics
-from cornerforge.sim.runner import Tally
-from cornerforge.sim.runner import simulate as drive
+from cornerforge.sim import Tally, statistics
+from cornerforge.sim import simulate as drive
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]

@@ -48,8 +48,7 @@ from cornerforge.results import (
     as_json,
     from_json,
 )
-from cornerforge.sim.runner import Tally
-from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges
+from cornerforge.sim import Tally, statistics
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["EFFORTS", "Effort", "run"]
@@ -123,8 +122,8 @@ class _PlainRates:
 
 
 def _exposure_counts(tally: Tally) -> dict[str, tuple[int, ...]]:
-    rows = tally.counts.histograms[len(TRAFFIC) :]
-    return {grid.name: tuple(rows[k][: grid.bins].tolist()) for k, grid in enumerate(EXPOSURE)}
+    rows = tally.counts.histograms[len(statistics.TRAFFIC) :]
+    return {grid.name: tuple(rows[k][: grid.bins].tolist()) for k, grid in enumerate(statistics.EXPOSURE)}
 
 
 def _count(
@@ -147,11 +146,11 @@ _LABELS = {
 def _write_exposure(out: Path, nde: _Counted, adversary: _Counted) -> None:
     """Write `exposure.json`, the paper's Figure 3, without the last bin, which holds all values beyond the grid."""
     quantities = {}
-    for grid in EXPOSURE:
+    for grid in statistics.EXPOSURE:
         quantities[grid.name] = {
             "label": _LABELS[grid.name],
             "unit": grid.unit,
-            "edges": grid_edges(grid)[:-1].tolist(),
+            "edges": statistics.grid_edges(grid)[:-1].tolist(),
             "nde": nde.exposure[grid.name][:-1],
             "adversary": adversary.exposure[grid.name][:-1],
         }

@@ -24,7 +24,7 @@ from cornerforge.pipeline.output import code_hash, config_hash, provenance, vers
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.results import CaseMedians, CaseSize, MedianSize, ShrunkCase, ShrunkLibrary
-from cornerforge.sim.scripted import Script, ScriptDriver
+from cornerforge.sim import Script, ScriptDriver
 from cornerforge.types import Scenario
 
 __all__ = ["shrink", "shrink_text"]

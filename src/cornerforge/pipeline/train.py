@@ -20,10 +20,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Baseline, Trained, Yield
-from cornerforge.sim.judge import judge_crashes
-from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
-from cornerforge.sim.setting import ADVERSARIES, NO_CAST
+from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, judge_crashes, reward_numbers, simulate_chunks
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 if TYPE_CHECKING:
