@@ -22,8 +22,8 @@ from cornerforge.drivers.sight import Sight
 from cornerforge.pipeline.setting import experiment
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
-from cornerforge.sim.advance import BV_MUST_ANSWER, NEVER, advance, answer_as_bv
 from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.loop import BV_MUST_ANSWER, NEVER, advance, answer_as_bv
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import TOLD
 from cornerforge.sim.step import allocate_recording, move_vehicle

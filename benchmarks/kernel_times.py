@@ -100,7 +100,7 @@ class _Bench:
         )  # fmt: skip
         same = np.array_equal(self._frames[:count], self._expected[:count])
         if not same or not np.array_equal(self._x[:count] - self._run.setting.road.av_start, self._distance[:count]):
-            raise RuntimeError("benchmarks/timed_kernels.py does not do what sim/advance.py does; bring it up to date.")
+            raise RuntimeError("benchmarks/timed_kernels.py does not do what sim/loop.py does; bring it up to date.")
         return self._net(ns), self._net(extras)
 
     def total(self) -> float:

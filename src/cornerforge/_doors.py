@@ -14,7 +14,7 @@ def door(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
 
     Args:
         package: Full name of the package.
-        places: The names that it gives, each with its module below the package.
+        places: The names that it gives, each with its module below the package; "" for a name that is such a module.
 
     Raises:
         AttributeError: The name that is asked for is not among them.
@@ -23,6 +23,7 @@ def door(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
     def load(name: str) -> Any:
         if name not in places:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(importlib.import_module(f"{package}.{places[name]}"), name)
+        module = importlib.import_module(f"{package}.{places[name] or name}")
+        return getattr(module, name) if places[name] else module
 
     return load

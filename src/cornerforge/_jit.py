@@ -46,7 +46,8 @@ F = TypeVar("F", bound=Callable[..., object])
 
 _SOURCES = (
     "_jit.py", "_kernel_*.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py", "recordings.py",
-    "ndd/grids.py", "ndd/memory.py", "drivers/*.py", "road/*.py", "sim/*.py", "analysis/density_grid.py",
+    "ndd/grids.py", "ndd/memory.py", "drivers/*.py", "road/*.py", "sim/*.py", "counterfactual/*.py",
+    "analysis/density_grid.py",
 )  # fmt: skip
 
 

@@ -24,10 +24,10 @@ from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim import chances
 from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.advance import advance
 from cornerforge.sim.chances import MAX_SETS, MAX_STARTERS, action_probabilities, allocate_starter_scratch
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.loop import advance
 from cornerforge.sim.neighbours import sort_by_x
 from cornerforge.sim.scratch import Scratch, allocate_scratch
 from cornerforge.sim.scripted import NATURAL, TRAITS, Script, ScriptDriver

@@ -15,8 +15,8 @@ from sim.test_digests import DRIVERS, Bvs
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim.actions import ordered_lane
-from cornerforge.sim.advance import AV_MUST_ANSWER, MILESTONE, NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, keep_whole_test, write_outcome
+from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.runner import Tally, drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import OUTSIDE, Setting

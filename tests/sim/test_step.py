@@ -14,10 +14,10 @@ from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import lane_bits
 from cornerforge.sim.actions import start_lane_change
-from cornerforge.sim.advance import MILESTONE, OVER, advance, answer_as_bv
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.loop import MILESTONE, OVER, advance, answer_as_bv
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import TOLD, Setting
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, av_acts, begin_to_act, move_on

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import UnknownNameError
-from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.rewards import reward_numbers
+from cornerforge.sim import N_OBSERVATION, reward_numbers
 
 __all__ = ["PRESETS", "TrainConfig", "preset_named"]
 

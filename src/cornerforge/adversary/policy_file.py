@@ -17,7 +17,7 @@ from cornerforge._checks import check_number
 from cornerforge._files import writing
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.sim.observe import N_OBSERVATION, OBSERVATION_VERSION
+from cornerforge.sim import N_OBSERVATION, OBSERVATION_VERSION
 
 __all__ = [
     "MAX_BUDGET",

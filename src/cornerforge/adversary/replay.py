@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.sim.drive_bv import Transitions
-from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim import N_OBSERVATION, Transitions
 from cornerforge.types import N_ACTIONS
 
 __all__ = ["BalancedMemory", "ReplayMemory", "allocate_transitions"]

@@ -28,13 +28,22 @@ from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
 from cornerforge.results.learning import TrainingPoint
-from cornerforge.sim.drive_bv import Exploring, Transitions, allocate_actors, collect, start_worlds
-from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import POLICY, TOLD, Setting
-from cornerforge.sim.world import arrays_of
+from cornerforge.sim import (
+    N_OBSERVATION,
+    POLICY,
+    TOLD,
+    Exploring,
+    Setting,
+    Transitions,
+    allocate_actors,
+    allocate_scratch,
+    arrays_of,
+    collect,
+    keep_nothing,
+    reward_numbers,
+    start_worlds,
+    warn_of_left_out,
+)
 
 try:
     import torch

@@ -20,21 +20,25 @@ from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult,
 from cornerforge.drivers.avs import AV_KINDS
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers
 from cornerforge.errors import InputError
-from cornerforge.sim.av_features import N_AV_FEATURES
-from cornerforge.sim.av_kinds import DECIDES_EVERY
-from cornerforge.sim.drive_av import (
+from cornerforge.sim import (
+    ADVERSARIES,
     AV_DECISIONS,
+    DECIDES_EVERY,
     HOSTILE,
+    LEARNED_WIDTH,
+    N_AV_FEATURES,
+    NOBODY,
     AvReward,
+    Setting,
+    Transitions,
     allocate_av_actors,
+    allocate_scratch,
+    arrays_of,
     collect_av,
+    keep_nothing,
     start_av_worlds,
+    warn_of_left_out,
 )
-from cornerforge.sim.drive_bv import Transitions
-from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.scratch import LEARNED_WIDTH, allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import ADVERSARIES, NOBODY, Setting
-from cornerforge.sim.world import arrays_of
 
 __all__ = ["AV_TRAINING", "AvTrainConfig", "train_av"]
 

@@ -15,18 +15,21 @@ from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_fields
 from cornerforge._checks import check_in, check_integer, check_number
-from cornerforge.errors import InputError
-from cornerforge.execution import Rooms, in_order
-from cornerforge.fields import REALS, Field
-from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
-from cornerforge.road.straight import road_numbers
-from cornerforge.sim.avoid import BRAKING, COMBINED, STEERING, Manoeuvres
-from cornerforge.sim.avoid_cases import (
+from cornerforge.counterfactual import (
+    BRAKING,
+    COMBINED,
+    STEERING,
+    Manoeuvres,
     WaysOut,
     allocate_case_scratch,
     allocate_ways_out,
     search_cases,
 )
+from cornerforge.errors import InputError
+from cornerforge.execution import Rooms, in_order
+from cornerforge.fields import REALS, Field
+from cornerforge.recordings import Recordings, recordings_of_scenarios, recordings_of_tracks
+from cornerforge.road.straight import road_numbers
 from cornerforge.types import FRAME_S, Odd, Scenario
 
 __all__ = [

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cornerforge.analysis.crash_types import CRASH_TYPES, STRIKERS, classify_crashes
 from cornerforge.analysis.ddmin import ddmin
 from cornerforge.errors import InputError
-from cornerforge.sim.scripted import NATURAL, Ending, Script, ScriptDriver
+from cornerforge.sim import NATURAL, Ending, Script, ScriptDriver
 from cornerforge.types import FRAME_S, Scenario
 
 __all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "Reproducer", "Shrunk", "Size", "shrink"]

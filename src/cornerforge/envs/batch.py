@@ -15,24 +15,23 @@ from cornerforge._checks import check_integer
 from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.sim.agents import (
-    MAX_TRIES,
-    NOBODY_LEFT,
-    AvAgents,
-    BvAgents,
-    allocate_av_agents,
-    allocate_bv_agents,
-    drive_on_as_av,
-    start_as_av,
-    start_as_bv,
-    step_as_bv,
+from cornerforge.sim import (
+    AV_CRASH,
+    BV_CRASH,
+    COMPLETED,
+    OUTSIDE,
+    RUNNING,
+    TIME_UP,
+    TOLD,
+    RewardNumbers,
+    Scratch,
+    World,
+    agents,
+    allocate_history,
+    allocate_scratch,
+    keep_nothing,
+    warn_of_left_out,
 )
-from cornerforge.sim.drive_bv import allocate_history
-from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.rewards import RewardNumbers
-from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import OUTSIDE, TOLD
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, COMPLETED, RUNNING, TIME_UP, World
 from cornerforge.types import FRAME_S
 
 __all__ = ["FIRST_TEST", "OUTCOMES", "AvBatch", "Batch", "BvBatch", "check_seed", "read_options"]
@@ -46,7 +45,7 @@ OUTCOMES = {
     AV_CRASH: "av-crash",
     BV_CRASH: "bv-crash",
     TIME_UP: "time-up",
-    NOBODY_LEFT: "nobody-left",
+    agents.NOBODY_LEFT: "nobody-left",
 }
 """How a test ends: the AV drove its length; the AV crashed; the controlled BV crashed with another BV; the time limit;
 no BV is left."""
@@ -96,11 +95,13 @@ class Batch(ABC):
     observation: NDArray[np.float32]
     reward: NDArray[np.float64]
 
-    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, agents: BvAgents | AvAgents) -> None:
+    def __init__(
+        self, run: Experiment, n: int, threads: int | None, cores: int, driven: agents.BvAgents | agents.AvAgents
+    ) -> None:
         self.run = run
         self.n = n
-        self.worlds: World = agents.worlds
-        self.seeds, self.tests, self.outcome = agents.seeds, agents.tests, agents.outcome
+        self.worlds: World = driven.worlds
+        self.seeds, self.tests, self.outcome = driven.seeds, driven.tests, driven.outcome
         self.tests[:] = FIRST_TEST - 1
         self.is_seeded = np.zeros(n, dtype=np.bool_)
         self.is_over = np.ones(n, dtype=np.bool_)
@@ -206,7 +207,7 @@ class BvBatch(Batch):
     """
 
     def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, reward: RewardNumbers) -> None:
-        self._agents = allocate_bv_agents(n, run.slots)
+        self._agents = agents.allocate_bv_agents(n, run.slots)
         super().__init__(run, n, threads, cores, self._agents)
         self._setting = run.setting.with_drivers(critical=TOLD)
         self._pays = reward
@@ -236,13 +237,14 @@ class BvBatch(Batch):
         self._agents.chosen[:] = chosen
 
         def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
-            start_as_bv(begin, end, self._setting, self._agents, s)
+            agents.start_as_bv(begin, end, self._setting, self._agents, s)
 
         self._share(work)
         if (self.tests[chosen] < 0).any():
             self.is_over[chosen] = True
             raise InputError(
-                f"There is no background vehicle to control in {MAX_TRIES} tests on end; use a model with more traffic."
+                f"There is no background vehicle to control in {agents.MAX_TRIES} tests on end; use a model with more "
+                "traffic."
             )
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
@@ -250,7 +252,7 @@ class BvBatch(Batch):
         self._agents.action[:] = actions
 
         def work(begin: int, end: int, s: Scratch, k: int) -> None:
-            step_as_bv(begin, end, self._setting, self._pays, self._agents, self._histories[k], s, self._keep)
+            agents.step_as_bv(begin, end, self._setting, self._pays, self._agents, self._histories[k], s, self._keep)
 
         self._share(work)
 
@@ -267,7 +269,7 @@ class AvBatch(Batch):
     """
 
     def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, *, box: bool) -> None:
-        self._agents = allocate_av_agents(n, run.slots)
+        self._agents = agents.allocate_av_agents(n, run.slots)
         super().__init__(run, n, threads, cores, self._agents)
         self._setting = run.setting.with_drivers(av=OUTSIDE)
         self._box = box
@@ -291,7 +293,7 @@ class AvBatch(Batch):
         self._agents.chosen[:] = chosen
 
         def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
-            start_as_av(begin, end, self._setting, self._agents, s)
+            agents.start_as_av(begin, end, self._setting, self._agents, s)
 
         self._share(work)
 
@@ -310,7 +312,7 @@ class AvBatch(Batch):
         self._agents.order[:] = order
 
         def work(begin: int, end: int, s: Scratch, k: int) -> None:  # noqa: ARG001
-            drive_on_as_av(begin, end, self._setting, self._agents, s, self._keep)
+            agents.drive_on_as_av(begin, end, self._setting, self._agents, s, self._keep)
 
         self._share(work)
         self.reward[:] = self._agents.metres / self.run.setting.road.test_length - (self.outcome == AV_CRASH)

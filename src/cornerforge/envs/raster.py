@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.road.straight import RoadNumbers, along, lane_centre
-from cornerforge.sim.world import World
+from cornerforge.sim import World
 
 __all__ = ["top_view"]
 

@@ -9,7 +9,7 @@ from typing import Any
 from cornerforge.envs.batch import AvBatch, BvBatch
 from cornerforge.errors import InputError
 from cornerforge.pipeline.setting import check_threads, experiment
-from cornerforge.sim.rewards import reward_numbers
+from cornerforge.sim import reward_numbers
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["adversary_batch", "driving_batch", "options_of"]

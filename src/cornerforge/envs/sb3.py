@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cornerforge.adversary.policy_file import Policy
 from cornerforge.drivers.policy import NetworkShape
 from cornerforge.errors import InputError
-from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim import N_OBSERVATION
 from cornerforge.types import N_ACTIONS
 
 __all__ = ["policy_of_sb3"]

@@ -7,10 +7,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from cornerforge.errors import InputError
-from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
-from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
-from cornerforge.sim.neighbours import SIGHT
-from cornerforge.sim.observe import N_OBSERVATION, N_OWN
+from cornerforge.sim import HIGHEST_COMMAND, LOWEST_COMMAND, N_OBSERVATION, N_OWN, SIGHT, VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.types import ACTION_ACCELERATIONS, ACTION_SIDES, N_ACTIONS, Odd
 
 __all__ = [

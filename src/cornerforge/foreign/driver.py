@@ -16,14 +16,22 @@ from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
 from cornerforge.foreign.session import AvSession, Steps, context_of
-from cornerforge.sim import lockstep
-from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, write_outcome
-from cornerforge.sim.runner import census_of
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import OUTSIDE, Setting
-from cornerforge.sim.statistics import Census, Counts, allocate_counts
-from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.world import AV_CRASH, AV_FAULT, IDLE, world_of
+from cornerforge.sim import (
+    AV_CRASH,
+    AV_FAULT,
+    OUTSIDE,
+    SUBSTEPS,
+    Outcomes,
+    Setting,
+    allocate_outcomes,
+    allocate_scratch,
+    keep_nothing,
+    lockstep,
+    statistics,
+    warn_of_left_out,
+    world_of,
+    write_outcome,
+)
 from cornerforge.types import Odd
 
 __all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "seeds_of"]
@@ -177,21 +185,21 @@ class ForeignAv:
     # --- driving ---
 
     def __call__(
-        self, setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | Census
-    ) -> tuple[Outcomes, Counts]:
+        self, setting: Setting, slots: int, seed: int, first: int, count: int, counting: bool | statistics.Census
+    ) -> tuple[Outcomes, statistics.Counts]:
         """Drive `count` tests from `first` on; the outcome code of a fault is AV_FAULT.
 
         Raises:
             AvFaultError: There are too many faults.
         """
-        census = census_of(counting)
-        out, total = allocate_outcomes(count), allocate_counts()
+        census = statistics.census_of(counting)
+        out, total = allocate_outcomes(count), statistics.allocate_counts()
         groups = [list(range(first, first + count))] if count else []
         with self._session() as session:
             while groups:
                 group = groups.pop()
                 is_fresh = session.is_fresh
-                counts = allocate_counts()
+                counts = statistics.allocate_counts()
                 try:
                     self._drive(session, setting, slots, seed, group, first, census, out, counts)
                 except _SpoiledError as spoiled:
@@ -240,8 +248,8 @@ class ForeignAv:
             )
 
     def _drive(
-        self, session: AvSession, setting: Setting, slots: int, seed: int, group: list[int], first: int, census: Census,
-        out: Outcomes, counts: Counts,
+        self, session: AvSession, setting: Setting, slots: int, seed: int, group: list[int], first: int,
+        census: statistics.Census, out: Outcomes, counts: statistics.Counts,
     ) -> None:  # fmt: skip
         """Drive a group of tests from start to end.
 
@@ -299,7 +307,7 @@ class ForeignAv:
 
     def _set_aside(
         self, batch: lockstep.Batch, bad: NDArray[np.int64], group: list[int], finished: set[int], seed: int,
-        first: int, census: Census, out: Outcomes,
+        first: int, census: statistics.Census, out: Outcomes,
     ) -> None:  # fmt: skip
         """End the tests with an unusable answer. Where traffic is counted, the whole group begins anew without them.
 
@@ -315,7 +323,7 @@ class ForeignAv:
             _clear(out, test - first)
             self._note(seed, Fault(test, "answer", message))
             finished.add(test)
-        batch.worlds.state["outcome"][bad] = IDLE
+        lockstep.stop(batch, bad)
 
     # --- scripts: what the AV answered in one test ---
 

@@ -7,17 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge.foreign.session import Steps
-from cornerforge.sim import lockstep
-from cornerforge.sim.actions import ordered_lane
-from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.world import World
+from cornerforge.sim import SUBSTEPS, Recorder, World, lockstep, ordered_lane
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.foreign.driver import ForeignAv
-    from cornerforge.sim.setting import Setting
+    from cornerforge.sim import Setting
     from cornerforge.types import Odd
 
 __all__ = ["ForeignRecorder", "ScriptedSeconds"]

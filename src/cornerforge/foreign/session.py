@@ -7,12 +7,16 @@ from numpy.typing import NDArray
 
 from cornerforge.foreign.interface import AvContext
 from cornerforge.foreign.process import AvProcess
-from cornerforge.sim import lockstep
-from cornerforge.sim.av_view import AV_VIEW_VERSION
-from cornerforge.sim.keep import Keep, keep_nothing
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import OUTSIDE, Setting
-from cornerforge.sim.world import IDLE
+from cornerforge.sim import (
+    AV_VIEW_VERSION,
+    OUTSIDE,
+    Keep,
+    Setting,
+    allocate_scratch,
+    keep_nothing,
+    lockstep,
+    warn_of_left_out,
+)
 from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["AvSession", "Steps", "context_of"]
@@ -72,7 +76,7 @@ class AvSession:
         """Give the batch with all worlds idle."""
         if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
             self._batch = lockstep.allocate_batch(self._context.batch, slots)
-        self._batch.worlds.state["outcome"] = IDLE
+        lockstep.stop(self._batch, np.arange(len(self._batch.views)))
         return self._batch
 
 

@@ -12,14 +12,24 @@ from numpy.typing import NDArray
 from cornerforge.fields import CASES, TRACKS
 from cornerforge.library.schema import arrow_schema
 from cornerforge.library.tables import POLICY_COLUMNS, tables_of
-from cornerforge.sim.harvest import CASES_KEPT, FILLED, Buffers, Harvest, allocate_harvest, harvest_range, is_full
-from cornerforge.sim.keep import Outcomes, allocate_outcomes, keep_nothing, keep_whole_test
-from cornerforge.sim.runner import census_of
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import Setting
-from cornerforge.sim.statistics import Counts, allocate_counts
-from cornerforge.sim.step import SUBSTEPS
-from cornerforge.sim.world import allocate_worlds, world_of
+from cornerforge.sim import (
+    SUBSTEPS,
+    Buffers,
+    Harvest,
+    Outcomes,
+    Setting,
+    allocate_harvest,
+    allocate_outcomes,
+    allocate_scratch,
+    allocate_worlds,
+    harvest_range,
+    is_full,
+    keep_nothing,
+    keep_whole_test,
+    statistics,
+    warn_of_left_out,
+    world_of,
+)
 
 __all__ = ["CaseRoom", "Harvested", "Harvester", "extra_columns", "harvested_of"]
 
@@ -41,7 +51,7 @@ class Harvested:
 
     first: int
     outcomes: Outcomes
-    counts: Counts
+    counts: statistics.Counts
     tests: NDArray[np.int64]
     cases: pa.Table
     tracks: pa.Table
@@ -70,9 +80,9 @@ class CaseRoom:
 
     def _empty(self) -> None:
         h = self._harvest
-        if h.filled[CASES_KEPT]:
+        if h.n_cases:
             self._parts.append(tables_of(h, policies=self._policies))
-        h.filled[: len(FILLED) - 2] = 0
+        h.clear()
 
     def take(self) -> tuple[pa.Table, pa.Table]:
         """Give all cases so far and their tracks, and empty the buffers."""
@@ -98,7 +108,7 @@ class Harvester:
         self._world = world_of(allocate_worlds(1, slots))
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._whole, self._nothing = keep_whole_test(setting, slots), keep_nothing(slots)
-        self._no_counts = allocate_counts()
+        self._no_counts = statistics.allocate_counts()
         self._cases = CaseRoom(slots, setting.road.max_decisions, policies)
         self.extra = extra_columns(with_policy=bool(policies))
 
@@ -110,7 +120,7 @@ class Harvester:
             counting: Fill the histograms too.
         """
         out, done = allocate_outcomes(count), 0
-        counts = allocate_counts() if counting else self._no_counts
+        counts = statistics.allocate_counts() if counting else self._no_counts
         at = self._buffers(counts, counting)
         while done < count:
             rest = Outcomes._make(column[done:] for column in out)
@@ -123,9 +133,9 @@ class Harvester:
         nothing = self._buffers(self._no_counts, False)
         harvest_range(0, 0, self._setting, nothing, allocate_outcomes(0), self._cases.room())
 
-    def _buffers(self, counts: Counts, counting: bool) -> Buffers:
+    def _buffers(self, counts: statistics.Counts, counting: bool) -> Buffers:
         """Give the buffers in which tests are driven, counted into `counts`."""
-        census = census_of(counting)
+        census = statistics.census_of(counting)
         return Buffers(
             self._world,
             self._scratch,
@@ -135,7 +145,7 @@ class Harvester:
         )
 
 
-def harvested_of(first: int, outcomes: Outcomes, counts: Counts, cases: CaseRoom) -> Harvested:
+def harvested_of(first: int, outcomes: Outcomes, counts: statistics.Counts, cases: CaseRoom) -> Harvested:
     """Make the result from the outcomes and the cases."""
     rows, tracks = cases.take()
     return Harvested(first, outcomes, counts, rows.column("test").to_numpy(), rows, tracks)

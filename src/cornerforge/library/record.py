@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,10 +14,7 @@ from numpy.typing import NDArray
 from cornerforge.errors import InputError
 from cornerforge.library.schema import EXTRA_TYPES, check_extra_name
 from cornerforge.library.tables import tables_of
-from cornerforge.road.straight import road_numbers
-from cornerforge.sim.harvest import NEAR_M, CaseName, allocate_harvest, keep_case
-from cornerforge.sim.recorder import recording_of
-from cornerforge.sim.step import SUBSTEPS
+from cornerforge.sim import case_of
 from cornerforge.types import Odd, Scenario
 
 __all__ = ["CaseRecord", "Scalar", "case_record", "extra_kinds"]
@@ -79,15 +75,7 @@ def case_record(
         InputError: The scenario holds no AV crash, or an extra name cannot be a column.
     """
     own = {check_extra_name(name): value for name, value in (extra or {}).items()}
-    end, recording, decisions, bodies = recording_of(scenario)
-    room = allocate_harvest(1, end.vehicles, max(end.decisions, -(-end.frames // SUBSTEPS)))
-    name = CaseName(int(scenario.seed), int(scenario.test), 0)
-    near_m = NEAR_M if start is None else math.inf
-    keep_case(name, end, near_m, road_numbers(scenario.odd), recording, decisions, bodies, room)
-    # the kernel counts vehicles; their names are the scenario's
-    kept = int(room.rows["n_kept"][0])
-    room.slot[:kept] = scenario.slot[room.slot[:kept]]
-    room.rows["bv_slot"] = scenario.slot[end.partner]
+    room = case_of(scenario, whole=start is not None)
     digests = None if trajectory_digest is None else [trajectory_digest]
     cases, tracks = tables_of(room, digests=digests, starts=None if start is None else [start])
     return CaseRecord(scenario.odd, cases, tracks, own)

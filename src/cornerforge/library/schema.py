@@ -14,7 +14,7 @@ import pyarrow as pa
 from cornerforge._arrow import arrow_fields
 from cornerforge.errors import InputError
 from cornerforge.fields import CASES, TRACKS, Field
-from cornerforge.sim.scripted import START_FIELDS
+from cornerforge.sim import START_FIELDS
 
 __all__ = [
     "EXTRA_TYPES",

@@ -33,7 +33,7 @@ from cornerforge.library.record import CaseRecord, extra_kinds
 from cornerforge.library.schema import arrow_schema
 from cornerforge.library.shards import EncodedShard, ShardReader, encode_shard, encode_tables, joined, write_shard
 from cornerforge.library.tables import ROW_GROUP, restore, script_of
-from cornerforge.sim.scripted import Script
+from cornerforge.sim import Script
 from cornerforge.types import Odd, Scenario
 
 __all__ = ["CaseLibrary", "StoredCase"]

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from cornerforge._arrow import arrow_type
 from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.library.schema import SCRIPTED_TRACKS, arrow_schema
-from cornerforge.sim.harvest import CASES_KEPT, EXACT, MARKS
-from cornerforge.sim.scripted import START_FIELDS, TRAITS, Script, average_traits, scripted_start
+from cornerforge.sim import START_FIELDS, TRAITS, Script, average_traits, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
 
 if TYPE_CHECKING:
-    from cornerforge.sim.harvest import Harvest
+    from cornerforge.sim import Harvest
 
 __all__ = ["POLICY_COLUMNS", "ROW_GROUP", "parquet_bytes", "restore", "script_of", "tables_of"]
 
@@ -45,7 +44,7 @@ def tables_of(
         digests: Digests to store instead of those of the recordings.
         starts: States at frame 0 of each scripted case; the tracks are `SCRIPTED_TRACKS` then.
     """
-    rows = h.rows[: h.filled[CASES_KEPT]]
+    rows = h.rows[: h.n_cases]
     names = zip(rows["seed"].tolist(), rows["test"].tolist(), strict=True)
     given: dict[str, pa.Array] = {
         "case_id": pa.array([f"{seed}:{test}" for seed, test in names]),
@@ -104,7 +103,7 @@ def _digests(h: Harvest) -> list[str]:
     """Compute `sim.recorder.scenario_digest` of each case."""
     found = []
     exact = marks = 0
-    for row in h.rows[: h.filled[CASES_KEPT]]:
+    for row in h.rows[: h.n_cases]:
         size = int(row["n_frames"]) * int(row["n_vehicles"])
         reals = len(REALS) * size
         rest = 2 * size + int(row["n_decisions"]) * (int(row["n_vehicles"]) + 2)
@@ -113,7 +112,7 @@ def _digests(h: Harvest) -> list[str]:
         found.append(digest.hexdigest())
         exact += reals
         marks += rest
-    if exact != h.filled[EXACT] or marks != h.filled[MARKS]:
+    if (exact, marks) != h.digested:
         raise AssertionError("the harvest's layout changed")
     return found
 

@@ -27,18 +27,23 @@ from cornerforge.pipeline.train import (
     write_provenance_beside,
 )
 from cornerforge.results import as_json
-from cornerforge.sim.braking import Braking
-from cornerforge.sim.judge import judge_crashes
-from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.rewards import REWARDS
-from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks, warm_up
+from cornerforge.sim import (
+    REWARDS,
+    Recorder,
+    Tally,
+    crashed_tests,
+    judge_crashes,
+    reward_numbers,
+    simulate_chunks,
+    warm_up,
+)
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["PLAIN", "REPRODUCE_EFFORTS", "Adversary", "Bench", "ReproduceEffort"]
 
 PLAIN = ("uniform", "lane-changer", "swerve")
 """Plain adversaries, shown beside every learned one."""
-BRAKING = Braking(1.0, 8.0)
+BRAKING = reward_numbers("avoidable").braking
 """What "avoidable" means here: braking at 8 m/s2 from 1 s after the manoeuvre began."""
 NATURAL_TESTS = 1 << 43
 """Number of the first natural test of a bench: far from the tests of training and generation."""

@@ -15,8 +15,7 @@ from cornerforge.paper.bench import Adversary, Bench
 from cornerforge.paper.item import Finding, Item, Row
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import poisson_interval
-from cornerforge.sim.runner import simulate_chunks, warm_up
-from cornerforge.sim.statistics import AV_STATES, EXPOSURE, TRAFFIC, HistogramGrid, grid_edges
+from cornerforge.sim import simulate_chunks, statistics, warm_up
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["FIGURE3"]
@@ -77,8 +76,8 @@ def _from_json(content: dict[str, Any]) -> _Exposure:
 def _count(bench: Bench, run: Experiment, label: str) -> dict[str, Any]:
     """Drive until the AV has travelled the effort's miles and every block has a test."""
     warm_up(run.setting, run.slots)
-    widest = max(grid.bins for grid in EXPOSURE)
-    samples = np.zeros((BLOCKS, len(EXPOSURE), widest), dtype=np.int64)
+    widest = max(grid.bins for grid in statistics.EXPOSURE)
+    samples = np.zeros((BLOCKS, len(statistics.EXPOSURE), widest), dtype=np.int64)
     seconds, miles, tests = np.zeros(BLOCKS, dtype=np.int64), np.zeros(BLOCKS), 0
     chunks = simulate_chunks(
         run.setting, run.slots, seed=bench.seed, first=EXPOSURE_TESTS, tests=10**9, threads=bench.threads,
@@ -86,8 +85,10 @@ def _count(bench: Bench, run: Experiment, label: str) -> dict[str, Any]:
     )  # fmt: skip
     for number, (_, outcomes, counts) in enumerate(chunks):
         block = number % BLOCKS
-        samples[block] += counts.histograms[len(TRAFFIC) : len(TRAFFIC) + len(EXPOSURE), :widest]
-        seconds[block] += counts.totals[AV_STATES]
+        samples[block] += counts.histograms[
+            len(statistics.TRAFFIC) : len(statistics.TRAFFIC) + len(statistics.EXPOSURE), :widest
+        ]
+        seconds[block] += counts.totals[statistics.AV_STATES]
         miles[block] += float(outcomes.distance.sum()) / METRES_PER_MILE
         tests += outcomes.code.size
         bench.progress(f"exposure ({label})", min(float(miles.sum()), bench.size.miles), bench.size.miles)
@@ -103,7 +104,7 @@ def _exposure(bench: Bench, name: str, adversary: Adversary | None) -> _Exposure
     return _from_json(bench.kept(f"exposure.{name}", made_of, lambda: _count(bench, run, name)))
 
 
-def _median(grid: HistogramGrid, counts: NDArray[np.int64]) -> float:
+def _median(grid: statistics.HistogramGrid, counts: NDArray[np.int64]) -> float:
     """Median of a histogram, linear within its bin; NaN without a sample, +inf beyond the grid (the last bin)."""
     cumulative = np.concatenate([[0], np.cumsum(counts[: grid.bins])])
     total = int(cumulative[-1])
@@ -111,10 +112,10 @@ def _median(grid: HistogramGrid, counts: NDArray[np.int64]) -> float:
         return math.nan
     if 2 * int(cumulative[-2]) < total:
         return math.inf
-    return float(np.interp(0.5 * total, cumulative, grid_edges(grid)))
+    return float(np.interp(0.5 * total, cumulative, statistics.grid_edges(grid)))
 
 
-def _near_per_mile(grid: HistogramGrid, counts: NDArray[np.int64], miles: float) -> float:
+def _near_per_mile(grid: statistics.HistogramGrid, counts: NDArray[np.int64], miles: float) -> float:
     """Seconds per mile at values below the limit of `_NEAR`."""
     bins = round((_NEAR[grid.name] - grid.low) / grid.width)
     return float(counts[:bins].sum()) / miles
@@ -122,7 +123,7 @@ def _near_per_mile(grid: HistogramGrid, counts: NDArray[np.int64], miles: float)
 
 def _jackknifed(world: _Exposure, row: int, kind: str) -> tuple[float, float]:
     """A quantity of a world and its standard error by the delete-one jackknife over blocks; NaN or inf if unknown."""
-    grid = EXPOSURE[row]
+    grid = statistics.EXPOSURE[row]
 
     def value(counts: NDArray[np.int64], miles: float) -> float:
         return _median(grid, counts) if kind == "median" else _near_per_mile(grid, counts, miles)
@@ -135,13 +136,13 @@ def _jackknifed(world: _Exposure, row: int, kind: str) -> tuple[float, float]:
     return value(total, miles), spread
 
 
-def _row(what: str, found: tuple[float, float], grid: HistogramGrid, unit: str, miles: float) -> Row:
+def _row(what: str, found: tuple[float, float], grid: statistics.HistogramGrid, unit: str, miles: float) -> Row:
     value, spread = found
     if value == 0.0:  # blocks that all have none say nothing of how rare it is
         none = "none seen; the end of the interval takes each second for an event of its own (Poisson)"
         return Row(what, None, value, (0.0, poisson_interval(0)[1] / miles), unit, none)
     if not math.isfinite(value):
-        beyond = f"beyond {grid_edges(grid)[-2]:g} {grid.unit}, where the grid ends"
+        beyond = f"beyond {statistics.grid_edges(grid)[-2]:g} {grid.unit}, where the grid ends"
         return Row(what, None, None, None, unit, beyond if math.isinf(value) else "no sample")
     ends = (max(0.0, value - 1.96 * spread), value + 1.96 * spread) if math.isfinite(spread) else None
     return Row(what, None, value, ends, unit)
@@ -160,7 +161,7 @@ def _ratio_row(what: str, paper: str | None, hostile: tuple[float, float], natur
 
 def _rows(worlds: dict[str, _Exposure]) -> list[Row]:
     rows = []
-    for index, grid in enumerate(EXPOSURE):
+    for index, grid in enumerate(statistics.EXPOSURE):
         label, unit = LABELS[grid.name], grid.unit
         near = f"seconds per mile with {label} below {_NEAR[grid.name]:g} {unit}"
         for kind, what, of in (("median", f"median {label}", unit), ("near", near, "s per mile")):
@@ -206,7 +207,7 @@ def _ratio_of(quantity: str) -> str:
 def _shares(worlds: dict[str, _Exposure]) -> list[Row]:
     """How many of the AV's seconds have a vehicle ahead or behind at all, or a closing one."""
     rows = []
-    for index, grid in enumerate(EXPOSURE):
+    for index, grid in enumerate(statistics.EXPOSURE):
         kind = "one" if grid.name.startswith("bbd") else "a closing one"
         side = "ahead" if grid.name.endswith("front") else "behind"
         for name, world in worlds.items():
@@ -218,14 +219,14 @@ def _shares(worlds: dict[str, _Exposure]) -> list[Row]:
 def _drawn(worlds: dict[str, _Exposure]) -> dict[str, Any]:
     """Histograms without their last bin, which holds all beyond the grid."""
     quantities = {}
-    for index, grid in enumerate(EXPOSURE):
+    for index, grid in enumerate(statistics.EXPOSURE):
         counted = {
             name: world.samples[:, index, : grid.bins - 1].sum(axis=0).tolist() for name, world in worlds.items()
         }
         quantities[grid.name] = {
             "label": LABELS[grid.name],
             "unit": grid.unit,
-            "edges": grid_edges(grid)[:-1].tolist(),
+            "edges": statistics.grid_edges(grid)[:-1].tolist(),
             "counts": counted,
         }
     return {"quantities": quantities, "miles": {name: float(world.miles.sum()) for name, world in worlds.items()}}
@@ -235,7 +236,7 @@ def _compared(rows: list[Row]) -> list[str]:
     """Which quantities are smaller with the adversary, as the paper says, and which are not; from the intervals."""
     found = {row.what: row for row in rows}
     groups: dict[str, list[str]] = {"smaller": [], "not smaller": [], "not told apart": []}
-    for grid in EXPOSURE:
+    for grid in statistics.EXPOSURE:
         near = next(row for what, row in found.items() if what.endswith(f": {_ADVERSARY} / natural") and "below" in what
                     and LABELS[grid.name] in what)  # fmt: skip
         median = found[_ratio_of(grid.name)]

@@ -17,8 +17,7 @@ from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.pipeline.output import writing
-from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
-from cornerforge.sim.scratch import LEARNED_WIDTH
+from cornerforge.sim import AV_FEATURES_VERSION, LEARNED_WIDTH, N_AV_FEATURES
 
 __all__ = ["AV_FILE_SCHEMA", "av_of", "load_av", "rl_av_path", "save_av"]
 

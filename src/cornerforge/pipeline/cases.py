@@ -26,8 +26,7 @@ from cornerforge.pipeline.picture import check_picture, write_picture
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.results import Queried, Replayed
-from cornerforge.sim.recorder import scenario_digest
-from cornerforge.sim.scripted import ScriptDriver
+from cornerforge.sim import ScriptDriver, scenario_digest
 from cornerforge.types import Scenario
 
 __all__ = ["driver_of_cases", "experiment_of", "is_same", "query", "replay"]

@@ -12,9 +12,8 @@ from cornerforge.rates import binomial_interval
 from cornerforge.results import Simulated, from_json
 from cornerforge.results.driving import Distributions, Quantity
 from cornerforge.results.rates import Rate
-from cornerforge.sim import statistics
-from cornerforge.sim.runner import Tally
-from cornerforge.sim.runner import simulate as drive
+from cornerforge.sim import Tally, statistics
+from cornerforge.sim import simulate as drive
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]

@@ -23,10 +23,7 @@ from cornerforge.pipeline.persistence import Pairs, pairs_of
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.road.straight import along, road_numbers
-from cornerforge.sim import statistics
-from cornerforge.sim.keep import Outcomes, allocate_windows
-from cornerforge.sim.runner import drive_chunk_by_window, warm_up
-from cornerforge.sim.world import n_slots
+from cornerforge.sim import Outcomes, allocate_windows, drive_chunk_by_window, n_slots, statistics, warm_up
 from cornerforge.types import METRES_PER_MILE, Odd
 
 __all__ = [

@@ -28,10 +28,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Filled, Simulated
-from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
-from cornerforge.sim.setting import NOBODY
-from cornerforge.sim.world import AV_FAULT
+from cornerforge.sim import AV_FAULT, NOBODY, Recorder, Tally, crashed_tests, simulate_chunks
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]

@@ -22,10 +22,16 @@ from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Plausibility, as_json, from_json
 from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
-from cornerforge.sim.drive import drive_range
-from cornerforge.sim.keep import allocate_decisions, allocate_outcomes, keep_nothing
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.world import allocate_worlds, world_of
+from cornerforge.sim import (
+    allocate_decisions,
+    allocate_outcomes,
+    allocate_scratch,
+    allocate_worlds,
+    drive_range,
+    keep_nothing,
+    warn_of_left_out,
+    world_of,
+)
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]

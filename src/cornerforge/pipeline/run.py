@@ -40,8 +40,7 @@ from cornerforge.results import Analysed, Filled, RunDone, Simulated, as_json, f
 from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
 from cornerforge.results.rates import Yield
 from cornerforge.results.whole import Exposed, Exposure, ExposureMiles, RunTrained
-from cornerforge.sim.runner import Tally
-from cornerforge.sim.statistics import EXPOSURE, TRAFFIC, grid_edges
+from cornerforge.sim import Tally, statistics
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["EFFORTS", "Effort", "run"]
@@ -115,8 +114,8 @@ class _PlainRates:
 
 
 def _exposure_counts(tally: Tally) -> dict[str, tuple[int, ...]]:
-    rows = tally.counts.histograms[len(TRAFFIC) :]
-    return {grid.name: tuple(rows[k][: grid.bins].tolist()) for k, grid in enumerate(EXPOSURE)}
+    rows = tally.counts.histograms[len(statistics.TRAFFIC) :]
+    return {grid.name: tuple(rows[k][: grid.bins].tolist()) for k, grid in enumerate(statistics.EXPOSURE)}
 
 
 def _count(
@@ -142,11 +141,11 @@ def _write_exposure(out: Path, nde: _Counted, adversary: _Counted) -> None:
         grid.name: Exposed(
             label=_LABELS[grid.name],
             unit=grid.unit,
-            edges=tuple(grid_edges(grid)[:-1].tolist()),
+            edges=tuple(statistics.grid_edges(grid)[:-1].tolist()),
             nde=nde.exposure[grid.name][:-1],
             adversary=adversary.exposure[grid.name][:-1],
         )
-        for grid in EXPOSURE
+        for grid in statistics.EXPOSURE
     }
     miles = ExposureMiles(nde=nde.rate.miles, adversary=adversary.rate.miles)
     write_json(out / "exposure.json", as_json(Exposure(miles=miles, quantities=quantities)))

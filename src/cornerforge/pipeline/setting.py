@@ -11,7 +11,7 @@ from typing import Unpack
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.policy_file import Policy, check_budget, load_policy, policy_hash, policy_numbers
-from cornerforge.drivers.avs import AvModel, av_hash, av_named
+from cornerforge.drivers.avs import AvModel, av_hash, av_named, numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
@@ -23,10 +23,7 @@ from cornerforge.ndd.model import NddModel, default_model_path, load_model, mode
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.output import config_hash
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim.observe import budget_units
-from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.runner import DriveChunk, drive_chunk, warm_up
-from cornerforge.sim.setting import (
+from cornerforge.sim import (
     ADVERSARIES,
     BUILT_IN,
     IDM_BVS,
@@ -34,10 +31,15 @@ from cornerforge.sim.setting import (
     NO_CAST,
     OUTSIDE,
     Controllers,
+    DriveChunk,
+    Recorder,
     Setting,
+    budget_units,
     cast_of,
+    drive_chunk,
+    n_slots,
+    warm_up,
 )
-from cornerforge.sim.world import n_slots, numbers_of_av
 from cornerforge.types import Odd, odd_named
 from cornerforge.world_options import WorldKeywords, WorldOptions
 

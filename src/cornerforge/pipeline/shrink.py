@@ -25,7 +25,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.results import ShrunkLibrary
 from cornerforge.results.cases import CaseMedians, CaseSize, MedianSize, ShrunkCase
-from cornerforge.sim.scripted import Script, ScriptDriver
+from cornerforge.sim import Script, ScriptDriver
 from cornerforge.types import Scenario
 
 __all__ = ["shrink", "shrink_text"]

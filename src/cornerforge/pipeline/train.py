@@ -22,10 +22,7 @@ from cornerforge.rates import binomial_interval
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
 from cornerforge.results.rates import Yield
-from cornerforge.sim.judge import judge_crashes
-from cornerforge.sim.rewards import reward_numbers
-from cornerforge.sim.runner import Tally, crashed_tests, simulate_chunks
-from cornerforge.sim.setting import ADVERSARIES, NO_CAST
+from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, judge_crashes, reward_numbers, simulate_chunks
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 if TYPE_CHECKING:

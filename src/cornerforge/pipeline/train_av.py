@@ -17,7 +17,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, canonical_curve, checkpoint_beside, curve_report
 from cornerforge.results import TrainedAv
-from cornerforge.sim.av_features import AV_FEATURES_VERSION
+from cornerforge.sim import AV_FEATURES_VERSION
 from cornerforge.world_options import RoadKeywords, WorldOptions
 
 __all__ = ["train_av"]

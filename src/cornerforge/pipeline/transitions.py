@@ -13,9 +13,16 @@ from cornerforge.pipeline.judging import judged
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.road.straight import lane_centre
-from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
-from cornerforge.sim.setting import Setting
-from cornerforge.sim.world import RUNNING, World, all_current, allocate_worlds, world_of
+from cornerforge.sim import (
+    RUNNING,
+    Setting,
+    World,
+    action_probabilities,
+    all_current,
+    allocate_starter_scratch,
+    allocate_worlds,
+    world_of,
+)
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
 __all__ = ["chance_of", "compare_transitions"]

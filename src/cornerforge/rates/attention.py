@@ -11,14 +11,22 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.sim.advance import advance
-from cornerforge.sim.av_kinds import built_in_av_decides
-from cornerforge.sim.chances import action_probabilities
-from cornerforge.sim.keep import keep_nothing
-from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import NATURALISTIC, NOBODY, Setting
-from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_of
+from cornerforge.sim import (
+    NATURALISTIC,
+    NOBODY,
+    RUNNING,
+    Setting,
+    World,
+    action_probabilities,
+    advance,
+    allocate_scratch,
+    allocate_worlds,
+    built_in_av_decides,
+    keep_nothing,
+    reset_world,
+    warn_of_left_out,
+    world_of,
+)
 from cornerforge.types import ACTION_RIGHT
 
 __all__ = ["LOOK_BACK_S", "RARE_ACTION", "ActionChances", "Oversight", "action_chances", "oversight"]

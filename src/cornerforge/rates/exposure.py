@@ -13,9 +13,7 @@ import numpy as np
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.sim.runner import DriveChunk, drive_chunk, simulate_chunks
-from cornerforge.sim.setting import Setting
-from cornerforge.sim.statistics import BV_TRAVEL_MM
+from cornerforge.sim import DriveChunk, Setting, drive_chunk, simulate_chunks, statistics
 from cornerforge.types import FRAME_S, METRES_PER_MILE
 
 __all__ = ["SAMPLE_TESTS", "BvTravel", "bv_travel"]
@@ -71,7 +69,7 @@ def bv_travel(
     for _, outcomes, counts in simulate_chunks(
         setting, slots, seed=seed, first=0, tests=tests, threads=threads, counting=True, chunk=_GROUP, drive=drive
     ):
-        millimetres.append(int(counts.totals[BV_TRAVEL_MM]))
+        millimetres.append(int(counts.totals[statistics.BV_TRAVEL_MM]))
         driven += float(outcomes.frame.sum(dtype=np.int64)) * FRAME_S
         counted += int(outcomes.decisions.sum(dtype=np.int64))
     scale = driven / counted / 1000.0 / METRES_PER_MILE if counted else 0.0

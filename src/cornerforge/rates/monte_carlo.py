@@ -11,8 +11,7 @@ from typing import Any
 
 from cornerforge.errors import FileFormatError
 from cornerforge.rates.intervals import binomial_interval
-from cornerforge.sim.runner import DriveChunk, Tally, crashed_tests, drive_chunk, simulate_chunks
-from cornerforge.sim.setting import Setting
+from cornerforge.sim import DriveChunk, Setting, Tally, crashed_tests, drive_chunk, simulate_chunks
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "relative_half_width"]

@@ -1,30 +1,37 @@
 """The simulator: one AV and many background vehicles (BVs) on a straight highway, in compiled kernels.
 
-One function moves everything: `advance.advance(world, setting, scratch, keep, until)`. Its arguments, then the modules
-around it, in the order of reading:
+One function moves everything: `advance(world, setting, scratch, keep, until)`. This file is the door: other rooms of
+cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs of others may rely on those of
+`FOR_PROGRAMS` (`tests/public_api.txt`); the others may change without a word. What the names are for:
 
-- A *world* (`world.World`) is all that the future of one test depends on. `traffic.reset_world` puts it at the start of
-  a test, which (seed, test) and the setting determine. `snapshot` copies, stores and branches it.
-- A *setting* (`setting.Setting`) is constant in a run: road, AV, naturalistic model and controllers. The *controllers*
-  (`Setting.who`) say what drives the AV, the critical BV (the one nearest to the AV) and the other BVs: a built-in law,
-  the naturalistic model, an adversary, a script, or somebody outside the kernels.
-- *Scratch* (`scratch.Scratch`) is memory to work in; nothing in it outlives a call.
-- *Keep* (`keep.Keep`) is what stays of a drive besides its outcome: frames, decisions, counts (`statistics`).
-- `advance` is the one loop. It returns when the test is over, when `until` seconds have passed (a milestone), or when
-  somebody outside must answer; the answer goes into the world, and the next `advance` goes on from there.
-- Within the loop: `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av`
-  and `av_kinds` (built-in AVs), `actions`, `step` and `reach` (motion and contact), `neighbours`.
-- Views: `observe` (the adversary's), `av_view` and `av_features` (an AV's).
-- Thin callers of the loop: `drive` (whole tests), `scripted` (given starts and actions), `lockstep` (AVs in other
-  processes), `agents` (environments), `drive_bv` and `drive_av` (training the adversary and the AV).
-- Callers of `drive`: `runner` (ranges of tests in threads), `harvest` (cases), `recorder` (one test in full), `judge`
-  (crashes driven again).
-- About recorded crashes: `rewards` and `braking` (what the adversary is paid for), `avoid`, `avoid_cases`,
-  `avoid_check` and `avoid_motion` (search for ways out).
+- *State*. A `World` is all that the future of one test depends on. `reset_world` puts it at the start of a test, which
+  (seed, test) and the setting determine; `RUNNING`, `AV_CRASH`, ... say how it stands. `copy_of`, `branch_of`, `packed`
+  and `unpacked` copy, branch and store it at any moment.
+- *Setting*. A `Setting` is constant in a run: road, AV, naturalistic model and controllers. The `Controllers` say what
+  drives the AV (`BUILT_IN`, `OUTSIDE`), the critical BV, which is the one nearest to the AV (`ADVERSARIES`, `TOLD`),
+  and the other BVs (`NATURALISTIC`, `IDM_BVS`).
+- *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), when `until` seconds have passed
+  (`MILESTONE`), or when somebody outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`); the answer goes into the
+  world, and the next `advance` goes on from there. `Scratch` is memory to work in; nothing in it outlives a call.
+- *Drive*: thin callers of the loop. `simulate` drives ranges of tests in threads; `ScriptDriver` drives given starts
+  and actions; `judge_crashes` drives crashes again; `lockstep` (a module) is for AVs in other processes, `agents` (a
+  module) for environments.
+- *Keep*. `Keep` is what stays of a drive besides its outcome: frames, decisions, counts (`statistics`, a module). A
+  `Recorder` gives one test in full, `harvest_range` and `case_of` make cases.
+- *Views*: sizes and versions of what is seen, by the adversary (`N_OBSERVATION`) and by an AV (`VIEW_ROWS`,
+  `N_AV_FEATURES`).
+- *Parts* of a second, for questions about a moment: the chance of each action, what the AV would do, motion.
+- *Training*: rewards, and transitions of many worlds for learners of the adversary (`collect`) and of the AV
+  (`collect_av`).
 
-The package gives the names that a user of the simulator needs (`__all__`); the other layers of cornerforge import from
-the modules. It knows no file, no learner and no plot. The same seed, test and setting give the same bits on any
-machine, for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
+Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scratch`; `keep`; `loop`. Within the loop:
+`decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av` and `av_kinds`
+(built-in AVs), `actions`, `step` and `reach` (motion and contact), `neighbours`. Views: `observe`, `av_view`,
+`av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`, `agents`, `drive_bv`, `drive_av`;
+`harvest`, `recorder`, `judge`. What the adversary is paid for: `rewards`, `braking`.
+
+The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
+for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
 """
 
 from __future__ import annotations
@@ -34,84 +41,191 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.sim.advance import (
+    from cornerforge.sim import agents, lockstep, statistics
+    from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, hold, ordered_lane, start_lane_change
+    from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
+    from cornerforge.sim.av_kinds import DECIDES_EVERY, built_in_av_decides
+    from cornerforge.sim.av_view import AV_VIEW_VERSION, VIEW_COLUMNS, VIEW_ROWS
+    from cornerforge.sim.braking import lateral_plan, manoeuvre_begin
+    from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
+    from cornerforge.sim.drive import drive_range
+    from cornerforge.sim.drive_av import (
+        AV_DECISIONS,
+        HOSTILE,
+        AvReward,
+        allocate_av_actors,
+        collect_av,
+        start_av_worlds,
+    )
+    from cornerforge.sim.drive_bv import (
+        Exploring,
+        Transitions,
+        allocate_actors,
+        allocate_history,
+        collect,
+        start_worlds,
+    )
+    from cornerforge.sim.harvest import Buffers, Harvest, allocate_harvest, harvest_range, is_full
+    from cornerforge.sim.judge import judge_crashes
+    from cornerforge.sim.keep import (
+        Keep,
+        Outcomes,
+        allocate_decisions,
+        allocate_outcomes,
+        allocate_windows,
+        keep_nothing,
+        keep_whole_test,
+        write_outcome,
+    )
+    from cornerforge.sim.loop import (
         AV_MUST_ANSWER,
         BV_MUST_ANSWER,
         MILESTONE,
         NEVER,
         OVER,
+        advance,
         answer_as_av,
         answer_as_bv,
     )
-    from cornerforge.sim.keep import Keep, keep_nothing, keep_whole_test
-    from cornerforge.sim.recorder import Recorder
-    from cornerforge.sim.runner import Tally, simulate
-    from cornerforge.sim.scratch import Scratch, allocate_scratch, warn_of_left_out
-    from cornerforge.sim.scripted import Script, ScriptDriver
-    from cornerforge.sim.setting import Setting
+    from cornerforge.sim.neighbours import SIGHT
+    from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
+    from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
+    from cornerforge.sim.rewards import REWARDS, RewardNumbers, reward_numbers
+    from cornerforge.sim.runner import (
+        DriveChunk,
+        Tally,
+        crashed_tests,
+        drive_chunk,
+        drive_chunk_by_window,
+        simulate,
+        simulate_chunks,
+        warm_up,
+    )
+    from cornerforge.sim.scratch import LEARNED_WIDTH, Scratch, allocate_scratch, warn_of_left_out
+    from cornerforge.sim.scripted import (
+        NATURAL,
+        START_FIELDS,
+        TRAITS,
+        Ending,
+        Script,
+        ScriptDriver,
+        average_traits,
+        scripted_start,
+    )
+    from cornerforge.sim.setting import (
+        ADVERSARIES,
+        BUILT_IN,
+        IDM_BVS,
+        NATURALISTIC,
+        NO_CAST,
+        NOBODY,
+        OUTSIDE,
+        POLICY,
+        TOLD,
+        Controllers,
+        Setting,
+        cast_of,
+    )
     from cornerforge.sim.snapshot import branch_of, copy_of, packed, unpacked
+    from cornerforge.sim.step import SUBSTEPS, allocate_recording, move_vehicle
     from cornerforge.sim.traffic import reset_world
-    from cornerforge.sim.world import World, allocate_worlds, world_of
+    from cornerforge.sim.world import (
+        AV_CRASH,
+        AV_FAULT,
+        BV_CRASH,
+        COMPLETED,
+        RUNNING,
+        TIME_UP,
+        World,
+        all_current,
+        allocate_worlds,
+        arrays_of,
+        n_slots,
+        path_of,
+        world_of,
+    )
 
 __all__ = [
-    "AV_MUST_ANSWER",
-    "BV_MUST_ANSWER",
-    "MILESTONE",
-    "NEVER",
-    "OVER",
-    "Keep",
-    "Recorder",
-    "Scratch",
-    "Script",
-    "ScriptDriver",
-    "Setting",
-    "Tally",
-    "World",
-    "allocate_scratch",
-    "allocate_worlds",
-    "answer_as_av",
-    "answer_as_bv",
-    "branch_of",
-    "copy_of",
-    "keep_nothing",
-    "keep_whole_test",
-    "packed",
-    "reset_world",
-    "simulate",
-    "unpacked",
-    "warn_of_left_out",
-    "world_of",
-]
+    "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
+    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "HIGHEST_COMMAND", "HOSTILE", "IDM_BVS",
+    "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST",
+    "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "REWARDS", "RUNNING",
+    "SIGHT", "START_FIELDS", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "AvReward",
+    "Buffers", "Controllers", "DriveChunk", "Ending", "Exploring", "Harvest", "Keep", "Outcomes", "Recorder",
+    "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Transitions", "World",
+    "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
+    "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_outcomes", "allocate_recording",
+    "allocate_scratch", "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av",
+    "answer_as_bv", "arrays_of", "average_traits", "branch_of", "budget_units", "built_in_av_decides", "case_of",
+    "cast_of", "collect", "collect_av", "copy_of", "crashed_tests", "drive_chunk", "drive_chunk_by_window",
+    "drive_range", "harvest_range", "hold", "is_full", "judge_crashes", "keep_nothing", "keep_whole_test",
+    "lateral_plan", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of",
+    "reset_world", "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
+    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "unpacked", "warm_up", "warn_of_left_out",
+    "world_of", "write_outcome",
+]  # fmt: skip
 
-__getattr__ = door(
-    "cornerforge.sim",
-    {
-        "AV_MUST_ANSWER": "advance",
-        "BV_MUST_ANSWER": "advance",
-        "MILESTONE": "advance",
-        "NEVER": "advance",
-        "OVER": "advance",
-        "Keep": "keep",
-        "Recorder": "recorder",
-        "Scratch": "scratch",
-        "Script": "scripted",
-        "ScriptDriver": "scripted",
-        "Setting": "setting",
-        "Tally": "runner",
-        "World": "world",
-        "allocate_scratch": "scratch",
-        "allocate_worlds": "world",
-        "answer_as_av": "advance",
-        "answer_as_bv": "advance",
-        "branch_of": "snapshot",
-        "copy_of": "snapshot",
-        "keep_nothing": "keep",
-        "keep_whole_test": "keep",
-        "packed": "snapshot",
-        "reset_world": "traffic",
-        "simulate": "runner",
-        "unpacked": "snapshot",
-        "warn_of_left_out": "scratch",
-        "world_of": "world",
-    },
-)
+FOR_PROGRAMS = (
+    "AV_MUST_ANSWER", "BV_MUST_ANSWER", "MILESTONE", "NEVER", "OVER", "Keep", "Recorder", "Scratch", "Script",
+    "ScriptDriver", "Setting", "Tally", "World", "advance", "allocate_scratch", "allocate_worlds", "answer_as_av",
+    "answer_as_bv", "branch_of", "copy_of", "keep_nothing", "keep_whole_test", "packed", "reset_world", "simulate",
+    "unpacked", "warn_of_left_out", "world_of",
+)  # fmt: skip
+"""The names that a program needs that drives the simulator by hand."""
+
+_PLACES: dict[str, tuple[str, ...]] = {
+    # state
+    "world": (
+        "World", "allocate_worlds", "world_of", "n_slots", "arrays_of", "all_current", "path_of", "RUNNING",
+        "COMPLETED", "TIME_UP", "AV_CRASH", "BV_CRASH", "AV_FAULT",
+    ),
+    "traffic": ("reset_world",),
+    "snapshot": ("copy_of", "branch_of", "packed", "unpacked"),
+    # setting
+    "setting": (
+        "Setting", "Controllers", "BUILT_IN", "OUTSIDE", "ADVERSARIES", "NOBODY", "POLICY", "TOLD", "NATURALISTIC",
+        "IDM_BVS", "NO_CAST", "cast_of",
+    ),
+    "av_kinds": ("DECIDES_EVERY", "built_in_av_decides"),
+    # advance
+    "loop": (
+        "advance", "NEVER", "OVER", "MILESTONE", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "answer_as_av", "answer_as_bv",
+    ),
+    "scratch": ("Scratch", "allocate_scratch", "warn_of_left_out", "LEARNED_WIDTH"),
+    "step": ("SUBSTEPS", "allocate_recording", "move_vehicle"),
+    # drive
+    "runner": (
+        "simulate", "Tally", "simulate_chunks", "DriveChunk", "drive_chunk", "drive_chunk_by_window", "crashed_tests",
+        "warm_up",
+    ),
+    "drive": ("drive_range",),
+    "judge": ("judge_crashes",),
+    "scripted": (
+        "Script", "ScriptDriver", "Ending", "NATURAL", "START_FIELDS", "TRAITS", "average_traits", "scripted_start",
+    ),
+    # keep
+    "keep": (
+        "Keep", "keep_nothing", "keep_whole_test", "Outcomes", "allocate_outcomes", "write_outcome",
+        "allocate_decisions", "allocate_windows",
+    ),
+    "recorder": ("Recorder", "case_of", "scenario_digest"),
+    "harvest": ("Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
+    # views
+    "observe": ("N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "budget_units"),
+    "av_view": ("AV_VIEW_VERSION", "VIEW_ROWS", "VIEW_COLUMNS"),
+    "av_features": ("AV_FEATURES_VERSION", "N_AV_FEATURES"),
+    "neighbours": ("SIGHT",),
+    # parts
+    "actions": ("LOWEST_COMMAND", "HIGHEST_COMMAND", "hold", "start_lane_change", "ordered_lane"),
+    "chances": ("action_probabilities", "allocate_starter_scratch"),
+    "braking": ("manoeuvre_begin", "lateral_plan"),
+    # training
+    "rewards": ("REWARDS", "RewardNumbers", "reward_numbers"),
+    "drive_bv": ("Exploring", "Transitions", "allocate_actors", "allocate_history", "collect", "start_worlds"),
+    "drive_av": ("AV_DECISIONS", "HOSTILE", "AvReward", "allocate_av_actors", "collect_av", "start_av_worlds"),
+    # modules
+    "": ("lockstep", "agents", "statistics"),
+}  # fmt: skip
+"""By module, the names that it gives; modules that are given as a whole come last."""
+
+__getattr__ = door("cornerforge.sim", {name: module for module, names in _PLACES.items() for name in names})

@@ -13,9 +13,9 @@ import numpy as np
 from cornerforge._jit import kernel
 from cornerforge.road.straight import driven
 from cornerforge.sim.actions import ordered_lane
-from cornerforge.sim.advance import NEVER, advance, answer_as_av, look_as_bv
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
 from cornerforge.sim.drive_bv import History, act_as_bv
+from cornerforge.sim.loop import NEVER, advance, answer_as_av, look_as_bv
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.step import bring_up_to_date

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.sim.advance import NEVER, advance
 from cornerforge.sim.keep import Keep, write_outcome
+from cornerforge.sim.loop import NEVER, advance
 from cornerforge.sim.statistics import Census, Counts, count_travel
 from cornerforge.sim.step import record_frame
 from cornerforge.sim.traffic import reset_world

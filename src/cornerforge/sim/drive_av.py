@@ -12,11 +12,11 @@ from cornerforge._philox import PURPOSE_EXPLORE, block, uniform
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.road.straight import gap
 from cornerforge.sim.actions import nearest_action
-from cornerforge.sim.advance import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
 from cornerforge.sim.av_kinds import DECIDES_EVERY
 from cornerforge.sim.av_view import view_of_av
+from cornerforge.sim.loop import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.neighbours import neighbours_in_lane
 from cornerforge.sim.setting import NOBODY, OUTSIDE, Controllers, Setting
 from cornerforge.sim.sight import DECIDED

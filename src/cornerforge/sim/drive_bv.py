@@ -13,10 +13,10 @@ import numpy as np
 from cornerforge._jit import kernel
 from cornerforge._philox import PURPOSE_GUIDE, block, uniform
 from cornerforge.road.straight import ahead_by
-from cornerforge.sim.advance import BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.judge import judge_crash
 from cornerforge.sim.keep import Keep, keep_nothing
+from cornerforge.sim.loop import BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
 from cornerforge.sim.setting import SWERVE, UNIFORM

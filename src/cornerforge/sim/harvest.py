@@ -116,6 +116,20 @@ class Harvest(NamedTuple):
     marks: NDArray[np.uint8]
     near: NDArray[np.int64]
 
+    @property
+    def n_cases(self) -> int:
+        """Number of cases."""
+        return int(self.filled[CASES_KEPT])
+
+    @property
+    def digested(self) -> tuple[int, int]:
+        """How much of `exact` and `marks` is used."""
+        return int(self.filled[EXACT]), int(self.filled[MARKS])
+
+    def clear(self) -> None:
+        """Forget all cases; the numbers of tests and crashes so far stay."""
+        self.filled[:DRIVEN] = 0
+
 
 FILLED = CASES_KEPT, NUMBERS, SLOTS, ACTIONS_KEPT, DECISIONS, EXACT, MARKS, DRIVEN, CRASHED = range(9)
 """Entries of `Harvest.filled`. DRIVEN, CRASHED: tests and crashes so far; `harvest_range` goes by their share."""

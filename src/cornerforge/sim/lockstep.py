@@ -13,11 +13,11 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lane
-from cornerforge.sim.advance import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
+from cornerforge.sim.loop import NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import RUNNING, World, allocate_worlds, world_row
+from cornerforge.sim.world import IDLE, RUNNING, World, allocate_worlds, world_row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,6 +34,7 @@ __all__ = [
     "idle",
     "running",
     "see",
+    "stop",
 ]
 
 
@@ -62,6 +63,11 @@ def running(batch: Batch) -> NDArray[np.int64]:
 def idle(batch: Batch) -> NDArray[np.int64]:
     """List the worlds that drive no test, ascending."""
     return np.flatnonzero(batch.worlds.state["outcome"][:, 0] != RUNNING)
+
+
+def stop(batch: Batch, worlds: NDArray[np.int64]) -> None:
+    """Make worlds idle in the middle of their tests."""
+    batch.worlds.state["outcome"][worlds] = IDLE
 
 
 @kernel

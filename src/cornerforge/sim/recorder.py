@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.fields import BODY, FRAME_FIELDS, REALS, SERIES
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim.drive import drive_test
-from cornerforge.sim.harvest import Harvest, Recorded, keep_driven
+from cornerforge.sim.harvest import NEAR_M, CaseName, Harvest, Recorded, allocate_harvest, keep_case, keep_driven
 from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
@@ -19,7 +21,7 @@ from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import AV_CRASH, BV_CRASH, VEHICLE, World, allocate_worlds, n_slots, world_of
 from cornerforge.types import FRAME_S, Crash, Odd, Scenario
 
-__all__ = ["Recorder", "recording_of", "scenario_digest", "scenario_of"]
+__all__ = ["Recorder", "case_of", "recording_of", "scenario_digest", "scenario_of"]
 
 
 def scenario_digest(scenario: Scenario) -> str:
@@ -117,6 +119,31 @@ def recording_of(scenario: Scenario) -> tuple[Recorded, NDArray[np.void], Decisi
     for body in BODY:
         bodies[body.name] = getattr(scenario, body.name)
     return Recorded(shape[0], decided, shape[1], contact, int(found[0])), recording, decisions, bodies
+
+
+def case_of(scenario: Scenario, *, whole: bool = False) -> Harvest:
+    """Make a case of a recorded AV crash, by the kernel that makes cases in bulk.
+
+    Args:
+        scenario: Recording that ends in a crash of the AV.
+        whole: Store all its vehicles, not only those that come within `harvest.NEAR_M` of the AV.
+
+    Returns:
+        A harvest of one case; its slots are those of the scenario.
+
+    Raises:
+        InputError: As for `recording_of`.
+    """
+    end, recording, decisions, bodies = recording_of(scenario)
+    harvest = allocate_harvest(1, end.vehicles, max(end.decisions, -(-end.frames // SUBSTEPS)))
+    name = CaseName(int(scenario.seed), int(scenario.test), 0)
+    near_m = math.inf if whole else NEAR_M
+    keep_case(name, end, near_m, road_numbers(scenario.odd), recording, decisions, bodies, harvest)
+    # the kernel counts vehicles; their names are the scenario's
+    kept = int(harvest.rows["n_kept"][0])
+    harvest.slot[:kept] = scenario.slot[harvest.slot[:kept]]
+    harvest.rows["bv_slot"] = scenario.slot[end.partner]
+    return harvest
 
 
 def scenario_of(world: World, keep: Keep, slot: NDArray[np.int16], odd: Odd, seed: int, test: int) -> Scenario:

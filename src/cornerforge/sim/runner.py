@@ -14,14 +14,13 @@ from cornerforge.sim.drive import drive_range, drive_windows
 from cornerforge.sim.keep import Outcomes, Windows, allocate_outcomes, keep_nothing
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.statistics import EVERYBODY, NOBODY_COUNTED, Census, Counts, allocate_counts
+from cornerforge.sim.statistics import Census, Counts, allocate_counts, census_of
 from cornerforge.sim.world import AV_CRASH, AV_FAULT, allocate_worlds, world_of
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = [
     "DriveChunk",
     "Tally",
-    "census_of",
     "crashed_tests",
     "drive_chunk",
     "drive_chunk_by_window",
@@ -123,13 +122,6 @@ def drive_chunk_by_window(
     world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
     drive_windows(seed, first, setting, world, scratch, keep_nothing(slots, census=census), windows, out)
     return out
-
-
-def census_of(counting: bool | Census) -> Census:
-    """Turn `counting` into a census: True counts all BVs at all times, False none; a census is returned as it is."""
-    if isinstance(counting, Census):
-        return counting
-    return EVERYBODY if counting else NOBODY_COUNTED
 
 
 def warm_up(setting: Setting, slots: int) -> None:

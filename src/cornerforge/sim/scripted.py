@@ -17,8 +17,8 @@ from cornerforge._checks import check_integer
 from cornerforge._jit import kernel
 from cornerforge.errors import InputError
 from cornerforge.fields import POSE
-from cornerforge.sim.advance import MILESTONE, advance
 from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
+from cornerforge.sim.loop import MILESTONE, advance
 from cornerforge.sim.recorder import scenario_of
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, SCRIPTED

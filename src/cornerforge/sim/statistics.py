@@ -27,18 +27,30 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
+    "AV_STATES",
     "BESIDE",
+    "BV_STATES",
+    "BV_TRAVEL_MM",
+    "CRASHED_BVS",
     "CUT_INS",
     "CUT_IN_BANDS",
     "EVERYBODY",
     "EXPOSURE",
+    "FOLLOWING_ACCELERATION",
+    "FOLLOWING_STATES",
+    "FREE_ACCELERATION",
     "JOINT",
+    "LANE_CHANGES",
     "NOBODY_COUNTED",
+    "SPEED_DIFFERENCE_BESIDE",
     "TRAFFIC",
+    "TTC_BELOW",
+    "TTC_LIMITS",
     "Census",
     "Counts",
     "HistogramGrid",
     "allocate_counts",
+    "census_of",
     "count_av",
     "count_choices",
     "count_states",
@@ -144,6 +156,13 @@ class Census(NamedTuple):
 
 NOBODY_COUNTED = Census(False, 0, 0, 0.0, 0.0, 0.0)
 EVERYBODY = Census(True, 0, 2**31, -math.inf, math.inf, 0.0)
+
+
+def census_of(counting: bool | Census) -> Census:
+    """Turn `counting` into a census: True counts all BVs at all times, False none; a census is returned as it is."""
+    if isinstance(counting, Census):
+        return counting
+    return EVERYBODY if counting else NOBODY_COUNTED
 
 
 class Counts(NamedTuple):

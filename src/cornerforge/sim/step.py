@@ -1,4 +1,4 @@
-"""Motion and contacts within a second, after all vehicles have decided; `advance.py` calls it."""
+"""Motion and contacts within a second, after all vehicles have decided; `loop.advance` calls it."""
 
 from __future__ import annotations
 

@@ -15,13 +15,13 @@ from reference.shapes import Box as ShapeBox
 from reference.world import Vehicle
 
 from cornerforge.analysis.avoidability import Avoidability, AvoidParams, _labels, _search, avoidability
+from cornerforge.counterfactual.motion import allocate_rows
+from cornerforge.counterfactual.search import BRAKING, Manoeuvres
+from cornerforge.counterfactual.witness import drive_way_out
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.ndd.model import NddModel
+from cornerforge.ndd.model import NddModel, default_model_path, load_model
 from cornerforge.recordings import Recordings, Trajectories, bodies_in, recordings_of_scenarios, unpack
 from cornerforge.road.straight import road_numbers
-from cornerforge.sim.avoid import BRAKING, Manoeuvres
-from cornerforge.sim.avoid_check import drive_way_out
-from cornerforge.sim.avoid_motion import allocate_rows
 from cornerforge.sim.braking import Braking, avoidable_by_braking, is_avoidable
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.runner import crashed_tests, simulate_chunks
@@ -34,6 +34,11 @@ BOUND = 4.0
 EVASIVE = replace(ODD, lane_change_duration=float(np.sqrt(10.0 / np.sqrt(3.0) * ODD.lane_width / BOUND)))
 TAIL = 70
 """Frames after the contact: horizon, one decision more, and stopping."""
+
+
+@pytest.fixture(scope="module")
+def model() -> NddModel:
+    return load_model(default_model_path())
 
 
 @dataclass(frozen=True)

@@ -8,20 +8,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import kernel
+from cornerforge.counterfactual.motion import take_over
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import box_in
-from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.avoid_motion import take_over
-from cornerforge.sim.step import move_vehicle
+from cornerforge.sim import hold, move_vehicle, start_lane_change
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from cornerforge.counterfactual.search import Manoeuvres
     from cornerforge.recordings import Trajectories
-    from cornerforge.sim.avoid import Manoeuvres
-    from cornerforge.sim.world import World
+    from cornerforge.sim import World
 
 __all__ = ["drive_way_out"]
 

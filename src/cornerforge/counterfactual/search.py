@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.counterfactual.motion import allocate_rows, take_over
 from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.recordings import box_in
-from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.avoid_motion import allocate_rows, take_over
-from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import path_of
+from cornerforge.sim import hold, move_vehicle, path_of, start_lane_change
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
 
     from cornerforge.recordings import Trajectories
     from cornerforge.road.straight import RoadNumbers
-    from cornerforge.sim.world import World
+    from cornerforge.sim import World
 
 __all__ = [
     "BRAKING",
@@ -72,7 +70,7 @@ class Manoeuvres(NamedTuple):
         stopping: Deceleration [m/s2], above 0, with which it must be able to stop at the end without touching a vehicle
             that is then ahead of it.
         lookback: Frames before the contact that are tried as the first moment.
-        only_partner: See `avoid_motion.continue_recording`.
+        only_partner: See `motion.continue_recording`.
         road: Constants of the recording.
         evasive: The same constants, with the duration and the lateral acceleration of the AV's own lane changes.
     """

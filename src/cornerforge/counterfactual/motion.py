@@ -1,6 +1,6 @@
 """Motion for the search for a way out: a recording is continued after the contact, and the AV taken over at a moment.
 
-`step.move_vehicle`, the simulator's own law, makes all motion here (docs/adr/0014-avoidability.md).
+`sim.step.move_vehicle`, the simulator's own law, makes all motion here (docs/adr/0014-avoidability.md).
 """
 
 from __future__ import annotations
@@ -11,10 +11,7 @@ import numpy as np
 
 from cornerforge._jit import kernel
 from cornerforge.road.straight import lane_centre
-from cornerforge.sim.actions import hold, start_lane_change
-from cornerforge.sim.braking import lateral_plan
-from cornerforge.sim.step import move_vehicle
-from cornerforge.sim.world import World, allocate_worlds, world_of
+from cornerforge.sim import World, allocate_worlds, hold, lateral_plan, move_vehicle, start_lane_change, world_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:

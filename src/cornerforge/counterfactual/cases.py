@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, unpack
-from cornerforge.sim.avoid import (
+from cornerforge.counterfactual.motion import continue_recording
+from cornerforge.counterfactual.search import (
     COMBINED,
     KINDS,
     Manoeuvres,
@@ -19,10 +19,9 @@ from cornerforge.sim.avoid import (
     latest_ways_out,
     stopping_frames,
 )
-from cornerforge.sim.avoid_check import drive_way_out
-from cornerforge.sim.avoid_motion import continue_recording
-from cornerforge.sim.braking import manoeuvre_begin
-from cornerforge.sim.step import allocate_recording
+from cornerforge.counterfactual.witness import drive_way_out
+from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, unpack
+from cornerforge.sim import allocate_recording, manoeuvre_begin
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -110,7 +109,7 @@ def allocate_ways_out(m: Manoeuvres, cases: int) -> WaysOut:
 
 @kernel
 def search_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: CaseScratch, out: WaysOut) -> None:
-    """Search cases first .. stop - 1, and drive each way out that is found (`avoid_check.drive_way_out`).
+    """Search cases first .. stop - 1, and drive each way out that is found (`witness.drive_way_out`).
 
     Args:
         r: The recordings; a case with partner 0 is left out.

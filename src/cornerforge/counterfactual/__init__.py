@@ -1,0 +1,41 @@
+"""What could have happened in a recorded crash: the search for ways out (docs/adr/0014-avoidability.md).
+
+`search_cases` takes recordings and gives, for each, the latest moments from which the AV could still have avoided the
+crash. Within it: `search` tries every sequence of manoeuvres, `witness` drives what was found once more, `motion`
+continues a recording after its contact. All motion is the simulator's own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cornerforge._doors import door
+
+if TYPE_CHECKING:
+    from cornerforge.counterfactual.cases import WaysOut, allocate_case_scratch, allocate_ways_out, search_cases
+    from cornerforge.counterfactual.search import BRAKING, COMBINED, STEERING, Manoeuvres
+
+__all__ = [
+    "BRAKING",
+    "COMBINED",
+    "STEERING",
+    "Manoeuvres",
+    "WaysOut",
+    "allocate_case_scratch",
+    "allocate_ways_out",
+    "search_cases",
+]
+
+__getattr__ = door(
+    "cornerforge.counterfactual",
+    {
+        "BRAKING": "search",
+        "COMBINED": "search",
+        "STEERING": "search",
+        "Manoeuvres": "search",
+        "WaysOut": "cases",
+        "allocate_case_scratch": "cases",
+        "allocate_ways_out": "cases",
+        "search_cases": "cases",
+    },
+)
