@@ -161,7 +161,7 @@ def test_many_worlds_at_once_are_the_single_ones(name: str, options: dict[str, A
     assert native.metadata["autoreset_mode"] == mode
     assert data_equivalence(native.reset(seed=11), reference.reset(seed=11), exact=True)
     ended = 0
-    for _ in range(50):
+    for _ in range(80):
         actions = native.action_space.sample()
         ours, theirs = native.step(actions), reference.step(actions)
         assert data_equivalence(ours[:4], theirs[:4], exact=True)

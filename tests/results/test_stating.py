@@ -21,11 +21,17 @@ from cornerforge.results import FILES, VERBS, NddValidated, Queried, Simulated, 
 from cornerforge.results.analysis import Cluster
 from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.rates import Rate
+from cornerforge.results.reading import JsonFile
 from cornerforge.results.stating import results_markdown
 from cornerforge.results.validation import TrafficDistances
 
 MODULES = [importlib.import_module(f"{results.__name__}.{one.name}") for one in pkgutil.iter_modules(results.__path__)]
-CLASSES = [thing for module in MODULES for name in module.__all__ if isinstance(thing := getattr(module, name), type)]
+CLASSES = [
+    thing
+    for module in MODULES
+    for name in module.__all__
+    if isinstance(thing := getattr(module, name), type) and thing is not JsonFile
+]
 KINDS = [pytest.param(kind, id=kind.__name__) for kind in CLASSES]
 RATE = Rate(
     tests=2, crashes_per_test=0.5, interval95=(0.0, 1.0), crashes_per_mile=None, interval95_per_mile=None, miles=0.0

@@ -20,6 +20,8 @@ __all__ = ["LaneChange"]
 
 Floats = NDArray[np.float64]
 
+_SURE = 0.999
+
 
 @dataclass(frozen=True)
 class LaneChange:
@@ -99,11 +101,16 @@ class LaneChange:
 
 
 def _accept(usual: Floats, doubt: float) -> Floats:
-    """Return the chance to accept each gap of the grid, shape (116, 19): one half at the `usual` gap (19,)."""
+    """Return the chance to accept each gap of the grid, shape (116, 19): one half at the `usual` gap (19,).
+
+    What 999 of 1000 accept, all accept: a gap that is accepted for sure leaves a vehicle out of the sum over those that
+    may start at the same moment (`sim.chances`).
+    """
     from scipy.special import ndtr
 
     above = np.log(np.maximum(GAPS, 0.5))[:, None] - np.log(usual)[None, :]
-    return np.asarray(ndtr(above / doubt))
+    chance = ndtr(above / doubt)
+    return np.where(chance > _SURE, 1.0, chance)
 
 
 def _critical_gap(range_rate: Floats, standstill: float, reaction: float, braking: float) -> Floats:

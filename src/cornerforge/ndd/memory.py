@@ -84,18 +84,18 @@ def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNu
         memory: Weights and widths.
     """
     draw = uniform(word)
-    if draw < memory.near:
-        u = reflected(before + memory.near_width * (2.0 * (draw / memory.near) - 1.0))
-    elif draw < memory.near + memory.far:
-        u = reflected(before + memory.far_width * (2.0 * ((draw - memory.near) / memory.far) - 1.0))
-    else:
-        known = memory.near + memory.far
-        if draw < known + memory.habit:
-            u = reflected(habit + memory.habit_width * (2.0 * ((draw - known) / memory.habit) - 1.0))
-        elif known + memory.habit == 0.0:
-            return word
-        else:
-            u = (draw - known - memory.habit) / (1.0 - known - memory.habit)
+    known = memory.near + memory.far
+    remembered = known + memory.habit
+    is_near = draw < memory.near
+    is_last = draw < known
+    is_known = draw < remembered
+    # Choices of numbers, not of ways to go: the processor could not guess them.
+    low = 0.0 if is_near else memory.near if is_last else known if is_known else remembered
+    weight = memory.near if is_near else memory.far if is_last else memory.habit if is_known else 1.0 - remembered
+    centre = before if is_last else habit
+    width = memory.near_width if is_near else memory.far_width if is_last else memory.habit_width
+    part = (draw - low) / weight
+    u = reflected(centre + width * (2.0 * part - 1.0)) if is_known else part
     return min(np.uint64(u * 4294967296.0), _LAST_WORD)
 
 
