@@ -1,8 +1,8 @@
-"""What users may rely on: the names that the doors give (the package, its rooms, its modules), in a checked-in list.
+"""What users may rely on: names that the doors of cornerforge (its packages, its modules) give, in a checked-in list.
 
 A name that appears or goes changes the list, hence the diff that a reviewer reads. `make golden` writes it again. What
-a module within a room has in its `__all__` is for the other rooms, and may change without a word; so may names that a
-module outside the rooms leaves out of its `__all__`.
+a module within a package has in its `__all__` is for the other packages, and may change without a word; so may names
+that a module outside these packages leaves out of its `__all__`.
 """
 
 from __future__ import annotations

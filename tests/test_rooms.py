@@ -1,4 +1,4 @@
-"""Rooms with a door: a module outside takes only the names that the room's `__all__` gives."""
+"""Packages with a door: a module outside takes only the names that the package's `__all__` gives."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@
 
 #define SIGHT 200.0
 #define CONFLICT_GAP 10.0
+#define IGNORED_FROM 5.0
 
 static const Sight DECIDED = {BY_DECISION, 0.0, 0.0};
 
@@ -235,7 +236,9 @@ static double side_chance(
     }
     if (rear >= 0) {
         double gap = v[i].x - v[rear].x - road->length;
-        chance *= overlook + (1.0 - overlook) * accept_chance(tables, 1, gap, v[i].speed - v[rear].speed);
+        double accept = accept_chance(tables, 1, gap, v[i].speed - v[rear].speed);
+        if (gap >= IGNORED_FROM) accept += road->ignored_rear * (1.0 - accept);
+        chance *= overlook + (1.0 - overlook) * accept;
     }
     return chance;
 }

@@ -38,7 +38,7 @@ typedef struct {
     int64_t max_decisions;
     double av_start, traffic_length;
     int64_t av_substeps;
-    double truck_share, motorcycle_share, longest, widest;
+    double truck_share, motorcycle_share, ignored_rear, longest, widest;
     int64_t one_size;
 } Road;
 

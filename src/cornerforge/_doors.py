@@ -1,4 +1,4 @@
-"""Doors of rooms that load a name on its first use, so that importing a room stays light."""
+"""Doors of packages that load a name on its first use, so that importing a package stays light."""
 
 from __future__ import annotations
 

@@ -143,6 +143,8 @@ class Odd:
     truck_share: float = 0.0
     motorcycle_share: float = 0.0
     """Shares of these classes among the BVs, each drawn independently; the other BVs and the AV are cars."""
+    ignored_rear: float = 0.0
+    """Chance that a BV which wants to change lanes ignores the vehicle behind it there, `IGNORED_FROM` or more away."""
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -159,14 +161,15 @@ class Odd:
         check_integer("odd.av_substeps", self.av_substeps, low=1, high=10)
         check_number("odd.truck_share", self.truck_share, low=0.0, high=1.0)
         check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - self.truck_share)
+        check_number("odd.ignored_rear", self.ignored_rear, low=0.0, high=1.0)
 
     def stated(self) -> dict[str, str | int | float]:
-        """All fields, for files and hashes; shares of classes that do not occur are left out, as before there were any.
+        """All fields, for files and hashes; shares of what does not occur are left out, as before there were any.
 
         >>> "truck_share" in Odd().stated(), "truck_share" in Odd(truck_share=0.1).stated()
         (False, True)
         """
-        later = {"truck_share", "motorcycle_share"}
+        later = {"truck_share", "motorcycle_share", "ignored_rear"}
         return {name: value for name, value in asdict(self).items() if name not in later or value != 0.0}
 
     def size_of(self, kind: int) -> tuple[float, float]:
@@ -190,12 +193,17 @@ ODDS: dict[str, Odd] = {
         av_start=400.0,
         traffic_length=1200.0,
         av_substeps=10,
+        ignored_rear=0.01,
     ),
     "mixed": Odd(name="mixed", truck_share=0.1, motorcycle_share=0.01),
 }
 """The built-in ODDs by name. They differ in how long a lane change takes, how often the AV decides, how much traffic
 surrounds it at the start, and in the classes of the vehicles. In `mixed` one vehicle in ten is a truck and one in a
-hundred a motorcycle: US highways have a tenth and 0.6 % by miles driven, highD's motorways a fifth of trucks."""
+hundred a motorcycle: US highways have a tenth and 0.6 % by miles driven, highD's motorways a fifth of trucks. In
+`paper` one change in a hundred ignores the vehicle behind, as in the code that the paper's group released."""
+
+IGNORED_FROM = 5.0
+"""Nearest gap to a vehicle behind [m] at which a change may ignore it (`Odd.ignored_rear`)."""
 
 
 def odd_named(name: str) -> Odd:

@@ -198,7 +198,9 @@ class Simulator:
             chance *= self.tables.accepts(*state, rear=False, overlook=overlook)
         if rear is not None:
             state = world.gap(bv, rear), bv.speed - rear.speed
-            chance *= self.tables.accepts(*state, rear=True, overlook=overlook)
+            seen = self.tables.accepts(*state, rear=True, overlook=overlook)
+            ignored = self.odd.ignored_rear if state[0] >= 5.0 else 0.0
+            chance *= seen + ignored * (1.0 - overlook) * (1.0 - self.tables.accepts(*state, rear=True, overlook=0.0))
         return chance
 
     def flight(self, world: World, bv: Vehicle, lane: int) -> float:

@@ -37,7 +37,7 @@ from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch
-from cornerforge.types import CLASSES, ODDS, Odd
+from cornerforge.types import CLASSES, ODDS, Odd, odd_named
 
 LANES = Odd(n_lanes=3)
 N = 100_000
@@ -200,6 +200,18 @@ def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: st
         refuted += l1_distance(counts, without) > bound
     # negative control: the statement that leaves memory out is refuted wherever there is a lead
     assert refuted == (0 if name == "no lead" else len(people))
+
+
+def test_in_the_odd_of_the_paper_one_change_in_a_hundred_ignores_the_vehicle_behind(model: NddModel) -> None:
+    # The rule of the paper's group: from 5 m on, and for attentive drivers too, so it is inside the mask.
+    refusing = replace(eager(model, wish=0.4), lc_accept_rear=np.zeros_like(model.lc_accept_rear))
+    for gap, ignored in ((5.01, 0.01), (40.0, 0.01), (4.99, 0.0), (-2.0, 0.0)):
+        cars = [FAR, Car(300.0, 0, 30.0), Car(295.0 - gap, 1, 33.0)]
+        for odd, share in ((odd_named("paper"), ignored), (LANES, 0.0)):
+            setting = setting_of(refusing, odd)
+            p = stated(world_of(cars), 1, setting, 0, attentive=True)
+            assert p[0] == pytest.approx(0.4 * share, rel=1e-6)
+            assert p[1] == 0.0
 
 
 def test_over_all_drivers_the_tables_stay_what_they_are(mindful: NddModel) -> None:

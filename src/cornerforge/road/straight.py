@@ -59,6 +59,7 @@ class RoadNumbers(NamedTuple):
     av_substeps: int
     truck_share: float
     motorcycle_share: float
+    ignored_rear: float
     longest: float
     widest: float
     one_size: bool
@@ -81,6 +82,7 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         odd.av_substeps,
         odd.truck_share,
         odd.motorcycle_share,
+        odd.ignored_rear,
         max(length for length, _ in odd.sizes_on_road),
         max(width for _, width in odd.sizes_on_road),
         len(odd.sizes_on_road) == 1,

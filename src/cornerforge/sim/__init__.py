@@ -1,7 +1,7 @@
 """The simulator: one AV and many background vehicles (BVs) on a straight highway, in compiled kernels.
 
-One function moves everything: `advance(world, setting, scratch, keep, until)`. This file is the door: other rooms of
-cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs of others may rely on those of
+One function moves everything: `advance(world, setting, scratch, keep, until)`. This file is the door: other packages
+of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs of others may rely on those of
 `FOR_PROGRAMS` (`tests/public_api.txt`); the others may change without a word. What the names are for:
 
 - *State*. A `World` is all that the future of one test depends on. `reset_world` puts it at the start of a test, which

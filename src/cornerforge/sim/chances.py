@@ -25,7 +25,14 @@ from cornerforge.ndd.memory import remembered_share
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.sim.sight import DECIDED
-from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACCELERATIONS, N_ACTIONS
+from cornerforge.types import (
+    ACTION_LEFT,
+    ACTION_RIGHT,
+    FIRST_ACCELERATION,
+    IGNORED_FROM,
+    N_ACCELERATIONS,
+    N_ACTIONS,
+)
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -94,7 +101,10 @@ def allocate_starter_scratch() -> StarterScratch:
 def side_chance(
     w: World, i: int, lane: int, base: float, overlook: float, road: RoadNumbers, tables: NddTables
 ) -> float:
-    """Compute P(change to `lane`) of slot i: base chance times acceptance of both neighbours there."""
+    """Compute P(change to `lane`) of slot i: base chance times acceptance of both neighbours there.
+
+    With `Odd.ignored_rear` even an attentive driver may ignore the one behind.
+    """
     v = w.vehicles
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
     chance = base
@@ -102,7 +112,10 @@ def side_chance(
         accept = accept_chance(tables.lc_accept, 0, gap(v, i, lead), v[lead].speed - v[i].speed)
         chance *= overlook + (1.0 - overlook) * accept
     if rear >= 0:
-        accept = accept_chance(tables.lc_accept, 1, gap(v, rear, i), v[i].speed - v[rear].speed)
+        room = gap(v, rear, i)
+        accept = accept_chance(tables.lc_accept, 1, room, v[i].speed - v[rear].speed)
+        if room >= IGNORED_FROM:
+            accept += road.ignored_rear * (1.0 - accept)
         chance *= overlook + (1.0 - overlook) * accept
     return chance
 
