@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import cornerforge._jit
 from cornerforge import _kernel_cache
 from cornerforge._jit import announce_compiling, inlined_kernel, kernel, kernel_by_code
 from cornerforge._kernel_cache import choose_folder
+from cornerforge._kernel_parts import _PartLibrary
 
 CACHED = """
 import numpy as np
@@ -109,6 +110,33 @@ def test_only_an_inlined_kernel_is_melted_into_its_callers() -> None:
     assert _both(np.array([3.0, 5.0])) == 7.0
     assert is_melted(_often)
     assert not is_melted(_seldom)
+
+
+class _Links(list[Any]):
+    """A list that counts how often it is walked through."""
+
+    walks = 0
+
+    def __iter__(self) -> Iterator[Any]:
+        self.walks += 1
+        return super().__iter__()
+
+
+class _Linked(_PartLibrary):
+    """A library without code."""
+
+    def __init__(self, links: list[Any]) -> None:
+        self.links = self._linking_libraries = _Links(links)
+
+
+def test_what_a_part_links_is_asked_once_of_each() -> None:
+    """Each part links all that its parts link: a walk along every way takes 2^n steps, a minute for this simulator."""
+    parts: list[_Linked] = []
+    for _ in range(12):
+        parts.append(_Linked(parts[:]))
+
+    assert set(parts[-1].closure()) == set(parts)
+    assert [part.links.walks for part in parts] == [1] * 12
 
 
 def test_a_part_that_raises_reaches_python() -> None:

@@ -36,9 +36,13 @@ class _PartLibrary(JITCodeLibrary):
     def closure(self) -> list[Any]:
         """List this library and all others that a program which contains it must link."""
         found: dict[Any, None] = {self: None}
-        for library in self._linking_libraries:
-            for each in library.closure() if isinstance(library, _PartLibrary) else (library,):
-                found[each] = None
+        waiting = [self]
+        while waiting:
+            for library in waiting.pop()._linking_libraries:
+                if library not in found:
+                    found[library] = None
+                    if isinstance(library, _PartLibrary):
+                        waiting.append(library)
         return list(found)
 
 
