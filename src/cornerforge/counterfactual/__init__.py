@@ -26,6 +26,9 @@ __all__ = [
     "search_cases",
 ]
 
+FOR_PROGRAMS = ("BRAKING", "COMBINED", "STEERING")
+"""The kinds of ways out, by number; the kernels of the search are for the other packages."""
+
 __getattr__ = door(
     "cornerforge.counterfactual",
     {
