@@ -70,6 +70,35 @@ def test_nobody_beside_and_the_end_of_what_was_recorded(tmp_path: Path) -> None:
     assert np.isnan(observe(tmp_path / "u.csv", rows).lead_gap[0])
 
 
+def highd_file(folder: Path, frames_per_second: int) -> Path:
+    """Two directions of 400 m. Vehicles 1 (back) and 3 (forth) change lanes after 100 m; 2 comes behind 1 later.
+
+    A track begins and ends at the ends of the stretch; x is of the corner with the smallest coordinate.
+    """
+    rows = []
+    for name, first, lanes, sign in ((1, 0.0, (3, 2), -1.0), (2, 2.4, (2, 2), -1.0), (3, 0.0, (5, 6), 1.0)):
+        for tick in range(16 * frames_per_second):
+            t = tick / frames_per_second - first
+            at = 200.0 + sign * (25.0 * t - 200.0)
+            if 0.0 <= t <= 16.0:
+                rows.append(f"{tick},{name},{at - 2.5:.4f},0.0,5.0,2.0,{lanes[t >= 4.0]}")
+    (folder / "01_recordingMeta.csv").write_text(f"id,frameRate\n1,{frames_per_second}\n", encoding="utf-8")
+    path = folder / "01_tracks.csv"
+    path.write_text("\n".join(["frame,id,x,y,width,height,laneId", *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("frames_per_second", [25, 10])
+def test_two_directions_and_the_files_own_frame_rate(tmp_path: Path, frames_per_second: int) -> None:
+    """At 2 s both have 350 m ahead of them; behind them the stretch ends after 50 m, so nobody knows who follows."""
+    [reading] = read_decisions([highd_file(tmp_path, frames_per_second)], "highd")
+    found = observe_lane_changes(reading, fast=19.5)
+    assert found is not None
+    np.testing.assert_allclose(found.speed, [25.0, 25.0], atol=0.01)
+    assert found.lead_gap.tolist() == [np.inf, np.inf]
+    assert np.isnan(found.rear_gap).all()
+
+
 def test_a_flicker_of_the_lane_number_and_an_unknown_lane_are_no_lane_changes(tmp_path: Path) -> None:
     flicker = car(1, 0.0, 25.0, {0.0: 1, 10.0: 2, 10.3: 1})
     assert observe(tmp_path / "t.csv", flicker).vehicle.size == 0

@@ -16,7 +16,17 @@ from cornerforge.ndd.row_checks import MEAN_LENGTH
 from cornerforge.ndd.tables import Table, read_header, read_table
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["START_BEFORE", "LaneObservations", "Transition", "observe_lane_changes", "transitions_of"]
+__all__ = [
+    "DWELL",
+    "START_BEFORE",
+    "LaneObservations",
+    "LaneTracks",
+    "Transition",
+    "lane_crossings",
+    "lane_tracks",
+    "observe_lane_changes",
+    "transitions_of",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,7 +34,7 @@ Ints = NDArray[np.int64]
 START_BEFORE = 2.0
 """Time from the start of a lane change (of 4-6 s) to the row that gives the new lane [s]; gaps are taken at the
 start."""
-_DWELL = 0.5
+DWELL = 0.5
 """Least time in a lane [s]; a shorter stay is noise of the lane number."""
 _SEEN_AHEAD = 120.0
 _FASTEST = 70.0
@@ -79,17 +89,30 @@ class Transition:
 
 
 @dataclass(frozen=True)
-class _Tracks:
-    """The usable rows, sorted by vehicle and tick; positions grow in the direction of travel."""
+class LaneTracks:
+    """The usable rows of a file, sorted by vehicle and tick, struct-of-arrays of shape (n,).
+
+    Attributes:
+        vehicle: Number of the vehicle, 0 and up.
+        tick: Time in steps from the start of the file.
+        scene: Number of the recording.
+        lane: As the file says; 0: not known.
+        along: Centre, growing in the direction of travel [m].
+        forward: The direction of travel is that of the file's own positions.
+        speed: NaN where the track is too short to be smoothed [m/s].
+        length: Of the vehicle [m].
+        per_second: Ticks in a second.
+    """
 
     vehicle: Ints
     tick: Ints
     scene: Ints
     lane: Ints
-    along: Floats
-    speed: Floats
-    length: Floats
-    per_second: int
+    along: Floats = field(metadata={"unit": "m"})
+    forward: NDArray[np.bool_]
+    speed: Floats = field(metadata={"unit": "m/s"})
+    length: Floats = field(metadata={"unit": "m"})
+    per_second: int = field(metadata={"unit": "1/s"})
 
 
 def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations | None:
@@ -101,14 +124,14 @@ def observe_lane_changes(reading: Reading, *, fast: float) -> LaneObservations |
     """
     if reading.layout.kind != "lanes":
         return None
-    tracks = _tracks(reading)
+    tracks = lane_tracks(reading)
     same = np.diff(tracks.vehicle) == 0
     step = same & (np.diff(tracks.tick) == 1)
     moved = np.where(step, np.maximum(np.diff(tracks.along), 0.0), 0.0) / METRES_PER_MILE
     vehicles = int(tracks.vehicle[-1]) + 1 if tracks.vehicle.size else 0
     owner = tracks.vehicle[:-1]
     is_fast = np.nan_to_num(tracks.speed[:-1]) >= fast
-    found = _changes(tracks, step)
+    found = lane_crossings(tracks, step)
     rows = [_gaps_at(tracks, before, new_lane) for before, new_lane in found]
     columns = np.array(rows, dtype=np.float64).reshape(len(rows), 5).T
     return LaneObservations(
@@ -128,9 +151,9 @@ def transitions_of(reading: Reading) -> list[Transition] | None:
     """
     if reading.layout.kind != "lanes":
         return None
-    t = _tracks(reading)
+    t = lane_tracks(reading)
     found = []
-    for row, lane in _changes(t, (np.diff(t.vehicle) == 0) & (np.diff(t.tick) == 1)):
+    for row, lane in lane_crossings(t, (np.diff(t.vehicle) == 0) & (np.diff(t.tick) == 1)):
         if row < 0 or not np.isfinite(t.speed[row]) or t.lane[row] == lane:
             continue
         there = np.flatnonzero((t.tick == t.tick[row]) & (t.scene == t.scene[row]) & np.isfinite(t.speed))
@@ -145,7 +168,7 @@ def transitions_of(reading: Reading) -> list[Transition] | None:
     return found
 
 
-def _tracks(reading: Reading) -> _Tracks:
+def lane_tracks(reading: Reading) -> LaneTracks:
     """Return the usable rows of a file, smoothed like its decisions; `reading` ensures that there are some."""
     layout, header = reading.layout, read_header(reading.path)
     table = read_table(
@@ -167,16 +190,18 @@ def _tracks(reading: Reading) -> _Tracks:
     tick = np.rint((time - time.min()) * per_second).astype(np.int64)
     keep = np.concatenate([[True], (np.diff(vehicle) != 0) | (np.diff(tick) > 0)])
     length = table.numbers.get("length", np.full(time.size, MEAN_LENGTH))[order]
-    along = _along(table, order, vehicle, length, corner=layout.corner, front=layout.front)
+    along, forward = _along(table, order, vehicle, length, corner=layout.corner, front=layout.front)
     vehicle, tick, along = vehicle[keep], tick[keep], along[keep]
     position, speed = smooth_tracks(vehicle, tick, along, 1.0 / per_second, layout.window)
     position = np.where(np.isfinite(position), position, along)
     lane = np.rint(table.numbers["lane"][order][keep]).astype(np.int64)
-    return _Tracks(vehicle, tick, recording[keep], lane, position, speed, length[keep], per_second)
+    return LaneTracks(vehicle, tick, recording[keep], lane, position, forward[keep], speed, length[keep], per_second)
 
 
-def _along(table: Table, order: Ints, vehicle: Ints, length: Floats, *, corner: bool, front: bool) -> Floats:
-    """Return each vehicle's centre in its direction of travel [m], shape (n,), rows in the order given."""
+def _along(
+    table: Table, order: Ints, vehicle: Ints, length: Floats, *, corner: bool, front: bool
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return each vehicle's centre in its direction of travel [m] and whether that is forward, each (n,), as given."""
     position = table.numbers["position"][order]
     if corner:
         position = position + length / 2.0
@@ -185,16 +210,17 @@ def _along(table: Table, order: Ints, vehicle: Ints, length: Floats, *, corner: 
         position = across
     same = np.diff(vehicle) == 0
     net = np.bincount(vehicle[1:], weights=np.where(same, np.diff(position), 0.0), minlength=int(vehicle.max()) + 1)
-    along = np.where(net[vehicle] < 0.0, -position, position)
-    return along - length / 2.0 if front else along
+    forward = net[vehicle] >= 0.0
+    along = np.where(forward, position, -position)
+    return along - length / 2.0 if front else along, forward
 
 
-def _changes(t: _Tracks, step: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def lane_crossings(t: LaneTracks, step: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return for each lane change the row `START_BEFORE` seconds before it, and the new lane.
 
     Where the track begins later, the row is that of the change itself, made negative.
     """
-    dwell = max(round(_DWELL * t.per_second), 1)
+    dwell = max(round(DWELL * t.per_second), 1)
     before = round(START_BEFORE * t.per_second)
     crossing = np.flatnonzero(step & (t.lane[1:] != t.lane[:-1]) & (t.lane[1:] > 0) & (t.lane[:-1] > 0)) + 1
     found = []
@@ -211,12 +237,12 @@ def _changes(t: _Tracks, step: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return found
 
 
-def _gaps_at(t: _Tracks, row: int, lane: int) -> tuple[float, float, float, float, float]:
+def _gaps_at(t: LaneTracks, row: int, lane: int) -> tuple[float, float, float, float, float]:
     """Return speed, lead gap, lead rate, rear gap, rear rate of a row's vehicle in another lane at that row's time."""
     if row < 0 or not np.isfinite(t.speed[row]):
         return (np.nan,) * 5
     at = np.flatnonzero((t.tick == t.tick[row]) & (t.scene == t.scene[row]))
-    stretch = t.along[t.scene == t.scene[row]]
+    stretch = t.along[(t.scene == t.scene[row]) & (t.forward == t.forward[row])]
     others = at[(t.lane[at] == lane) & (at != row)]
     found = [float(t.speed[row])]
     for side, end in ((1.0, stretch.max() - t.along[row]), (-1.0, t.along[row] - stretch.min())):

@@ -54,7 +54,7 @@ class Reading:
     Attributes:
         path: The file.
         sha256: Of its bytes.
-        layout: The layout it was recognised as.
+        layout: The layout it was recognised as, with the file's own frame rate.
         decisions: One a second.
         rows_read: All rows.
         bad: Rows left out, by reason.
@@ -152,13 +152,14 @@ def _read(path: Path, data_format: str, window_factor: float) -> Reading:
     header = read_header(path)
     layout = _recognise(path, header, data_format)
     layout = replace(layout, window=layout.window * window_factor)
-    numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
-    texts = {name: column for name, column in layout.texts.items() if column in header}
     notes: list[str] = []
     meta = read_recording_meta(path) if data_format == "highd" else None
     if meta is not None:
-        numbers["time"] = (numbers["time"][0], 1.0 / meta.frames_per_second)
+        frames = (layout.numbers["time"][0], 1.0 / meta.frames_per_second)
+        layout = replace(layout, numbers={**layout.numbers, "time": frames})
         notes += meta.notes(path.name)
+    numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
+    texts = {name: column for name, column in layout.texts.items() if column in header}
     table = read_table(path, numbers, texts)
     notes += check_rows(table, layout)
     if table.line.size == 0:
