@@ -47,7 +47,7 @@ bench: $(BENCH) ## measure speeds (benchmarks/run.py), in an environment of its 
 
 model: $(SETUP) ## fit the default naturalistic model again from DATA="FILES" (see docs/design.md); same data, same bytes
 	@test -n "$(wildcard $(DATA))" || { echo "No data at $(DATA); say where it is: make model DATA='my/data/*.gz'"; exit 1; }
-	@$(BIN)/cornerforge ndd fit $(sort $(wildcard $(DATA))) --format ngsim --out $(MODEL)
+	@$(BIN)/cornerforge ndd fit $(sort $(wildcard $(DATA))) --format ngsim --lane-changes prior --out $(MODEL)
 
 rl-av: $(SETUP) ## train the built-in AV `rl` again; same seed, same weights
 	@$(BIN)/cornerforge train-av --out $(RL_AV) --overwrite --tests 200000

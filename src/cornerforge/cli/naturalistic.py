@@ -21,6 +21,9 @@ def ndd_fit(
     out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
     data_format: DataFormat = None,
     prior_strength: Annotated[float, typer.Option(help="Pseudo-counts per state with which the prior enters.")] = 200.0,
+    lane_changes: Annotated[
+        str, typer.Option(help="Lane changes: `fit` to these files, if they tell enough, or the shipped `prior`.")
+    ] = "fit",
     study: Annotated[
         bool, flag("--study", "Report what other choices of the fit change, crash rates too (6 fits).")
     ] = False,
@@ -39,8 +42,8 @@ def ndd_fit(
 
     run_command(
         lambda bars: cornerforge.ndd_fit(
-            files, data_format=data_format, out=out, prior_strength=prior_strength, study=study,
-            study_tests=study_tests, seed=seed, threads=threads, progress=bars,
+            files, data_format=data_format, out=out, prior_strength=prior_strength,
+            lane_changes=lane_changes, study=study, study_tests=study_tests, seed=seed, threads=threads, progress=bars,
         ),
         fit_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

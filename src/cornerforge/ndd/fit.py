@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_number
+from cornerforge._checks import check_in, check_number
 from cornerforge.errors import DataError, InputError
 from cornerforge.ndd.decisions import Decisions, concatenate
 from cornerforge.ndd.lane_change import LaneChange
+from cornerforge.ndd.lane_fit import LANE_CHANGE_CHOICES, LaneChangeFit, fit_lane_changes
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
 from cornerforge.ndd.predictors import fitted_idms
@@ -59,6 +60,7 @@ def fit_model(
     *,
     prior_strength: float = DEFAULT_PRIOR_STRENGTH,
     window_factor: float = 1.0,
+    lane_changes: str = "fit",
     progress: Callable[[str], None] | None = None,
 ) -> tuple[NddModel, FitReport]:
     """Fit a naturalistic model from trajectory files; the same files give the same model, to the bit.
@@ -68,17 +70,20 @@ def fit_model(
         data_format: One of `readers.DATA_FORMATS`.
         prior_strength: Weight of the prior, in pseudo-decisions per state, 1 to 1e6.
         window_factor: As for `read_decisions`.
+        lane_changes: "fit": fit the lane changes too, where the files tell enough of them; "prior": keep the shipped
+            ones (see `lane_fit`).
         progress: Called with a sentence on each step of the work.
 
     Returns:
         The model, and a report on its data and on how well it predicts held-out decisions.
 
     Raises:
-        UnknownNameError: No such format.
+        UnknownNameError: No such format, or no such choice of lane changes.
         InputError: There is no file, a file is given twice, or a strength is out of range.
         DataError: A file cannot be read, or no decision is left to fit on.
     """
     strength = check_number("prior_strength", prior_strength, low=1.0, high=1e6)
+    check_in("choice of lane changes", lane_changes, LANE_CHANGE_CHOICES)
     if not paths:
         raise InputError("No trajectory file to fit on; name at least one.")
     tell = progress or (lambda _: None)
@@ -95,15 +100,16 @@ def fit_model(
     tell(f"Fitting the car-following law to {training.size} decisions")
     log_law, baselines, notes = _fit_laws(training)
     idms = {name: asdict(idm) for name, idm in baselines.items()}
+    tell("Fitting the lane changes")
+    changes = fit_lane_changes(readings, lane_changes)
     safe = SafeLaw(log_law)
     laws: dict[str, FollowingLaw] = {"log": log_law, **baselines, "model": safe}
     tell("Making the tables")
-    model, counted = _assemble(
-        safe, training, strength, _provenance(readings, data_format, strength, safe) | {"idm": idms}
-    )
+    origin = _provenance(readings, data_format, strength, safe, changes) | {"idm": idms}
+    model, counted = _assemble(safe, changes.law, training, strength, origin)
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
-    return model, _report(readings, training, strength, counted, scores, notes)
+    return model, _report(readings, training, strength, counted, scores, notes, changes)
 
 
 def _refuse_twins(readings: Sequence[Reading]) -> None:
@@ -154,11 +160,10 @@ def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _assemble(
-    safe: SafeLaw, training: Decisions, strength: float, provenance: dict[str, object]
+    safe: SafeLaw, lane_change: LaneChange, training: Decisions, strength: float, provenance: dict[str, object]
 ) -> tuple[NddModel, NDArray[np.int64]]:
     """Make tables from prior and counts; also return the decisions counted in each following state, (21, 116, 19)."""
     following, free = _counts(training)
-    lane_change = LaneChange()
     counted = following.sum(axis=-1)
     model = NddModel(
         following=_rows(following_prior(safe), following, strength),
@@ -214,9 +219,12 @@ def _sparse(counted: NDArray[np.int64]) -> dict[str, list[int]]:
     return {"state": [int(i) for i in state], "decisions": [int(n) for n in counted.reshape(-1)[state]]}
 
 
-def _provenance(readings: Sequence[Reading], data_format: str, strength: float, safe: SafeLaw) -> dict[str, object]:
+def _provenance(
+    readings: Sequence[Reading], data_format: str, strength: float, safe: SafeLaw, changes: LaneChangeFit
+) -> dict[str, object]:
     """Describe the model's origin, without times and folders, so that the same data give the same file."""
-    return {
+    fitted = {"lane_change_fit": changes.to_json()} if changes.fitted else {}
+    return fitted | {
         "made_by": f"cornerforge {importlib.metadata.version('cornerforge')}",
         "attribution": _ATTRIBUTION.get(data_format, _UNSTATED),
         "licence": _LICENCE.get(data_format, _UNSTATED),
@@ -237,7 +245,7 @@ def _provenance(readings: Sequence[Reading], data_format: str, strength: float, 
         "settings": {"prior_strength": strength, "support_sd": SUPPORT_SD},
         "following": asdict(safe),
         "free": asdict(FreeFlow()),
-        "lane_change": asdict(LaneChange()),
+        "lane_change": asdict(changes.law),
     }
 
 
@@ -248,6 +256,7 @@ def _report(
     counted: NDArray[np.int64],
     scores: dict[str, dict[str, float]],
     notes: list[str],
+    changes: LaneChangeFit,
 ) -> FitReport:
     total = int(counted.sum())
     weighted = float((counted * counted / (counted + strength)).sum() / total) if total else 0.0
@@ -269,7 +278,13 @@ def _report(
         data_share_where_data=weighted,
         speed_99_percent=fastest,
         held_out_log_likelihood=scores,
-        notes=(*notes, *(note for reading in readings for note in reading.notes), *_always_true(fastest, total)),
+        notes=(
+            *notes,
+            *(note for reading in readings for note in reading.notes),
+            *_always_true(fastest, total),
+            *changes.notes(),
+        ),
+        lane_changes=changes,
     )
 
 
@@ -279,6 +294,5 @@ def _always_true(fastest: float, on_grid: int) -> tuple[str, ...]:
         "fitted law, with published facts for free flow and initial traffic, and a safe response near the leader.",
         f"{on_grid} decisions lie on the grid (19.5 m/s and above); all others shape only the law.",
         "Laws are scored at the true state, also below 20 m/s where the tables end; the table from 19.5 m/s on.",
-        "Lane changes are prior alone (about 0.35 per vehicle-mile, gaps as in SPMD's cut-ins); so are memory, desired "
-        "speeds and initial traffic. None of them is fitted to these files.",
+        "Memory, desired speeds and initial traffic are prior alone: none of them is fitted to these files.",
     )

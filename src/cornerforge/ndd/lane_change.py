@@ -1,10 +1,11 @@
 """The lane-change prior: how often a driver wants to change lanes, and which gaps in the next lane it accepts.
 
-The data hold no trajectories of all lanes at 20-40 m/s (NGSIM US-101 is a weaving section, far above the usual rate).
-So nothing here is fitted to trajectories: the rate is set to about 0.34 lane changes per vehicle-mile (between 0.36,
-Lee, Olsen, Wierwille 2004, and 0.20, Krajewski et al. 2018), desire grows behind a slower leader, and gap acceptance
-was chosen so that simulated cut-ins at 25-35 m/s have the gaps, time gaps, times to collision and closing speeds of
-the 44,394 recorded ones of the Safety Pilot Model Deployment (docs/adr/0024-natural-traffic.md).
+The shipped model's data hold no tracks of all lanes at 20-40 m/s (NGSIM US-101 is a weaving section, far above the
+usual rate). So no value here is fitted to trajectories (`lane_fit` fits some of them to a user's): the rate is set to
+about 0.34 lane changes per vehicle-mile (between 0.36, Lee, Olsen, Wierwille 2004, and 0.20, Krajewski et al. 2018),
+desire grows behind a slower leader, and gap acceptance was chosen so that simulated cut-ins at 25-35 m/s have the gaps,
+time gaps, times to collision and closing speeds of the 44,394 recorded ones of the Safety Pilot Model Deployment
+(docs/adr/0024-natural-traffic.md).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ __all__ = ["LaneChange"]
 Floats = NDArray[np.float64]
 
 _SURE = 0.999
+"""What 999 of 1000 accept, all accept."""
 
 
 @dataclass(frozen=True)
@@ -80,18 +82,22 @@ class LaneChange:
         gap, closing = GAPS[:, None], np.maximum(-RANGE_RATES, 0.0)[None, :]
         wish = self.desire_free + (0.5 + self.slower_leader * closing) * np.exp(-gap / self.near)
         usual = _critical_gap(RANGE_RATES, self.own_standstill, self.own_reaction, self.own_braking)
-        return np.asarray(wish * _accept(usual, self.own_doubt))
+        return np.asarray(wish * _accept(usual, self.own_doubt, _SURE))
 
-    def accept_lead(self) -> Floats:
-        """Return the acceptance of the gap to the vehicle ahead by (gap, range rate), shape (116, 19)."""
+    def accept_lead(self, *, sure: float = _SURE) -> Floats:
+        """Return the acceptance of the gap to the vehicle ahead by (gap, range rate), shape (116, 19).
+
+        What more than the share `sure` accept, all accept: a gap that is accepted for sure leaves a vehicle out of the
+        sum over those that may start at the same moment (`sim.chances`). With 1 the acceptance is smooth.
+        """
         usual = _critical_gap(RANGE_RATES, self.lead_standstill, self.lead_reaction, self.accept_braking)
-        return _accept(usual, self.lead_doubt)
+        return _accept(usual, self.lead_doubt, sure)
 
-    def accept_rear(self) -> Floats:
+    def accept_rear(self, *, sure: float = _SURE) -> Floats:
         """Return the same for the vehicle behind; range rate front minus rear, < 0: closing."""
         usual = _critical_gap(RANGE_RATES, self.rear_standstill, self.rear_reaction, self.accept_braking)
-        careful = _accept(usual, self.rear_doubt)
-        by_gap_alone = _accept(np.full(RANGE_RATES.size, self.rear_standstill), self.rear_doubt)
+        careful = _accept(usual, self.rear_doubt, sure)
+        by_gap_alone = _accept(np.full(RANGE_RATES.size, self.rear_standstill), self.rear_doubt, sure)
         return (1.0 - self.misjudge) * careful + self.misjudge * by_gap_alone
 
     def turn_back(self) -> Floats:
@@ -100,17 +106,13 @@ class LaneChange:
         return np.asarray(GAPS[:, None] <= critical[None, :], dtype=np.float64)
 
 
-def _accept(usual: Floats, doubt: float) -> Floats:
-    """Return the chance to accept each gap of the grid, shape (116, 19): one half at the `usual` gap (19,).
-
-    What 999 of 1000 accept, all accept: a gap that is accepted for sure leaves a vehicle out of the sum over those that
-    may start at the same moment (`sim.chances`).
-    """
+def _accept(usual: Floats, doubt: float, sure: float) -> Floats:
+    """Return the chance to accept each gap of the grid, shape (116, 19): one half at the `usual` gap (19,)."""
     from scipy.special import ndtr
 
     above = np.log(np.maximum(GAPS, 0.5))[:, None] - np.log(usual)[None, :]
     chance = ndtr(above / doubt)
-    return np.where(chance > _SURE, 1.0, chance)
+    return np.where(chance > sure, 1.0, chance)
 
 
 def _critical_gap(range_rate: Floats, standstill: float, reaction: float, braking: float) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.ndd.drawing import inline, new_figure, page, png_of, table
 from cornerforge.ndd.grids import SPEED_GRID
+from cornerforge.ndd.lane_fit import LaneChangeFit
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
 from cornerforge.types import ACCELERATIONS
 
@@ -41,6 +42,7 @@ class FitReport:
         speed_99_percent: 99th percentile of the fitted decisions' speeds [m/s].
         held_out_log_likelihood: For each file with held-out decisions: see `scores.held_out_scores`.
         notes: What a reader must know, one plain sentence each.
+        lane_changes: Where the lane changes come from.
         sensitivity: Results of other choices: see `sensitivity.fit_sensitivity`; empty if not studied.
     """
 
@@ -56,11 +58,13 @@ class FitReport:
     speed_99_percent: float
     held_out_log_likelihood: Mapping[str, Mapping[str, float]]
     notes: tuple[str, ...]
+    lane_changes: LaneChangeFit = field(default_factory=LaneChangeFit)
     sensitivity: tuple[Mapping[str, Any], ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """All fields, JSON-compatible."""
-        return {**asdict(self), "notes": list(self.notes), "sensitivity": list(self.sensitivity)}
+        lists = {"notes": list(self.notes), "sensitivity": list(self.sensitivity)}
+        return asdict(self) | lists | {"lane_changes": self.lane_changes.to_json()}
 
 
 _SCORED = (
@@ -89,6 +93,8 @@ def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
         _sources(report, model),
         "<h2>Where the model extrapolates</h2>",
         _coverage(report, model),
+        "<h2>Lane changes</h2>",
+        _lane_changes(report.lane_changes),
         "<h2>Held-out decisions: mean log-probability</h2>",
         _held_out(report),
         "<h2>How far other choices matter</h2>",
@@ -148,11 +154,41 @@ def _sources(report: FitReport, model: NddModel) -> str:
             f"are any ({report.states:,} of {report.states_total:,} states)",
         ],
         ["free-flow table", "prior: published facts (IVBSS), and counts", f"{sum(free):,} decisions"],
-        ["lane changes", "prior: published rates; gaps as in recorded cut-ins (SPMD)", "no data of these files"],
+        _lane_change_source(report.lane_changes),
         ["overlooking a neighbour", "assumption: one in 10,000 as shipped", "no data; the crash rate depends on it"],
         ["traffic at the start", "published distributions (IVBSS)", "no data of these files"],
     ]
     return table(["part", "where it comes from", "how much of it is data"], rows)
+
+
+def _lane_change_source(changes: LaneChangeFit) -> list[str]:
+    if not changes.fitted:
+        return ["lane changes", "prior: published rates; gaps as in recorded cut-ins (SPMD)", "no data of these files"]
+    return [
+        "lane changes",
+        "data: penalised maximum likelihood; closing speeds and the own leader are prior",
+        f"{changes.changes:,} changes in {changes.seconds:,} seconds at risk",
+    ]
+
+
+def _lane_changes(changes: LaneChangeFit) -> str:
+    """What was fitted, with intervals and the prior, and what was left out; or why it was not fitted."""
+    text = "".join(f"<p>{escape(note)}</p>" for note in changes.notes())
+    if not changes.fitted:
+        return text
+    rows = [
+        [
+            name, number.unit, f"{number.estimate:.4g}", _between(number.interval95), f"{number.prior:.4g}",
+            _between(number.prior_interval95), "yes" if number.told_by_data else "hardly",
+        ]
+        for name, number in changes.numbers.items()
+    ]  # fmt: skip
+    head = ["parameter", "unit", "estimate", "95 %", "prior", "95 % of the prior", "told by the data"]
+    return table(head, rows) + text
+
+
+def _between(interval: tuple[float, float]) -> str:
+    return "{:.4g} to {:.4g}".format(*interval)
 
 
 def _number(value: object) -> str:

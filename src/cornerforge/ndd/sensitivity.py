@@ -41,6 +41,7 @@ def fit_sensitivity(
     prior_strength: float = DEFAULT_PRIOR_STRENGTH,
     strengths: Sequence[float] = STRENGTHS,
     window_factors: Sequence[float] = WINDOW_FACTORS,
+    lane_changes: str = "fit",
     progress: Callable[[str], None] | None = None,
     drive: Callable[[str, NddModel], Mapping[str, object]] | None = None,
 ) -> tuple[Row, ...]:
@@ -52,6 +53,7 @@ def fit_sensitivity(
         prior_strength: The one that the fit in question uses.
         strengths: Other strengths to try.
         window_factors: Of the smoothing windows, to try.
+        lane_changes: As for `fit_model`.
         progress: Is told in plain words what is being done.
         drive: Gets the variant's name and its model, and says how often its traffic crashes.
 
@@ -75,7 +77,9 @@ def fit_sensitivity(
     models = {}
     for name, strength, factor in choices:
         tell(f"Sensitivity: {name}")
-        models[name], _ = fit_model(paths, data_format, prior_strength=strength, window_factor=factor)
+        models[name], _ = fit_model(
+            paths, data_format, prior_strength=strength, window_factor=factor, lane_changes=lane_changes
+        )
     if drive is None:
         return tuple(_row(name, model, scored, None) for name, model in models.items())
     for factor in OVERLOOK_FACTORS:

@@ -24,6 +24,7 @@ def ndd_fit(
     data_format: str | None = None,
     out: Path | str,
     prior_strength: float = 200.0,
+    lane_changes: str = "fit",
     study: bool = False,
     study_tests: int = 1_000_000,
     seed: int = 0,
@@ -37,6 +38,8 @@ def ndd_fit(
         data_format: "ngsim", "pairs", "tracks", "tgsim" or "highd"; None to tell it from the columns.
         out: Model file, `.npz`; an existing one is replaced (the fit of the same data gives the same bytes).
         prior_strength: Pseudo-counts per state with which the prior enters.
+        lane_changes: "fit": fit the lane changes too, where the files tell enough of them; "prior": keep the shipped
+            ones.
         study: Fit again with other prior strengths and smoothing windows, drive the traffic of each fit, and report
             what changes (six fits, eight drives).
         study_tests: Tests of each drive, 0 to 1e12; 0 drives none.
@@ -67,14 +70,18 @@ def ndd_fit(
 
     paths = [Path(file) for file in files]
     data_format = guess_format(paths) if data_format is None else data_format
-    model, report = fit_model(paths, data_format, prior_strength=prior_strength, progress=say)
+    model, report = fit_model(
+        paths, data_format, prior_strength=prior_strength, lane_changes=lane_changes, progress=say
+    )
     save_model(model, path)
     page = path.with_suffix(".report.html")
     write_fit_report(report, model, page)  # before the study, so that a stop loses no fit
     if study:
         from cornerforge.ndd.sensitivity import fit_sensitivity
 
-        rows = fit_sensitivity(paths, data_format, prior_strength=prior_strength, progress=say, drive=drive)
+        rows = fit_sensitivity(
+            paths, data_format, prior_strength=prior_strength, lane_changes=lane_changes, progress=say, drive=drive
+        )
         report = replace(report, sensitivity=rows)
         write_fit_report(report, model, page)
     about = {"format": data_format, "model_hash": model_hash(model), "report": str(page), "out": str(path)}

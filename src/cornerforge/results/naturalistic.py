@@ -11,6 +11,8 @@ __all__ = [
     "BadRows",
     "FitTraffic",
     "FitVariant",
+    "FittedLaneChanges",
+    "FittedLaneNumber",
     "HeldOutScore",
     "NddFitted",
     "NddImported",
@@ -247,6 +249,40 @@ class HeldOutScore:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FittedLaneNumber:
+    """One parameter of lane changes, fitted."""
+
+    estimate: float = field(metadata=meant("Where the penalised likelihood is greatest.", "`unit`"))
+    interval95: tuple[float, float] = field(
+        metadata=meant("Its 95 % interval, from the curvature of the penalised likelihood.", "`unit`")
+    )
+    prior: float = field(metadata=meant("The shipped value.", "`unit`"))
+    prior_interval95: tuple[float, float] = field(
+        metadata=meant("The 95 % interval with which the prior enters.", "`unit`")
+    )
+    unit: str = field(metadata=meant('Unit of these numbers, "" for none.'))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedLaneChanges:
+    """Where the lane changes of a fitted model come from."""
+
+    fitted: bool = field(metadata=meant("They were fitted to these files; else they are the shipped prior."))
+    why: str = field(metadata=meant("Why they are the prior; empty if they were fitted."))
+    changes: int = field(metadata=meant("Lane changes that can be used."))
+    seconds: int = field(
+        metadata=meant("Seconds at risk of a change, each of one vehicle to one side, changes among them.", "s")
+    )
+    vehicles: int = field(metadata=meant("Drivers of these seconds."))
+    speed_median: float | None = field(metadata=meant("Median speed in these seconds; null: there are none.", "m/s"))
+    left_out: dict[str, int] = field(metadata=meant("Seconds left out, changes among them, by reason.", "s"))
+    changes_left_out: dict[str, int] = field(metadata=meant("Changes left out, by reason."))
+    numbers: dict[str, FittedLaneNumber] = field(
+        metadata=meant("By name, the fitted parameters of `ndd.lane_change.LaneChange`; empty for the prior.")
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class FitTraffic:
     """How often the traffic of a fit crashes, with the AV `idm-mobil` among it."""
 
@@ -303,6 +339,7 @@ class NddFitted:
         )
     )
     notes: tuple[str, ...] = field(metadata=_NOTES)
+    lane_changes: FittedLaneChanges = field(metadata=meant("Where its lane changes come from."))
     sensitivity: tuple[FitVariant, ...] = field(
         metadata=meant("What other choices would have given; empty without `--study`.")
     )
