@@ -296,7 +296,8 @@ def both_worlds(
     for slot, car in enumerate(cars):
         kind = slot % 3 if len(cars) % 2 else 0
         size = CLASSES[kind].length, CLASSES[kind].width
-        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, car.quantile, car.habit, car.desired_speed))
+        traits = car.quantile, car.habit, car.desired_speed, car.change_time
+        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, *traits))
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():
         hold(fast.vehicles, slot, 0.0)
