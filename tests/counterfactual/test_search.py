@@ -286,8 +286,18 @@ def test_left_and_right_are_alike_and_slots_do_not_matter(random_crashes: list[T
         scenario = scenario_of(traffic)
         assert times(avoidability(mirrored(scenario))) == times(avoidability(scenario))
         order = [0, *range(scenario.slot.size - 1, 0, -1)]
-        columns = ("slot", "x", "y", "speed", "heading", "acceleration", "target_lane", "present", "action")
-        columns += ("change_time",)
+        columns = (
+            "slot",
+            "x",
+            "y",
+            "speed",
+            "heading",
+            "acceleration",
+            "target_lane",
+            "present",
+            "action",
+            "change_time",
+        )
         turned = changed(scenario, {name: getattr(scenario, name)[..., order] for name in columns})
         assert times(avoidability(turned)) == times(avoidability(scenario))
 

@@ -181,7 +181,7 @@ FOLLOWERS = {
 def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: str, drivers: str) -> None:
     # H0: the action of slot 1 is an independent draw of what is stated, given its last quantile, its habit and its
     # desired speed; unit: a test; n = 100,000 sees an L1 distance of 0.028; over all scenes, models and drivers.
-    people = [(0.03, 0.2, -3.0), (0.5, 0.9, 0.0), (0.97, 0.6, 4.0)]
+    people = [(0.03, 0.2, -3.0, 4.0), (0.5, 0.9, 0.0, 4.0), (0.97, 0.6, 4.0, 4.0)]
     bound = l1_bound(33, N, comparisons=2 * len(FOLLOWERS) * len(people))
     setting = setting_of(request.getfixturevalue(drivers), LANES)
     forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
