@@ -51,7 +51,7 @@ vectoriser of straight code all the same (the last bit of a lane change's path);
 SOURCE = Path(__file__).with_name("yardstick") / "drive.c"
 
 _INT, _DOUBLE = ctypes.c_int64, ctypes.c_double
-_INTEGERS = {"n_lanes", "max_decisions", "av_substeps", "one_size"}
+_INTEGERS = {"n_lanes", "max_decisions", "av_substeps", "one_size", "same_duration"}
 
 
 def _fields(names: tuple[str, ...], integers: set[str] | None = None) -> list[tuple[str, Any]]:
@@ -218,7 +218,7 @@ class Yardstick:
             raise ValueError("The yardstick drives naturalistic BVs without an adversary.")
         if setting.av.kind != 0:
             raise ValueError("The yardstick drives a plain AV, IDM and MOBIL.")
-        if VEHICLE.itemsize != 208 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
+        if VEHICLE.itemsize != 216 or MAX_LANES != 6 or setting.tables.cut.shape[1] != 32:
             raise ValueError("The layout of a vehicle or of the tables changed; bring benchmarks/yardstick up to date.")
         self._drive = _compile()
         tables = setting.tables

@@ -27,7 +27,7 @@ _tables: dict[int, tuple[NddModel, NddTables]] = {}
 
 
 class Car(NamedTuple):
-    """A vehicle that keeps its lane; the last three fields stay with its driver (`sim.world.VEHICLE`)."""
+    """A vehicle that keeps its lane; the last four fields stay with its driver (`sim.world.VEHICLE`)."""
 
     x: float
     lane: int
@@ -36,6 +36,7 @@ class Car(NamedTuple):
     quantile: float = 0.5
     habit: float = 0.5
     desired_speed: float = 0.0
+    change_time: float = 4.0
 
 
 def setting_of(
@@ -77,7 +78,8 @@ def world_of(cars: Iterable[Car]) -> World:
             vehicle["x"], vehicle["y"], vehicle["speed"] = car.x, 4.0 * car.lane + 2.0, car.speed
             vehicle["target_lane"], vehicle["lanes"] = car.lane, 1 << car.lane
             vehicle["present"], vehicle["action"] = 1, -1
-            vehicle["quantile"], vehicle["habit"], vehicle["desired_speed"] = car.quantile, car.habit, car.desired_speed
+            for name in ("quantile", "habit", "desired_speed", "change_time"):
+                vehicle[name] = getattr(car, name)
         else:
             for name in ("x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration"):
                 vehicle[name] = np.nan

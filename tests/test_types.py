@@ -94,6 +94,7 @@ def test_all_fields_with_a_dimension_state_their_unit() -> None:
         "acceleration",
         "length",
         "width",
+        "change_time",
         "shortfall",
     }
 

@@ -79,7 +79,7 @@ static void start_lane_change(World *w, int64_t i, int64_t target_lane, const Ro
     v->target_lane = target_lane;
     v->clock = 0.0;
     v->duration = plan_path(
-        v->c, v->y, speed, acceleration, lane_centre(target_lane, road->lane_width), road->lane_change_duration,
+        v->c, v->y, speed, acceleration, lane_centre(target_lane, road->lane_width), v->change_time,
         road->max_lateral_acceleration
     );
     v->lanes |= (int64_t)1 << target_lane;

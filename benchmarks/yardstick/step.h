@@ -42,7 +42,7 @@ static void move_vehicle(Vehicle *v, double held, const Road *road) {
 
 static inline double lateral_reach(const World *w, int64_t i, const Road *road) {
     if (i > 0 && w->v[i].duration == 0.0) return 0.0;
-    return road->lane_change_duration >= 2.0 ? road->lane_width : 2.0 * road->lane_width;
+    return w->v[i].change_time >= 2.0 ? road->lane_width : 2.0 * road->lane_width;
 }
 
 static void bound_motion(const World *w, double braking, double acceleration, Pairs *pairs) {

@@ -70,10 +70,9 @@ static void give_habit(Vehicle *v, double quantile, const Initial *initial) {
 
 static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test) {
     Words words = block(seed, test, slot, 0, PURPOSE_TRAITS);
-    double unused;
     w->v[slot].quantile = uniform(words.w[0]);
     w->v[slot].habit = uniform(words.w[1]);
-    normal_pair(words.w[2], words.w[3], &w->v[slot].desired_speed, &unused);
+    normal_pair(words.w[2], words.w[3], &w->v[slot].desired_speed, &w->v[slot].change_time);
 }
 
 static void place(
@@ -84,6 +83,12 @@ static void place(
     double share = initial->desire_share;
     double noise = sqrt(share * (1.0 - share)) * initial->speed_sd * v->desired_speed;
     v->desired_speed = mean + share * (speed - mean) + noise;
+    if (slot == 0 || road->same_duration || initial->change_median == 0.0) {
+        v->change_time = road->lane_change_duration;
+    } else {
+        double time = initial->change_median * exponential(initial->change_sigma * v->change_time);
+        v->change_time = MIN(MAX(time, initial->change_low), initial->change_high);
+    }
     v->x = x;
     v->y = lane_centre(lane, road->lane_width);
     v->speed = speed;

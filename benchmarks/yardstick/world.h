@@ -17,7 +17,7 @@ typedef struct {
     int64_t target_lane, lanes, present, action;
     double length, width; /* of the kernels; all are cars here, of the road's size */
     int64_t kind;
-    double quantile, habit, desired_speed;
+    double quantile, habit, desired_speed, change_time;
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };
@@ -39,7 +39,7 @@ typedef struct {
     double av_start, traffic_length;
     int64_t av_substeps;
     double truck_share, motorcycle_share, ignored_rear, longest, widest;
-    int64_t one_size;
+    int64_t one_size, same_duration;
 } Road;
 
 typedef struct {
@@ -70,6 +70,7 @@ typedef struct {
 typedef struct {
     double speed_mean, stream_sd, speed_sd, speed_low, speed_high, follow_share, time_gap_shift, time_gap_median;
     double time_gap_sigma, desire_share, habit_spread, rr_scale, rr_exponent, min_ttc, free_gap_low, free_gap_high;
+    double change_median, change_sigma, change_low, change_high;
 } Initial;
 
 typedef struct {

@@ -90,6 +90,13 @@ BODY: tuple[Series, ...] = (
     ),
     Series("length", "<f8", Field("length_m", "float64", "m", "Length of each stored vehicle; likewise.")),
     Series("width", "<f8", Field("width_m", "float64", "m", "Width of each stored vehicle; likewise.")),
+    Series(
+        "change_time", "<f8",
+        Field(
+            "change_time_s", "float64", "s",
+            "How long an undisturbed lane change of each stored vehicle takes; early libraries: as the ODD says.",
+        ),
+    ),
 )  # fmt: skip
 """The quantities recorded of every vehicle once."""
 

@@ -7,7 +7,7 @@ case into frames.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 BODY_FIELDS = np.dtype([(body.name, body.recorded.lstrip("<")) for body in BODY], align=True)
-"""One vehicle's body: its class, 0 for a car, and the size of its box [m]."""
+"""What a vehicle brings: its class, 0 for a car, the size of its box [m], how long its lane changes take [s]."""
 
 _OF_CASE = ("seed", "test", "frames", "vehicles", "at", "vehicle_at", "last", "partner")
 _OF_VEHICLE = ("slot", *(BODY_FIELDS.names or ()))
@@ -59,6 +59,7 @@ class Recordings(NamedTuple):
         slot: Name of each vehicle within its test, int16, shape (V,).
         kind: Class of each vehicle, 0 for a car, int8, shape (V,).
         length, width: Size of each vehicle [m], float64, shape (V,).
+        change_time: How long its undisturbed lane changes take [s], float64, shape (V,).
         x, y, speed, heading, acceleration: As in `types.Scenario`, float32 from libraries, else float64, shape (E,);
             NaN where absent.
         target_lane: As in `types.Scenario`, int8, shape (E,).
@@ -77,6 +78,7 @@ class Recordings(NamedTuple):
     kind: NDArray[np.int8]
     length: NDArray[np.float64]
     width: NDArray[np.float64]
+    change_time: NDArray[np.float64]
     x: NDArray[np.floating]
     y: NDArray[np.floating]
     speed: NDArray[np.floating]
@@ -137,6 +139,7 @@ def unpack(r: Recordings, c: int, frames: NDArray[np.void], bodies: NDArray[np.v
         body.kind = r.kind[r.vehicle_at[c] + i]
         body.length = r.length[r.vehicle_at[c] + i]
         body.width = r.width[r.vehicle_at[c] + i]
+        body.change_time = r.change_time[r.vehicle_at[c] + i]
         for t in range(r.frames[c]):
             k = r.at[c] + i * r.frames[c] + t
             cell = frames[t, i]
@@ -159,22 +162,18 @@ def box_in(test: Trajectories, f: int, i: int) -> Box:
 
 
 def bodies_in(odd: Odd, n: int) -> NDArray[np.void]:
-    """Make classes and sizes of n cars of an ODD, shape (n,) of `BODY_FIELDS`."""
+    """Make bodies of n cars of an ODD, shape (n,) of `BODY_FIELDS`; their lane changes take as long as the ODD says."""
     bodies = np.zeros(n, dtype=BODY_FIELDS)
     bodies["length"], bodies["width"] = odd.vehicle_length, odd.vehicle_width
+    bodies["change_time"] = odd.lane_change_duration
     return bodies
 
 
 def bodies_of(scenario: Scenario) -> NDArray[np.void]:
     """Take classes and sizes of a scenario's vehicles, shape (N,) of `BODY_FIELDS`."""
-    return _bodies({body.name: getattr(scenario, body.name) for body in BODY})
-
-
-def _bodies(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.void]:
-    """Make records of `BODY_FIELDS` from their columns."""
-    bodies = np.zeros(columns["kind"].size, dtype=BODY_FIELDS)
-    for name, values in columns.items():
-        bodies[name] = values
+    bodies = np.zeros(scenario.slot.size, dtype=BODY_FIELDS)
+    for body in BODY:
+        bodies[body.name] = getattr(scenario, body.name)
     return bodies
 
 
@@ -183,8 +182,8 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
 
     Args:
         cases: One row a case; `case_id`, `crash_time_s` and `bv_slot` of `fields.CASES` are read.
-        tracks: `fields.TRACKS` of the same cases in the same order; without `fields.BODY`, as of early libraries, all
-            vehicles are cars.
+        tracks: `fields.TRACKS` of the same cases in the same order. Where columns of `fields.BODY` are missing, as in
+            early libraries, all vehicles are cars that change lanes in the ODD's time.
         odd: Road and rules of the library.
 
     Raises:
@@ -204,7 +203,10 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
     last = np.full(len(ids), -1, dtype=np.int64)
     last[known] = np.rint(crash_time[known] / FRAME_S)
     slot = flat("slot")
-    is_sized = BODY[0].column.name in tracks.column_names
+    bodies = bodies_in(odd, slot.size)
+    for body in BODY:
+        if body.column.name in tracks.column_names:
+            bodies[body.name] = flat(body.column.name)
     return _recordings(
         names=_numbers_of(ids),
         frames=tracks.column("n_frames").to_numpy().astype(np.int64),
@@ -212,7 +214,7 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
         last=last,
         slot=slot,
         bv_slot=cases.column("bv_slot").to_numpy(),
-        bodies=_bodies({body.name: flat(body.column.name) for body in BODY}) if is_sized else bodies_in(odd, slot.size),
+        bodies=bodies,
         states={series.name: flat(series.column.name) for series in SERIES},
     )
 

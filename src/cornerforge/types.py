@@ -132,6 +132,7 @@ class Odd:
     vehicle_width: float = field(default=2.0, metadata={"unit": "m"})
     max_speed: float = field(default=40.0, metadata={"unit": "m/s"})
     lane_change_duration: float = field(default=4.0, metadata={"unit": "s"})
+    """How long an undisturbed lane change takes; of BVs see `same_duration`."""
     max_lateral_acceleration: float = field(default=4.0, metadata={"unit": "m/s2"})
     test_length: float = field(default=400.0, metadata={"unit": "m"})
     time_limit: float = field(default=60.0, metadata={"unit": "s"})
@@ -145,6 +146,8 @@ class Odd:
     """Shares of these classes among the BVs, each drawn independently; the other BVs and the AV are cars."""
     ignored_rear: float = 0.0
     """Chance that a BV which wants to change lanes ignores the vehicle behind it there, `IGNORED_FROM` or more away."""
+    same_duration: bool = False
+    """All lane changes take `lane_change_duration`, even if the naturalistic model gives every BV a time of its own."""
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -169,7 +172,7 @@ class Odd:
         >>> "truck_share" in Odd().stated(), "truck_share" in Odd(truck_share=0.1).stated()
         (False, True)
         """
-        later = {"truck_share", "motorcycle_share", "ignored_rear"}
+        later = {"truck_share", "motorcycle_share", "ignored_rear", "same_duration"}
         return {name: value for name, value in asdict(self).items() if name not in later or value != 0.0}
 
     def size_of(self, kind: int) -> tuple[float, float]:
@@ -185,7 +188,7 @@ class Odd:
 
 ODDS: dict[str, Odd] = {
     "default": Odd(),
-    "swift": Odd(name="swift", lane_change_duration=2.5),
+    "swift": Odd(name="swift", lane_change_duration=2.5, same_duration=True),
     "paper": Odd(
         name="paper",
         lane_change_duration=1.0,
@@ -194,6 +197,7 @@ ODDS: dict[str, Odd] = {
         traffic_length=1200.0,
         av_substeps=10,
         ignored_rear=0.01,
+        same_duration=True,
     ),
     "mixed": Odd(name="mixed", truck_share=0.1, motorcycle_share=0.01),
 }
@@ -260,6 +264,7 @@ class Scenario:
         crash: First contact that ended the test, or None.
         kind: Class of each vehicle, an index of `CLASSES`, shape (N,); empty: all are cars.
         length, width: Size of each vehicle [m], shape (N,); empty: the size of its class.
+        change_time: How long an undisturbed lane change of each vehicle takes [s], shape (N,); empty: as the ODD says.
         shortfall: ln P of the likeliest action minus ln P of the critical BV's action, both for an attentive driver
             [nats], shape (K,), at least 0; +inf where the action is impossible, 0 where there is no critical BV; None:
             not recorded, as in scenarios read from a library.
@@ -284,6 +289,7 @@ class Scenario:
     kind: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
     length: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
     width: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "m"})
+    change_time: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
         size = self.slot.size
@@ -293,3 +299,5 @@ class Scenario:
             if getattr(self, name).size == 0:
                 sizes = [self.odd.size_of(int(kind))[place] for kind in self.kind]
                 object.__setattr__(self, name, np.array(sizes, dtype=np.float64))
+        if self.change_time.size == 0:
+            object.__setattr__(self, "change_time", np.full(size, self.odd.lane_change_duration))

@@ -395,6 +395,7 @@ def recorded(*all_pairs: Pair) -> Recordings:
         kind=np.zeros(2 * n, np.int8),
         length=np.full(2 * n, 5.0),
         width=np.full(2 * n, 2.0),
+        change_time=np.full(2 * n, 4.0),
         x=flat[0],
         y=flat[1],
         speed=flat[2],

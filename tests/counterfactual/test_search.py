@@ -43,7 +43,10 @@ def model() -> NddModel:
 
 @dataclass(frozen=True)
 class Mover:
-    """A vehicle that holds an acceleration [m/s2] from frame `acts` on, and then changes lanes by `side`."""
+    """A vehicle that holds an acceleration [m/s2] from frame `acts` on, and then changes lanes by `side`.
+
+    The change takes `change_time` seconds.
+    """
 
     x: float
     lane: int
@@ -51,14 +54,16 @@ class Mover:
     acceleration: float = 0.0
     side: int = 0
     acts: int = 0
+    change_time: float = 4.0
 
 
 def drive(*movers: Mover, frames: int = 90) -> Traffic | None:
     """All of them until the first contact of the first, the AV, then as the package says; None if it touches nobody."""
     now = [Vehicle(i, m.x, 4.0 * m.lane + 2.0, m.speed, m.lane, {m.lane}) for i, m in enumerate(movers)]
     rows: list[list[Vehicle]] = []
-    for vehicle in now:
+    for vehicle, mover in zip(now, movers, strict=True):
         vehicle.hold(0.0)
+        vehicle.change_time = mover.change_time
     last = -1
     for f in range(frames):
         for vehicle, mover in zip(now, movers, strict=True):
@@ -100,7 +105,7 @@ def scenario_of(traffic: Traffic, partner: int | None = None) -> Scenario:
         heading=column("heading"), acceleration=acceleration, target_lane=column("target_lane").astype(np.int8),
         present=np.ones((len(rows), n), dtype=np.bool_), action=np.zeros((decided, n), dtype=np.int8),
         critical_bv=np.ones(decided, dtype=np.int16), log_prob_nde=np.zeros(decided),
-        crash=Crash(round(0.1 * traffic.last, 1), 0, partner),
+        crash=Crash(round(0.1 * traffic.last, 1), 0, partner), change_time=column("change_time")[0],
     )  # fmt: skip
 
 
@@ -119,7 +124,8 @@ def random_crash(rng: np.random.Generator) -> Traffic | None:
         side = int(rng.choice([-1, 0, 1])) if lane == 1 else int(rng.choice([0, 1 if lane == 0 else -1]))
         pull = float(rng.choice([-4.0, -2.0, 0.0, 2.0]))
         far = rng.uniform(-22.0, 28.0)
-        movers.append(Mover(200.0 + far, lane, float(np.clip(speed + rng.normal(0.0, 5.0), 17.5, 40.0)), pull, side, 3))
+        other_speed, change_time = float(np.clip(speed + rng.normal(0.0, 5.0), 17.5, 40.0)), rng.uniform(3.0, 8.0)
+        movers.append(Mover(200.0 + far, lane, other_speed, pull, side, 3, change_time))
     traffic = drive(*movers, frames=31)
     return traffic if traffic is not None and traffic.last >= 5 else None
 
@@ -280,7 +286,18 @@ def test_left_and_right_are_alike_and_slots_do_not_matter(random_crashes: list[T
         scenario = scenario_of(traffic)
         assert times(avoidability(mirrored(scenario))) == times(avoidability(scenario))
         order = [0, *range(scenario.slot.size - 1, 0, -1)]
-        columns = ("slot", "x", "y", "speed", "heading", "acceleration", "target_lane", "present", "action")
+        columns = (
+            "slot",
+            "x",
+            "y",
+            "speed",
+            "heading",
+            "acceleration",
+            "target_lane",
+            "present",
+            "action",
+            "change_time",
+        )
         turned = changed(scenario, {name: getattr(scenario, name)[..., order] for name in columns})
         assert times(avoidability(turned)) == times(avoidability(scenario))
 
@@ -307,6 +324,9 @@ def test_absent_vehicles_and_a_far_one_change_nothing(random_crashes: list[Traff
         lanes = np.hstack([scenario.target_lane, np.full((frames, 1), 1 if there else -1, np.int8)])
         present = np.hstack([scenario.present, np.full((frames, 1), there)])
         slot = np.append(scenario.slot, np.int16(99))
+        for name in ("kind", "length", "width", "change_time"):
+            values = getattr(scenario, name)
+            more[name] = np.append(values, values[-1])
         return changed(scenario, {**more, "slot": slot, "target_lane": lanes, "present": present})
 
     assert times(avoidability(with_one_more(np.nan, there=False))) == times(avoidability(scenario))
@@ -365,6 +385,7 @@ def cut_in(ahead: float, size: tuple[float, float]) -> Recordings:
     The contact is the first overlap of both boxes, by the reference's polygons.
     """
     av, bv = now = [Vehicle(0, 200.0, 6.0, 30.0, 1, {1}), Vehicle(1, 200.0 + ahead, 10.0, 30.0, 2, {2})]
+    av.change_time = bv.change_time = SWIFT.lane_change_duration
     rows: list[list[Vehicle]] = []
     for vehicle in now:
         vehicle.hold(0.0)

@@ -81,6 +81,7 @@ def _decisions(av: Vehicle, kind: str, actions: Actions, changes: int) -> Iterat
             following = copy(av)
             following.hold(acceleration)
             if side:
+                following.change_time = actions.evasive.lane_change_duration
                 following.change_lane(lane, actions.evasive)
             yield following, abs(side)
 

@@ -181,6 +181,7 @@ def _tracks(scenario: Scenario, case_id: str, kept: NDArray[np.intp]) -> dict[st
         "kind": scenario.kind[kept],
         "length_m": scenario.length[kept],
         "width_m": scenario.width[kept],
+        "change_time_s": scenario.change_time[kept],
         "present": ~absent.ravel(),
         "action": scenario.action.T[kept].ravel(),
         "critical_bv": column_of[scenario.critical_bv],

@@ -25,7 +25,8 @@ _FULL_STEERING_SPEED = 5.0
 class Vehicle:
     """One vehicle; `path` is its lane change, None while it keeps its lane.
 
-    `quantile` is that of its last acceleration, `habit` the one that it tends to; `desired_speed` is in m/s.
+    `quantile` is that of its last acceleration, `habit` the one that it tends to; `desired_speed` is in m/s,
+    `change_time`, how long an undisturbed lane change takes, in s.
     """
 
     slot: int
@@ -48,6 +49,7 @@ class Vehicle:
     quantile: float = 0.0
     habit: float = 0.0
     desired_speed: float = 0.0
+    change_time: float = 4.0
 
     def change_lane(self, lane: int, odd: Odd) -> None:
         """Begin a lane change, or turn a running one."""
@@ -55,7 +57,7 @@ class Vehicle:
         if self.path is not None:
             speed, acceleration = self.path.speed(self.clock), self.path.acceleration(self.clock)
         centre = (lane + 0.5) * odd.lane_width
-        self.path = plan(self.y, speed, acceleration, centre, odd.lane_change_duration, odd.max_lateral_acceleration)
+        self.path = plan(self.y, speed, acceleration, centre, self.change_time, odd.max_lateral_acceleration)
         self.clock = 0.0
         self.target_lane = lane
         self.lanes = self.lanes | {lane}
@@ -156,7 +158,8 @@ class Vehicle:
 class Body:
     """What a vehicle is before it has a place: its class and size, and its driver's traits.
 
-    `desired_speed` is a standard normal number here; the desired speed follows from it and from the speed.
+    `desired_speed` and `change_time` are standard normal numbers here, from which the desired speed and the time that a
+    lane change takes follow.
     """
 
     kind: int
@@ -165,6 +168,7 @@ class Body:
     quantile: float
     habit: float
     desired_speed: float
+    change_time: float
 
 
 @dataclass
@@ -189,6 +193,7 @@ class World:
         placed = Vehicle(len(self.vehicles), x, y, min(speed, self.odd.max_speed), lane, {lane})
         placed.kind, placed.length, placed.width = body.kind, body.length, body.width
         placed.quantile, placed.habit, placed.desired_speed = body.quantile, body.habit, body.desired_speed
+        placed.change_time = body.change_time
         self.vehicles.append(placed)
 
     def from_rear_to_front(self) -> list[Vehicle]:
@@ -283,8 +288,8 @@ class _Traffic:
             kind, length, width = 1, 16.5, 2.55
         elif number > 0 and draw < odd.truck_share + odd.motorcycle_share:
             kind, length, width = 2, 2.2, 0.8
-        quantile, habit, *desired = self.stream.words(number, 0, TRAITS)
-        return Body(kind, length, width, unit(quantile), unit(habit), normal_pair(*desired)[0])
+        quantile, habit, *own = self.stream.words(number, 0, TRAITS)
+        return Body(kind, length, width, unit(quantile), unit(habit), *normal_pair(*own))
 
     def habit(self, habit: float, quantile: float | None) -> float:
         """The habit of a driver with a time gap of this quantile: the shorter the gap, the higher."""
@@ -298,6 +303,12 @@ class _Traffic:
         share = self.law.desire_share
         noise = math.sqrt(share * (1.0 - share)) * self.law.speed_sd * body.desired_speed
         body.desired_speed = self.mean + share * (speed - self.mean) + noise
+        odd = self.world.odd
+        if self.world.vehicles and not odd.same_duration and self.law.change_median > 0.0:
+            time = self.law.change_median * exp(self.law.change_sigma * body.change_time)
+            body.change_time = min(max(time, self.law.change_low), self.law.change_high)
+        else:
+            body.change_time = odd.lane_change_duration
         self.world.place(x, lane, speed, body)
 
     def fill_ahead(self, x: float, lane: int, speed: float, length: float, rear: Vehicle | None) -> None:

@@ -181,7 +181,7 @@ FOLLOWERS = {
 def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: str, drivers: str) -> None:
     # H0: the action of slot 1 is an independent draw of what is stated, given its last quantile, its habit and its
     # desired speed; unit: a test; n = 100,000 sees an L1 distance of 0.028; over all scenes, models and drivers.
-    people = [(0.03, 0.2, -3.0), (0.5, 0.9, 0.0), (0.97, 0.6, 4.0)]
+    people = [(0.03, 0.2, -3.0, 4.0), (0.5, 0.9, 0.0, 4.0), (0.97, 0.6, 4.0, 4.0)]
     bound = l1_bound(33, N, comparisons=2 * len(FOLLOWERS) * len(people))
     setting = setting_of(request.getfixturevalue(drivers), LANES)
     forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
@@ -296,7 +296,8 @@ def both_worlds(
     for slot, car in enumerate(cars):
         kind = slot % 3 if len(cars) % 2 else 0
         size = CLASSES[kind].length, CLASSES[kind].width
-        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, car.quantile, car.habit, car.desired_speed))
+        traits = car.quantile, car.habit, car.desired_speed, car.change_time
+        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, *traits))
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():
         hold(fast.vehicles, slot, 0.0)

@@ -101,10 +101,11 @@ def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) 
         cars += [Car(rng.uniform(-60.0, 460.0), int(rng.integers(3)), rng.uniform(20.0, 40.0)) for _ in range(16)]
         world = world_of(cars)
         v = world.vehicles
+        v["change_time"] = road.lane_change_duration if road.same_duration else rng.uniform(2.0, 12.0, v.size)
         for j in map(int, np.flatnonzero(rng.random(v.size) < 0.4)):
             old = int(v["target_lane"][j])
             target = 1 if old != 1 else int(rng.choice([0, 2]))
-            change_lane(world, j, target, road, ago=float(rng.uniform(0.0, 0.9 * road.lane_change_duration)))
+            change_lane(world, j, target, road, ago=float(rng.uniform(0.0, 0.9 * v["change_time"][j])))
             if rng.random() < 0.5:
                 start_lane_change(world, j, old, road)
                 v["lanes"][j] = lane_bits(v["y"][j], 1.0, old, road.lane_width)  # as one second later

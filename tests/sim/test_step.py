@@ -154,8 +154,8 @@ def test_the_av_crashes_into_a_standing_car(model: NddModel) -> None:
 
 
 def test_the_controlled_bv_ends_the_test_by_crashing_another(model: NddModel) -> None:
-    cars = [Car(450.0, 0, 30.0), Car(440.0, 1, 35.0), Car(440.0, 2, 35.0)]
-    setting = setting_of(model, replace(ODD, lane_change_duration=1.0, max_lateral_acceleration=100.0))
+    cars = [Car(450.0, 0, 30.0), Car(440.0, 1, 35.0), Car(440.0, 2, 35.0, change_time=1.0)]
+    setting = setting_of(model, replace(ODD, max_lateral_acceleration=100.0))
     world = world_of(cars)
     step_controlling(world, setting, 2, action=1)
     assert world.state["outcome"][0] == BV_CRASH

@@ -15,7 +15,7 @@ from cornerforge.pipeline.facts import FACTS
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, STATE, UNKNOWN, allocate_worlds, n_slots, world_of
-from cornerforge.types import Odd
+from cornerforge.types import ODDS, Odd
 
 ODD = Odd()
 N = 20_000
@@ -210,6 +210,25 @@ def test_first_quantiles_and_habits_are_uniform(worlds: list[np.ndarray], model:
     assert stats.spearmanr(gaps, habits).statistic < -0.8
 
 
+def test_lane_changes_take_as_long_as_the_model_or_the_odd_says(mindful: NddModel, model: NddModel) -> None:
+    """The first BV of a test: a cut log-normal law, ends included; the AV, and all where the ODD says so: the ODD's."""
+    law, tests = mindful.initial, N // 4
+    some = started(setting_of(mindful, ODD), ODD, 1, range(tests))
+    times = np.array([vehicles["change_time"][1] for vehicles in some])
+    whole = stats.lognorm(law.change_sigma, scale=law.change_median)
+    bound = dkw_bound(tests, comparisons=2)
+    inside = np.linspace(law.change_low, law.change_high, 200)[:-1]  # below the upper end, where the rest sits
+    shares = (times[:, None] <= inside).mean(axis=0)
+    assert np.abs(shares - whole.cdf(inside)).max() <= bound
+    longer = stats.lognorm(law.change_sigma, scale=1.1 * law.change_median)  # negative control
+    assert np.abs(shares - longer.cdf(inside)).max() > bound
+    assert times.min() == law.change_low
+    assert {vehicles["change_time"][0] for vehicles in some} == {ODD.lane_change_duration}
+    for drivers, odd in ((mindful, ODDS["swift"]), (model, ODD)):
+        for vehicles in started(setting_of(drivers, odd), odd, 1, range(20)):
+            assert set(vehicles["change_time"]) == {odd.lane_change_duration}
+
+
 def test_the_av_starts_in_every_lane_alike(worlds: list[np.ndarray]) -> None:
     # H0: independent uniform draws of 3 lanes; n = 20,000 sees an L1 error of 0.04.
     counts = np.bincount([vehicles["target_lane"][0] for vehicles in worlds], minlength=3)
@@ -242,6 +261,7 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
         "quantile",
         "habit",
         "desired_speed",
+        "change_time",
     ):
         np.testing.assert_array_equal(after_others[name], fresh[name])
     world, unused = (world_of(allocate_worlds(1, n_slots(ODD))) for _ in range(2))

@@ -128,7 +128,7 @@ def search_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: CaseScr
         test = Trajectories(s.frames, s.bodies, n)
         out.begin[c] = manoeuvre_begin(s.frames, r.partner[c], last, road)
         until = last + m.horizon + m.every + s.tail
-        continue_recording(s.frames, n, last, until, r.partner[c], m.only_partner, road, s.search.rows)
+        continue_recording(test, last, until, r.partner[c], m.only_partner, road, s.search.rows)
         earliest = max(0, last - m.lookback)
         s.search.counts[2] = 0
         since = max(earliest, out.begin[c])

@@ -17,6 +17,7 @@ from cornerforge.types import FRAME_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.recordings import Trajectories
     from cornerforge.road.straight import RoadNumbers
 
 
@@ -36,8 +37,8 @@ def allocate_rows(rows: int) -> World:
 def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, road: RoadNumbers) -> bool:
     """Find the lateral path that a vehicle is on at a frame: plan all its lane changes up to there anew.
 
-    The lateral part of row `row` of `w` is written. False if the path does not lead along the recorded positions: the
-    recording may begin within a lane change, or another simulator may have made it.
+    The lateral part of row `row` of `w` is written; its `change_time` is read. False if the path does not lead along
+    the recorded positions: the recording may begin within a lane change, or another simulator may have made it.
     """
     v = w.vehicles
     first = frame
@@ -67,7 +68,7 @@ def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int
 
 @kernel
 def take_over(
-    w: World, row: int, frames: NDArray[np.void], frame: int, slot: int, acceleration: float, road: RoadNumbers
+    w: World, row: int, test: Trajectories, frame: int, slot: int, acceleration: float, road: RoadNumbers
 ) -> None:
     """Put a recorded vehicle, as it is at a frame, into a row of `w`; from then on it holds an acceleration [m/s2].
 
@@ -77,14 +78,16 @@ def take_over(
     Args:
         w: From `allocate_rows`.
         row: The row to write.
-        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`.
+        test: The recording.
         frame, slot: Moment and vehicle.
         acceleration: Held from the frame on [m/s2].
         road: Constants.
     """
     v = w.vehicles
+    frames = test.frames
+    v[row].change_time = test.bodies[slot].change_time
     if not _retrace(w, row, frames, frame, slot, road):
-        path, duration = lateral_plan(frames, slot, frame, road)
+        path, duration = lateral_plan(frames, slot, frame, v[row].change_time, road)
         v[row].target_lane = frames[frame, slot].target_lane
         v[row].heading = frames[frame, slot].heading if duration > 0.0 else 0.0
         v[row].lateral_speed = path[1]
@@ -99,8 +102,7 @@ def take_over(
 
 @kernel
 def continue_recording(
-    frames: NDArray[np.void],
-    n: int,
+    test: Trajectories,
     last: int,
     until: int,
     partner: int,
@@ -114,8 +116,7 @@ def continue_recording(
     absent at the contact are absent.
 
     Args:
-        frames: Recording, (frames, slots) of `fields.FRAME_FIELDS`, at least until + 1 of them.
-        n: Number of vehicles.
+        test: Recording with at least until + 1 frames.
         last: Frame of the contact.
         until: Last frame to write.
         partner: Slot that the AV touched.
@@ -124,11 +125,12 @@ def continue_recording(
         w: Scratch, one row at least.
     """
     v = w.vehicles
-    for j in range(n):
+    frames = test.frames
+    for j in range(test.n):
         there = j > 0 and frames[last, j].present != 0 and (only_partner == 0 or j == partner)
         if there:
             braking = min(frames[max(last - 1, 0), j].acceleration, 0.0) if j == partner else 0.0
-            take_over(w, 0, frames, last, j, braking, road)
+            take_over(w, 0, test, last, j, braking, road)
         for f in range(last + 1, until + 1):
             frames[f, j].present = 1 if there else 0
             if there:

@@ -386,7 +386,8 @@ def latest_ways_out(
     for moment in range(last - 1, earliest - 1, -1):
         steps = -((moment - last - m.horizon) // m.every)
         _gather_near(test, moment, moment + steps * m.every, m, m.road, s)
-        take_over(s.rows, 0, test.frames, moment, 0, 0.0, m.road)
+        take_over(s.rows, 0, test, moment, 0, 0.0, m.road)
+        s.rows.vehicles[0].change_time = m.evasive.lane_change_duration
         for kind in range(KINDS):
             if plans.moment[kind] >= 0 or (kind != COMBINED and moment < since):
                 continue

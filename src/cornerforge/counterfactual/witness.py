@@ -52,7 +52,8 @@ def drive_way_out(
     v = w.vehicles
     frames, body = test.frames, test.bodies[0]
     every, stopping, road, evasive = m.every, m.stopping, m.road, m.evasive
-    take_over(w, 0, frames, moment, 0, 0.0, road)
+    take_over(w, 0, test, moment, 0, 0.0, road)
+    v[0].change_time = evasive.lane_change_duration
     end = moment + every * accelerations.size
     x_end = 0.0
     f = moment

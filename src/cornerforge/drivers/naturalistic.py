@@ -72,6 +72,10 @@ class InitialNumbers(NamedTuple):
     min_ttc: float
     free_gap_low: float
     free_gap_high: float
+    change_median: float
+    change_sigma: float
+    change_low: float
+    change_high: float
 
 
 class NddTables(NamedTuple):

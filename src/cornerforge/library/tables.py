@@ -187,9 +187,10 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     if "start" not in tracks.column_names:
         return None
     fields = tracks.column("start")[row].values.to_numpy(zero_copy_only=False).reshape(scenario.slot.size, -1)
-    bodies = [name for name in START_FIELDS if name in {body.name for body in BODY}]
-    if fields.shape[1] == len(START_FIELDS) - len(bodies) - len(TRAITS):  # early libraries, of cars
-        fields = np.hstack([fields, np.stack([getattr(scenario, name) for name in bodies], axis=1)])
-    if fields.shape[1] == len(START_FIELDS) - len(TRAITS):  # drivers without memory and without desired speeds
-        fields = np.hstack([fields, average_traits(fields[:, START_FIELDS.index("speed")])])
+    # Starts stored by earlier versions end before the fields that came later: what is known of the vehicles fills them.
+    average = average_traits(fields[:, START_FIELDS.index("speed")], scenario.odd.lane_change_duration)
+    later = dict(zip(TRAITS, average.T, strict=True)) | {body.name: getattr(scenario, body.name) for body in BODY}
+    missing = START_FIELDS[fields.shape[1] :]
+    if missing and set(missing) <= set(later):
+        fields = np.hstack([fields, np.stack([later[name] for name in missing], axis=1)])
     return Script(scenario.slot, scripted_start(fields), scenario.action)

@@ -40,7 +40,12 @@ __all__ = [
 
 SCHEMA_VERSION = 2
 _READABLE = (1, SCHEMA_VERSION)
-_INITIAL_OF_1 = {"stream_sd": 0.0, "time_gap_shift": 0.0, "desire_share": 0.0, "habit_spread": 1.0}
+_INITIAL_OF_1 = {
+    "stream_sd": 0.0,
+    "time_gap_shift": 0.0,
+    "desire_share": 0.0,
+    "habit_spread": 1.0,
+}
 """What version 1 meant without saying so; it had no `memory`, no `free_pull` and no `lc_turn_back` either."""
 SPEEDS: NDArray[np.float64] = SPEED_GRID.points()
 """Subject speed grid [m/s], shape (21,)."""
@@ -62,7 +67,9 @@ class InitialState:
 
     What stays with a driver: its desired speed, given its speed v normal with mean m + desire_share (v - m), so that
     `desire_share` of the variance of speeds lies between drivers; and its habit (`Memory`), for a follower one minus
-    the quantile of its time gap, give or take `habit_spread` (1: independent of it).
+    the quantile of its time gap, give or take `habit_spread` (1: independent of it). How long its undisturbed lane
+    changes take is log-normal, cut to [change_low, change_high]; a `change_median` of 0: all take as long as the ODD
+    says.
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
@@ -81,6 +88,10 @@ class InitialState:
     min_ttc: float = field(default=2.5, metadata={"unit": "s"})
     free_gap_low: float = field(default=120.0, metadata={"unit": "m"})
     free_gap_high: float = field(default=300.0, metadata={"unit": "m"})
+    change_median: float = field(default=0.0, metadata={"unit": "s"})
+    change_sigma: float = 0.35
+    change_low: float = field(default=3.0, metadata={"unit": "s"})
+    change_high: float = field(default=12.0, metadata={"unit": "s"})
 
 
 @dataclass(frozen=True)
@@ -152,7 +163,7 @@ class NddModel:
             raise FileFormatError(
                 f"The weights of the model's memory (near, far, habit) sum to {remembered:g}, above 1."
             )
-        for name in ("speed", "free_gap"):
+        for name in ("speed", "free_gap", "change"):
             if getattr(self.initial, f"{name}_low") > getattr(self.initial, f"{name}_high"):
                 raise FileFormatError(f"Model number {name}_low is above {name}_high.")
 
@@ -177,6 +188,8 @@ _LIMITS = {
     **dict.fromkeys(_SHARES, (0.0, 1.0)),
     **dict.fromkeys(("near_width", "far_width", "habit_width"), (_SMALL, 1.0)),
     **dict.fromkeys(("speed_sd", "time_gap_median"), (_SMALL, _LARGE)),
+    **dict.fromkeys(("change_low", "change_high"), (0.5, 100.0)),
+    "change_sigma": (0.0, 2.0),
 }
 """Lowest and highest value of the model's numbers; of others 0 and `_LARGE`."""
 

@@ -63,6 +63,7 @@ class RoadNumbers(NamedTuple):
     longest: float
     widest: float
     one_size: bool
+    same_duration: bool
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
@@ -86,6 +87,7 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         max(length for length, _ in odd.sizes_on_road),
         max(width for _, width in odd.sizes_on_road),
         len(odd.sizes_on_road) == 1,
+        odd.same_duration,
     )
 
 

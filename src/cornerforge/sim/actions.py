@@ -36,7 +36,7 @@ LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
 
 @kernel
 def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> None:
-    """Plan the lateral path of slot i from where it is to the centre of `target_lane`."""
+    """Plan the lateral path of slot i from where it is to the centre of `target_lane`, in its own `change_time`."""
     v = w.vehicles
     acceleration = 0.0
     speed = 0.0
@@ -49,7 +49,7 @@ def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> 
         speed,
         acceleration,
         lane_centre(target_lane, road.lane_width),
-        road.lane_change_duration,
+        v[i].change_time,
         road.max_lateral_acceleration,
     )
     v[i].duration = duration

@@ -122,11 +122,14 @@ def manoeuvre_begin(frames: NDArray[np.void], partner: int, last: int, road: Roa
 
 
 @kernel
-def lateral_plan(frames: NDArray[np.void], slot: int, frame: int, road: RoadNumbers) -> tuple[Path, float]:
+def lateral_plan(
+    frames: NDArray[np.void], slot: int, frame: int, change_time: float, road: RoadNumbers
+) -> tuple[Path, float]:
     """Estimate how a vehicle goes on across the road from a frame: its path, and the path's duration [s], 0 for none.
 
     The path is a quintic from the present state to the lane's centre, in the time that is left of the lane change.
-    Speed and acceleration across the road are differences of the last frames.
+    Speed and acceleration across the road are differences of the last frames. An undisturbed change takes `change_time`
+    seconds.
     """
     y = frames[frame, slot].y
     centre = lane_centre(frames[frame, slot].target_lane, road.lane_width)
@@ -142,7 +145,7 @@ def lateral_plan(frames: NDArray[np.void], slot: int, frame: int, road: RoadNumb
             before = (frames[frame - 1, slot].y - frames[frame - 2, slot].y) / _DT
             acceleration = (speed - before) / _DT
             speed += 0.5 * acceleration * _DT  # from the middle of the last frame to its end
-    left = max(road.lane_change_duration - (frame - start) * _DT, 0.2)
+    left = max(change_time - (frame - start) * _DT, 0.2)
     return plan_path(y, speed, acceleration, centre, left, max(road.max_lateral_acceleration, abs(acceleration)))
 
 
@@ -178,10 +181,10 @@ def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers,
         return False
     x0 = frames[begin, 0].x
     v0 = frames[begin, 0].speed
-    path, duration = lateral_plan(frames, 0, begin, road)
+    path, duration = lateral_plan(frames, 0, begin, body.change_time, road)
     centre = lane_centre(frames[begin, 0].target_lane, road.lane_width) if duration > 0.0 else frames[begin, 0].y
     clock = 0.0
-    other_path, other_duration = lateral_plan(frames, partner, last, road)
+    other_path, other_duration = lateral_plan(frames, partner, last, test.bodies[partner].change_time, road)
     other = frames[last, partner]
     other_centre = lane_centre(other.target_lane, road.lane_width) if other_duration > 0.0 else other.y
     other_a = min(frames[max(last - 1, 0), partner].acceleration, 0.0)

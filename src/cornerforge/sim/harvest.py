@@ -90,7 +90,8 @@ class Harvest(NamedTuple):
         history: float32 (C, 128).
         reals: float32 (5, .), `fields.REALS`, stored vehicle by vehicle, NaN where absent.
         target_lane: int8, -1 where absent; present: bool; likewise.
-        slot: int16, slots of the stored vehicles; kind: int8, their classes; length, width: float64, their sizes [m].
+        slot: int16, slots of the stored vehicles; kind: int8, their classes; length, width: float64, their sizes [m];
+            change_time: float64, the time that their lane changes take [s].
         action: int8, decisions of the stored vehicles, vehicle by vehicle.
         critical_bv, critical_bv_action, log_prob: per decision: index into the case's slots, action, ln P.
         exact: float64, the real series of all vehicles, frame by frame, 0 where absent: the first part of a digest.
@@ -108,6 +109,7 @@ class Harvest(NamedTuple):
     kind: NDArray[np.int8]
     length: NDArray[np.float64]
     width: NDArray[np.float64]
+    change_time: NDArray[np.float64]
     action: NDArray[np.int8]
     critical_bv: NDArray[np.int16]
     critical_bv_action: NDArray[np.int8]
@@ -158,6 +160,7 @@ def allocate_harvest(cases: int, slots: int, max_decisions: int) -> Harvest:
         kind=np.empty(cases * slots, dtype=np.int8),
         length=np.empty(cases * slots),
         width=np.empty(cases * slots),
+        change_time=np.empty(cases * slots),
         action=np.empty(cases * decided, dtype=np.int8),
         critical_bv=np.empty(cases * max_decisions, dtype=np.int16),
         critical_bv_action=np.empty(cases * max_decisions, dtype=np.int8),
@@ -345,6 +348,7 @@ def _keep_decisions(
             h.kind[filled[SLOTS]] = bodies[i].kind
             h.length[filled[SLOTS]] = bodies[i].length
             h.width[filled[SLOTS]] = bodies[i].width
+            h.change_time[filled[SLOTS]] = bodies[i].change_time
             filled[SLOTS] += 1
             for k in range(end.decisions):
                 h.action[filled[ACTIONS_KEPT]] = _action(recording, decisions, k, i)

@@ -36,7 +36,7 @@ def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
     if i > 0 and v[i].duration == 0.0:
         return 0.0
     swing: float = max(0.0, 0.5 * v[i].length - _SWING)
-    return swing + (road.lane_width if road.lane_change_duration >= 2.0 else 2.0 * road.lane_width)
+    return swing + (road.lane_width if v[i].change_time >= 2.0 else 2.0 * road.lane_width)
 
 
 @inlined_kernel

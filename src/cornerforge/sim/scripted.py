@@ -49,7 +49,7 @@ NATURAL = NO_ACTION
 """Entry of a script: the likeliest action of the naturalistic model in the present state (the lowest index of several
 equally likely). In recordings it stands where a vehicle is absent, and means nothing."""
 
-TRAITS = ("quantile", "habit", "desired_speed")
+TRAITS = ("quantile", "habit", "desired_speed", "change_time")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
 _FOLLOWING = ("x_held", "speed_held", "present", "action")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
@@ -57,9 +57,15 @@ START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOW
 vehicle that starts is present, has decided nothing yet, and has held its acceleration from that moment on."""
 
 
-def average_traits(speed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make the TRAITS of drivers of whom nothing is known, (N, 3): medians, and each desires the speed that it has."""
-    return np.stack([np.full(speed.size, 0.5), np.full(speed.size, 0.5), speed], axis=1)
+def average_traits(speed: NDArray[np.float64], change_time: float) -> NDArray[np.float64]:
+    """Make the TRAITS of drivers of whom nothing is known, (N, 4): medians, and each desires the speed that it has.
+
+    Args:
+        speed: Speed of each [m/s], (N,).
+        change_time: How long their lane changes take [s].
+    """
+    half = np.full(speed.size, 0.5)
+    return np.stack([half, half, speed, np.full(speed.size, change_time)], axis=1)
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def _join(w: World, road: RoadNumbers) -> bool:
     words = block(state.seed, state.test, slot, 0, PURPOSE_TRAITS)
     v.quantile = uniform(words[0])
     v.habit = uniform(words[1])
-    v.desired_speed = normal_pair(words[2], words[3])[0]
+    v.desired_speed, v.change_time = normal_pair(words[2], words[3])
     return True
 
 
@@ -130,7 +130,8 @@ def _join(w: World, road: RoadNumbers) -> bool:
 def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Setting) -> None:
     """Put the vehicle of the last `_join` on the road: centre at x [m] in a lane, at `speed` [m/s]; `mean`: the test's.
 
-    Its desired speed is drawn given its speed, as both are in the long run (bivariate normal).
+    Its desired speed is drawn given its speed, as both are in the long run (bivariate normal). The AV
+    changes lanes in the ODD's time, and so does everybody if the ODD says so or the model says nothing.
     """
     road, initial = setting.road, setting.tables.initial
     v = w.vehicles
@@ -139,6 +140,11 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     share = initial.desire_share
     noise = math.sqrt(share * (1.0 - share)) * initial.speed_sd * v[slot].desired_speed
     v[slot].desired_speed = mean + share * (speed - mean) + noise
+    if slot == 0 or road.same_duration or initial.change_median == 0.0:
+        v[slot].change_time = road.lane_change_duration
+    else:
+        time = initial.change_median * exp(initial.change_sigma * v[slot].change_time)
+        v[slot].change_time = min(max(time, initial.change_low), initial.change_high)
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
     v[slot].speed = speed
