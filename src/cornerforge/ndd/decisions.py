@@ -79,18 +79,18 @@ def smooth_tracks(vehicle: Ints, tick: Ints, position: Floats, step: float, wind
         tick: Time in steps, shape (n,), increasing within a vehicle; the filter never reaches over a missing tick.
         position: Along the road [m], shape (n,).
         step: Length of a tick [s].
-        window: Length of the filter [s].
+        window: Length of the filter [s]; at least three rows.
 
     Returns:
         NaN in stretches shorter than the window. Source: Savitzky and Golay (1964).
     """
     from scipy.signal import savgol_filter
 
-    length = 2 * int(window / step / 2.0) + 1
+    length = max(2 * int(window / step / 2.0), _ORDER) + 1
     smooth, speed = np.full(position.shape, np.nan), np.full(position.shape, np.nan)
     starts = _run_starts(vehicle, tick)
     for start, stop in zip(starts, np.append(starts[1:], position.size), strict=True):
-        if stop - start >= max(length, _ORDER + 1):
+        if stop - start >= length:
             track = position[start:stop]
             smooth[start:stop] = savgol_filter(track, length, _ORDER)
             speed[start:stop] = savgol_filter(track, length, _ORDER, deriv=1, delta=step)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge.ndd.decisions import smooth_tracks
 from cornerforge.ndd.readers import Reading
-from cornerforge.ndd.row_checks import MEAN_LENGTH
+from cornerforge.ndd.row_checks import MEAN_LENGTH, check_rows, drivers, time_step
 from cornerforge.ndd.tables import Table, read_header, read_table
 from cornerforge.types import METRES_PER_MILE
 
@@ -176,36 +176,29 @@ def lane_tracks(reading: Reading) -> LaneTracks:
         {name: column for name, column in layout.numbers.items() if column[0] in header},
         {name: column for name, column in layout.texts.items() if column in header},
     )
-    for name in list(table.numbers):
-        table.drop(f"{name} is not a number", ~np.isfinite(table.numbers[name]))
-    table.drop("no vehicle", table.texts["vehicle"] < 0)
-    time, names = table.numbers["time"], table.texts["vehicle"]
-    recording = table.texts.get("recording", np.zeros(time.size, dtype=np.int64))
-    vehicle = np.unique(recording * (names.max(initial=0) + 1) + names, return_inverse=True)[1].reshape(-1)
-    order = np.lexsort((time, vehicle))
-    vehicle, time, recording = vehicle[order], time[order], recording[order]
-    steps = np.diff(time)[np.diff(vehicle) == 0]
-    step = float(np.median(steps)) if steps.size else 1.0
-    per_second = max(round(1.0 / step), 1)
+    check_rows(table, layout)
+    vehicle, time = drivers(table), table.numbers["time"]
+    recording = table.texts.get("recording", np.zeros_like(vehicle))
+    per_second = max(round(1.0 / time_step(vehicle, time)), 1)
     tick = np.rint((time - time.min()) * per_second).astype(np.int64)
     keep = np.concatenate([[True], (np.diff(vehicle) != 0) | (np.diff(tick) > 0)])
-    length = table.numbers.get("length", np.full(time.size, MEAN_LENGTH))[order]
-    along, forward = _along(table, order, vehicle, length, corner=layout.corner, front=layout.front)
+    length = table.numbers.get("length", np.full(time.size, MEAN_LENGTH))
+    along, forward = _along(table, vehicle, length, corner=layout.corner, front=layout.front)
     vehicle, tick, along = vehicle[keep], tick[keep], along[keep]
     position, speed = smooth_tracks(vehicle, tick, along, 1.0 / per_second, layout.window)
     position = np.where(np.isfinite(position), position, along)
-    lane = np.rint(table.numbers["lane"][order][keep]).astype(np.int64)
+    lane = np.rint(table.numbers["lane"][keep]).astype(np.int64)
     return LaneTracks(vehicle, tick, recording[keep], lane, position, forward[keep], speed, length[keep], per_second)
 
 
 def _along(
-    table: Table, order: Ints, vehicle: Ints, length: Floats, *, corner: bool, front: bool
+    table: Table, vehicle: Ints, length: Floats, *, corner: bool, front: bool
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return each vehicle's centre in its direction of travel [m] and whether that is forward, each (n,), as given."""
-    position = table.numbers["position"][order]
+    """Return each vehicle's centre in its direction of travel [m] and whether that is forward, each (n,)."""
+    position = table.numbers["position"]
     if corner:
         position = position + length / 2.0
-    across = table.numbers["across"][order] if "across" in table.numbers else position
+    across = table.numbers.get("across", position)
     if np.ptp(across) > np.ptp(position):
         position = across
     same = np.diff(vehicle) == 0

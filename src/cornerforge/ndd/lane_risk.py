@@ -2,7 +2,8 @@
 
 A *trial* is one second of one vehicle and one side: there is a lane, and the vehicle begins to change to it, or does
 not. Seconds in which a change runs are no trials; nor is the end of a track, where a change that begins would not be
-seen. The second in which a change begins is one trial, taken at the start of the change.
+seen; nor is a second with a gap in the other lane for which a driver turns back, whatever it does in it. The second in
+which a change begins is one trial, taken at the start of the change.
 
 Shapes: `n` rows of a file, `k` trials before any is left out, `m` trials.
 """
@@ -16,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
+from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.lane_observations import DWELL, START_BEFORE, LaneTracks, lane_crossings, lane_tracks
 from cornerforge.ndd.model import GAPS
 from cornerforge.ndd.readers import Reading
@@ -30,13 +33,14 @@ LENGTHS = (2.0, 25.0)
 """Lengths of vehicles whose lane changes, and gaps, are used [m]."""
 _SIGHT = float(GAPS[-1]) + LENGTHS[1]
 """Distance of centres up to which neighbours are looked for [m]: none beyond it is on the grid of gaps."""
-_FINE, _NO_START, _TWICE, _LENGTH, _SPEED, _STRETCH = range(6)
+_FINE, _NO_START, _TWICE, _LENGTH, _SPEED, _STRETCH, _CRITICAL = range(7)
 _REASONS = {
     _NO_START: f"its start, {START_BEFORE:g} s before the crossing, is not in the track",
     _TWICE: f"another change within {2 * START_BEFORE:g} s, or two lanes at once",
     _LENGTH: f"a vehicle is shorter than {LENGTHS[0]:g} m or longer than {LENGTHS[1]:g} m",
     _SPEED: "a speed is not known (the track is too short, or has gaps)",
     _STRETCH: f"the recorded stretch of lane ends within {_SIGHT:g} m, and nobody is seen before",
+    _CRITICAL: "a gap for which drivers turn back, so that a change would not be seen",
 }
 """The first that holds is the one that is told."""
 
@@ -121,7 +125,8 @@ def seconds_at_risk(reading: Reading) -> SecondsAtRisk | None:
     own_gap, own_rate, own_fault = road.neighbour(row, t.lane[row], ahead=True)
     lead_gap, lead_rate, lead_fault = road.neighbour(row, lane, ahead=True)
     rear_gap, rear_rate, rear_fault = road.neighbour(row, lane, ahead=False)
-    faults = np.stack([fault, _fault_of(t, row), own_fault, lead_fault, rear_fault])
+    critical = np.where(_turned_back_for(lead_gap, lead_rate) | _turned_back_for(rear_gap, rear_rate), _CRITICAL, _FINE)
+    faults = np.stack([fault, _fault_of(t, row), own_fault, lead_fault, rear_fault, critical])
     why = np.where(faults > _FINE, faults, len(_REASONS) + 1).min(axis=0)
     fine = ~(faults > _FINE).any(axis=0)
     columns = (t.vehicle[row], changed, t.speed[row], own_gap, own_rate, lead_gap, lead_rate, rear_gap, rear_rate)
@@ -140,6 +145,16 @@ def _fault_of(t: LaneTracks, row: Ints) -> Ints:
     """Return why a vehicle cannot be used at its row, as a subject or as a neighbour, shape of `row`."""
     odd = (t.length[row] < LENGTHS[0]) | (t.length[row] > LENGTHS[1])
     return np.where(odd, _LENGTH, np.where(np.isfinite(t.speed[row]), _FINE, _SPEED))
+
+
+def _turned_back_for(gap: Floats, rate: Floats) -> Bools:
+    """Tell for which gaps a driver who begins now turns back, shape (k,): at its next decision, a second later.
+
+    The gap is then what constant speeds make of it. False where a speed is not known.
+    """
+    rate = np.nan_to_num(rate)
+    later = np.minimum(gap + rate, GAP_GRID.upper)
+    return np.asarray(LaneChange().turn_back()[GAP_GRID.place(later), RANGE_RATE_GRID.place(rate)] == 1.0)
 
 
 class _Crossing(NamedTuple):

@@ -36,6 +36,7 @@ from cornerforge.ndd.row_checks import (
     check_rows,
     drivers,
     speed_note,
+    time_step,
 )
 from cornerforge.ndd.tables import BadRows, Table, file_sha256, read_header, read_table
 
@@ -58,6 +59,7 @@ class Reading:
         decisions: One a second.
         rows_read: All rows.
         bad: Rows left out, by reason.
+        vehicles: Vehicles of the other rows; of pairs, pairs.
         notes: What is odd about the file as a whole, one or two plain sentences each; also given as warnings.
     """
 
@@ -67,6 +69,7 @@ class Reading:
     decisions: Decisions
     rows_read: int
     bad: BadRows
+    vehicles: int
     notes: tuple[str, ...] = ()
 
     @property
@@ -165,8 +168,9 @@ def _read(path: Path, data_format: str, window_factor: float) -> Reading:
     if table.line.size == 0:
         hint = f" {notes[0]}" if notes else ""
         raise DataError(f"Trajectory file {path} holds no usable row; first fault: {_first_fault(table.bad)}.{hint}")
+    vehicles = int(drivers(table).max()) + 1
     decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout, notes)
-    return Reading(path, file_sha256(path), layout, decisions, table.rows_read, table.bad, tuple(notes))
+    return Reading(path, file_sha256(path), layout, decisions, table.rows_read, table.bad, vehicles, tuple(notes))
 
 
 def _recognise(path: Path, header: list[str], data_format: str) -> Layout:
@@ -204,8 +208,7 @@ def _ticks(table: Table, driver: NDArray[np.int64]) -> tuple[NDArray[np.int64], 
         DataError: The file's time step does not divide a second.
     """
     time = table.numbers["time"]
-    steps = np.diff(time)[np.diff(driver) == 0]
-    step = float(np.median(steps)) if steps.size else 1.0
+    step = time_step(driver, time)
     per_second = max(round(1.0 / step), 1)
     if abs(per_second * step - 1.0) > 0.02:
         raise DataError(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cornerforge.ndd.layouts import Layout
 from cornerforge.ndd.tables import Table
 
-__all__ = ["GAP_RANGE", "LANE_LIMIT", "MEAN_LENGTH", "SPEED_RANGE", "check_rows", "drivers", "speed_note"]
+__all__ = ["GAP_RANGE", "LANE_LIMIT", "MEAN_LENGTH", "SPEED_RANGE", "check_rows", "drivers", "speed_note", "time_step"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,6 +30,8 @@ IMPLAUSIBLE_SPEED = 60.0
 PLAUSIBLE_LENGTH = (2.5, 10.0)
 """The median vehicle length is within this [m]: cars have 4 to 5, which in feet are 13 to 16."""
 _LENGTH_RANGE = (1.0, 40.0)
+_STEP_TOLERANCE = 0.1
+"""Two time steps that differ by less than this share are the same."""
 _POSITION_LIMIT = 1e7
 _TIME_LIMIT = 1e10
 
@@ -55,7 +57,9 @@ def check_rows(table: Table, layout: Layout) -> list[str]:
     notes = _unit_notes(table, layout)  # before what is out of range, such as all speeds in feet, is gone
     _check_ranges(table, layout)
     _drop_twins(table, layout)
-    return [*notes, *_sort(table, layout)]
+    notes += _sort(table, layout)
+    _drop_other_steps(table, layout)
+    return notes
 
 
 def _check_ranges(table: Table, layout: Layout) -> None:
@@ -135,6 +139,34 @@ def _sort(table: Table, layout: Layout) -> list[str]:
         )
     table.take(np.lexsort((time, driver)))
     return notes
+
+
+def _drop_other_steps(table: Table, layout: Layout) -> None:
+    """Leave out the vehicles whose rows stand at another time step than those of the file; rows are sorted."""
+    driver, time = drivers(table), table.numbers["time"]
+    same = np.diff(driver) == 0
+    steps, owner = np.diff(time)[same], driver[1:][same]
+    usual = time_step(driver, time)
+    order = np.lexsort((steps, owner))
+    number, first, count = np.unique(owner[order], return_index=True, return_counts=True)
+    median = steps[order][first + count // 2]  # the upper one of two
+    other = (count > 1) & (np.abs(median / usual - 1.0) > _STEP_TOLERANCE)
+    column = layout.numbers["time"][0]
+    table.drop(
+        f"{column} has another step than the file's {usual:g} s (give files of one frame rate each)",
+        np.isin(driver, number[other]),
+    )
+
+
+def time_step(driver: Ints, time: Floats) -> float:
+    """Return the usual time from a row to the next of the same vehicle [s]; 1 without any.
+
+    Args:
+        driver: Shape (n,), sorted.
+        time: Shape (n,), rising within a driver [s].
+    """
+    steps = np.diff(time)[np.diff(driver) == 0]
+    return float(np.median(steps)) if steps.size else 1.0
 
 
 def _unit_notes(table: Table, layout: Layout) -> list[str]:
