@@ -14,10 +14,12 @@ import pytest
 from cornerforge.errors import FileFormatError
 from cornerforge.ndd import default_model_path, load_model, write_fit_report
 from cornerforge.ndd.model import NddModel
+from cornerforge.ndd.parts import FITTED, PRIOR, ModelPart
 from cornerforge.ndd.report import FitReport, counted_states
 from cornerforge.ndd.sensitivity import fit_sensitivity
 from cornerforge.pipeline.traffic_crashes import traffic_crashes
 
+PARTS = (ModelPart("car-following law", FITTED, "1,234 decisions <all>"), ModelPart("memory", PRIOR, "Smoothing."))
 HEADER = "track,leader_track,t_s,y_m,spacing_m"
 
 
@@ -32,7 +34,7 @@ def report_of(model: NddModel, sensitivity: tuple[Mapping[str, Any], ...] = ()) 
         rows_read=100, rows_used=99, bad_rows={}, decisions_fitted=1234, decisions_on_grid=int(counted.sum()),
         states=int((counted > 0).sum()), states_total=counted.size, data_share_of_states=8e-5,
         data_share_where_data=0.01, speed_99_percent=22.5, held_out_log_likelihood={}, notes=("A note.",),
-        sensitivity=sensitivity,
+        parts=PARTS, sensitivity=sensitivity,
     )  # fmt: skip
 
 
@@ -57,8 +59,9 @@ def test_the_page_says_what_is_data_what_is_prior_and_where_it_extrapolates(mode
     page = page_of(model, tmp_path / "r.html")
     fastest = 20 + int(np.flatnonzero(counted_states(model).sum(axis=(1, 2)))[-1])
     assert f"No decision at all was counted above {fastest} m/s" in page
-    assert "1,234 decisions, 99 % of them slower than 22.5 m/s" in page
-    assert page.count("prior: ") >= 3
+    assert "<td>car-following law</td><td>fitted</td><td>1,234 decisions &lt;all&gt;</td>" in page
+    assert "<td>memory</td><td>prior</td><td>Smoothing.</td>" in page
+    assert "Not fitted: no file was looked at." in page
     assert page.count("<img ") == 1
     assert "Not studied for this fit" in page
     assert "src=" not in page.replace('src="data:', "")

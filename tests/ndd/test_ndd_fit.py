@@ -62,7 +62,8 @@ def test_data_move_the_table_by_the_stated_strength_and_leave_the_rest(tmp_path:
     np.testing.assert_allclose(model.following[others], prior[others], atol=1e-3)
     assert ((model.following[others] > 0) == (prior[others] > 0)).all()
     assert (report.states, report.decisions_on_grid) == (1, 120)
-    assert any("Only 120" in note and "80 too few" in note for note in report.notes)
+    assert "Only 120" in report.parts[0].why
+    assert "80 too few" in report.parts[0].why
 
 
 def test_a_stronger_prior_moves_less(tmp_path: Path) -> None:

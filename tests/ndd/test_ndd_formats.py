@@ -271,7 +271,7 @@ def test_the_command_names_what_was_left_out_and_how_much_is_missing(
     text = capsys.readouterr().out
     assert "61 of 62 rows used" in text
     assert "Left out of p.csv: t_s twice for one vehicle, 1 row(s), first at line 63" in text
-    assert "Note: Only 6 following decisions, 194 too few (at least 200 are needed)" in text
+    assert "Only 6 following decisions, 194 too few (at least 200 are needed)" in text
 
 
 def test_the_command_refuses_an_unclear_format_with_exit_status_2(

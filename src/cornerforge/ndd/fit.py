@@ -22,6 +22,7 @@ from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.lane_fit import LANE_CHANGE_CHOICES, LaneChangeFit, fit_lane_changes
 from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
+from cornerforge.ndd.parts import ModelPart, parts_of
 from cornerforge.ndd.predictors import fitted_idms
 from cornerforge.ndd.prior import FREE_PULL, MEMORY, SUPPORT_SD, FreeFlow, SafeLaw, following_prior, free_prior
 from cornerforge.ndd.readers import Reading, read_decisions
@@ -98,7 +99,7 @@ def fit_model(
     if training.size == 0:
         raise _nothing_to_fit(readings, decisions.size)
     tell(f"Fitting the car-following law to {training.size} decisions")
-    log_law, baselines, notes = _fit_laws(training)
+    log_law, baselines, too_few, notes = _fit_laws(training)
     idms = {name: asdict(idm) for name, idm in baselines.items()}
     tell("Fitting the lane changes")
     changes = fit_lane_changes(readings, lane_changes)
@@ -106,10 +107,14 @@ def fit_model(
     laws: dict[str, FollowingLaw] = {"log": log_law, **baselines, "model": safe}
     tell("Making the tables")
     origin = _provenance(readings, data_format, strength, safe, changes) | {"idm": idms}
-    model, counted = _assemble(safe, changes.law, training, strength, origin)
+    model, counted, counted_free = _assemble(safe, changes.law, training, strength, origin)
+    parts = parts_of(
+        training, too_few=too_few, counted=int(counted.sum()), counted_free=counted_free, strength=strength,
+        changes=changes,
+    )  # fmt: skip
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
-    return model, _report(readings, training, strength, counted, scores, notes, changes)
+    return model, _report(readings, training, strength, counted, scores, notes, changes, parts)
 
 
 def _refuse_twins(readings: Sequence[Reading]) -> None:
@@ -124,27 +129,33 @@ def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
     """Make the error for files whose rows give no decision to fit on."""
     used, read = sum(reading.rows_used for reading in readings), sum(reading.rows_read for reading in readings)
     made = f"{held_out} decision(s), all held out" if held_out else "no decision"
+    vehicles = sum(reading.vehicles for reading in readings)
     faults = [
         f"{reading.path.name}: {reason} ({rows} row(s), first at line {line})"
         for reading in readings
         for reason, (rows, line) in reading.bad.reasons.items()
     ]
     return DataError(
-        f"No decision is left to fit on: {used} usable of {read} row(s) make {made}. A decision needs a second of rows "
-        "of one vehicle without a break, and its leader's rows in the same file; "
+        f"No decision is left to fit on: {used} usable of {read} row(s) make {made}. They are of {vehicles} "
+        "vehicle(s). A decision needs a second of rows of one vehicle without a break, and its leader's rows in the "
+        "same file; "
         f"a fitted law needs {_FEWEST} decisions." + (f" Left out: {'; '.join(faults)}." if faults else "")
     )
 
 
-def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, IdmLaw], list[str]]:
-    """Fit the prior's law, at all speeds, and the IDMs to compare it with; return them with notes."""
+def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, IdmLaw], str, list[str]]:
+    """Fit the prior's law, at all speeds, and the IDMs to compare it with.
+
+    Returns:
+        Law, IDMs, why the law is the shipped one (empty if it was fitted), notes.
+    """
     following = training.where(np.isfinite(training.gap))
     if following.size < _FEWEST:
-        note = (
+        too_few = (
             f"Only {following.size} following decisions, {_FEWEST - following.size} too few (at least {_FEWEST} are "
             "needed): the car-following law is the shipped one, not fitted to these files."
         )
-        return LogLaw(), {}, [note]
+        return LogLaw(), {}, too_few, []
     law = fit_law(LogLaw(), *_arrays(following))
     notes = []
     if law.spread < _LEAST_SPREAD:
@@ -152,7 +163,7 @@ def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, IdmLaw], list[str]
             f"The accelerations scatter by only {law.spread:.2g} m/s2 about the fitted law, far less than drivers do "
             f"({LogLaw().spread:.2g} in the shipped model's data): are these trajectories simulated, or smoothed?"
         )
-    return law, fitted_idms(following)[0], notes
+    return law, fitted_idms(following)[0], "", notes
 
 
 def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:
@@ -161,8 +172,12 @@ def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:
 
 def _assemble(
     safe: SafeLaw, lane_change: LaneChange, training: Decisions, strength: float, provenance: dict[str, object]
-) -> tuple[NddModel, NDArray[np.int64]]:
-    """Make tables from prior and counts; also return the decisions counted in each following state, (21, 116, 19)."""
+) -> tuple[NddModel, NDArray[np.int64], int]:
+    """Make tables from prior and counts.
+
+    Returns:
+        The model, the decisions counted in each following state, (21, 116, 19), and those in free flow.
+    """
     following, free = _counts(training)
     counted = following.sum(axis=-1)
     model = NddModel(
@@ -181,7 +196,7 @@ def _assemble(
         initial=InitialState(),
         provenance=provenance | {"counted": _sparse(counted), "counted_free": [int(n) for n in free.sum(axis=-1)]},
     )
-    return model, counted
+    return model, counted, int(free.sum())
 
 
 def _counts(training: Decisions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -257,6 +272,7 @@ def _report(
     scores: dict[str, dict[str, float]],
     notes: list[str],
     changes: LaneChangeFit,
+    parts: tuple[ModelPart, ...],
 ) -> FitReport:
     total = int(counted.sum())
     weighted = float((counted * counted / (counted + strength)).sum() / total) if total else 0.0
@@ -284,6 +300,7 @@ def _report(
             *_always_true(fastest, total),
             *changes.notes(),
         ),
+        parts=parts,
         lane_changes=changes,
     )
 
@@ -294,5 +311,4 @@ def _always_true(fastest: float, on_grid: int) -> tuple[str, ...]:
         "fitted law, with published facts for free flow and initial traffic, and a safe response near the leader.",
         f"{on_grid} decisions lie on the grid (19.5 m/s and above); all others shape only the law.",
         "Laws are scored at the true state, also below 20 m/s where the tables end; the table from 19.5 m/s on.",
-        "Memory, desired speeds and initial traffic are prior alone: none of them is fitted to these files.",
     )

@@ -118,9 +118,9 @@ class LaneChangeFit:
         }
 
     def notes(self) -> tuple[str, ...]:
-        """Say in plain sentences where the lane changes come from, and what was left out."""
+        """Say in plain sentences what was fitted, and what was left out; `parts` says where the rest comes from."""
         if not self.fitted:
-            return (f"Lane changes: from the prior, because {self.why}.", *self._left_out())
+            return self._left_out()
         untold = [name for name, number in self.numbers.items() if not number.told_by_data]
         hardly = f" These files hardly tell {', '.join(untold)}: as in the prior, give or take." if untold else ""
         return (

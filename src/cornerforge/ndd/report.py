@@ -17,6 +17,7 @@ from cornerforge.ndd.drawing import inline, new_figure, page, png_of, table
 from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.lane_fit import LaneChangeFit
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel, model_hash
+from cornerforge.ndd.parts import ModelPart
 from cornerforge.types import ACCELERATIONS
 
 __all__ = ["PROBES", "FitReport", "counted_states", "write_fit_report"]
@@ -42,7 +43,8 @@ class FitReport:
         speed_99_percent: 99th percentile of the fitted decisions' speeds [m/s].
         held_out_log_likelihood: For each file with held-out decisions: see `scores.held_out_scores`.
         notes: What a reader must know, one plain sentence each.
-        lane_changes: Where the lane changes come from.
+        parts: What each part of the model comes from.
+        lane_changes: How the lane changes were fitted.
         sensitivity: Results of other choices: see `sensitivity.fit_sensitivity`; empty if not studied.
     """
 
@@ -58,12 +60,17 @@ class FitReport:
     speed_99_percent: float
     held_out_log_likelihood: Mapping[str, Mapping[str, float]]
     notes: tuple[str, ...]
+    parts: tuple[ModelPart, ...] = ()
     lane_changes: LaneChangeFit = field(default_factory=LaneChangeFit)
     sensitivity: tuple[Mapping[str, Any], ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """All fields, JSON-compatible."""
-        lists = {"notes": list(self.notes), "sensitivity": list(self.sensitivity)}
+        lists = {
+            "notes": list(self.notes),
+            "parts": [asdict(part) for part in self.parts],
+            "sensitivity": list(self.sensitivity),
+        }
         return asdict(self) | lists | {"lane_changes": self.lane_changes.to_json()}
 
 
@@ -90,7 +97,7 @@ def write_fit_report(report: FitReport, model: NddModel, path: Path) -> None:
         _summary(report),
         "<h2>What to know</h2><ul>" + "".join(f"<li>{escape(note)}</li>" for note in report.notes) + "</ul>",
         "<h2>What is data, what is prior</h2>",
-        _sources(report, model),
+        _sources(report),
         "<h2>Where the model extrapolates</h2>",
         _coverage(report, model),
         "<h2>Lane changes</h2>",
@@ -131,51 +138,17 @@ def counted_states(model: NddModel) -> NDArray[np.int64]:
     return counted
 
 
-def _sources(report: FitReport, model: NddModel) -> str:
-    """Each part of the model, where its numbers come from, and how much of it is data."""
-    free: Any = model.provenance.get("counted_free", [0])
-    settings: Any = model.provenance.get("settings", {})
-    strength = settings.get("prior_strength", "?") if isinstance(settings, Mapping) else "?"
-    rows = [
-        [
-            "car-following law",
-            "data: maximum likelihood, above 10 m/s",
-            f"{report.decisions_fitted:,} decisions, 99 % of them slower than {report.speed_99_percent:.1f} m/s",
-        ],
-        [
-            "its response near the leader (safe response, repulsion, kinematic floor)",
-            "prior: constants set so that simulated traffic meets published facts without crashes between its drivers",
-            "no data: nearly all recorded drivers were far from danger",
-        ],
-        [
-            "following table",
-            f"the law, worth {_number(strength)} decisions in each state, and counts",
-            f"{report.data_share_of_states:.3%} of the table is counts; {report.data_share_where_data:.1%} where there "
-            f"are any ({report.states:,} of {report.states_total:,} states)",
-        ],
-        ["free-flow table", "prior: published facts (IVBSS), and counts", f"{sum(free):,} decisions"],
-        _lane_change_source(report.lane_changes),
-        ["overlooking a neighbour", "assumption: one in 10,000 as shipped", "no data; the crash rate depends on it"],
-        ["traffic at the start", "published distributions (IVBSS)", "no data of these files"],
-    ]
-    return table(["part", "where it comes from", "how much of it is data"], rows)
-
-
-def _lane_change_source(changes: LaneChangeFit) -> list[str]:
-    if not changes.fitted:
-        return ["lane changes", "prior: published rates; gaps as in recorded cut-ins (SPMD)", "no data of these files"]
-    return [
-        "lane changes",
-        "data: penalised maximum likelihood; closing speeds and the own leader are prior",
-        f"{changes.changes:,} changes in {changes.seconds:,} seconds at risk",
-    ]
+def _sources(report: FitReport) -> str:
+    """Each part of the model, where its numbers come from, and why."""
+    head = ["part", "where it comes from", "on how many data, or why not"]
+    return table(head, [[part.name, part.source, part.why] for part in report.parts])
 
 
 def _lane_changes(changes: LaneChangeFit) -> str:
-    """What was fitted, with intervals and the prior, and what was left out; or why it was not fitted."""
+    """What was fitted, with intervals and the prior, and what was left out; or why they were not fitted."""
     text = "".join(f"<p>{escape(note)}</p>" for note in changes.notes())
     if not changes.fitted:
-        return text
+        return f"<p>Not fitted: {escape(changes.why)}.</p>{text}"
     rows = [
         [
             name, number.unit, f"{number.estimate:.4g}", _between(number.interval95), f"{number.prior:.4g}",
@@ -189,10 +162,6 @@ def _lane_changes(changes: LaneChangeFit) -> str:
 
 def _between(interval: tuple[float, float]) -> str:
     return "{:.4g} to {:.4g}".format(*interval)
-
-
-def _number(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _coverage(report: FitReport, model: NddModel) -> str:

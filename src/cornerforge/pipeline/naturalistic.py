@@ -89,13 +89,14 @@ def ndd_fit(
 
 
 def fit_text(result: NddFitted) -> str:
-    """Tell the result of `ndd_fit` in text: rows, what was left out and where, notes."""
+    """Tell the result of `ndd_fit` in text: rows, what was left out and where, parts of the model, notes."""
     lines = [f"{result.rows_used:,} of {result.rows_read:,} rows used, {result.states:,} states"]
     lines += [
         f"Left out of {name}: {reason}, {entry.rows:,} row(s), first at line {entry.first_line}"
         for name, reasons in result.bad_rows.items()
         for reason, entry in reasons.items()
     ]
+    lines += [f"{part.name:<26}{part.source:<16}{part.why}" for part in result.parts]
     lines += [f"Note: {note}" for note in result.notes]
     return "\n".join([*lines, f"Model: {result.out}, report: {result.report}"])
 

@@ -13,6 +13,7 @@ __all__ = [
     "FitVariant",
     "FittedLaneChanges",
     "FittedLaneNumber",
+    "FittedPart",
     "HeldOutScore",
     "NddFitted",
     "NddImported",
@@ -283,6 +284,15 @@ class FittedLaneChanges:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FittedPart:
+    """What a part of a fitted model comes from."""
+
+    name: str = field(metadata=meant("The part, in words."))
+    source: str = field(metadata=meant("fitted, fitted in part, or prior."))
+    why: str = field(metadata=meant("On how many data, or why it stays the prior."))
+
+
+@dataclass(frozen=True, kw_only=True)
 class FitTraffic:
     """How often the traffic of a fit crashes, with the AV `idm-mobil` among it."""
 
@@ -339,7 +349,8 @@ class NddFitted:
         )
     )
     notes: tuple[str, ...] = field(metadata=_NOTES)
-    lane_changes: FittedLaneChanges = field(metadata=meant("Where its lane changes come from."))
+    parts: tuple[FittedPart, ...] = field(metadata=meant("What each part of the model comes from."))
+    lane_changes: FittedLaneChanges = field(metadata=meant("How its lane changes were fitted."))
     sensitivity: tuple[FitVariant, ...] = field(
         metadata=meant("What other choices would have given; empty without `--study`.")
     )

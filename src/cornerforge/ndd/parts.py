@@ -1,0 +1,136 @@
+"""What each part of a fitted model comes from: the user's files, or the prior, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cornerforge.ndd.decisions import Decisions
+from cornerforge.ndd.grids import SPEED_GRID
+from cornerforge.ndd.lane_fit import LaneChangeFit
+from cornerforge.ndd.model import GAPS, InitialState
+
+__all__ = ["FEWEST_DRIVERS", "FITTED", "IN_PART", "PRIOR", "ModelPart", "parts_of"]
+
+FITTED, IN_PART, PRIOR = "fitted", "fitted in part", "prior"
+"""Sources of a part. In part: the files and the prior together."""
+FEWEST_DRIVERS = 20
+"""With fewer a part is said to be of too few drivers."""
+
+
+@dataclass(frozen=True)
+class ModelPart:
+    """A part of a model and where it comes from.
+
+    Attributes:
+        name: In words.
+        source: `FITTED`, `IN_PART` or `PRIOR`.
+        why: On how many data, or why it stays the prior; one or two plain sentences.
+    """
+
+    name: str
+    source: str
+    why: str
+
+
+def parts_of(
+    training: Decisions, *, too_few: str, counted: int, counted_free: int, strength: float, changes: LaneChangeFit
+) -> tuple[ModelPart, ...]:
+    """Say of every part of a model where it comes from.
+
+    Args:
+        training: The decisions that were fitted on, at least one.
+        too_few: Why the car-following law is the shipped one; empty if it was fitted.
+        counted: Decisions counted into the following table.
+        counted_free: The same for the free-flow table.
+        strength: Weight of the prior, in pseudo-decisions per state.
+        changes: Where the lane changes come from.
+    """
+    following = np.isfinite(training.gap)
+    followers = int(np.unique(training.vehicle[following]).size)
+    law = ModelPart(
+        "car-following law",
+        PRIOR if too_few else FITTED,
+        too_few
+        or f"Maximum likelihood over {int(following.sum()):,} decisions of {followers:,} drivers, at all speeds."
+        + (f" {followers} are too few to stand for all." if followers < FEWEST_DRIVERS else ""),
+    )
+    return (
+        law,
+        ModelPart(
+            "response near the leader",
+            PRIOR,
+            "Recorded drivers are far from danger; its constants keep simulated traffic at the published facts.",
+        ),
+        _counts("following table", "the car-following law with that response", counted, strength),
+        _counts("free driving", "published facts (IVBSS)", counted_free, strength),
+        ModelPart(
+            "memory",
+            PRIOR,
+            "Smoothing, without which no speed can be taken from positions, makes accelerations of one driver more "
+            "alike from second to second than they were.",
+        ),
+        ModelPart(
+            "desired speeds",
+            PRIOR,
+            "Most tracks are too short to tell what speed a driver wants from how fast it may go just now.",
+        ),
+        *_lane_changes(changes),
+        ModelPart(
+            "duration of lane changes",
+            PRIOR,
+            "As the ODD says. Drivers do not yet see how long another's change takes, so recorded durations would "
+            "make more crashes than there are.",
+        ),
+        ModelPart("traffic at the start", PRIOR, _start(training)),
+        ModelPart(
+            "overlooking a neighbour",
+            PRIOR,
+            "An assumption, one in 10,000: trajectories do not tell what a driver saw. The crash rate depends on it.",
+        ),
+    )
+
+
+def _counts(name: str, prior: str, counted: int, strength: float) -> ModelPart:
+    """Say how many decisions a table counts; the grid begins at 19.5 m/s."""
+    if counted == 0:
+        return ModelPart(name, PRIOR, f"No decision from 19.5 m/s on; all of it is {prior}.")
+    return ModelPart(
+        name,
+        IN_PART,
+        f"{counted:,} decisions from 19.5 m/s on, and {prior}, worth {strength:g} decisions in each state.",
+    )
+
+
+def _lane_changes(changes: LaneChangeFit) -> tuple[ModelPart, ...]:
+    behind = ModelPart("turning back", PRIOR, "Who begins a change and turns back cannot be told from who never began.")
+    names = ("lane changes", "gap acceptance")
+    if not changes.fitted:
+        return *(ModelPart(name, PRIOR, f"{changes.why[:1].upper()}{changes.why[1:]}.") for name in names), behind
+    data = f"{changes.changes:,} changes in {changes.seconds:,} seconds at risk"
+    rests = (
+        "how the wish depends on the own leader's speed is the prior.",
+        "how gaps depend on closing speeds is the prior.",
+    )
+    return *(ModelPart(name, IN_PART, f"{data}; {rest}") for name, rest in zip(names, rests, strict=True)), behind
+
+
+def _start(training: Decisions) -> str:
+    """Put the files' speeds and time gaps beside those of the start, which they do not move."""
+    start = InitialState()
+    fast = training.where(training.speed >= SPEED_GRID.lower)
+    why = (
+        "Published distributions (IVBSS). The laws that keep them for a minute, free driving and the pull towards a "
+        "time gap, are prior too, so traffic that began otherwise would drift back."
+    )
+    if not fast.size:
+        return f"{why} These files have no decision from {SPEED_GRID.lower:g} m/s on."
+    near = fast.gap <= GAPS[-1]
+    middle = float(np.median(fast.gap[near] / fast.speed[near])) if near.any() else float("nan")
+    gaps = f", median time gap {middle:.2f} s (start {start.time_gap_shift + start.time_gap_median:.2f} s)"
+    return (
+        f"{why} These files, from {SPEED_GRID.lower:g} m/s on: mean speed {fast.speed.mean():.1f} m/s (start "
+        f"{start.speed_mean:.1f} m/s), standard deviation {fast.speed.std():.1f} m/s (start "
+        f"{float(np.hypot(start.stream_sd, start.speed_sd)):.1f} m/s){gaps if near.any() else ''}."
+    )
