@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import runpy
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +15,7 @@ import pytest
 import cornerforge
 from cornerforge.drivers.naturalistic import accept_chance, lane_change_base, tables_of
 from cornerforge.errors import UnknownNameError
-from cornerforge.ndd import default_model_path, fit_model, load_model, model_hash, read_decisions, save_model
+from cornerforge.ndd import default_model_path, fit_model, load_model, model_hash, read_decisions
 from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.lane_fit import (
     FEWEST_CHANGES,
@@ -26,10 +27,7 @@ from cornerforge.ndd.lane_fit import (
 )
 from cornerforge.ndd.lane_risk import SecondsAtRisk, joined_seconds, seconds_at_risk
 from cornerforge.ndd.readers import Reading
-from cornerforge.pipeline.free_running import free_running_odd, on_road
-from cornerforge.pipeline.setting import experiment
 from cornerforge.results import NddFitted
-from cornerforge.sim import Recorder
 
 HEADER = "scenario,veh_id,lane,t_s,s_m,length_m"
 ALARM_SD = 4.9
@@ -286,34 +284,19 @@ def spread(number: FittedNumber) -> float:
 
 TRUTH = replace(LaneChange(), rate=0.030, rear_standstill=12.0)
 """Twice the shipped rate, half the shipped gap behind."""
-BIAS = 0.15
-"""What a recording hides, on a logarithmic scale (ADR 25): who gave way or turned back, who was about to enter."""
+BIAS = 0.1
+"""What a recording hides, on a logarithmic scale (ADR 25): who gave way, who was about to enter."""
+HIGHD_LIKE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "highd_like.py"))
 
 
 def highd_folder(folder: Path, law: LaneChange, worlds: int, seed: int) -> list[Path]:
-    """Drive free-running traffic of three lanes for 62 s, without the AV, at 5 frames a second; a recording a world."""
-    model = load_model(default_model_path())
+    """Record drivers of `law`, otherwise as shipped, as the tutorial does: 62 s, 5 frames a second, a file a world."""
     moved = replace(
-        model, lc_base=law.base().astype(np.float32), lc_desire=law.desire().astype(np.float32),
+        load_model(default_model_path()),
+        lc_base=law.base().astype(np.float32), lc_desire=law.desire().astype(np.float32),
         lc_accept_lead=law.accept_lead().astype(np.float32), lc_accept_rear=law.accept_rear().astype(np.float32),
     )  # fmt: skip
-    save_model(moved, folder / "truth.npz")
-    run = on_road(experiment(model=folder / "truth.npz"), free_running_odd())
-    recorder, paths = Recorder(run.setting, run.odd), []
-    for world in range(worlds):
-        driven = recorder.record(seed, world)
-        seen = driven.present & (driven.slot != 0) & (np.arange(driven.x.shape[0]) % 2 == 0)[:, None]
-        frame, i = np.nonzero(seen)
-        length = driven.length[i]
-        lane = np.floor(driven.y[frame, i] / run.odd.lane_width) + 2
-        columns = (frame // 2, i, driven.x[frame, i] - length / 2, driven.y[frame, i], length, driven.width[i], lane)
-        paths.append(folder / f"{world:03d}_tracks.csv")
-        np.savetxt(
-            paths[-1], np.stack(columns, axis=1), fmt="%d,%d,%.3f,%.3f,%.3f,%.3f,%d", comments="",
-            header="frame,id,x,y,width,height,laneId",
-        )  # fmt: skip
-        (folder / f"{world:03d}_recordingMeta.csv").write_text("id,frameRate\n1,5\n", encoding="utf-8")
-    return paths
+    return [Path(path) for path in HIGHD_LIKE["write_folder"](folder, moved, worlds, seed)]
 
 
 def recorded_seconds(paths: Sequence[Path]) -> SecondsAtRisk:
@@ -321,26 +304,52 @@ def recorded_seconds(paths: Sequence[Path]) -> SecondsAtRisk:
     return joined_seconds([part for part in parts if part is not None])
 
 
+def score(law: LaneChange, seconds: SecondsAtRisk) -> np.ndarray:
+    chance = change_chances(law, seconds)
+    return np.where(seconds.changed, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance))
+
+
+def is_found(number: FittedNumber, truth: float) -> bool:
+    return abs(off(number, truth)) < ALARM_SD * spread(number) + BIAS
+
+
 def test_drivers_of_the_simulator_are_found_again(tmp_path: Path, seed: int) -> None:
     """The unit is a second at risk; the spread of each estimate comes from about 1,700 changes."""
-    seconds = recorded_seconds(highd_folder(tmp_path, TRUTH, 24, seed))
+    paths = highd_folder(tmp_path, TRUTH, 24, seed)
+    seconds = recorded_seconds(paths)
     assert seconds.changes > 1300
     assert sum(seconds.changes_left_out.values()) < 0.03 * seconds.changes
     _, numbers = maximise(seconds)
-    for name in ("rate", "near", "lead_standstill", "rear_standstill"):
-        allowed = BIAS if name in ("rate", "near") else 0.05
-        assert abs(off(numbers[name], getattr(TRUTH, name))) < ALARM_SD * spread(numbers[name]) + allowed, name
-    for name in ("lead_doubt", "rear_doubt"):  # below the truth, as who turned back is not seen
-        assert -0.35 - ALARM_SD * spread(numbers[name]) < off(numbers[name], getattr(TRUTH, name)), name
-        assert off(numbers[name], getattr(TRUTH, name)) < ALARM_SD * spread(numbers[name]), name
+    for name, number in numbers.items():
+        assert is_found(number, getattr(TRUTH, name)), name
     for name in ("rate", "rear_standstill"):  # the control: what the model ships is found to be wrong
         low, high = numbers[name].interval95
         assert not low <= getattr(LaneChange(), name) <= high, name
+    # The other control: changes dealt out to seconds at random are not of these drivers.
+    dealt = replace(seconds, changed=np.random.default_rng(seed).permutation(seconds.changed))
+    _, numbers = maximise(dealt)
+    assert not is_found(numbers["near"], TRUTH.near)
+    assert not is_found(numbers["rear_doubt"], TRUTH.rear_doubt)
+
+
+def test_unseen_recordings_are_likelier_under_the_fit_than_under_the_prior(tmp_path: Path, seed: int) -> None:
+    """Measured: 100 nats more, standard deviation 16, for 700 changes; the truth itself is within 9 nats of the fit."""
+    paths = highd_folder(tmp_path, TRUTH, 24, seed)
+    law, _ = maximise(recorded_seconds(paths[:12]))
+    unseen = recorded_seconds(paths[12:])
+    gain = score(law, unseen) - score(LaneChange(), unseen)
+    assert gain.sum() > 0.0
+    assert gain.sum() > 3.0 * gain.std() * math.sqrt(gain.size)
+    assert abs((score(law, unseen) - score(TRUTH, unseen)).sum()) < 30.0
+    # The control: a fit to changes dealt out at random loses against the truth.
+    dealt = recorded_seconds(paths[:12])
+    wrong, _ = maximise(replace(dealt, changed=np.random.default_rng(seed).permutation(dealt.changed)))
+    assert (score(wrong, unseen) - score(TRUTH, unseen)).sum() < -30.0
 
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say(tmp_path: Path, seed: int) -> None:
-    """40 recordings of about 600 changes: 0.90 to 1.00 were measured; 25 of 40 has a chance below 1e-6 at 0.9."""
+    """40 recordings of about 600 changes: 0.93 to 1.00 were measured; 25 of 40 has a chance below 1e-6 at 0.9."""
     held = dict.fromkeys(WIDTHS, 0)
     prior_held = 0
     for k in range(40):

@@ -45,12 +45,12 @@ _FOLLOWING_STATES = (SPEEDS.size, GAPS.size, RANGE_RATES.size)
 _ATTRIBUTION = {
     "ngsim": "NGSIM, US DOT FHWA",
     "tgsim": "TGSIM, US DOT FHWA",
-    "highd": "highD, RWTH Aachen University (Krajewski et al. 2018)",
+    "highd": "highD, RWTH Aachen University (Krajewski et al. 2018), unless the files only have its form",
 }
 _LICENCE = {
     "ngsim": "open government data",
     "tgsim": "open government data",
-    "highd": "highD's own licence (non-commercial)",
+    "highd": "highD's own licence (non-commercial), unless the files only have its form",
 }
 _UNSTATED = "as stated by the publisher of the files"
 

@@ -129,7 +129,7 @@ class LaneChangeFit:
             f"{', '.join(_told(name, number) for name, number in self.numbers.items())}.{hardly}",
             "The intervals of the lane changes are from the curvature of the likelihood with its prior. They leave out "
             "errors of the tracks, differences between drivers, that a change is taken to begin 2 s before the "
-            "crossing, and that nobody sees who turned back. Parameters not named are as shipped. Changes that a ramp "
+            "crossing, and that nobody sees who gave way. Parameters not named are as shipped. Changes that a ramp "
             "forces count as wishes.",
             *self._left_out(),
         )

@@ -61,7 +61,8 @@ def parts_of(
         ModelPart(
             "response near the leader",
             PRIOR,
-            "Recorded drivers are far from danger; its constants keep simulated traffic at the published facts.",
+            "Recorded drivers are far from danger; its constants keep simulated traffic at the published facts. From "
+            "24 m/s on it also replaces the law's pull to a time gap and calms it, even where these files reach.",
         ),
         _counts("following table", "the car-following law with that response", counted, strength),
         _counts("free driving", "published facts (IVBSS)", counted_free, strength),
