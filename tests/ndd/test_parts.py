@@ -90,6 +90,12 @@ def test_one_vehicle_on_a_short_road_is_refused_with_what_is_missing(
     assert "Traceback" not in said
 
 
+def test_rows_whose_lane_is_not_known_are_refused_with_what_is_missing(tmp_path: Path) -> None:
+    rows = [row.replace(f"{name},1,", f"{name},0,", 1) for name in (1, 2) for row in one_vehicle(60, name)]
+    with pytest.raises(DataError, match=r"make no decision.*in a lane that is known \(0 is not\)"):
+        fit_model([lanes_file(tmp_path / "unknown.csv", rows)], "tracks")
+
+
 def test_few_drivers_are_said_to_be_few(tmp_path: Path) -> None:
     rows = [f"1,999,{t}.0,{25 + 0.3 * np.sin(t):.3f},25.0,{40 + np.cos(t):.3f}" for t in range(300)]
     path = tmp_path / "pairs.csv"

@@ -137,8 +137,8 @@ def _nothing_to_fit(readings: Sequence[Reading], held_out: int) -> DataError:
     ]
     return DataError(
         f"No decision is left to fit on: {used} usable of {read} row(s) make {made}. They are of {vehicles} "
-        "vehicle(s). A decision needs a second of rows of one vehicle without a break, and its leader's rows in the "
-        "same file; "
+        "vehicle(s). A decision needs a second of rows of one vehicle without a break, in a lane that is known (0 is "
+        "not), and its leader's rows in the same file; "
         f"a fitted law needs {_FEWEST} decisions." + (f" Left out: {'; '.join(faults)}." if faults else "")
     )
 
