@@ -284,7 +284,7 @@ def spread(number: FittedNumber) -> float:
 
 TRUTH = replace(LaneChange(), rate=0.030, rear_standstill=12.0)
 """Twice the shipped rate, half the shipped gap behind."""
-BIAS = 0.1
+BIAS = dict.fromkeys(WIDTHS, 0.1) | {"lead_standstill": 0.05, "rear_standstill": 0.05}
 """What a recording hides, on a logarithmic scale (ADR 25): who gave way, who was about to enter."""
 HIGHD_LIKE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "highd_like.py"))
 
@@ -312,8 +312,10 @@ def score(law: LaneChange, seconds: SecondsAtRisk) -> np.ndarray:
     return np.where(seconds.changed, np.log(np.maximum(chance, 1e-300)), np.log1p(-chance))
 
 
-def is_found(number: FittedNumber, truth: float) -> bool:
-    return abs(off(number, truth)) < ALARM_SD * spread(number) + BIAS
+def is_found(name: str, number: FittedNumber) -> bool:
+    """Within chance and `BIAS` of `TRUTH`; what is hidden makes doubts smaller, never larger."""
+    by, chance = off(number, getattr(TRUTH, name)), ALARM_SD * spread(number)
+    return -chance - BIAS[name] < by < chance + (0.0 if name.endswith("doubt") else BIAS[name])
 
 
 def test_drivers_of_the_simulator_are_found_again(tmp_path: Path, seed: int) -> None:
@@ -324,15 +326,15 @@ def test_drivers_of_the_simulator_are_found_again(tmp_path: Path, seed: int) -> 
     assert sum(seconds.changes_left_out.values()) < 0.03 * seconds.changes
     _, numbers = maximise(seconds)
     for name, number in numbers.items():
-        assert is_found(number, getattr(TRUTH, name)), name
+        assert is_found(name, number), name
     for name in ("rate", "rear_standstill"):  # the control: what the model ships is found to be wrong
         low, high = numbers[name].interval95
         assert not low <= getattr(LaneChange(), name) <= high, name
     # The other control: changes dealt out to seconds at random are not of these drivers.
     dealt = replace(seconds, changed=np.random.default_rng(seed).permutation(seconds.changed))
     _, numbers = maximise(dealt)
-    assert not is_found(numbers["near"], TRUTH.near)
-    assert not is_found(numbers["rear_doubt"], TRUTH.rear_doubt)
+    assert not is_found("near", numbers["near"])
+    assert not is_found("rear_doubt", numbers["rear_doubt"])
 
 
 def test_unseen_recordings_are_likelier_under_the_fit_than_under_the_prior(tmp_path: Path, seed: int) -> None:
