@@ -7,6 +7,7 @@ the time between two decisions shrinks, the simulator's motion must come nearer 
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple, dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -51,7 +52,7 @@ __all__ = [
 
 LENGTH = 5.0
 SECONDS = 40
-_ODD = Odd(test_length=1e5, time_limit=3600.0, av_start=0.0)
+_ODD = Odd(test_length=1e5, time_limit=3600.0, av_start=0.0, max_jerk=math.inf)
 _STUBBORN = MobilParams(min_gain=10.0)
 """No gain is so large: the AV keeps its lane."""
 
@@ -162,7 +163,7 @@ def _follow(
 ) -> None:  # fmt: skip
     """Drive vehicle 0 behind a lead, deciding at each of its places; `gaps` and `speeds` take what follows each."""
     for k in range(gaps.size):
-        hold(v, 0, idm_acceleration(v[0].speed, lead_x[k] - v[0].x - LENGTH, lead_v[k] - v[0].speed, idm))
+        hold(v, 0, idm_acceleration(v[0].speed, lead_x[k] - v[0].x - LENGTH, lead_v[k] - v[0].speed, idm), road)
         move_vehicle(v, 0, h, road)
         gaps[k] = lead_x[k + 1] - v[0].x - LENGTH
         speeds[k] = v[0].speed

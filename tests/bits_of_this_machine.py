@@ -11,6 +11,7 @@ import hashlib
 import math
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from hand_built import setting_of
@@ -38,16 +39,16 @@ def _policy() -> PolicyNumbers:
     return PolicyNumbers(weights.astype(np.float32), shape.n_inputs, shape.n_shared, shape.n_stream, shape.width)
 
 
-def _kinds() -> Iterator[tuple[str, Setting]]:
+def _kinds(odd: Odd) -> Iterator[tuple[str, Setting]]:
     """Between them they use every elementary function."""
     model = load_model(default_model_path())
-    yield "swerve", setting_of(model, _ODD, adversary="swerve")
-    yield "bounded with a budget", setting_of(model, _ODD, adversary="lane-changer", bounded=True, budget=12.0)
+    yield "swerve", setting_of(model, odd, adversary="swerve")
+    yield "bounded with a budget", setting_of(model, odd, adversary="lane-changer", bounded=True, budget=12.0)
     yield (
         "policy by chance",
-        setting_of(model, _ODD, adversary="policy", policy=_policy()).with_drivers(temperature=0.3),
+        setting_of(model, odd, adversary="policy", policy=_policy()).with_drivers(temperature=0.3),
     )
-    yield "nobody", setting_of(model, _ODD)
+    yield "nobody", setting_of(model, odd)
 
 
 def library_bits() -> str:
@@ -74,7 +75,8 @@ def test_bits(tests: int) -> str:
     each = tests // 4
     slots = n_slots(_ODD)
     return "\n".join(
-        f"{kind}: {simulate(setting, slots, seed=SEED, tests=each).digest.hexdigest()}" for kind, setting in _kinds()
+        f"{kind}: {simulate(setting, slots, seed=SEED, tests=each).digest.hexdigest()}"
+        for kind, setting in _kinds(_ODD)
     )
 
 
@@ -85,10 +87,13 @@ def recorded_cases() -> str:
     """
     lines = [f"naturalistic model {model_hash(load_model(default_model_path()))[:32]}"]
     slots = n_slots(_ODD)
-    for kind, setting in _kinds():
+    at_once = replace(_ODD, max_jerk=math.inf)
+    kinds = [(kind, _ODD, setting) for kind, setting in _kinds(_ODD)]
+    kinds += [(f"{kind}, no limit of jerk", at_once, setting) for kind, setting in _kinds(at_once)]
+    for kind, odd, setting in kinds:
         out, _ = drive_chunk(setting, slots, SEED, 0, 400, False)
         tests = crashed_tests(0, out)[:CASES_PER_KIND] or [0, 1, 2]
-        recorder = Recorder(setting, _ODD)
+        recorder = Recorder(setting, odd)
         for test in tests:
             scenario = recorder.record(SEED, test)
             chances = hashlib.sha256(scenario.log_prob_nde.tobytes())

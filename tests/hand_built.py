@@ -103,5 +103,5 @@ def change_lane(world: World, slot: int, lane: int, road: RoadNumbers, *, ago: f
 
 def glide(world: World, slot: int, road: RoadNumbers) -> None:
     """0.1 s more of one vehicle at the acceleration that it has."""
-    hold(world.vehicles, slot, world.vehicles["acceleration"][slot])
+    hold(world.vehicles, slot, world.vehicles["acceleration"][slot], road)
     move_vehicle(world.vehicles, slot, 0.1, road)

@@ -77,6 +77,13 @@ def test_an_odd_refuses_numbers_out_of_range(field: str, value: float) -> None:
         dataclasses.replace(Odd(), **{field: value})  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("value", [math.nan, -math.inf, -1.0, 0.0, 1e9])
+def test_a_limit_of_jerk_is_a_number_in_range_or_none(value: float) -> None:
+    assert Odd(max_jerk=math.inf).max_jerk == math.inf
+    with pytest.raises(InputError, match=r"odd\.max_jerk = "):
+        Odd(max_jerk=value)
+
+
 @pytest.mark.parametrize(("field", "value"), [("n_lanes", 1), ("n_lanes", 7), ("av_substeps", 0), ("av_substeps", 11)])
 def test_an_odd_refuses_counts_out_of_range(field: str, value: int) -> None:
     with pytest.raises(InputError, match=str(value)):
@@ -85,7 +92,7 @@ def test_an_odd_refuses_counts_out_of_range(field: str, value: int) -> None:
 
 def test_all_fields_with_a_dimension_state_their_unit() -> None:
     stated = {field.name for field in dataclasses.fields(Odd) if "unit" in field.metadata}
-    assert stated == set(NUMBERS)
+    assert stated == {*NUMBERS, "max_jerk"}
     assert {f.name for f in dataclasses.fields(Scenario) if "unit" in f.metadata} == {
         "x",
         "y",

@@ -318,8 +318,10 @@ static bool gives_way(
     return uniform(random_word(w, 2, i)) >= tables->overlook_conflict + (1.0 - tables->overlook_conflict) * chance;
 }
 
-static void hold(Vehicle *v, double acceleration) {
-    v->acceleration = acceleration;
+static void hold(Vehicle *v, double acceleration, const Road *road) {
+    v->commanded = acceleration;
+    if (road->ramp_time == 0.0) v->acceleration = acceleration;
+    v->acceleration_held = v->acceleration;
     v->x_held = v->x;
     v->speed_held = v->speed;
 }
@@ -327,10 +329,10 @@ static void hold(Vehicle *v, double acceleration) {
 static void apply_action(World *w, int64_t i, int64_t action, const double *accelerations, const Road *road) {
     Vehicle *v = &w->v[i];
     if (action >= 2) {
-        hold(v, accelerations[action - 2]);
+        hold(v, accelerations[action - 2], road);
         return;
     }
-    hold(v, 0.0);
+    hold(v, 0.0, road);
     int64_t side = 1 - 2 * action, target = v->target_lane + side;
     if (v->duration > 0.0) {
         int64_t running = v->c[0] < lane_centre(v->target_lane, road->lane_width) ? 1 : -1;

@@ -11,18 +11,61 @@ enum { SUBSTEPS = 10, UNSURE = 1 };
 #define STRONGEST_ACCELERATION 10.0
 #define ROUNDING 0.01
 
+static inline double met_after(double room, double rate, double growth) {
+    double square = rate * rate + 2.0 * growth * room, root = sqrt(MAX(0.0, square));
+    return rate > 0.0 ? 2.0 * room / (root + rate) : (root - rate) / growth;
+}
+
+static inline double way_in_ramp(double start, double a, double jerk, double time) {
+    return time * (start + time * (0.5 * a + (1.0 / 6.0) * jerk * time));
+}
+
+static double ramp_through(double *speed, double a, double jerk, double time, double max_speed) {
+    double gone = 0.0, start = *speed, turn = -a / jerk, extreme = start + 0.5 * a * turn, until, limit;
+    if (0.0 < turn && turn < time && !(0.0 <= extreme && extreme <= max_speed)) {
+        limit = a < 0.0 ? 0.0 : max_speed;
+        until = a < 0.0 ? met_after(start, -a, -jerk) : met_after(max_speed - start, a, jerk);
+        gone = way_in_ramp(start, a, jerk, until) + limit * (turn - until);
+        start = limit;
+        a = 0.0;
+        time = time - turn;
+    }
+    double after = start + time * (a + 0.5 * jerk * time);
+    if (0.0 <= after && after <= max_speed) {
+        *speed = after;
+        return gone + way_in_ramp(start, a, jerk, time);
+    }
+    limit = after < 0.0 ? 0.0 : max_speed;
+    until = after < 0.0 ? met_after(start, -a, -jerk) : met_after(max_speed - start, a, jerk);
+    *speed = limit;
+    return gone + (way_in_ramp(start, a, jerk, until) + limit * (time - until));
+}
+
 static void move_vehicle(Vehicle *v, double held, const Road *road) {
-    double start = v->speed_held, a = v->acceleration, after = start + a * held;
+    double start = v->speed_held, a = v->acceleration_held, command = v->commanded, time = held, gone = 0.0;
+    double at_top = 0.0, now = command, ramp = fabs(command - a) * road->ramp_time;
+    if (ramp > 0.0) {
+        double jerk = command > a ? road->max_jerk : -road->max_jerk, within = MIN(time, ramp);
+        if (time < ramp) now = a + jerk * time;
+        gone = ramp_through(&start, a, jerk, within, road->max_speed);
+        time -= within;
+    }
+    double after = start + command * time;
     if (after < 0.0) {
-        v->x = v->x_held - 0.5 * start * start / a;
+        gone += -0.5 * start * start / command;
         after = 0.0;
     } else if (after > road->max_speed) {
-        double until = (road->max_speed - start) / a;
-        v->x = v->x_held + 0.5 * (start + road->max_speed) * until + road->max_speed * (held - until);
+        double until = (road->max_speed - start) / command;
+        gone += 0.5 * (start + road->max_speed) * until;
+        at_top = road->max_speed * (time - until);
         after = road->max_speed;
     } else {
-        v->x = v->x_held + 0.5 * (start + after) * held;
+        gone += 0.5 * (start + after) * time;
     }
+    if (road->ramp_time > 0.0 && ((after == 0.0 && now < 0.0) || (after == road->max_speed && now > 0.0))) now = 0.0;
+    v->x = v->x_held + gone;
+    v->x = v->x + at_top;
+    v->acceleration = now;
     v->speed = after;
     if (v->duration == 0.0) return;
     double slow = after / FULL_STEERING_SPEED, pace = MIN(1.0, slow);
@@ -48,11 +91,11 @@ static inline double lateral_reach(const World *w, int64_t i, const Road *road) 
 static void bound_motion(const World *w, double braking, double acceleration, Pairs *pairs) {
     const Vehicle *v = w->v;
     for (int64_t i = 0; i < w->info[N_VEHICLES]; i++) {
-        pairs->least[i] = v[i].speed + 0.5 * MIN(0.0, v[i].acceleration);
-        pairs->most[i] = v[i].speed + 0.5 * MAX(0.0, v[i].acceleration);
+        pairs->least[i] = v[i].speed + 0.5 * MIN(0.0, MIN(v[i].commanded, v[i].acceleration_held));
+        pairs->most[i] = v[i].speed + 0.5 * MAX(0.0, MAX(v[i].commanded, v[i].acceleration_held));
     }
-    pairs->least[0] = v[0].speed - 0.5 * braking;
-    pairs->most[0] = v[0].speed + 0.5 * acceleration;
+    pairs->least[0] = v[0].speed - 0.5 * MAX(braking, -v[0].acceleration_held);
+    pairs->most[0] = v[0].speed + 0.5 * MAX(acceleration, v[0].acceleration_held);
 }
 
 static int64_t find_pairs(const World *w, const Road *road, Pairs *pairs) {
@@ -219,7 +262,7 @@ static bool check_contacts(World *w, const Pairs *pairs, int64_t n_pairs, int64_
 }
 
 static void av_acts(World *w, double command, int64_t lane, const Road *road) {
-    hold(&w->v[0], command);
+    hold(&w->v[0], command, road);
     if (lane != w->v[0].target_lane) start_lane_change(w, 0, lane, road);
 }
 

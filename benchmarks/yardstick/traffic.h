@@ -96,7 +96,7 @@ static void place(
     v->speed_held = speed;
     v->lateral_speed = 0.0;
     v->heading = 0.0;
-    v->acceleration = 0.0;
+    v->acceleration = v->commanded = v->acceleration_held = 0.0;
     v->clock = 0.0;
     v->duration = 0.0;
     v->target_lane = lane;

@@ -17,7 +17,7 @@ typedef struct {
     int64_t target_lane, lanes, present, action;
     double length, width; /* of the kernels; all are cars here, of the road's size */
     int64_t kind;
-    double quantile, habit, desired_speed, change_time;
+    double quantile, habit, desired_speed, change_time, commanded, acceleration_held;
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };
@@ -40,6 +40,7 @@ typedef struct {
     int64_t av_substeps;
     double truck_share, motorcycle_share, ignored_rear, longest, widest;
     int64_t one_size, same_duration;
+    double max_jerk, ramp_time;
 } Road;
 
 typedef struct {

@@ -74,7 +74,7 @@ SERIES: tuple[Series, ...] = (
     ),
     Series(
         "acceleration", "<f8",
-        Field("acceleration_mps2", "float32", "m/s2", "Held from this frame to the next; likewise."),
+        Field("acceleration_mps2", "float32", "m/s2", "Along the road, at this frame; likewise."),
     ),
     Series(
         "target_lane", "i1", Field("target_lane", "int8", "", "Lane kept or changed to; -1 where absent; likewise.")

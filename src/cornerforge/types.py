@@ -6,8 +6,10 @@ Axes: x along the road, y to the left from the right road edge, headings counter
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +150,8 @@ class Odd:
     """Chance that a BV which wants to change lanes ignores the vehicle behind it there, `IGNORED_FROM` or more away."""
     same_duration: bool = False
     """All lane changes take `lane_change_duration`, even if the naturalistic model gives every BV a time of its own."""
+    max_jerk: float = field(default=12.65, metadata={"unit": "m/s3"})
+    """How fast an acceleration goes to the commanded one; inf: at once. 12.65: that of UN R157's careful driver."""
 
     def __post_init__(self) -> None:
         check_integer("lanes", self.n_lanes, low=2, high=MAX_LANES)
@@ -165,15 +169,27 @@ class Odd:
         check_number("odd.truck_share", self.truck_share, low=0.0, high=1.0)
         check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - self.truck_share)
         check_number("odd.ignored_rear", self.ignored_rear, low=0.0, high=1.0)
+        if self.max_jerk != math.inf:
+            check_number("odd.max_jerk", self.max_jerk, low=0.5, high=1e3, unit="m/s3")
 
     def stated(self) -> dict[str, str | int | float]:
-        """All fields, for files and hashes; shares of what does not occur are left out, as before there were any.
+        """All fields, for files and hashes; what does not occur is left out, as before it could, and so is no limit.
 
         >>> "truck_share" in Odd().stated(), "truck_share" in Odd(truck_share=0.1).stated()
         (False, True)
         """
-        later = {"truck_share", "motorcycle_share", "ignored_rear", "same_duration"}
-        return {name: value for name, value in asdict(self).items() if name not in later or value != 0.0}
+        later = {"truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False,
+                 "max_jerk": math.inf}  # fmt: skip
+        return {name: value for name, value in asdict(self).items() if name not in later or value != later[name]}
+
+    @staticmethod
+    def of_stated(stated: Mapping[str, Any]) -> Odd:
+        """Make the ODD of which `stated` gave the fields; what is left out does not occur, also in early files.
+
+        >>> Odd.of_stated(Odd().stated()) == Odd(), Odd.of_stated({"name": "early"}).max_jerk
+        (True, inf)
+        """
+        return Odd(**{"max_jerk": math.inf, **stated})
 
     def size_of(self, kind: int) -> tuple[float, float]:
         """Length and width of a class [m], by its index in `CLASSES`."""
@@ -198,6 +214,7 @@ ODDS: dict[str, Odd] = {
         av_substeps=10,
         ignored_rear=0.01,
         same_duration=True,
+        max_jerk=math.inf,
     ),
     "mixed": Odd(name="mixed", truck_share=0.1, motorcycle_share=0.01),
 }
@@ -254,7 +271,8 @@ class Scenario:
         y: Box centre, to the left of the right road edge [m].
         speed: Along the road [m/s], in [0, odd.max_speed].
         heading: Counter-clockwise from the road's direction [rad].
-        acceleration: Along the road, held from this frame to the next [m/s2]; the last frame repeats the one before.
+        acceleration: Along the road, at this frame [m/s2]; without `odd.max_jerk` what is held from this frame to the
+            next, and the last frame repeats the one before.
         target_lane: Lane index (0 = rightmost) that the vehicle keeps or changes to; -1 where absent.
         present: The vehicle exists.
         action: Index of the action chosen at frame 10 k, shape (K, N); -1 for the AV and where absent.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -40,12 +41,12 @@ def integrate(x: float, speed: float, accelerations: list[float], max_speed: flo
     st.sampled_from([15.0, 40.0]),
 )
 def test_motion_is_that_of_tiny_steps(speed: float, accelerations: list[float], max_speed: float) -> None:
-    road = road_numbers(Odd(max_speed=max_speed))
+    road = road_numbers(Odd(max_speed=max_speed, max_jerk=math.inf))
     speed = min(speed, max_speed)
     v = np.zeros(1, dtype=VEHICLE)
     v["x"], v["speed"] = 400.0, speed
     for a in accelerations:
-        hold(v, 0, a)
+        hold(v, 0, a, road)
         for substep in range(10):
             move_vehicle(v, 0, (substep + 1) * 0.1, road)
     x, end = integrate(400.0, speed, accelerations, max_speed)
@@ -59,8 +60,9 @@ def test_bounds_are_met_within_the_second_by_hand(speed: float, a: float, metres
     # 2 m/s at -4 m/s2 stands after 0.5 s and 0.5 m; 39 m/s at 2 m/s2 has 40 m/s after 0.5 s: 19.75 + 20 m.
     v = np.zeros(1, dtype=VEHICLE)
     v["speed"] = speed
-    hold(v, 0, a)
-    move_vehicle(v, 0, 1.0, road_numbers(Odd()))
+    road = road_numbers(Odd(max_jerk=math.inf))
+    hold(v, 0, a, road)
+    move_vehicle(v, 0, 1.0, road)
     assert v["x"][0] == pytest.approx(metres, abs=1e-12)
     assert v["speed"][0] == end
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import shutil
 import signal
 import subprocess
@@ -25,10 +26,12 @@ from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.ndd.model import model_hash
+from cornerforge.pipeline.progress import NO_PROGRESS
 from cornerforge.pipeline.setting import experiment
 from cornerforge.results import Queried, Replayed, as_json
 from cornerforge.sim.recorder import Recorder
 from cornerforge.sim.setting import cast_index
+from cornerforge.types import Odd
 
 generate_module = importlib.import_module("cornerforge.pipeline.generate")
 WHAT = ["case_id", "trajectory_digest", "crash_time_s", "log_prob_nde"]
@@ -234,6 +237,20 @@ def test_an_adversary_too_weak_is_said_so(tmp_path: Path, monkeypatch: pytest.Mo
 def test_every_case_happens_again(swerve_library: Path) -> None:
     found = cornerforge.replay(swerve_library, "all", check=True)
     assert found == Replayed(case="all", crash_time_s=None, identical=True, cases=60, differ=())
+
+
+def test_cases_of_before_jerk_had_a_limit_happen_again(tmp_path: Path) -> None:
+    """Manifests of then do not state one, and mean none; driven with today's limit the same tests are others."""
+    early = tmp_path / "early"
+    run = experiment(bv="swerve", road=Odd(max_jerk=math.inf))
+    generate_module.fill_library(run, early, seed=5, cases=5, threads=1, resume=False, progress=NO_PROGRESS)
+    assert "max_jerk" not in json.loads((early / "manifest.json").read_text())["odd"]
+    assert cornerforge.replay(early, "all", check=True).identical is True
+    cornerforge.shrink(early, "all", out=tmp_path / "shrunk")
+    assert cornerforge.replay(tmp_path / "shrunk", "all", check=True).identical is True
+    cornerforge.generate(policy="swerve", cases=5, out=tmp_path / "late", seed=5)
+    then, now = (CaseLibrary.open(tmp_path / name).scalars(["av_max_acceleration_mps2"]) for name in ("early", "late"))
+    assert then != now
 
 
 def test_a_policys_cases_happen_again(some_policy: Path, tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def _decisions(av: Vehicle, kind: str, actions: Actions, changes: int) -> Iterat
         lane = av.target_lane + side
         if 0 <= lane < actions.evasive.n_lanes:
             following = copy(av)
-            following.hold(acceleration)
+            following.hold(acceleration, actions.evasive)
             if side:
                 following.change_time = actions.evasive.lane_change_duration
                 following.change_lane(lane, actions.evasive)
@@ -98,7 +98,7 @@ def _stops(traffic: Traffic, av: Vehicle, frame: int, actions: Actions, size: Od
     """Can it stop, without touching who is ahead of it?"""
     av = copy(av)
     ahead = [i for i, other in enumerate(traffic.rows[frame]) if i > 0 and other.x > av.x]
-    av.hold(min(actions.accelerations))
+    av.hold(min(actions.accelerations), actions.evasive)
     while av.speed > 0.0:
         frame += 1
         av.move(actions.evasive)

@@ -378,7 +378,7 @@ class _Test:
 
     def av_acts(self, wish: tuple[float, int]) -> None:
         av = self.world.av
-        av.hold(wish[0])
+        av.hold(wish[0], self.simulator.odd)
         if wish[1] != av.target_lane:
             av.change_lane(wish[1], self.simulator.odd)
 

@@ -21,6 +21,35 @@ _DT = 0.1
 _FULL_STEERING_SPEED = 5.0
 
 
+def _through_ramp(speed: float, a: float, jerk: float, time: float, top: float) -> tuple[float, float]:
+    """Distance and speed after a time of constant jerk, piece by piece between the speed's limits."""
+    gone = 0.0
+    turn = -a / jerk
+    if 0.0 < turn < time and not 0.0 <= speed + 0.5 * a * turn <= top:
+        # It is held at the limit until its acceleration leads away from it.
+        limit = 0.0 if a < 0.0 else top
+        until = _reaches(limit, speed, a, jerk)
+        gone = _way(speed, a, jerk, until) + limit * (turn - until)
+        speed, a, time = limit, 0.0, time - turn
+    after = speed + time * (a + 0.5 * jerk * time)
+    if 0.0 <= after <= top:
+        return gone + _way(speed, a, jerk, time), after
+    limit = 0.0 if after < 0.0 else top
+    until = _reaches(limit, speed, a, jerk)
+    return gone + (_way(speed, a, jerk, until) + limit * (time - until)), limit
+
+
+def _way(speed: float, a: float, jerk: float, time: float) -> float:
+    return time * (speed + time * (0.5 * a + 1.0 / 6.0 * jerk * time))
+
+
+def _reaches(limit: float, speed: float, a: float, jerk: float) -> float:
+    """When the speed, which moves towards a limit in the end, meets it."""
+    room, rate, growth = (limit - speed, a, jerk) if limit > 0.0 else (speed, -a, -jerk)
+    root = math.sqrt(max(0.0, rate * rate + 2.0 * growth * room))
+    return 2.0 * room / (root + rate) if rate > 0.0 else (root - rate) / growth
+
+
 @dataclass(eq=False)
 class Vehicle:
     """One vehicle; `path` is its lane change, None while it keeps its lane.
@@ -44,7 +73,8 @@ class Vehicle:
     length: float = 5.0
     width: float = 2.0
     kind: int = 0
-    held_from: tuple[float, float] = (0.0, 0.0)
+    commanded: float = 0.0
+    held_from: tuple[float, float, float] = (0.0, 0.0, 0.0)
     substeps_held: int = 0
     quantile: float = 0.0
     habit: float = 0.0
@@ -71,7 +101,7 @@ class Vehicle:
     def act(self, action: int, odd: Odd) -> None:
         """Carry out an action: 0 left, 1 right, else the acceleration -4.0 + 0.2 (action - 2)."""
         self.action = action
-        self.hold(round(-4.0 + 0.2 * (action - 2), 1) if action >= 2 else 0.0)
+        self.hold(round(-4.0 + 0.2 * (action - 2), 1) if action >= 2 else 0.0, odd)
         if action >= 2:
             return
         side = 1 if action == 0 else -1
@@ -79,27 +109,43 @@ class Vehicle:
         if self.running_side(odd) != side and 0 <= lane < odd.n_lanes:
             self.change_lane(lane, odd)
 
-    def hold(self, acceleration: float) -> None:
-        """Accelerate so from here on."""
-        self.acceleration = acceleration
-        self.held_from = (self.x, self.speed)
+    def hold(self, acceleration: float, odd: Odd) -> None:
+        """Go to this acceleration from here on, and hold it."""
+        self.commanded = acceleration
+        if odd.max_jerk == math.inf:
+            self.acceleration = acceleration
+        self.held_from = (self.x, self.speed, self.acceleration)
         self.substeps_held = 0
 
     def move(self, odd: Odd) -> None:
-        """0.1 s further: along the road by the law of constant acceleration since it is held, across it on the path."""
-        x, start = self.held_from
+        """0.1 s further: along the road by the law of a ramp and then constant acceleration, across it on the path."""
+        x, start, a0 = self.held_from
         self.substeps_held += 1
         time = self.substeps_held * _DT
-        self.speed = start + self.acceleration * time
+        command = self.commanded
+        now = command
+        limited = odd.max_jerk < math.inf
+        gone = 0.0
+        if limited and command != a0:
+            ramp = abs(command - a0) * (1.0 / odd.max_jerk)
+            jerk = odd.max_jerk if command > a0 else -odd.max_jerk
+            if time < ramp:
+                now = a0 + jerk * time
+            gone, start = _through_ramp(start, a0, jerk, min(time, ramp), odd.max_speed)
+            time -= min(time, ramp)
+        self.speed = start + command * time
         if self.speed < 0.0:  # has come to a stop
-            self.x = x - 0.5 * start * start / self.acceleration
+            self.x = x + (gone - 0.5 * start * start / command)
             self.speed = 0.0
         elif self.speed > odd.max_speed:
-            until = (odd.max_speed - start) / self.acceleration
-            self.x = x + 0.5 * (start + odd.max_speed) * until + odd.max_speed * (time - until)
+            until = (odd.max_speed - start) / command
+            self.x = x + (gone + 0.5 * (start + odd.max_speed) * until) + odd.max_speed * (time - until)
             self.speed = odd.max_speed
         else:
-            self.x = x + 0.5 * (start + self.speed) * time
+            self.x = x + (gone + 0.5 * (start + self.speed) * time)
+        if limited:
+            stuck = (self.speed == 0.0 and now < 0.0) or (self.speed == odd.max_speed and now > 0.0)
+            self.acceleration = 0.0 if stuck else now
         if self.path is not None:
             self._move_sideways(self.path, odd)
 

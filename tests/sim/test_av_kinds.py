@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -132,7 +133,7 @@ def biased(model: AvModel, action: int) -> AvModel:
 def test_the_learned_one_decides_twice_a_second_and_goes_on_between(model: NddModel) -> None:
     av = biased(av_named("rl"), 2)
     world = world_of([Car(100.0, 1, 30.0)])
-    world.vehicles["acceleration"][0] = 0.6
+    world.vehicles["commanded"][0] = 0.6
     decided = [decide(model, av, world, substep) for substep in range(10)]
     assert decided == [(-4.0 if substep in (0, 5) else 0.6, 1) for substep in range(10)]
 
@@ -150,8 +151,9 @@ def test_the_learned_one_stays_on_the_road(model: NddModel) -> None:
 @pytest.mark.parametrize("name", sorted(AVS))
 def test_no_av_commands_more_than_its_law_declares(model: NddModel, name: str) -> None:
     """The bounds of who can touch whom within a second rest on it; the hostile BV gives cause for hard braking."""
-    setting = setting_of(model, av=av_of(name), adversary="swerve")
-    recorder = Recorder(setting, Odd())
+    odd = Odd(max_jerk=math.inf)  # then an acceleration is the command
+    setting = setting_of(model, odd, av=av_of(name), adversary="swerve")
+    recorder = Recorder(setting, odd)
     commands = np.concatenate([recorder.record(3, test).acceleration[:, 0] for test in range(60)])
     assert commands.min() >= -setting.av.hardest_braking
     assert commands.max() <= setting.av.strongest_acceleration

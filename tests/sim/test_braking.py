@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -118,14 +119,19 @@ def test_a_follower_who_would_be_hit_makes_it_unavoidable() -> None:
     assert avoidable_by_braking(drive(AV, bv, Mover(360.0, 1, 30.0))) is True
 
 
-@given(st.floats(3.0, 40.0), st.integers(1, 25))
-def test_behind_a_braking_lead_the_closed_form_decides(gap: float, tenths: int) -> None:
-    """Both at 30 m/s, the lead brakes at 4 m/s2 from 1 s on, the AV at 8 from d later: it just stops at gap 4 d^2."""
-    delay = 0.1 * tenths
-    if abs(gap - 4.0 * delay**2) < 0.3:  # contacts are looked for every 0.1 s
+@given(st.floats(3.0, 40.0), st.integers(1, 25), st.sampled_from([math.inf, 12.65]))
+def test_behind_a_braking_lead_the_closed_form_decides(gap: float, tenths: int, max_jerk: float) -> None:
+    """Both at 30 m/s, the lead brakes at 4 m/s2 at once from 1 s on, the AV at 8 from d later, after a ramp of q.
+
+    It just does not touch at the gap 4 d^2 + 4 d q + 2 q^2 / 3.
+    """
+    delay, q = 0.1 * tenths, 8.0 / max_jerk
+    needed = 4.0 * delay**2 + 4.0 * delay * q + q**2 / 1.5
+    if abs(gap - needed) < 0.3:  # contacts are looked for every 0.1 s
         return
     scenario = drive(AV, Mover(405.0 + gap, 1, 30.0, -4.0, brakes=10))
-    assert avoidable_by_braking(scenario, delay_s=delay) is bool(gap > 4.0 * delay**2)
+    scenario = replace(scenario, odd=replace(ODD, max_jerk=max_jerk))
+    assert avoidable_by_braking(scenario, delay_s=delay) is bool(gap > needed)
 
 
 def begin_of(scenario: Scenario, speed: np.ndarray | None = None) -> float:

@@ -92,7 +92,7 @@ class Scene:
     def world(self, setting: Setting) -> World:
         world = world_of(self.cars)
         for slot, lane in (self.changing or {}).items():
-            hold(world.vehicles, slot, 0.0)
+            hold(world.vehicles, slot, 0.0, setting.road)
             start_lane_change(world, slot, lane, setting.road)
             for _ in range(10):
                 move_vehicle(world.vehicles, slot, 0.0, setting.road)
@@ -300,10 +300,10 @@ def both_worlds(
         plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, *traits))
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():
-        hold(fast.vehicles, slot, 0.0)
+        hold(fast.vehicles, slot, 0.0, setting.road)
         start_lane_change(fast, slot, target, setting.road)
         other = plain.vehicles[slot]
-        other.hold(0.0)
+        other.hold(0.0, odd)
         other.change_lane(target, odd)
         for _ in range(substeps):
             move_vehicle(fast.vehicles, slot, 0.0, setting.road)

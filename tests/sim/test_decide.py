@@ -299,7 +299,7 @@ def test_actions_set_acceleration_or_start_a_change(model: NddModel) -> None:
         world = world_of([Car(0.0, 0, 30.0), Car(50.0, 1, 30.0)])
         apply_action(world, 1, action, ACCELERATIONS, setting.road)
         car = world.vehicles[1]
-        assert car["acceleration"] == (ACCELERATIONS[action - 2] if action >= 2 else 0.0)
+        assert car["commanded"] == (ACCELERATIONS[action - 2] if action >= 2 else 0.0)
         assert car["target_lane"] == {0: 2, 1: 0}.get(action, 1)
         assert (car["duration"] > 0.0) == (action < 2)
 
@@ -310,7 +310,7 @@ def test_a_change_may_be_turned_back_but_not_doubled(model: NddModel) -> None:
     apply_action(world, 1, 0, ACCELERATIONS, setting.road)
     for _ in range(10):
         glide(world, 1, setting.road)
-    hold(world.vehicles, 1, 0.0)
+    hold(world.vehicles, 1, 0.0, setting.road)
     before = world.vehicles[1].copy()
     apply_action(world, 1, 0, ACCELERATIONS, setting.road)  # in its direction: nothing changes
     assert world.vehicles[1] == before
@@ -330,7 +330,7 @@ def test_nobody_leaves_the_road(model: NddModel, lane: int, action: int) -> None
     apply_action(world, 1, action, ACCELERATIONS, setting.road)
     assert world.vehicles["target_lane"][1] == lane
     assert world.vehicles["duration"][1] == 0.0
-    assert world.vehicles["acceleration"][1] == 0.0
+    assert world.vehicles["commanded"][1] == 0.0
 
 
 # Conflicts: two that start into one lane from both sides
@@ -405,7 +405,7 @@ def mid_change(model: NddModel, neighbour: Car, substeps: int = 10) -> tuple[Wor
     """Slot 1 has been changing from lane 1 to lane 2 for some substeps; slot 2 is the neighbour."""
     setting = setting_of(replace(model, overlook=0.25), ROAD)
     world = world_of([Car(900.0, 0, 30.0), Car(300.0, 1, 30.0), neighbour])
-    hold(world.vehicles, 1, 0.0)
+    hold(world.vehicles, 1, 0.0, setting.road)
     start_lane_change(world, 1, 2, setting.road)
     for _ in range(substeps):
         move_vehicle(world.vehicles, 1, 0.0, setting.road)

@@ -106,7 +106,7 @@ def test_commands_are_cut_to_what_a_vehicle_can_do(model: NddModel) -> None:
         lockstep.act(
             np.array([[wish, 0.0]]), False, setting, batch, scratch, keep_nothing(slots), np.zeros(1, np.int64)
         )
-        assert batch.worlds.vehicles["acceleration"][0, 0] == held
+        assert batch.worlds.vehicles["commanded"][0, 0] == held
 
 
 @pytest.mark.parametrize(

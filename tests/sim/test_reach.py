@@ -35,11 +35,12 @@ def test_nobody_drives_farther_or_less_far_than_was_bounded(model: NddModel) -> 
         world = world_of([Car(100.0 * i, 1, float(rng.choice([0.5, 39.5, rng.uniform(2.0, 39.0)]))) for i in range(8)])
         v = world.vehicles
         v["x_held"], v["speed_held"] = v["x"], v["speed"]
-        v["acceleration"] = rng.uniform(-4.0, 2.0, v.size)
+        v["acceleration_held"], v["commanded"] = rng.uniform(-4.0, 2.0, (2, v.size))
+        v["acceleration"] = v["acceleration_held"]
         bound_motion(world, 8.0, 2.0, scratch)
         x = v["x"].copy()
         for substep in range(SUBSTEPS):
-            hold(v, 0, rng.uniform(-8.0, 2.0))
+            hold(v, 0, rng.uniform(-8.0, 2.0), road)
             move_vehicle(v, 0, 0.1, road)
             for i in range(1, v.size):
                 move_vehicle(v, i, 0.1 * (substep + 1), road)
@@ -72,8 +73,8 @@ def test_who_is_noted_as_the_avs_neighbour_is_it_all_second(model: NddModel) -> 
         world = world_of(cars)
         v = world.vehicles
         v["x_held"], v["speed_held"] = v["x"], v["speed"]
-        v["acceleration"] = rng.choice([-4.0, 0.0, 2.0], v.size)
-        v["acceleration"][0] = rng.choice([-8.0, 2.0])
+        v["acceleration_held"], v["commanded"] = rng.choice([-4.0, 0.0, 2.0], (2, v.size))
+        v["acceleration_held"][0], v["commanded"][0] = rng.choice([-8.0, 2.0], 2)
         world.order[:] = np.argsort(v["x"])
         scratch = allocate_scratch(v.size, NO_POLICY)
         bound_motion(world, 8.0, 2.0, scratch)
@@ -110,7 +111,7 @@ def test_whoever_may_be_seen_in_a_lane_is_looked_at(model: NddModel, name: str) 
                 start_lane_change(world, j, old, road)
                 v["lanes"][j] = lane_bits(v["y"][j], 1.0, old, road.lane_width)  # as one second later
         v["x_held"], v["speed_held"] = v["x"], v["speed"]
-        v["acceleration"] = rng.choice([-4.0, 0.0, 2.0], v.size)
+        v["acceleration_held"], v["commanded"] = rng.choice([-4.0, 0.0, 2.0], (2, v.size))
         world.order[:] = np.argsort(v["x"])
         scratch = allocate_scratch(v.size, NO_POLICY)
         bound_motion(world, 8.0, 2.0, scratch)

@@ -26,6 +26,7 @@ from cornerforge.types import Odd
 
 KEEP_SPEED = 22
 ODD = Odd(n_lanes=3)
+AT_ONCE = replace(ODD, max_jerk=math.inf)
 
 
 def step(
@@ -144,7 +145,7 @@ def test_a_slow_lane_change_takes_longer(model: NddModel) -> None:
 
 def test_the_av_crashes_into_a_standing_car(model: NddModel) -> None:
     world = world_of([Car(450.0, 1, 30.0), Car(461.0, 1, 0.0)])
-    recording = step(world, setting_of(model, ODD), action=KEEP_SPEED, frames=11)
+    recording = step(world, setting_of(model, AT_ONCE), action=KEEP_SPEED, frames=11)
     assert world.state["controlled"][0] == 1
     # bumper to bumper 6 m at 30 m/s, braking with 4 m/s2: 6 m are gone in 0.2029 s, seen at 0.3 s
     assert world.state["outcome"][0] == AV_CRASH
@@ -192,7 +193,7 @@ def test_contacts_by_acceleration_alone_are_found(
     # the gap is shorter by half the difference. So pairs that can touch must not be sought by present speeds alone.
     av = av_named("idm-mobil")
     av = replace(av, idm=replace(av.idm, max_braking=max_braking))
-    setting = setting_of(model, replace(ODD, av_substeps=10), av=av)
+    setting = setting_of(model, replace(AT_ONCE, av_substeps=10), av=av)
     beside = [Car(450.0, 0, 30.0), Car(450.0, 2, 30.0)]
     world = world_of([Car(450.0, 1, 30.0), Car(445.0 - gap, 1, 30.0), Car(460.0, 1, 30.0), *beside])
     step_controlling(world, setting, 1, action=32)
@@ -270,7 +271,7 @@ def test_absent_vehicles_are_as_if_far_away(model: NddModel) -> None:
 def test_once_a_second_is_not_ten_times_a_second(model: NddModel) -> None:
     ways = []
     for av_substeps in (1, 10):
-        setting = setting_of(model, replace(ODD, av_substeps=av_substeps))
+        setting = setting_of(model, replace(AT_ONCE, av_substeps=av_substeps))
         world = world_of([Car(400.0, 1, 33.0), Car(480.0, 1, 32.0), Car(400.0, 0, 33.0), Car(400.0, 2, 33.0)])
         recording = step(world, setting, frames=10)
         ways.append(np.unique(recording["acceleration"][:, 0]).size)

@@ -172,7 +172,7 @@ AVOIDABILITY_COLUMNS: tuple[Field, ...] = (
     Field("witness_y_m", "list of float32", "m", "Likewise, to the left of the right road edge."),
     Field("witness_speed_mps", "list of float32", "m/s", "Likewise, along the road."),
     Field("witness_heading_rad", "list of float32", "rad", "Likewise, counter-clockwise from the road's direction."),
-    Field("witness_acceleration_mps2", "list of float32", "m/s2", "Held from each of its decisions on."),
+    Field("witness_acceleration_mps2", "list of float32", "m/s2", "Commanded from each of its decisions on."),
     Field("witness_lane", "list of int8", "", "Target lane from each of its decisions on."),
 )  # fmt: skip
 """Columns of `avoidability_table`."""

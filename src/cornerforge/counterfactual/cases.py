@@ -79,7 +79,7 @@ def _decisions(m: Manoeuvres) -> int:
 def allocate_case_scratch(m: Manoeuvres, frames: int, vehicles: int) -> CaseScratch:
     """Allocate memory for cases of at most so many frames and vehicles."""
     decisions = _decisions(m)
-    tail = stopping_frames(m.road.max_speed, m.stopping)
+    tail = stopping_frames(m.road, m.stopping)
     longest = frames + m.horizon + m.every + tail
     return CaseScratch(
         allocate_recording(longest, vehicles),

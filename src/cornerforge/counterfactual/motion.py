@@ -21,9 +21,12 @@ if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
 
 
-__all__ = ["allocate_rows", "continue_recording", "take_over"]
+__all__ = ["STRONGEST_ACCELERATION", "allocate_rows", "continue_recording", "take_over"]
 
 _DT = FRAME_S
+_HARDEST = 20.0
+STRONGEST_ACCELERATION = 10.0
+"""No vehicle brakes or accelerates more [m/s2], whatever a recording says: how long it takes to stop hangs on it."""
 _SAME_M = 1e-3
 """Positions across the road closer than this [m] are the same: more than rounding to 32 bits, less than matters."""
 
@@ -57,7 +60,7 @@ def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int
             start_lane_change(w, row, lane, road)
         v[row].x = 0.0
         v[row].speed = frames[f + 1, slot].speed  # the lateral clock goes by the speed at the end of a frame
-        hold(v, row, 0.0)
+        hold(v, row, 0.0, road)
         move_vehicle(v, row, 0.0, road)
         if abs(v[row].y - frames[f + 1, slot].y) > _SAME_M:
             return False
@@ -70,7 +73,7 @@ def _retrace(w: World, row: int, frames: NDArray[np.void], frame: int, slot: int
 def take_over(
     w: World, row: int, test: Trajectories, frame: int, slot: int, acceleration: float, road: RoadNumbers
 ) -> None:
-    """Put a recorded vehicle, as it is at a frame, into a row of `w`; from then on it holds an acceleration [m/s2].
+    """Put a recorded vehicle, as it is at a frame, into a row of `w`; it goes on to an acceleration [m/s2].
 
     Across the road it follows the path that it is on: exactly if its recorded lane changes were planned as the
     simulator plans them, else by differences of its last positions (`braking.lateral_plan`).
@@ -80,7 +83,7 @@ def take_over(
         row: The row to write.
         test: The recording.
         frame, slot: Moment and vehicle.
-        acceleration: Held from the frame on [m/s2].
+        acceleration: To which it goes from its own, at the ODD's jerk [m/s2].
         road: Constants.
     """
     v = w.vehicles
@@ -97,7 +100,8 @@ def take_over(
     v[row].x = frames[frame, slot].x
     v[row].y = frames[frame, slot].y
     v[row].speed = min(max(frames[frame, slot].speed, 0.0), road.max_speed)  # stored in 32 bits it may be a hair beyond
-    hold(v, row, acceleration)
+    v[row].acceleration = min(max(frames[frame, slot].acceleration, -_HARDEST), STRONGEST_ACCELERATION)
+    hold(v, row, acceleration, road)
 
 
 @kernel
@@ -129,7 +133,7 @@ def continue_recording(
     for j in range(test.n):
         there = j > 0 and frames[last, j].present != 0 and (only_partner == 0 or j == partner)
         if there:
-            braking = min(frames[max(last - 1, 0), j].acceleration, 0.0) if j == partner else 0.0
+            braking = min(frames[last, j].acceleration, 0.0) if j == partner else 0.0
             take_over(w, 0, test, last, j, braking, road)
         for f in range(last + 1, until + 1):
             frames[f, j].present = 1 if there else 0

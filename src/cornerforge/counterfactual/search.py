@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.counterfactual.motion import allocate_rows, take_over
+from cornerforge.counterfactual.motion import STRONGEST_ACCELERATION, allocate_rows, take_over
 from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.recordings import box_in
 from cornerforge.sim import hold, move_vehicle, path_of, start_lane_change
@@ -63,7 +63,7 @@ class Manoeuvres(NamedTuple):
     """What the AV may do, as kernels take it.
 
     Attributes:
-        accelerations: Accelerations that it may hold from one decision to the next [m/s2], 0 among them, (A,).
+        accelerations: Accelerations that it may command from one decision to the next [m/s2], 0 among them, (A,).
         every: Frames between two decisions.
         horizon: Frames after the contact until which no vehicle may touch the AV.
         lane_changes: Largest number of decisions for another lane.
@@ -92,7 +92,7 @@ class Plans(NamedTuple):
     Attributes:
         moment: Frame of the first decision, -1 where there is no way out, int64 (KINDS,).
         steps: Number of decisions, int64 (KINDS,).
-        acceleration: Acceleration held from each decision on [m/s2], (KINDS, decisions).
+        acceleration: Acceleration commanded from each decision on [m/s2], (KINDS, decisions).
         lane: Target lane from each decision on, int64 (KINDS, decisions).
     """
 
@@ -108,7 +108,7 @@ class SearchScratch(NamedTuple):
     Attributes:
         rows: Row k is the AV after k decisions; one more row serves to try stopping.
         choice: Next choice to try after k decisions.
-        chosen: Index of the acceleration held before decision k.
+        chosen: Index of the acceleration commanded before decision k.
         changes: Number of decisions for another lane before decision k.
         near: The vehicles that the AV can meet at a frame, (frames, slots) of OBSTACLE.
         n_near: Their number, (frames,).
@@ -157,9 +157,13 @@ def allocate_search(decisions: int, frames: int, slots: int) -> SearchScratch:
     )
 
 
-def stopping_frames(max_speed: float, deceleration: float) -> int:
-    """Compute an upper bound of the frames that stopping from `max_speed` [m/s] at `deceleration` [m/s2] takes."""
-    return int(np.ceil(max_speed / deceleration / FRAME_S)) + 1
+def stopping_frames(road: RoadNumbers, deceleration: float) -> int:
+    """Compute an upper bound of the frames that stopping at `deceleration` [m/s2] takes, from whatever acceleration.
+
+    While the brakes come on, the vehicle is at most at its highest speed.
+    """
+    ramp = (STRONGEST_ACCELERATION + deceleration) * road.ramp_time
+    return int(np.ceil((ramp + road.max_speed / deceleration) / FRAME_S)) + 1
 
 
 @inlined_kernel
@@ -184,6 +188,9 @@ def _gather_near(test: Trajectories, moment: int, end: int, m: Manoeuvres, road:
     for k in range(m.accelerations.size):
         hardest = min(hardest, m.accelerations[k])
         quickest = max(quickest, m.accelerations[k])
+    if road.ramp_time > 0.0:  # until the first decision has come into force
+        hardest = min(hardest, frames[moment, 0].acceleration)
+        quickest = max(quickest, frames[moment, 0].acceleration)
     largest = 0.0
     for j in range(1, test.n):
         largest = max(largest, _diagonal(bodies, j))
@@ -213,7 +220,7 @@ def _mix(state: np.uint64, value: float) -> np.uint64:
 
 
 @inlined_kernel
-def _is_new(s: SearchScratch, k: int) -> bool:
+def _is_new(s: SearchScratch, k: int, road: RoadNumbers) -> bool:
     """Note the AV's state after k decisions; False if this search has seen it before.
 
     The state is all that its future depends on, so a state seen before leads nowhere new. Two states with the same
@@ -225,6 +232,8 @@ def _is_new(s: SearchScratch, k: int) -> bool:
     key = _mix(key, v[k].speed)
     key = _mix(key, v[k].y)
     key = _mix(key, v[k].heading)
+    if road.ramp_time > 0.0:
+        key = _mix(key, v[k].acceleration)
     if v[k].duration > 0.0:
         _, speed, acceleration = path_at(path_of(v, k), v[k].clock)
         key = _mix(key, speed)
@@ -264,7 +273,7 @@ def _can_stop(s: SearchScratch, k: int, test: Trajectories, end: int, m: Manoeuv
     frames, body = test.frames, test.bodies[0]
     v[k + 1] = v[k]
     x = v[k].x
-    hold(v, k + 1, -m.stopping)
+    hold(v, k + 1, -m.stopping, road)
     f = end
     while v[k + 1].speed > 0.0:
         f += 1
@@ -302,7 +311,7 @@ def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, ro
     if lane < 0 or lane >= road.n_lanes:
         return False
     v[k + 1] = v[k]
-    hold(v, k + 1, m.accelerations[index])
+    hold(v, k + 1, m.accelerations[index], road)
     if lateral > 0:
         start_lane_change(s.rows, k + 1, lane, road)
     s.chosen[k + 1] = index
@@ -335,7 +344,7 @@ def _find_way_out(test: Trajectories, last: int, moment: int, kind: int, m: Mano
         if not _decides(s, k, choice, kind, m, evasive) or not _drives_clear(s, k + 1, body, frame, m, evasive):
             continue
         if k + 1 < steps:
-            if _is_new(s, k + 1):
+            if _is_new(s, k + 1, evasive):
                 k += 1
                 s.choice[k] = 0
             if 2 * s.counts[0] > _SLOTS:
@@ -355,7 +364,7 @@ def _note_plan(s: SearchScratch, kind: int, moment: int, steps: int, plans: Plan
     plans.moment[kind] = moment
     plans.steps[kind] = steps
     for k in range(steps):
-        plans.acceleration[kind, k] = v[k + 1].acceleration
+        plans.acceleration[kind, k] = v[k + 1].commanded
         plans.lane[kind, k] = v[k + 1].target_lane
 
 

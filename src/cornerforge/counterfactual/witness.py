@@ -39,7 +39,7 @@ def drive_way_out(
     Args:
         test: Recording with its continuation.
         moment: Frame of the first decision.
-        accelerations: Held from each decision on [m/s2], (decisions,).
+        accelerations: Commanded from each decision on [m/s2], (decisions,).
         lanes: Target lane from each decision on, (decisions,).
         m: What the AV may do: `every`, `stopping`, `road` and `evasive` are read.
         w: Scratch, one row at least.
@@ -71,13 +71,13 @@ def drive_way_out(
                 ):
                     return f
         if f == end:
-            hold(v, 0, -stopping)
+            hold(v, 0, -stopping, evasive)
             x_end = v[0].x
         if f >= end and v[0].speed == 0.0:
             return -1
         if f < end and (f - moment) % every == 0:
             k = (f - moment) // every
-            hold(v, 0, accelerations[k])
+            hold(v, 0, accelerations[k], evasive)
             if lanes[k] != v[0].target_lane:
                 start_lane_change(w, 0, lanes[k], evasive)
         began = end if f >= end else f - (f - moment) % every

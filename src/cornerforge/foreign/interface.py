@@ -73,7 +73,7 @@ class Av(ABC):
 
         Args:
             view: (B, 13, 8), SI units: row 0 the AV, then the vehicles nearest to it; columns: present, x ahead, y to
-                the left, speed, lateral speed, acceleration, lane, changes lanes (`cornerforge.sim.av_view` has the
+                the left, speed, lateral speed, acceleration now, lane, changes lanes (`cornerforge.sim.av_view` has the
                 details). All zeros for a world that drives no test now; the answer for it is not used.
 
         Returns:

@@ -187,7 +187,7 @@ def _parse(content: dict[str, Any]) -> Manifest:
         raise ValueError("run, next_test, tests or crashes is of another type")
     if not set((values["extra"] or {}).values()) <= set(EXTRA_TYPES):
         raise ValueError(f"extra columns {values['extra']}")
-    return Manifest(**values | {"odd": Odd(**values["odd"]), "shards": shards})
+    return Manifest(**values | {"odd": Odd.of_stated(values["odd"]), "shards": shards})
 
 
 def _parse_shard(index: int, content: dict[str, Any]) -> Shard:

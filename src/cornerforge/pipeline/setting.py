@@ -234,6 +234,7 @@ def experiment(
     acting: str = "greedy",
     takes_foreign: bool = False,
     seed: int = 0,
+    road: Odd | None = None,
     **keywords: Unpack[WorldKeywords],
 ) -> Experiment:
     """Build the experiment of a run.
@@ -246,6 +247,7 @@ def experiment(
         acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
         takes_foreign: A foreign AV is allowed.
         seed: Seed that a foreign AV is told.
+        road: ODD instead of the one that `world` names; a library has one of its own.
         keywords: Values that replace fields of `world`.
 
     Raises:
@@ -256,7 +258,7 @@ def experiment(
     world = replace(world or WorldOptions(), **keywords)
     av, model, bounded, budget = world.av, world.model, world.bounded, world.budget
     av_timeout = check_av_timeout(world.av_timeout)
-    road = road_of(world)
+    road = road or road_of(world)
     if is_foreign(av) and not takes_foreign:
         raise InputError(
             f"The AV {av} is not built in, and this command takes built-in ones only. What you can do: train on a "

@@ -120,9 +120,7 @@ def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) ->
     Its identity is that of natural traffic: the scripts hold the actions, so the adversary does not matter any more.
     """
     seed = int(str(source.identity["seed"]))
-    natural = experiment(
-        av=run.av.name, odd=run.odd.name, lanes=run.odd.n_lanes, model=source.path / MODEL_FILE, seed=seed
-    )
+    natural = experiment(av=run.av.name, road=run.odd, model=source.path / MODEL_FILE, seed=seed)
     origin = {key: value for key, value in source.identity.items() if key not in ("cornerforge", "code")}
     identity = {
         **natural.identity(seed),

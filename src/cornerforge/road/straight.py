@@ -43,6 +43,7 @@ class RoadNumbers(NamedTuple):
         length, width: Of a car [m].
         longest, widest: Of any class that may occur [m].
         one_size: Only cars may occur.
+        ramp_time: 1 / `Odd.max_jerk`: how long a change of the acceleration takes [s per m/s2], 0: no time.
     """
 
     n_lanes: int
@@ -64,6 +65,8 @@ class RoadNumbers(NamedTuple):
     widest: float
     one_size: bool
     same_duration: bool
+    max_jerk: float
+    ramp_time: float
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
@@ -88,6 +91,8 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         max(width for _, width in odd.sizes_on_road),
         len(odd.sizes_on_road) == 1,
         odd.same_duration,
+        odd.max_jerk,
+        1.0 / odd.max_jerk,
     )
 
 

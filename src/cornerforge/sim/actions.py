@@ -58,9 +58,12 @@ def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> 
 
 
 @inlined_kernel
-def hold(v: NDArray[np.void], i: int, acceleration: float) -> None:
-    """Vehicle i holds an acceleration [m/s2] from now on."""
-    v[i].acceleration = acceleration
+def hold(v: NDArray[np.void], i: int, acceleration: float, road: RoadNumbers) -> None:
+    """Let vehicle i go to an acceleration [m/s2] from now on, at the ODD's jerk, and hold it."""
+    v[i].commanded = acceleration
+    if road.ramp_time == 0.0:
+        v[i].acceleration = acceleration
+    v[i].acceleration_held = v[i].acceleration
     v[i].x_held = v[i].x
     v[i].speed_held = v[i].speed
 
@@ -92,12 +95,12 @@ def nearest_action(acceleration: float) -> int:
 
 @inlined_kernel
 def apply_action(w: World, i: int, action: int, accelerations: NDArray[np.float64], road: RoadNumbers) -> None:
-    """Carry out an action for slot i: an acceleration, or a lane change (speed held, see `ordered_lane`)."""
+    """Carry out an action for slot i: an acceleration, or a lane change (0, see `ordered_lane`)."""
     v = w.vehicles
     if action >= FIRST_ACCELERATION:
-        hold(v, i, accelerations[action - FIRST_ACCELERATION])
+        hold(v, i, accelerations[action - FIRST_ACCELERATION], road)
         return
-    hold(v, i, 0.0)
+    hold(v, i, 0.0, road)
     target = ordered_lane(w, i, ACTION_SIDES[action], road)
     if target != v[i].target_lane:
         start_lane_change(w, i, target, road)

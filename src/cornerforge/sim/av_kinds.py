@@ -187,7 +187,7 @@ def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScra
     """Take the action of the largest Q at substeps 0 and 5 of each second; go on with it in between."""
     v = w.vehicles
     if substep % DECIDES_EVERY != 0:
-        return v[0].acceleration, v[0].target_lane
+        return v[0].commanded, v[0].target_lane
     view_of_av(w, road, av.sight, s.found, s.seen)
     av_features(s.seen, road, s.features)
     av_actions_allowed(w, road, s.allowed)

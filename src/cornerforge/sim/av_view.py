@@ -10,7 +10,7 @@ to centre); rows without a vehicle are 0. Columns:
 | 2 | centre's distance from the right edge of the road [m] | centre to the left (+) or right (-) of the AV's [m] |
 | 3 | speed along the road [m/s] | the same |
 | 4 | lateral speed, to the left positive [m/s] | the same |
-| 5 | acceleration that it holds along the road [m/s2] | the same |
+| 5 | acceleration along the road, as it is now [m/s2] | the same |
 | 6 | lane that it keeps or changes to, 0 the rightmost | lane that it is seen to enter, else that of its centre |
 | 7 | 1 while it changes lanes, else 0 | 1 from 0.375 m off the centre of its lane on, while it changes lanes |
 

@@ -17,7 +17,7 @@ from cornerforge.errors import InputError
 from cornerforge.geometry import Box, boxes_overlap, path_at, plan_path
 from cornerforge.recordings import BODY_FIELDS, Trajectories, box_in, recordings_of_scenarios, unpack
 from cornerforge.road.straight import lane_centre, road_numbers
-from cornerforge.sim.step import allocate_recording
+from cornerforge.sim.step import allocate_recording, go_on
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -164,7 +164,8 @@ def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers,
 
     Up to the contact all other vehicles move as recorded, and all count, also one that drives into the AV from behind.
     After the contact nothing is recorded, and only the partner counts (the others would have seen the braking): it
-    completes its lane change, and brakes on if it braked, else keeps its speed. The AV follows the lateral path that it
+    completes its lane change, and brakes on if it braked, else keeps its speed. The AV's braking begins with the
+    acceleration that it then has, at the ODD's jerk. It follows the lateral path that it
     was on when it began to brake. False when the contact comes before the AV's reaction.
 
     Args:
@@ -180,22 +181,21 @@ def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers,
     if begin >= last:
         return False
     x0 = frames[begin, 0].x
-    v0 = frames[begin, 0].speed
+    v0 = min(max(frames[begin, 0].speed, 0.0), road.max_speed)
+    a0 = frames[begin, 0].acceleration if road.ramp_time > 0.0 else -braking.deceleration
     path, duration = lateral_plan(frames, 0, begin, body.change_time, road)
     centre = lane_centre(frames[begin, 0].target_lane, road.lane_width) if duration > 0.0 else frames[begin, 0].y
     clock = 0.0
     other_path, other_duration = lateral_plan(frames, partner, last, test.bodies[partner].change_time, road)
     other = frames[last, partner]
     other_centre = lane_centre(other.target_lane, road.lane_width) if other_duration > 0.0 else other.y
-    other_a = min(frames[max(last - 1, 0), partner].acceleration, 0.0)
+    other_a = min(frames[last, partner].acceleration, 0.0)
     other_x = other.x
     other_v = other.speed
     other_clock = 0.0
-    stands_after = v0 / braking.deceleration
     for f in range(begin + 1, begin + _LONGEST_FRAMES + 1):
-        held = min((f - begin) * _DT, stands_after)
-        speed = v0 - braking.deceleration * held
-        x = x0 + held * (v0 - 0.5 * braking.deceleration * held)
+        way, _, speed, _ = go_on(v0, a0, -braking.deceleration, (f - begin) * _DT, road)
+        x = x0 + way
         clock += _DT * min(1.0, speed / _FULL_STEERING_SPEED)
         y, heading = _across(path, duration, clock, speed, centre)
         if f <= last:
@@ -215,7 +215,7 @@ def is_avoidable(test: Trajectories, last: int, partner: int, road: RoadNumbers,
                 Box(other_x, other_y, other_heading, test.bodies[partner].length, test.bodies[partner].width),
             ):
                 return False
-        if f >= last and held >= stands_after:
+        if f >= last and speed == 0.0:
             return True
     return True
 

@@ -131,7 +131,7 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
     """
     v = w.vehicles
     if substep > 0:
-        return v[0].acceleration, v[0].target_lane
+        return v[0].commanded, v[0].target_lane
     action = _likeliest(w, 0, v[0].target_lane, setting, s.choice)
     v[0].quantile = uniform(word_of(w, 0, action, _MIDDLE, 0.5, setting.road, setting.tables))
     if action >= FIRST_ACCELERATION:

@@ -43,17 +43,17 @@ def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
 def bound_motion(w: World, braking: float, acceleration: float, s: Scratch) -> None:
     """Write bounds of how far each vehicle drives within the coming second into `s.least` and `s.most`.
 
-    A BV's acceleration is constant, or drops to 0 at standstill and at the highest speed. The AV may decide anew: it
-    brakes with at most `braking` and accelerates with at most `acceleration` [m/s2]. At any time within the second, the
-    lead of one vehicle over another changes by no more than the difference of their bounds at its end:
-    t (d + c t / 2) for 0 <= t <= 1 and c >= 0 is at most max(0, d + c / 2).
+    A BV's acceleration lies between the one it has and the commanded one, or is 0 at standstill and at the highest
+    speed. The AV may decide anew: it brakes with at most `braking` and accelerates with at most `acceleration` [m/s2],
+    or as now. At any time within the second, the lead of one vehicle over another changes by no more than the
+    difference of their bounds at its end: t (d + c t / 2) for 0 <= t <= 1 and c >= 0 is at most max(0, d + c / 2).
     """
     v = w.vehicles
     for i in range(w.state[0].n_vehicles):
-        s.least[i] = v[i].speed + 0.5 * min(0.0, v[i].acceleration)
-        s.most[i] = v[i].speed + 0.5 * max(0.0, v[i].acceleration)
-    s.least[0] = v[0].speed - 0.5 * braking
-    s.most[0] = v[0].speed + 0.5 * acceleration
+        s.least[i] = v[i].speed + 0.5 * min(0.0, min(v[i].commanded, v[i].acceleration_held))
+        s.most[i] = v[i].speed + 0.5 * max(0.0, max(v[i].commanded, v[i].acceleration_held))
+    s.least[0] = v[0].speed - 0.5 * max(braking, -v[0].acceleration_held)
+    s.most[0] = v[0].speed + 0.5 * max(acceleration, v[0].acceleration_held)
 
 
 @inlined_kernel

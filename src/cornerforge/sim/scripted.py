@@ -51,10 +51,10 @@ equally likely). In recordings it stands where a vehicle is absent, and means no
 
 TRAITS = ("quantile", "habit", "desired_speed", "change_time")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
-_FOLLOWING = ("x_held", "speed_held", "present", "action")
+_FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
 """Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
-vehicle that starts is present, has decided nothing yet, and has held its acceleration from that moment on."""
+vehicle that starts is present, has decided nothing yet, and decides at that moment."""
 
 
 def average_traits(speed: NDArray[np.float64], change_time: float) -> NDArray[np.float64]:
@@ -130,6 +130,7 @@ def scripted_start(fields: NDArray[np.float64]) -> NDArray[np.void]:
     for name, values in zip(START_FIELDS, fields.T, strict=True):
         start[name] = values
     start["x_held"], start["speed_held"] = start["x"], start["speed"]
+    start["commanded"] = start["acceleration_held"] = start["acceleration"]
     start["present"], start["action"] = 1, -1
     return start
 

@@ -153,6 +153,8 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     v[slot].lateral_speed = 0.0
     v[slot].heading = 0.0
     v[slot].acceleration = 0.0
+    v[slot].commanded = 0.0
+    v[slot].acceleration_held = 0.0
     v[slot].clock = 0.0
     v[slot].duration = 0.0
     v[slot].target_lane = lane
