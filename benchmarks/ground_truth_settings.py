@@ -75,6 +75,9 @@ _SENSITIVITY_TESTS = 10_000_000
 _VARIED: tuple[tuple[str, str, tuple[float, ...]], ...] = (
     ("model", "overlook", (0.0, 0.5, 2.0, 10.0)),
     ("model", "overlook_conflict", (0.0, 0.5, 2.0, 10.0)),
+    ("memory", "away", (0.0, 0.5, 2.0)),
+    ("initial", "signal_share", (0.0, 1.5)),
+    ("initial", "desire_share", (0.5, 1.5)),
     ("fit", "prior_strength", (50.0, 1000.0)),
     ("safe", "response", (0.75, 1.5)),
     ("law", "spread", (0.8, 1.25)),
@@ -114,6 +117,10 @@ def varied_model(model: NddModel, variation: Variation, data: Sequence[Path]) ->
     """
     if variation.part == "model":
         return replace(model, **{variation.field: getattr(model, variation.field) * variation.factor})
+    if variation.part in ("memory", "initial"):
+        part = getattr(model, variation.part)
+        moved = {variation.field: getattr(part, variation.field) * variation.factor}
+        return replace(model, **{variation.part: replace(part, **moved)})
     if variation.part == "fit":
         return _fitted(model, variation, data)
     if variation.part == "lane_change":

@@ -19,6 +19,7 @@ _CIRCUMSTANCES = {
     "at_start": "within 4 s of the start",
     "rare_action": "partner's rarest action in the last 5 s has an attentive chance below 1e-3",
     "overlooked": "partner's lane change overlooked a neighbour (more likely than not)",
+    "looked_away": "partner's driver looked away in the last 5 s",
 }
 _WINDOWS = (0, 2, 4, 6, 8, 10)
 """Bounds of times into a test [s] for which crashes are counted apart."""

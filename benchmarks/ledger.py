@@ -32,7 +32,10 @@ _NOT_NATURAL = ("policy.py", "adversaries.py", "observe.py", "recorder.py", "sta
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
 _CRASH_COLUMNS = (
     "test", "time", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked",
+    "looked_away",
 )  # fmt: skip
+_BEFORE_LOOKING_AWAY = _CRASH_COLUMNS[:-1]
+"""Columns of entries from before drivers looked away."""
 
 
 def _skeleton(node: object) -> Iterator[str]:
@@ -133,8 +136,9 @@ def _entry(content: Mapping[str, Any], where: str) -> Entry:
         travel = content["bv_travel"]
         counts = MonteCarlo.from_json({**content["counts"], "crashed": [crash["test"] for crash in crashes]})
         unknown = {crash["mechanism"] for crash in crashes} - set(MECHANISMS)
-        if unknown or tuple(names) != _CRASH_COLUMNS:
+        if unknown or tuple(names) not in (_CRASH_COLUMNS, _BEFORE_LOOKING_AWAY):
             raise ValueError(f"unknown {unknown or names}")
+        crashes = tuple({"looked_away": False} | crash for crash in crashes)
         return Entry(
             dict(content["identity"]),
             counts,

@@ -10,10 +10,13 @@
 #define CONFLICT_GAP 10.0
 #define IGNORED_FROM 5.0
 
-static const Sight DECIDED = {BY_DECISION, 0.0, 0.0};
+enum { ACTION_HOLD = 22 };
+
+static const Sight HUMAN = {BY_MOTION, 0.375, 0.0, 1};
 
 static inline int64_t lane_entered(const Vehicle *v, double lane_width, const Sight *sight) {
-    if (sight->by == BY_DECISION || v->duration == 0.0) return v->target_lane;
+    if (sight->by == BY_DECISION || v->duration == 0.0 || (sight->by == BY_MOTION && sight->indicators && v->signals))
+        return v->target_lane;
     int64_t own = lane_of(v->y, lane_width);
     if (sight->by == BY_CENTRE) return own;
     int64_t side = (v->lateral_speed > 0.0) - (v->lateral_speed < 0.0);
@@ -189,7 +192,9 @@ static int64_t worst_follow(
         int64_t j = w->order[other];
         double dx = v[j].x - v[i].x;
         if (dx >= SIGHT) break;
-        if (v[j].present == 0 || (v[j].lanes & wanted) == 0) continue;
+        if (v[j].present == 0) continue;
+        int64_t seen = lanes_seen(&v[j], road->lane_width, &HUMAN);
+        if ((seen & wanted) == 0) continue;
         double here = dx - road->length, closing = v[j].speed - v[i].speed;
         int64_t row = following_row(v[i].speed, v[i].desired_speed, here, closing, rounding);
         int64_t later = draw_later(tables, row, follower_word);
@@ -201,7 +206,7 @@ static int64_t worst_follow(
             int64_t before = drawn(tables, action), now = drawn(tables, later);
             action = MIN(before, now);
         }
-        wanted &= ~v[j].lanes;
+        wanted &= ~seen;
         if (wanted == 0) break;
     }
     return action < 0 ? draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word) : action;
@@ -228,7 +233,7 @@ static double side_chance(
 ) {
     const Vehicle *v = w->v;
     int64_t lead, rear;
-    neighbours_in_lane(w, i, lane, road->lane_width, &DECIDED, &lead, &rear);
+    neighbours_in_lane(w, i, lane, road->lane_width, &HUMAN, &lead, &rear);
     double chance = base;
     if (lead >= 0) {
         double gap = v[lead].x - v[i].x - road->length;
@@ -246,7 +251,7 @@ static double side_chance(
 static double turn_back_wish(const World *w, int64_t i, int64_t lane, const Road *road, const Tables *tables) {
     const Vehicle *v = w->v;
     int64_t lead, rear;
-    neighbours_in_lane(w, i, lane, road->lane_width, &DECIDED, &lead, &rear);
+    neighbours_in_lane(w, i, lane, road->lane_width, &HUMAN, &lead, &rear);
     double wish = 0.0, behind = 0.0;
     if (lead >= 0) wish = turn_back_chance(tables, v[lead].x - v[i].x - road->length, v[lead].speed - v[i].speed);
     if (rear >= 0) behind = turn_back_chance(tables, v[i].x - v[rear].x - road->length, v[i].speed - v[rear].speed);
@@ -356,6 +361,13 @@ static void sort_by_x(World *w) {
     }
 }
 
+static bool looks_away(World *w, int64_t i, const Tables *tables) {
+    uint64_t low = (random_word(w, 2, i) & 0xFFFFu) | (random_word(w, 3, i) & 0xFFFFu) << 16;
+    w->v[i].away = uniform(low) < (w->v[i].away ? tables->memory.away_again : tables->memory.away);
+    if (w->v[i].away) w->words[w->slots + i] = (uint64_t)(w->v[i].quantile * 4294967296.0);
+    return w->v[i].away;
+}
+
 static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road *road, const Tables *tables) {
     Vehicle *v = w->v;
     int64_t *ahead = w->info + AHEAD, changes = 0;
@@ -365,11 +377,12 @@ static int64_t all_naturalistic(World *w, int64_t seed, int64_t test, const Road
         int64_t i = w->order[rank];
         if (v[i].present == 0) continue;
         if (i > 0) {
-            v[i].action = decide_naturalistic(w, rank, road, tables);
+            v[i].action = looks_away(w, i, tables) ? ACTION_HOLD : decide_naturalistic(w, rank, road, tables);
             if (v[i].action < 2) changes++;
         }
+        int64_t seen = lanes_seen(&v[i], road->lane_width, &HUMAN);
         for (int64_t lane = 0; lane < road->n_lanes; lane++)
-            if (v[i].lanes & ((int64_t)1 << lane)) ahead[lane] = i;
+            if (seen & ((int64_t)1 << lane)) ahead[lane] = i;
     }
     for (int64_t i = 1; i < w->info[N_VEHICLES]; i++) {
         v[i].action = drawn(tables, v[i].action);

@@ -73,6 +73,7 @@ static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test) {
     w->v[slot].quantile = uniform(words.w[0]);
     w->v[slot].habit = uniform(words.w[1]);
     normal_pair(words.w[2], words.w[3], &w->v[slot].desired_speed, &w->v[slot].change_time);
+    w->v[slot].signals = (int64_t)(words.w[0] & 1023);
 }
 
 static void place(
@@ -89,6 +90,8 @@ static void place(
         double time = initial->change_median * exponential(initial->change_sigma * v->change_time);
         v->change_time = MIN(MAX(time, initial->change_low), initial->change_high);
     }
+    v->away = 0;
+    v->signals = slot == 0 || (double)v->signals < initial->signal_share * 1024.0;
     v->x = x;
     v->y = lane_centre(lane, road->lane_width);
     v->speed = speed;

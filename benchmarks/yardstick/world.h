@@ -17,7 +17,9 @@ typedef struct {
     int64_t target_lane, lanes, present, action;
     double length, width; /* of the kernels; all are cars here, of the road's size */
     int64_t kind;
-    double quantile, habit, desired_speed, change_time, commanded, acceleration_held;
+    double quantile, habit, desired_speed, change_time;
+    int64_t signals, away;
+    double commanded, acceleration_held;
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };
@@ -56,6 +58,7 @@ enum { BY_CENTRE, BY_DECISION, BY_MOTION };
 typedef struct {
     int64_t by;
     double offset, perception_time;
+    int64_t indicators;
 } Sight;
 
 typedef struct {
@@ -65,13 +68,13 @@ typedef struct {
 } Av;
 
 typedef struct {
-    double near, near_width, far, far_width, habit, habit_width;
+    double near, near_width, far, far_width, habit, habit_width, away, away_again;
 } Memory;
 
 typedef struct {
     double speed_mean, stream_sd, speed_sd, speed_low, speed_high, follow_share, time_gap_shift, time_gap_median;
     double time_gap_sigma, desire_share, habit_spread, rr_scale, rr_exponent, min_ttc, free_gap_low, free_gap_high;
-    double change_median, change_sigma, change_low, change_high;
+    double change_median, change_sigma, change_low, change_high, signal_share;
 } Initial;
 
 typedef struct {

@@ -128,7 +128,7 @@ def _limits(who: str, name: str) -> tuple[Field, ...]:
 SHORTFALL: tuple[Field, ...] = (
     Field(
         "shortfall_nats", "float64", "nats",
-        "How far ln P(critical BV's actions), drivers attentive, falls short of the likeliest actions'; inf: one was "
+        "How far ln P(critical BV's actions), human errors included, falls short of the likeliest ones'; inf: one was "
         "impossible; null: not recorded.",
     ),
     Field(
@@ -137,7 +137,7 @@ SHORTFALL: tuple[Field, ...] = (
     ),
     Field(
         "n_implausible", "int64", "",
-        "Critical BV's decisions that are impossible for an attentive driver; null: not recorded.",
+        "Critical BV's decisions that no natural driver makes, not even in error; null: not recorded.",
     ),
 )  # fmt: skip
 """Log-probability of the critical BV's actions against the likeliest ones (ADR 12); early libraries may lack it."""

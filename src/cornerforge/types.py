@@ -283,7 +283,7 @@ class Scenario:
         kind: Class of each vehicle, an index of `CLASSES`, shape (N,); empty: all are cars.
         length, width: Size of each vehicle [m], shape (N,); empty: the size of its class.
         change_time: How long an undisturbed lane change of each vehicle takes [s], shape (N,); empty: as the ODD says.
-        shortfall: ln P of the likeliest action minus ln P of the critical BV's action, both for an attentive driver
+        shortfall: ln P of the likeliest action minus ln P of the critical BV's action, human errors included
             [nats], shape (K,), at least 0; +inf where the action is impossible, 0 where there is no critical BV; None:
             not recorded, as in scenarios read from a library.
     """

@@ -43,7 +43,7 @@ def some_entry(blocks: int = 2, identity: dict[str, Any] | None = None) -> Entry
     entry = Entry(IDENTITY if identity is None else identity, first_block="ab", travel=BvTravel(9.2, 0.003, 4096))
     for k in range(blocks):
         block = Block(100, 2, 1300, 40_000_000, 1.5, 2.5, (100 * k + 2,), f"digest {k}")
-        study = CrashStudy("sideswipe", "bv-side", k == 0, 1.23456e-7, True, True)
+        study = CrashStudy("sideswipe", "bv-side", k == 0, 1.23456e-7, True, True, False)
         entry = replace(entry.with_crash(100 * k + 2, 2.5 * k + 0.51, study), counts=entry.counts.plus(block))
     return entry
 
@@ -58,7 +58,7 @@ def test_a_ledger_comes_back_as_it_was(tmp_path: Path) -> None:
     assert found == entries
     assert found["b"].crashes[1] == {
         "test": 102, "time": 3.0, "crash_type": "sideswipe", "mechanism": "bv-side", "at_start": False,
-        "rarest_chance": 1.23e-7, "rare_action": True, "overlooked": True,
+        "rarest_chance": 1.23e-7, "rare_action": True, "overlooked": True, "looked_away": False,
     }  # fmt: skip
     first = (tmp_path / "l.json").read_bytes()
     write_ledger(tmp_path / "l.json", found)
@@ -66,6 +66,9 @@ def test_a_ledger_comes_back_as_it_was(tmp_path: Path) -> None:
     json.loads(first)
     assert first.decode().count("\n[") == 5, "a line for each crash"
     assert found["c"].earlier_simulations == ("s", "new")
+    older = first.decode().replace(', "looked_away"]', "]").replace(", false]", "]")  # from before drivers looked away
+    (tmp_path / "old.json").write_text(older, encoding="utf-8")
+    assert read_ledger(tmp_path / "old.json") == entries
     write_ledger(tmp_path / "none.json", {})
     assert read_ledger(tmp_path / "none.json") == {} == read_ledger(tmp_path / "missing.json")
 
@@ -146,7 +149,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> Setting:
 @pytest.fixture
 def crashing(small: Setting, monkeypatch: pytest.MonkeyPatch) -> Setting:
     """Drivers who overlook 3 of 10 neighbours: 15 crashes in the 12,000 tests; the shipped model has none in them."""
-    setting = replace(small, variation=Variation("model", "overlook", 3000.0))
+    setting = replace(small, variation=Variation("model", "overlook", 200.0))
     monkeypatch.setattr(ground_truth, "SETTINGS", (setting,))
     return setting
 
@@ -363,13 +366,17 @@ def test_a_variation_moves_what_it_names_and_factor_one_moves_nothing(model: Ndd
     moved = {name for name in TABLES if _difference(varied, model, name) > 2e-3}
     expected = {
         "model": set(),
+        "memory": set(),
+        "initial": set(),
         "safe": {"following"},
         "law": {"following"},
         "lane_change": {"lc_base"} if field == "rate" else {"lc_accept_rear"},
     }[variation.part]
     assert moved == expected
-    if variation.part == "model":
-        assert getattr(varied, field) == variation.factor * getattr(model, field)
+    for part, numbers in (("model", model), ("memory", model.memory), ("initial", model.initial)):
+        if variation.part == part:
+            of = varied if part == "model" else getattr(varied, part)
+            assert getattr(of, field) == variation.factor * getattr(numbers, field)
     for name in TABLES:
         assert _difference(same, model, name) < 2e-3, name
 

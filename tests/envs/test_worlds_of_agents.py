@@ -168,7 +168,7 @@ def test_the_av_is_paid_for_metres_and_pays_for_crashes(reckless: Path) -> None:
     assert 0 < crashed.sum() < N
     np.testing.assert_allclose(total, (batch.worlds.vehicles["x"][:, 0] - 240.0) / 400.0 - crashed, rtol=1e-12)
     assert total[batch.outcome == COMPLETED].min() >= 1.0
-    assert total[crashed].max() < 0.0
+    assert total[crashed].max() < 0.01  # it may crash in the frame in which it reaches the end, up to 4 m behind it
 
 
 def test_the_substitute_of_a_forbidden_action_is_the_nearest_allowed_acceleration(seed: int) -> None:

@@ -172,17 +172,20 @@ def test_extra_names_that_cannot_be_columns_are_refused(make_scenario: Make, nam
 
 
 def test_drivers_of_older_starts_desire_the_speed_that_they_have(make_scenario: Make) -> None:
-    """Stored before lane changes had times of their own, before drivers had a memory, and before there were trucks."""
+    """Stored before drivers looked away, before lane changes had times, before memory, and before there were trucks."""
     scenario = make_scenario(5)
     states = np.zeros((scenario.slot.size, len(START_FIELDS)))
     states[:, START_FIELDS.index("speed")] = 20.0 + np.arange(len(states))
     states[:, START_FIELDS.index("length")], states[:, START_FIELDS.index("width")] = scenario.length, scenario.width
-    for lacking in (1, len(TRAITS), len(TRAITS) + 3):
+    for lacking in (2, 3, len(TRAITS), len(TRAITS) + 3):
         stored = states[:, : len(START_FIELDS) - lacking]
         script = script_of(scenario, pa.table({"start": pa.array([stored.reshape(-1).tolist()])}), 0)
         assert script is not None
-        if lacking > 1:
+        assert set(script.start["signals"]) == {1}
+        assert set(script.start["away"]) == {0}
+        if lacking > 3:
             np.testing.assert_array_equal(script.start["desired_speed"], script.start["speed"])
             np.testing.assert_array_equal(script.start["quantile"], 0.5)
-        np.testing.assert_array_equal(script.start["change_time"], scenario.odd.lane_change_duration)
+        if lacking > 2:
+            np.testing.assert_array_equal(script.start["change_time"], scenario.odd.lane_change_duration)
         np.testing.assert_array_equal(script.start["length"], scenario.length)

@@ -138,17 +138,17 @@ def test_fitted_numbers_are_short() -> None:
 
 def test_acceptance_grows_with_the_gap_and_only_an_overlap_is_never_accepted() -> None:
     change = LaneChange()
-    for accept, usual in ((change.accept_lead(), 11.0), (change.accept_rear(), 24.0)):
+    for accept, usual in ((change.accept_lead(), 11.0), (change.accept_rear(), 25.0)):
         assert (accept > 0.0).all()  # a gap of 0 or less is refused by `accept_chance`
         assert accept.max() <= 1.0
         assert (np.diff(accept, axis=0) >= 0.0).all()
         assert (np.diff(accept, axis=1) >= 0.0).all()  # the slower it closes, the sooner it is accepted
         np.testing.assert_allclose(accept[int(usual), RANGE_RATES >= 0.0], 0.5)
-    # one driver in ten judges by the gap alone
-    alone = np.interp(24.0 * np.exp(0.9), GAPS, change.accept_rear()[:, 0])
-    assert alone == pytest.approx(0.10 * 0.8413, abs=2e-3)
-    # a gap e^0.9 times the usual one is one standard deviation of doubt above it
-    assert np.interp(24.0 * np.exp(0.9), GAPS, change.accept_rear()[:, -1]) == pytest.approx(0.8413, abs=1e-3)
+    # one driver in fourteen judges by the gap alone
+    alone = np.interp(25.0 * np.exp(0.95), GAPS, change.accept_rear()[:, 0])
+    assert alone == pytest.approx(0.07 * 0.8413, abs=2e-3)
+    # a gap e^0.95 times the usual one is one standard deviation of doubt above it
+    assert np.interp(25.0 * np.exp(0.95), GAPS, change.accept_rear()[:, -1]) == pytest.approx(0.8413, abs=1e-3)
 
 
 def test_a_driver_turns_back_for_a_critical_gap() -> None:

@@ -43,7 +43,9 @@ def test_chances_are_those_that_the_recorder_wrote_down(model: NddModel) -> None
 
 
 def test_without_overlooking_both_chances_are_one(model: NddModel) -> None:
-    setting = setting_of(replace(model, overlook=0.0, overlook_conflict=0.0), ODD)
+    setting = setting_of(
+        replace(model, overlook=0.0, overlook_conflict=0.0, memory=replace(model.memory, away=0.0)), ODD
+    )
     chances = action_chances(setting, SLOTS, seed=1, test=3, slot=4)
     np.testing.assert_array_equal(chances.attentive, chances.actual)
     assert (chances.actual > 0.0).all()
@@ -51,7 +53,8 @@ def test_without_overlooking_both_chances_are_one(model: NddModel) -> None:
 
 def test_a_driver_that_overlooks_everything_is_found_out(model: NddModel) -> None:
     """All neighbours overlooked: some lane change among many is one that an attentive driver never begins."""
-    changing = replace(model, overlook=1.0, lc_base=np.full(21, 0.2, dtype=np.float32))
+    awake = replace(model.memory, away=0.0)
+    changing = replace(model, overlook=1.0, lc_base=np.full(21, 0.2, dtype=np.float32), memory=awake)
     setting = setting_of(changing, ODD)
     never = 0
     for test, slot in itertools.product(range(4), range(1, 11)):
@@ -71,8 +74,15 @@ def test_only_natural_traffic_has_chances(model: NddModel) -> None:
             action_chances(setting_of(model, ODD), SLOTS, seed=0, test=0, slot=slot)
 
 
-def chances_of(action: list[int], attentive: list[float], actual: list[float]) -> ActionChances:
-    return ActionChances(np.array(action, dtype=np.int8), np.array(attentive), np.array(actual))
+def chances_of(
+    action: list[int], attentive: list[float], actual: list[float], looks: float = 1.0, away: int | None = None
+) -> ActionChances:
+    """`away`: the second in which the driver looks away."""
+    seconds = np.arange(len(action))
+    return ActionChances(
+        np.array(action, dtype=np.int8), np.array(attentive), np.array(actual), np.full(seconds.size, looks),
+        seconds == away,
+    )  # fmt: skip
 
 
 KEEP, LEFT = 22, 0
@@ -100,3 +110,12 @@ def test_oversights_by_hand(
 ) -> None:
     found = oversight(chances, crash_time, overlook=0.1, overlook_conflict=0.0)
     assert (found.rarest_chance, found.rare_action, found.overlooked) == (rarest, rare, overlooked)
+
+
+def test_who_looks_away_is_counted_and_begins_no_change() -> None:
+    change = [LEFT], [3e-3], [4.8e-3]
+    assert not oversight(chances_of(*change), 0.5, overlook=0.1, overlook_conflict=0.0).overlooked
+    assert oversight(chances_of(*change, looks=0.5), 0.5, overlook=0.1, overlook_conflict=0.0).overlooked
+    for away, counted in ((None, False), (0, False), (1, False), (2, True), (6, True), (7, False)):
+        chances = chances_of([KEEP] * 8, [0.1] * 8, [0.1] * 8, away=away)
+        assert oversight(chances, 7.0, overlook=0.1, overlook_conflict=0.0).looked_away == counted

@@ -38,7 +38,8 @@ def change_chances(
         if driver is world.av:
             goals = {av_lane: 1.0} if av_lane != driver.target_lane else {}
         else:
-            left, right = simulator.side_chances(world, driver, overlook)
+            looks = 1.0 if attentive and is_subject else 1.0 - simulator.chance_to_look_away(driver)
+            left, right = (looks * chance for chance in simulator.side_chances(world, driver, overlook))
             goals = {driver.target_lane + 1: left, driver.target_lane - 1: right}
             if driver.path is None:
                 goals = {

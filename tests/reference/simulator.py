@@ -13,7 +13,10 @@ from reference.adversaries import ADVERSARIES, draws
 from reference.drivers import AvDriver, Naturalistic, Row
 from reference.elementary import log
 from reference.philox import DECIDE, Stream, unit
-from reference.world import DECIDED, SIGHT, Vehicle, World, start
+from reference.world import HUMAN, SIGHT, Vehicle, World, start
+
+HOLD = 22
+"""Index of the action that holds the speed."""
 
 __all__ = ["Drive", "Simulator"]
 
@@ -235,11 +238,16 @@ class Simulator:
         gap, rate = world.gap(other, bv), other.speed - bv.speed
         return self.tables.accepts(gap, rate, rear=False, overlook=0.0)
 
+    def chance_to_look_away(self, bv: Vehicle) -> float:
+        """P(a driver looks away in this second)."""
+        return self.model.memory.away_again if bv.away else self.model.memory.away
+
     def start_chance(self, world: World, vehicle: Vehicle, lane: int, av_lane: int) -> float:
         """P(a vehicle starts into a lane), if it waits for nobody."""
         if vehicle is world.av:
             return float(av_lane == lane != vehicle.target_lane)
-        left, right = self.side_chances(world, vehicle, self.model.overlook)
+        looks = 1.0 - self.chance_to_look_away(vehicle)
+        left, right = (looks * chance for chance in self.side_chances(world, vehicle, self.model.overlook))
         return {vehicle.target_lane + 1: left, vehicle.target_lane - 1: right}.get(lane, 0.0)
 
     def chance_not_to_wait(self, world: World, bv: Vehicle, lane: int, conflict: float, av_lane: int) -> float:
@@ -292,7 +300,9 @@ class Simulator:
                 cumulative[index] += (high - low) * share
         keep = (1.0 - left - right) / cumulative[-1]
         steps = [b - a for a, b in zip([0.0, *cumulative], cumulative, strict=False)]
-        return [left, right, *(keep * step for step in steps)]
+        p = [left, right, *(keep * step for step in steps)]
+        away = 0.0 if attentive else self.chance_to_look_away(bv)
+        return [(1.0 - away) * chance + (away if action == HOLD else 0.0) for action, chance in enumerate(p)]
 
     def allowed(self, world: World, bv: Vehicle, left: int | None) -> list[Action]:
         """Actions that the adversary may take; `left` of its budget in millionths of a nat, None: no limit."""
@@ -304,7 +314,7 @@ class Simulator:
         if lane > 0 and running != -1:
             allowed.add(1)
         if self.bounded:
-            possible = self.probabilities(world, bv, world.av.target_lane, attentive=True)
+            possible = self.probabilities(world, bv, world.av.target_lane, attentive=False)
             allowed = {action for action in allowed if possible[action] > 0.0}
             if left is not None:
                 allowed = {action for action in allowed if self.price(possible, action) <= left}
@@ -334,6 +344,7 @@ class _Test:
     step: int = 0
     controlled: Vehicle | None = None
     budget_left: int | None = None
+    looked_away: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         if self.simulator.budget is not None:
@@ -364,11 +375,12 @@ class _Test:
         self.controlled = critical if simulator.adversary else None
         av_wish = simulator.av_wish(world)
         possible = None if critical is None else simulator.probabilities(world, critical, av_wish[1], attentive=False)
+        self.looked_away.clear()
         actions = {bv.slot: self.choose(bv) for bv in world.bvs()}
         if not simulator.idm_bvs:
             self.give_way(actions, av_wish[1])
             for bv, quantile in [(bv, self.quantile_of(bv, actions[bv.slot])) for bv in world.bvs()]:
-                bv.quantile = quantile
+                bv.quantile, bv.away = quantile, bv.slot in self.looked_away
         for bv in world.bvs():
             bv.act(actions[bv.slot], simulator.odd)
         self.av_acts(av_wish)
@@ -389,17 +401,25 @@ class _Test:
             allowed = simulator.allowed(world, bv, self.budget_left)
             action = adversary(world, bv, allowed, draws(self.stream, self.step, bv.slot))
             if self.budget_left is not None:
-                chances = simulator.probabilities(world, bv, world.av.target_lane, attentive=True)
+                chances = simulator.probabilities(world, bv, world.av.target_lane, attentive=False)
                 self.budget_left -= simulator.price(chances, action)
             return action
         if simulator.idm_bvs:
-            command = simulator.idm_behind_all(world, bv, bv.lanes, DECIDED)
+            command = simulator.idm_behind_all(world, bv, bv.lanes, HUMAN)
             return 2 + min(max(math.floor((command + 4.0) * 5.0 + 0.5), 0), 30)
+        if self.draw_of_looking(bv) < simulator.chance_to_look_away(bv):
+            self.looked_away.add(bv.slot)
+            return HOLD
         left, right = simulator.side_chances(world, bv, simulator.model.overlook)
         draw = unit(self.stream.words(self.step, bv.slot, DECIDE)[0])
         if draw < left:
             return 0
         return 1 if draw < left + right else self.drawn_acceleration(bv)
+
+    def draw_of_looking(self, bv: Vehicle) -> float:
+        """The low halves of the third and the fourth word make one."""
+        _, _, third, fourth = self.stream.words(self.step, bv.slot, DECIDE)
+        return unit(third % 2**16 + fourth % 2**16 * 2**16)
 
     def drawn_acceleration(self, bv: Vehicle) -> Action:
         rounding = self.stream.words(self.step, bv.slot, DECIDE)[3]
@@ -420,10 +440,15 @@ class _Test:
         between which words a natural driver would have drawn it; the random word says where between them.
         """
         if bv is not self.controlled:
-            return unit(self.word_of_acceleration(bv))
+            return bv.quantile if bv.slot in self.looked_away else unit(self.word_of_acceleration(bv))
         _, word, _, rounding = self.stream.words(self.step, bv.slot, DECIDE)
         if action >= 2:
             low, high = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2)
+            away = self.simulator.chance_to_look_away(bv)
+            looked_away = away / (away + (1.0 - away) * (high - low) / 2**32) if action == HOLD and away else 0.0
+            if self.draw_of_looking(bv) < looked_away:
+                self.looked_away.add(bv.slot)
+                return bv.quantile
             word = math.floor(low + (high - low) * unit(word))
         return unit(word)
 

@@ -13,10 +13,10 @@ from reference.elementary import atan, exp, log
 from reference.philox import CLASS, INITIAL, TRAITS, Stream, normal_pair, unit
 from reference.shapes import Box, LateralPath, plan
 
-__all__ = ["DECIDED", "SIGHT", "Vehicle", "World", "start"]
+__all__ = ["HUMAN", "SIGHT", "Vehicle", "World", "start"]
 
 SIGHT = 200.0
-DECIDED = Sight("decision")
+HUMAN = Sight(indicators=True)
 _DT = 0.1
 _FULL_STEERING_SPEED = 5.0
 
@@ -80,6 +80,8 @@ class Vehicle:
     habit: float = 0.0
     desired_speed: float = 0.0
     change_time: float = 4.0
+    signals: bool = True
+    away: bool = False
 
     def change_lane(self, lane: int, odd: Odd) -> None:
         """Begin a lane change, or turn a running one."""
@@ -169,7 +171,7 @@ class Vehicle:
 
     def lane_entered(self, sight: Sight, odd: Odd) -> int:
         """The lane that an AV takes it to change to; that of its centre if it takes it to keep its lane."""
-        if sight.by == "decision":
+        if sight.by == "decision" or (sight.by == "motion" and sight.indicators and self.signals):
             return self.target_lane
         here = math.floor(self.y / odd.lane_width)
         side = self.side_moved_to()
@@ -215,6 +217,7 @@ class Body:
     habit: float
     desired_speed: float
     change_time: float
+    signals: bool
 
 
 @dataclass
@@ -239,14 +242,14 @@ class World:
         placed = Vehicle(len(self.vehicles), x, y, min(speed, self.odd.max_speed), lane, {lane})
         placed.kind, placed.length, placed.width = body.kind, body.length, body.width
         placed.quantile, placed.habit, placed.desired_speed = body.quantile, body.habit, body.desired_speed
-        placed.change_time = body.change_time
+        placed.change_time, placed.signals = body.change_time, body.signals
         self.vehicles.append(placed)
 
     def from_rear_to_front(self) -> list[Vehicle]:
         """Those present by rising x, slot by slot at the same x."""
         return sorted((v for v in self.vehicles if v.present), key=lambda v: (v.x, v.slot))
 
-    def neighbours(self, subject: Vehicle, lane: int, sight: Sight = DECIDED) -> tuple[Vehicle | None, Vehicle | None]:
+    def neighbours(self, subject: Vehicle, lane: int, sight: Sight = HUMAN) -> tuple[Vehicle | None, Vehicle | None]:
         """Nearest vehicles ahead and behind in a lane, within 200 m; `sight` says who is in it."""
         seen = [
             other
@@ -335,7 +338,8 @@ class _Traffic:
         elif number > 0 and draw < odd.truck_share + odd.motorcycle_share:
             kind, length, width = 2, 2.2, 0.8
         quantile, habit, *own = self.stream.words(number, 0, TRAITS)
-        return Body(kind, length, width, unit(quantile), unit(habit), *normal_pair(*own))
+        signals = number == 0 or quantile % 1024 < self.law.signal_share * 1024
+        return Body(kind, length, width, unit(quantile), unit(habit), *normal_pair(*own), signals)
 
     def habit(self, habit: float, quantile: float | None) -> float:
         """The habit of a driver with a time gap of this quantile: the shorter the gap, the higher."""

@@ -41,7 +41,7 @@ def test_worlds_that_learn_keep_to_their_budget(model: NddModel) -> None:
             world = world_of(actors.worlds, b)
             lane = int(world.vehicles["target_lane"][0])
             bv, starters = int(state["controlled"][b]), scratch.choice.starters
-            action_probabilities(world, bv, True, lane, setting.road, setting.tables, starters, p)
+            action_probabilities(world, bv, False, lane, setting.road, setting.tables, starters, p)
             with np.errstate(divide="ignore"):
                 costs[b] = np.log(p.max()) - np.log(p)
             left = (before[b] - 1) / UNITS_PER_NAT

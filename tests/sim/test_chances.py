@@ -15,12 +15,11 @@ from reference import giving_way
 from reference import world as slow
 from reference.drivers import AvDriver
 from reference.simulator import Simulator
-from statistical_bounds import l1_bound, l1_distance
+from statistical_bounds import l1_bound, l1_distance, rate_fits
 
 import cornerforge
 from cornerforge._jit import kernel
 from cornerforge.drivers.avs import av_named
-from cornerforge.drivers.naturalistic import MemoryNumbers
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.ndd.model import NddModel
 from cornerforge.sim import chances
@@ -37,7 +36,7 @@ from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch
-from cornerforge.types import CLASSES, ODDS, Odd, odd_named
+from cornerforge.types import ACTION_HOLD, CLASSES, ODDS, Odd, odd_named
 
 LANES = Odd(n_lanes=3)
 N = 100_000
@@ -68,6 +67,7 @@ def eager(model: NddModel, *, wish: float, conflict: float = 0.0, overlook: floa
         lc_desire_free=1.0,
         overlook=overlook,
         overlook_conflict=conflict,
+        memory=replace(model.memory, away=0.0),
     )
 
 
@@ -104,6 +104,12 @@ class Scene:
         return self.cars[0].lane if self.av_lane is None else self.av_lane
 
 
+def forgotten(setting: Setting) -> Setting:
+    """The same drivers without memory of what they did; they look away as often."""
+    memory = setting.tables.memory._replace(near=0.0, far=0.0, habit=0.0)
+    return setting._replace(tables=setting.tables._replace(memory=memory))
+
+
 FAR = Car(900.0, 0, 30.0)
 SCENES = {
     "two from both sides": Scene([FAR, Car(300.0, 0, 30.0), Car(318.0, 2, 30.0)], {1}),
@@ -123,12 +129,12 @@ SCENES = {
 
 def draw(w: World, av_lane: int, setting: Setting, s: Scratch, drawn: NDArray[np.int64]) -> None:
     """Let everybody decide in test k of the seed, for each row k of `drawn`; each time on the same state."""
-    _draw(w, av_lane, setting, s, w.vehicles["quantile"].copy(), drawn)
+    _draw(w, av_lane, setting, s, w.vehicles.copy(), drawn)
 
 
 @kernel
 def _draw(
-    w: World, av_lane: int, setting: Setting, s: Scratch, quantiles: NDArray[np.float64], drawn: NDArray[np.int64]
+    w: World, av_lane: int, setting: Setting, s: Scratch, before: NDArray[np.void], drawn: NDArray[np.int64]
 ) -> None:
     state = w.state[0]
     state.seed = SEED
@@ -137,7 +143,8 @@ def _draw(
         decide_bvs(w, -1, av_lane, setting, s)
         for i in range(drawn.shape[1]):
             drawn[test, i] = w.vehicles[i].action
-            w.vehicles[i].quantile = quantiles[i]
+            w.vehicles[i].quantile = before[i].quantile
+            w.vehicles[i].away = before[i].away
 
 
 @pytest.mark.parametrize("name", sorted(SCENES))
@@ -145,8 +152,10 @@ def test_what_is_stated_is_what_is_drawn(model: NddModel, name: str) -> None:
     # H0: a BV's action is an independent draw of its stated probabilities; unit: a test; n = 100,000 sees an L1
     # distance of 0.027; over all scenes and BVs.
     scene = SCENES[name]
-    setting = setting_of(eager(model, wish=0.4, conflict=scene.conflict, overlook=0.2), LANES)
+    drivers = eager(model, wish=0.4, conflict=scene.conflict, overlook=0.2)
+    setting = setting_of(replace(drivers, memory=replace(model.memory, away=0.1, away_again=0.2)), LANES)
     world = scene.world(setting)
+    world.vehicles["away"][2:] = 1
     bvs = range(1, len(scene.cars))
     now = [stated(world, slot, setting, scene.lane) for slot in bvs]
     before = [stated(world, slot, setting, scene.lane, alone=True) for slot in bvs]
@@ -181,10 +190,10 @@ FOLLOWERS = {
 def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: str, drivers: str) -> None:
     # H0: the action of slot 1 is an independent draw of what is stated, given its last quantile, its habit and its
     # desired speed; unit: a test; n = 100,000 sees an L1 distance of 0.028; over all scenes, models and drivers.
-    people = [(0.03, 0.2, -3.0, 4.0), (0.5, 0.9, 0.0, 4.0), (0.97, 0.6, 4.0, 4.0)]
+    people = [(0.03, 0.2, -3.0, 4.0, 1, 0), (0.5, 0.9, 0.0, 4.0, 1, 1), (0.97, 0.6, 4.0, 4.0, 0, 0)]
     bound = l1_bound(33, N, comparisons=2 * len(FOLLOWERS) * len(people))
     setting = setting_of(request.getfixturevalue(drivers), LANES)
-    forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
+    forgetful = forgotten(setting)
     refuted = 0
     for person in people:
         world = FOLLOWERS[name].world(setting)
@@ -217,7 +226,7 @@ def test_in_the_odd_of_the_paper_one_change_in_a_hundred_ignores_the_vehicle_beh
 def test_over_all_drivers_the_tables_stay_what_they_are(mindful: NddModel) -> None:
     # The mean of what is stated over uniform quantiles and habits is what is stated without memory; to 1 / grid^2.
     setting = setting_of(mindful, LANES)
-    forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
+    forgetful = forgotten(setting)
     world = FOLLOWERS["between two lanes"].world(setting)
     grid = (np.arange(1000) + 0.5) / 1000
     means = []
@@ -230,8 +239,8 @@ def test_over_all_drivers_the_tables_stay_what_they_are(mindful: NddModel) -> No
 
 def test_the_action_of_a_controlled_bv_is_remembered_as_one_that_was_drawn(mindful: NddModel) -> None:
     # Its quantile is one with which the tables give the action: so it lies between the distribution functions.
-    setting = setting_of(mindful, LANES)
-    forgetful = setting._replace(tables=setting.tables._replace(memory=MemoryNumbers(0.0, 0.1, 0.0, 0.1, 0.0, 0.1)))
+    setting = setting_of(replace(mindful, memory=replace(mindful.memory, away=0.0)), LANES)
+    forgetful = forgotten(setting)
     for name in ("behind one lead", "no lead"):
         world = FOLLOWERS[name].world(setting)
         world.vehicles["speed"] = 30.0  # a range rate of 0, which is not rounded
@@ -244,6 +253,34 @@ def test_the_action_of_a_controlled_bv_is_remembered_as_one_that_was_drawn(mindf
             assert world.vehicles["action"][1] == 2 + a
             # an impossible one is where the distribution function stands
             assert (below[a - 1] if a else 0.0) - 1e-6 <= world.vehicles["quantile"][1] <= below[a] + 1e-6
+
+
+def test_who_holds_the_speed_may_have_looked_away(mindful: NddModel) -> None:
+    # H0: of controlled BVs that hold their speed, P(looked away | held) did; unit: a test; n = 20,000 sees 0.014.
+    # The rest of the statement is the law of who looks at the road, without memory: what it did is not known.
+    for before in (0, 1):
+        setting = setting_of(mindful, LANES)
+        world = FOLLOWERS["behind one lead"].world(setting)
+        world.vehicles["speed"] = 30.0
+        world.vehicles["away"][1] = before
+        held = stated(world, 1, forgotten(setting), 0, attentive=True)[2:]
+        away = (mindful.memory.away, mindful.memory.away_again)[before]
+        expected = away / (away + (1.0 - away) * held[ACTION_HOLD - 2] / held.sum())
+        n, looked = 20_000, 0
+        quantile = world.vehicles["quantile"][1]
+        scratch = allocate_scratch(world.vehicles.size, NO_POLICY)
+        world.state["controlled"] = 1
+        for test in range(n):
+            world.vehicles["quantile"][1], world.vehicles["away"][1] = quantile, before
+            world.state["test"] = test
+            decide_bvs(world, ACTION_HOLD, 0, setting, scratch)
+            if world.vehicles["away"][1]:
+                looked += 1
+                assert world.vehicles["quantile"][1] == pytest.approx(quantile, abs=2.0**-32)
+        assert rate_fits(looked, n, expected)
+        assert not rate_fits(looked, n, away)  # negative control
+        decide_bvs(world, ACTION_HOLD + 1, 0, setting, scratch)
+        assert world.vehicles["away"][1] == 0
 
 
 def test_refused_changes_become_the_acceleration_that_was_drawn(model: NddModel) -> None:
@@ -279,7 +316,13 @@ def random_cars(rng: np.random.Generator) -> tuple[list[Car], dict[int, tuple[in
     """Two to seven cars within 150 m, the first the AV, and who changes lanes: target and substeps so far."""
     n = int(rng.integers(2, 8))
     cars = [Car(float(rng.uniform(0, 150)), int(rng.integers(3)), float(rng.uniform(24, 38))) for _ in range(n)]
-    cars = [car._replace(quantile=rng.random(), habit=rng.random(), desired_speed=rng.normal(0.0, 3.0)) for car in cars]
+    cars = [
+        car._replace(
+            quantile=rng.random(), habit=rng.random(), desired_speed=rng.normal(0.0, 3.0), signals=rng.random() < 0.5,
+            away=rng.random() < 0.5,
+        )
+        for car in cars
+    ]  # fmt: skip
     changing = {}
     for slot in range(n):
         target = cars[slot].lane + int(rng.choice([-1, 1]))
@@ -297,7 +340,8 @@ def both_worlds(
         kind = slot % 3 if len(cars) % 2 else 0
         size = CLASSES[kind].length, CLASSES[kind].width
         traits = car.quantile, car.habit, car.desired_speed, car.change_time
-        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, *traits))
+        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, *traits, signals=car.signals))
+        plain.vehicles[-1].away = car.away
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():
         hold(fast.vehicles, slot, 0.0, setting.road)
@@ -323,7 +367,8 @@ def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) 
         cars, changing = random_cars(rng)
         conflict, overlook = float(rng.choice([0.0, 0.1, 0.6])), float(rng.choice([0.0, 0.2]))
         drivers = eager(model, wish=wish, conflict=conflict, overlook=overlook)
-        drivers = replace(drivers, memory=replace(model.memory, habit=habit, habit_width=0.2))
+        memory = replace(model.memory, habit=habit, habit_width=0.2, away=0.1, away_again=0.6)
+        drivers = replace(drivers, memory=memory)
         setting = setting_of(drivers, LANES)
         fast, plain = both_worlds(cars, changing, setting, LANES)
         simulator = Simulator(LANES, drivers, AvDriver(av.idm, av.mobil, av.sight))

@@ -24,7 +24,7 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, sort_by_x
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.sight import DECIDED, VISIBLE
+from cornerforge.sim.sight import DECIDED, HUMAN, VISIBLE
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import World
 from cornerforge.types import ACCELERATIONS, Odd
@@ -248,7 +248,7 @@ def test_between_two_lanes_both_leads_are_minded(model: NddModel) -> None:
 
 
 def test_neighbours_by_decision_by_motion_and_by_centre(model: NddModel) -> None:
-    setting, centres = setting_of(model, ROAD), SightNumbers(BY_CENTRE, 0.0, 0.0)
+    setting, centres = setting_of(model, ROAD), SightNumbers(BY_CENTRE, 0.0, 0.0, indicators=False)
     world = world_of([Car(100.0, 0, 30.0), Car(150.0, 1, 30.0), Car(60.0, 1, 30.0), Car(140.0, 2, 30.0)])
     assert neighbours_in_lane(world, 0, 0, 4.0, DECIDED) == (-1, -1)
     assert neighbours_in_lane(world, 0, 1, 4.0, DECIDED) == (1, 2)
@@ -256,6 +256,9 @@ def test_neighbours_by_decision_by_motion_and_by_centre(model: NddModel) -> None
     assert neighbours_in_lane(world, 0, 1, 4.0, DECIDED) == (3, 2)
     assert neighbours_in_lane(world, 0, 2, 4.0, DECIDED) == (3, -1)
     assert neighbours_in_lane(world, 0, 1, 4.0, VISIBLE) == (1, 2)
+    assert neighbours_in_lane(world, 0, 1, 4.0, HUMAN) == (3, 2)  # its indicator is on
+    world.vehicles["signals"][3] = 0
+    assert neighbours_in_lane(world, 0, 1, 4.0, HUMAN) == (1, 2)
     change_lane(world, 3, 1, setting.road, ago=1.0)
     assert neighbours_in_lane(world, 0, 1, 4.0, VISIBLE) == (3, 2)
     assert neighbours_in_lane(world, 0, 2, 4.0, VISIBLE) == (3, -1)
@@ -403,7 +406,7 @@ def test_who_starts_behind_the_av_at_its_moment_waits(model: NddModel) -> None:
 
 def mid_change(model: NddModel, neighbour: Car, substeps: int = 10) -> tuple[World, Setting]:
     """Slot 1 has been changing from lane 1 to lane 2 for some substeps; slot 2 is the neighbour."""
-    setting = setting_of(replace(model, overlook=0.25), ROAD)
+    setting = setting_of(replace(model, overlook=0.25, memory=replace(model.memory, away=0.0)), ROAD)
     world = world_of([Car(900.0, 0, 30.0), Car(300.0, 1, 30.0), neighbour])
     hold(world.vehicles, 1, 0.0, setting.road)
     start_lane_change(world, 1, 2, setting.road)

@@ -16,7 +16,7 @@ from cornerforge.sim.observe import (
     spend_budget,
 )
 from cornerforge.sim.world import World
-from cornerforge.types import Odd
+from cornerforge.types import ACTION_HOLD, Odd
 
 ROAD = Odd(n_lanes=4)
 
@@ -93,17 +93,20 @@ def test_unbounded_mask_is_the_road_and_the_running_change(model: NddModel) -> N
 
 
 @pytest.mark.parametrize("lead_gap", [3.0, 20.0, 80.0, 300.0])
-def test_bounded_mask_is_what_an_attentive_driver_may_do(model: NddModel, lead_gap: float) -> None:
+def test_bounded_mask_is_what_a_natural_driver_may_do(model: NddModel, lead_gap: float) -> None:
     setting = setting_of(model, ROAD)
     cars = [Car(0.0, 0, 30.0), Car(400.0, 1, 30.0), Car(405.0 + lead_gap, 1, 28.0), Car(401.0, 2, 30.0)]
     world = world_of(cars)
     p = np.zeros(33)
-    action_probabilities(world, 1, True, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
+    action_probabilities(world, 1, False, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
     bounded = mask(model, world, 1, bounded=True)
     np.testing.assert_array_equal(bounded, p > 0.0)
-    assert not bounded[0]  # slot 3 is alongside: only who overlooks it would change
-    action_probabilities(world, 1, False, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
-    assert p[0] > 0.0
+    assert bounded[0]  # slot 3 is alongside: who overlooks it may change
+    assert bounded[ACTION_HOLD]  # so does who looks away
+    attentive = np.zeros(33)
+    action_probabilities(world, 1, True, 0, setting.road, setting.tables, allocate_starter_scratch(), attentive)
+    assert attentive[0] == 0.0
+    assert not bounded.all()  # negative control: some accelerations nobody chooses
     assert (p[0] < 1e-8) == (lead_gap < 5.0)  # nearer, hardly anybody begins a change behind a leader 2 m/s slower
     assert bounded.any()
 
@@ -112,10 +115,10 @@ def test_bounded_mask_is_what_an_attentive_driver_may_do(model: NddModel, lead_g
 
 
 def shortfalls(model: NddModel, world: World) -> np.ndarray:
-    """ln P(likeliest) - ln P(action) of slot 1 for an attentive driver; inf where it is impossible."""
+    """ln P(likeliest) - ln P(action) of slot 1 ; inf where it is impossible."""
     setting = setting_of(model, ROAD)
     p = np.zeros(33)
-    action_probabilities(world, 1, True, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
+    action_probabilities(world, 1, False, 0, setting.road, setting.tables, allocate_starter_scratch(), p)
     with np.errstate(divide="ignore"):
         return np.log(p.max()) - np.log(p)
 

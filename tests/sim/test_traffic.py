@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hand_built import setting_of
 from scipy import stats
-from statistical_bounds import distance_to_law, dkw_bound, l1_bound, l1_distance
+from statistical_bounds import distance_to_law, dkw_bound, l1_bound, l1_distance, rate_fits
 
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.idm import desired_gap
@@ -224,9 +224,21 @@ def test_lane_changes_take_as_long_as_the_model_or_the_odd_says(mindful: NddMode
     assert np.abs(shares - longer.cdf(inside)).max() > bound
     assert times.min() == law.change_low
     assert {vehicles["change_time"][0] for vehicles in some} == {ODD.lane_change_duration}
-    for drivers, odd in ((mindful, ODDS["swift"]), (model, ODD)):
+    alike = replace(model, initial=replace(model.initial, change_median=0.0))
+    for drivers, odd in ((mindful, ODDS["swift"]), (alike, ODD)):
         for vehicles in started(setting_of(drivers, odd), odd, 1, range(20)):
             assert set(vehicles["change_time"]) == {odd.lane_change_duration}
+
+
+def test_as_many_drivers_set_the_indicator_as_the_model_says(worlds: list[np.ndarray], model: NddModel) -> None:
+    # H0: independent draws, also of the quantile, whose random word is the same; unit: a test; n = 20,000 sees 0.014.
+    found = np.array([chain_of(vehicles)[["signals", "quantile"]][0] for vehicles in worlds])
+    share = model.initial.signal_share
+    assert rate_fits(int(found["signals"].sum()), N, share)
+    assert not rate_fits(int(found["signals"].sum()), N, share + 0.05)  # negative control
+    high = found[found["quantile"] > 0.5]
+    assert rate_fits(int(high["signals"].sum()), high.size, share)
+    assert all(vehicles["signals"][0] for vehicles in worlds)  # the AV does
 
 
 def test_the_av_starts_in_every_lane_alike(worlds: list[np.ndarray]) -> None:

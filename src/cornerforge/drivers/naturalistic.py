@@ -76,6 +76,7 @@ class InitialNumbers(NamedTuple):
     change_sigma: float
     change_low: float
     change_high: float
+    signal_share: float
 
 
 class NddTables(NamedTuple):

@@ -23,6 +23,7 @@ class Sight:
             "centre": it is in the lane of its centre only.
         offset: Distance of the vehicle's centre from the centre of the lane that it leaves, from which on it counts as
             entering the next lane. 0.375 m is the measure of UN R157 for the begin of a cut-in.
+        indicators: By motion, a vehicle whose indicator is on is in its target lane from the begin of its change on.
         perception_time: The AV sees `offset` passed this much later. 0.4 s is UN R157's time to perceive a risk.
 
     Raises:
@@ -32,6 +33,7 @@ class Sight:
     by: str = "motion"
     offset: float = field(default=0.375, metadata={"unit": "m"})
     perception_time: float = field(default=0.0, metadata={"unit": "s"})
+    indicators: bool = False
 
     def __post_init__(self) -> None:
         check_in("av.sight.by", self.by, tuple(_CODES))
@@ -45,8 +47,9 @@ class SightNumbers(NamedTuple):
     by: int
     offset: float
     perception_time: float
+    indicators: bool
 
 
 def numbers_of_sight(sight: Sight) -> SightNumbers:
     """Make the constants of a sight for the kernels."""
-    return SightNumbers(_CODES[sight.by], sight.offset, sight.perception_time)
+    return SightNumbers(_CODES[sight.by], sight.offset, sight.perception_time, sight.indicators)

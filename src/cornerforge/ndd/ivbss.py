@@ -35,6 +35,7 @@ _PUBLISHED = (GAPS.size, RANGE_RATES.size, SPEEDS.size, N_ACCELERATIONS)
 _STATES = GAPS.size * RANGE_RATES.size
 _ATTRIBUTION = "IVBSS (UMTRI), arrays published with Feng et al. 2021 (doi:10.1038/s41467-021-21007-8) and 2023"
 _LICENCE = "as stated by the publisher of the arrays; not checked"
+_OVERLOOK = 1e-4
 _NEVER_IN_FILES = (
     "initial.follow_share",
     "initial.min_ttc",
@@ -124,10 +125,11 @@ def import_arrays(
 
 
 def _as_theirs(base: NddModel) -> NddModel:
-    """Take out of a model what the authors' drivers do not have: memory, desired speeds, streams, turning back.
+    """Take out of a model what the authors' drivers do not have.
 
+    That is memory, desired speeds, streams, turning back, lengths of lane changes and indicators of their own.
     Their initial speeds and time gaps are those of one driver after the other, so the spread of speeds within a test is
-    that of all drivers.
+    that of all drivers. Drivers who never turn back may not overlook more than one neighbour in 10,000.
     """
     start = base.initial
     initial = replace(
@@ -138,8 +140,13 @@ def _as_theirs(base: NddModel) -> NddModel:
         time_gap_median=start.time_gap_shift + start.time_gap_median,
         desire_share=0.0,
         habit_spread=1.0,
+        change_median=0.0,
+        signal_share=1.0,
     )
-    return replace(base, free_pull=0.0, memory=Memory(), lc_turn_back=np.zeros_like(base.lc_turn_back), initial=initial)
+    return replace(
+        base, free_pull=0.0, memory=Memory(), lc_turn_back=np.zeros_like(base.lc_turn_back), initial=initial,
+        overlook=min(base.overlook, _OVERLOOK),
+    )  # fmt: skip
 
 
 def _accelerations(path: Path, own: NDArray[np.float32], role: str) -> tuple[NDArray[np.float32], Mapping[str, int]]:

@@ -27,7 +27,7 @@ _SURE = 0.999
 
 @dataclass(frozen=True)
 class LaneChange:
-    """Desire and gap acceptance of a lane change that takes about 4 s.
+    """Desire and gap acceptance of a lane change.
 
     A gap is accepted with the chance Phi((ln gap - ln G) / doubt), G = standstill + reaction c + c^2 / (2 braking), c
     the closing speed: `lead_standstill`, `lead_reaction`, `lead_doubt` for the vehicle ahead, `rear_...` for the one
@@ -36,7 +36,7 @@ class LaneChange:
     People change ahead of a vehicle that hardly closes, or ahead of one that closes by several m/s, and seldom between:
     half of the recorded closing cut-ins close by less than 0.56 m/s, one in twenty by more than 3.2. So most drivers
     wait for a vehicle behind that closes (`rear_reaction` is long), and the share `misjudge` looks at the gap alone.
-    That is an error that attentive drivers make too: the mask allows it.
+    That is an error that attentive drivers make too. With the chance `overlook` a driver does not look at all.
 
     The desire has such a factor for the driver's own leader, with the numbers `own_...`: hardly any driver begins a
     change, which holds its speed for a second, close behind a leader or closing in on one fast.
@@ -52,13 +52,13 @@ class LaneChange:
     near: float = field(default=60.0, metadata={"unit": "m"})
     desire_free: float = 0.5
     standstill: float = field(default=6.0, metadata={"unit": "m"})
-    rear_doubt: float = 0.9
-    rear_standstill: float = field(default=24.0, metadata={"unit": "m"})
+    rear_doubt: float = 0.95
+    rear_standstill: float = field(default=25.0, metadata={"unit": "m"})
     rear_reaction: float = field(default=300.0, metadata={"unit": "s"})
     lead_doubt: float = 0.45
     lead_standstill: float = field(default=11.0, metadata={"unit": "m"})
     lead_reaction: float = field(default=2.0, metadata={"unit": "s"})
-    misjudge: float = 0.10
+    misjudge: float = 0.07
     accept_braking: float = field(default=4.0, metadata={"unit": "m/s2"})
     reaction: float = field(default=1.0, metadata={"unit": "s"})
     braking: float = field(default=3.0, metadata={"unit": "m/s2"})
@@ -66,7 +66,7 @@ class LaneChange:
     own_doubt: float = 0.35
     own_reaction: float = field(default=1.0, metadata={"unit": "s"})
     own_braking: float = field(default=3.0, metadata={"unit": "m/s2"})
-    overlook: float = 1e-4
+    overlook: float = 0.0015
     overlook_conflict: float = 1e-4
 
     def base(self) -> Floats:

@@ -17,14 +17,18 @@ if TYPE_CHECKING:
 __all__ = [
     "Memory",
     "MemoryNumbers",
+    "away_chance",
+    "away_draw",
     "given_the_past",
     "memory_numbers",
     "reflected",
     "remembered_share",
     "remembering_word",
+    "word_at",
 ]
 
 _LAST_WORD = np.uint64(0xFFFFFFFF)
+_LOW_HALF, _HALF = np.uint64(0xFFFF), np.uint64(16)
 _POINTS = 16
 """Points at which `given_the_past` looks at the quantile of a recorded acceleration, known only to its bin."""
 
@@ -39,6 +43,9 @@ class Memory:
     over all drivers, whatever the weights: the tables stay the distributions over all drivers, and what they call
     impossible stays impossible. (A series with a copula between neighbours: Chen and Fan 2006,
     doi:10.1016/j.jeconom.2005.03.004.)
+
+    With the chance `away` a second, any driver looks away from the road, and does so again in the next second with the
+    chance `away_again`. Who looks away holds its speed, begins no lane change and turns back in none.
     """
 
     near: float = 0.0
@@ -47,6 +54,8 @@ class Memory:
     far_width: float = 0.3
     habit: float = 0.0
     habit_width: float = 0.1
+    away: float = 0.0
+    away_again: float = 0.0
 
 
 class MemoryNumbers(NamedTuple):
@@ -58,6 +67,8 @@ class MemoryNumbers(NamedTuple):
     far_width: float
     habit: float
     habit_width: float
+    away: float = 0.0
+    away_again: float = 0.0
 
 
 def memory_numbers(memory: Memory) -> MemoryNumbers:
@@ -71,6 +82,12 @@ def reflected(u: float) -> float:
     if u < 0.0:
         return -u
     return 2.0 - u if u > 1.0 else u
+
+
+@inlined_kernel
+def word_at(u: float) -> uint64:
+    """Find the random word of a quantile u, 0 to 1; that of `uniform(word)` is the word itself."""
+    return min(np.uint64(u * 4294967296.0), _LAST_WORD)
 
 
 @inlined_kernel
@@ -96,7 +113,19 @@ def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNu
     width = memory.near_width if is_near else memory.far_width if is_last else memory.habit_width
     part = (draw - low) / weight
     u = reflected(centre + width * (2.0 * part - 1.0)) if is_known else part
-    return min(np.uint64(u * 4294967296.0), _LAST_WORD)
+    return word_at(u)
+
+
+@inlined_kernel
+def away_chance(before: int, memory: MemoryNumbers) -> float:
+    """Compute P(a driver looks away in this second), given whether (1 or 0) it did in the second before."""
+    return memory.away_again if before else memory.away
+
+
+@inlined_kernel
+def away_draw(first: uint64, second: uint64) -> float:
+    """Make a number in (0, 1) of the low halves of two random words whose high halves serve something else."""
+    return uniform((first & _LOW_HALF) | ((second & _LOW_HALF) << _HALF))
 
 
 @inlined_kernel

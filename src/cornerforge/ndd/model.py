@@ -40,13 +40,15 @@ __all__ = [
 
 SCHEMA_VERSION = 2
 _READABLE = (1, SCHEMA_VERSION)
-_INITIAL_OF_1 = {
+_UNSAID = {
     "stream_sd": 0.0,
     "time_gap_shift": 0.0,
     "desire_share": 0.0,
     "habit_spread": 1.0,
+    "change_median": 0.0,
+    "signal_share": 1.0,
 }
-"""What version 1 meant without saying so; it had no `memory`, no `free_pull` and no `lc_turn_back` either."""
+"""What files meant that do not say it; those of version 1 had no `memory`, `free_pull` and `lc_turn_back` either."""
 SPEEDS: NDArray[np.float64] = SPEED_GRID.points()
 """Subject speed grid [m/s], shape (21,)."""
 GAPS: NDArray[np.float64] = GAP_GRID.points()
@@ -69,7 +71,7 @@ class InitialState:
     `desire_share` of the variance of speeds lies between drivers; and its habit (`Memory`), for a follower one minus
     the quantile of its time gap, give or take `habit_spread` (1: independent of it). How long its undisturbed lane
     changes take is log-normal, cut to [change_low, change_high]; a `change_median` of 0: all take as long as the ODD
-    says.
+    says. `signal_share` of the drivers set the indicator before they change lanes.
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
@@ -88,10 +90,11 @@ class InitialState:
     min_ttc: float = field(default=2.5, metadata={"unit": "s"})
     free_gap_low: float = field(default=120.0, metadata={"unit": "m"})
     free_gap_high: float = field(default=300.0, metadata={"unit": "m"})
-    change_median: float = field(default=0.0, metadata={"unit": "s"})
+    change_median: float = field(default=4.8, metadata={"unit": "s"})
     change_sigma: float = 0.35
-    change_low: float = field(default=3.0, metadata={"unit": "s"})
-    change_high: float = field(default=12.0, metadata={"unit": "s"})
+    change_low: float = field(default=3.4, metadata={"unit": "s"})
+    change_high: float = field(default=13.6, metadata={"unit": "s"})
+    signal_share: float = 0.52
 
 
 @dataclass(frozen=True)
@@ -182,7 +185,7 @@ _NUMBERS = ("free_pull", "lc_desire_free", "overlook", "overlook_conflict")
 _LARGE, _SMALL = 1e4, 1e-3
 _SHARES = (
     "free_pull", "overlook", "overlook_conflict", "near", "far", "habit", "follow_share", "desire_share",
-    "habit_spread",
+    "habit_spread", "signal_share", "away", "away_again",
 )  # fmt: skip
 _LIMITS = {
     **dict.fromkeys(_SHARES, (0.0, 1.0)),
@@ -250,7 +253,7 @@ def load_model(path: Path) -> NddModel:
             **tables,
             **numbers,
             memory=Memory(**header.get("memory", {})),
-            initial=InitialState(**(_INITIAL_OF_1 if version == 1 else {}), **header["initial"]),
+            initial=InitialState(**(_UNSAID | header["initial"])),
             provenance=header["provenance"],
         )
     except FileFormatError as error:

@@ -24,7 +24,7 @@ __all__ = ["FREE_PULL", "MEMORY", "SUPPORT_SD", "FreeFlow", "SafeLaw", "followin
 
 Floats = NDArray[np.float64]
 
-MEMORY = Memory(near=0.12, near_width=0.091, far=0.35, far_width=0.32)
+MEMORY = Memory(near=0.12, near_width=0.091, far=0.35, far_width=0.32, away=0.0004, away_again=0.3)
 """The shipped model's memory. Maximum likelihood on the NGSIM training halves gives these widths, and the weights 0.33
 and 0.43. But smoothing makes recorded accelerations more alike from one second to the next than they were: traffic with
 those weights has range rates with a spread of 2 m/s, published 1.3. These weights keep the published spread."""

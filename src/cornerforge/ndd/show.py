@@ -155,6 +155,10 @@ def _lane_change(model: NddModel) -> dict[str, Any]:
         "gap_turned_back_for_m": [_all_up_to(model.lc_turn_back[:, rate] == 1.0) for rate in rates],
         "overlook": model.overlook,
         "overlook_conflict": model.overlook_conflict,
+        "duration_median_s": model.initial.change_median or None,
+        "signal_share": model.initial.signal_share,
+        "away_per_second": model.memory.away,
+        "away_again": model.memory.away_again,
     }
 
 

@@ -30,6 +30,7 @@ class CrashStudy:
             None if it decided nothing.
         rare_action: `rarest_chance` is below 1e-3.
         overlooked: The partner began a lane change that more likely than not overlooked a neighbour.
+        looked_away: The partner's driver looked away from the road in the last 5 s.
     """
 
     crash_type: str
@@ -38,6 +39,7 @@ class CrashStudy:
     rarest_chance: float | None
     rare_action: bool
     overlooked: bool
+    looked_away: bool
 
     def columns(self) -> dict[str, Any]:
         """Return the values by column name, as the library takes them."""
@@ -81,6 +83,7 @@ class NaturalCrashes:
             rarest_chance=eyes.rarest_chance,
             rare_action=eyes.rare_action,
             overlooked=eyes.overlooked,
+            looked_away=eyes.looked_away,
         )
 
 
@@ -99,5 +102,6 @@ def crash_tables(studies: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
             at_start=sum(bool(row["at_start"]) for row in rows),
             rare_action=sum(bool(row["rare_action"]) for row in rows),
             overlooked=sum(bool(row["overlooked"]) for row in rows),
+            looked_away=sum(bool(row["looked_away"]) for row in rows),
         ),
     }

@@ -35,7 +35,7 @@ _BLOCK = BLOCK
 _SHARD_CASES = 500
 _STORE_SECONDS = 600.0
 """Time between two updates of the library and `rate.json` [s]; each writes a shard, so not every block does."""
-_COLUMNS = ("test", "crash_type", "mechanism", "at_start", "rare_action", "overlooked")
+_COLUMNS = ("test", "crash_type", "mechanism", "at_start", "rare_action", "overlooked", "looked_away")
 _ENOUGH_TO_FORESEE = 10
 
 

@@ -24,7 +24,8 @@ def rate_text(found: NaturalRate) -> list[str]:
         seen = found.crash_circumstances
         lines.append(
             f"{seen.at_start:,} within 4 s of the start; in {seen.rare_action:,} the partner did within 5 s what "
-            f"an attentive driver does with a chance below 1e-3; in {seen.overlooked:,} it overlooked a neighbour"
+            f"an attentive driver does with a chance below 1e-3; in {seen.overlooked:,} it overlooked a neighbour, in "
+            f"{seen.looked_away:,} it looked away"
         )
     hours = found.cpu_seconds / 3600.0
     lines.append(f"{found.seconds:,.0f} s, {hours:.3g} core-hours; digest {found.digest[:16]}")

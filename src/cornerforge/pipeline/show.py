@@ -138,6 +138,8 @@ def _lane_change_lines(change: ShownLaneChanges) -> list[str]:
         return f"{name:<34}" + "".join(f"{without if value is None else format(value, 'g'):>8}" for value in values)
 
     nearest = change.gap_m.index(30.0)
+    median = change.duration_median_s
+    lasting = "as long as the ODD says" if median is None else f"{median:g} s in the median"
     return [
         f"Lane changes: base chance {low:.4g} to {high:.4g} per decision and side, without a leader times "
         f"{change.desire_free:g}; overlooked: {change.overlook:g}, conflict {change.overlook_conflict:g}",
@@ -146,6 +148,8 @@ def _lane_change_lines(change: ShownLaneChanges) -> list[str]:
         row("gap ahead accepted by half [m]", change.gap_accepted_half_lead_m, ">115"),
         row("gap behind accepted by half [m]", change.gap_accepted_half_rear_m, ">115"),
         row("turns back at gaps up to [m]", change.gap_turned_back_for_m),
+        f"They take {lasting}; {change.signal_share:.0%} of drivers announce them. Looking away: "
+        f"{change.away_per_second:g} a second, again {change.away_again:g}",
     ]
 
 

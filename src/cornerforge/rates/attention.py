@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
+from cornerforge.ndd.memory import away_chance
 from cornerforge.sim import (
     NATURALISTIC,
     NOBODY,
@@ -43,14 +44,18 @@ class ActionChances:
 
     Attributes:
         action: Index of the action, shape (K,); -1 where the vehicle is absent.
-        attentive: Its chance under the attentive model (nobody is overlooked, neither a neighbour nor one that starts
-            into the same lane at the same moment), shape (K,); NaN where absent.
+        attentive: Its chance under the attentive model (nobody looks away or is overlooked, neither a neighbour nor one
+            that starts into the same lane at the same moment), shape (K,); NaN where absent.
         actual: Its chance under the model as it is, shape (K,); NaN where absent.
+        looks: The chance that its driver looked at the road in that second, before its action is known, shape (K,).
+        away: Its driver looked away in that second, shape (K,).
     """
 
     action: NDArray[np.int8]
     attentive: NDArray[np.float64]
     actual: NDArray[np.float64]
+    looks: NDArray[np.float64]
+    away: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -62,11 +67,13 @@ class Oversight:
             never does that"; None without a decision.
         rare_action: That is below 1e-3. By itself no proof: it holds for 5 of 300 ordinary stretches of 5 s.
         overlooked: A lane change was begun that more likely than not came about by overlooking a neighbour.
+        looked_away: Its driver looked away from the road in one of these seconds.
     """
 
     rarest_chance: float | None
     rare_action: bool
     overlooked: bool
+    looked_away: bool
 
 
 class StepSecond(Protocol):
@@ -105,7 +112,7 @@ def action_chances(
     check_integer("slot", slot, low=1, high=int(world.state["n_vehicles"][0]) - 1)
     scratch, keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)
     p, starters = scratch.choice.p, scratch.choice.starters
-    actions, rows = [], []
+    actions, rows, looks, away = [], [], [], []
     for second in range(setting.road.max_decisions):
         if world.state["outcome"][0] != RUNNING:
             break
@@ -115,6 +122,7 @@ def action_chances(
             lane = step.av_lane(world, setting)
         else:
             _, lane = built_in_av_decides(world, 0, setting.road, setting.av, scratch.av)
+        looks.append(1.0 - away_chance(int(world.vehicles["away"][slot]), setting.tables.memory))
         for row, attentive in enumerate((True, False) if present else ()):
             action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)
             chances[row] = p
@@ -124,18 +132,20 @@ def action_chances(
             advance(world, setting, scratch, keep, second + 1)
         action = int(world.vehicles["action"][slot]) if present else -1
         actions.append(action)
+        away.append(present and bool(world.vehicles["away"][slot]))
         rows.append(chances[:, action])
     warn_of_left_out(scratch)
     taken = np.array(rows, dtype=np.float64).reshape(int(world.state["decisions"][0]), 2)
-    return ActionChances(np.array(actions, dtype=np.int8), taken[:, 0], taken[:, 1])
+    return ActionChances(np.array(actions, dtype=np.int8), taken[:, 0], taken[:, 1], np.array(looks), np.array(away))
 
 
 def oversight(chances: ActionChances, crash_time: float, overlook: float, overlook_conflict: float) -> Oversight:
     """Judge the decisions of the last 5 s before a crash.
 
     A lane change of attentive chance a and actual chance b > 0 was an attentive choice with probability
-    (1 - overlook)^2 (1 - overlook_conflict) a / b or more (exactly that with two neighbours in the target lane, and
-    where another vehicle starts into it at the same moment): below one half it counts as overlooked.
+    l (1 - overlook)^2 (1 - overlook_conflict) a / b or more, l the chance that its driver looked at the road (exactly
+    that with two neighbours in the target lane, and where another vehicle starts into it at the same moment): below one
+    half it counts as overlooked.
 
     Args:
         chances: Of the crash partner.
@@ -148,9 +158,9 @@ def oversight(chances: ActionChances, crash_time: float, overlook: float, overlo
     seen = np.arange(first, last)
     seen = seen[chances.action[seen] >= 0]
     if seen.size == 0:
-        return Oversight(None, rare_action=False, overlooked=False)
+        return Oversight(None, rare_action=False, overlooked=False, looked_away=False)
     rarest = float(chances.attentive[seen].min())
     changed = seen[chances.action[seen] <= ACTION_RIGHT]
-    open_eyes = (1.0 - overlook) ** 2 * (1.0 - overlook_conflict) * chances.attentive[changed]
+    open_eyes = (1.0 - overlook) ** 2 * (1.0 - overlook_conflict) * (chances.looks * chances.attentive)[changed]
     overlooked = bool((open_eyes < 0.5 * chances.actual[changed]).any())
-    return Oversight(rarest, rarest < RARE_ACTION, overlooked)
+    return Oversight(rarest, rarest < RARE_ACTION, overlooked, bool(chances.away[seen].any()))

@@ -159,7 +159,7 @@ class PlausibilityRun(Yield, _PlausibilityTraining):
         metadata=meant("How far its possible actions fall short of the likeliest, in a crash; null: no crash.", "nats")
     )
     implausible_per_test: float | None = field(
-        metadata=meant("Decisions that are impossible for attentive drivers, in a crash; null: no crash.")
+        metadata=meant("Decisions that no natural driver makes, not even in error, in a crash; null: no crash.")
     )
 
 

@@ -102,6 +102,7 @@ class CrashCircumstances:
         metadata=meant("The partner did within 5 s what an attentive driver does with a chance below 1e-3.")
     )
     overlooked: int = field(metadata=meant("The partner more likely than not overlooked a neighbour."))
+    looked_away: int = field(metadata=meant("The partner's driver looked away from the road in the last 5 s."))
 
 
 @dataclass(frozen=True, kw_only=True)

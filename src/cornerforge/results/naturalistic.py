@@ -125,6 +125,10 @@ class ShownLaneChanges:
     overlook_conflict: float = field(
         metadata=meant("Chance to overlook another vehicle that moves to the same place, 0 to 1.")
     )
+    duration_median_s: float | None = field(metadata=meant("Median time of a lane change; null: as the ODD says.", "s"))
+    signal_share: float = field(metadata=meant("Drivers who set the indicator before they change lanes, 0 to 1."))
+    away_per_second: float = field(metadata=meant("Chance per second to look away from the road, 0 to 1."))
+    away_again: float = field(metadata=meant("Chance to look away in the next second too, 0 to 1."))
 
 
 @dataclass(frozen=True, kw_only=True)

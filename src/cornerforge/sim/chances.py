@@ -21,11 +21,12 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     turn_back_chance,
 )
-from cornerforge.ndd.memory import remembered_share
+from cornerforge.ndd.memory import away_chance, remembered_share, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
-from cornerforge.sim.sight import DECIDED
+from cornerforge.sim.sight import HUMAN
 from cornerforge.types import (
+    ACTION_HOLD,
     ACTION_LEFT,
     ACTION_RIGHT,
     FIRST_ACCELERATION,
@@ -48,15 +49,18 @@ __all__ = [
     "StarterScratch",
     "action_probabilities",
     "allocate_starter_scratch",
+    "remember_action",
     "return_chance",
     "side_chance",
-    "word_of",
 ]
 
 MAX_STARTERS = 32
 """Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256
 """Largest number of sets of starters that are kept apart; see `StarterScratch.left_out`."""
+
+
+_PER_WORD = 2.0**-32
 
 
 class StarterScratch(NamedTuple):
@@ -106,7 +110,7 @@ def side_chance(
     With `Odd.ignored_rear` even an attentive driver may ignore the one behind.
     """
     v = w.vehicles
-    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
+    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
     chance = base
     if lead >= 0:
         accept = accept_chance(tables.lc_accept, 0, gap(v, i, lead), v[lead].speed - v[i].speed)
@@ -124,7 +128,7 @@ def side_chance(
 def _turn_back_wish(w: World, i: int, lane: int, road: RoadNumbers, tables: NddTables) -> float:
     """Compute the chance that slot i, if attentive, would leave `lane` for its neighbours there: the larger of two."""
     v = w.vehicles
-    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
+    lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
     wish = 0.0
     if lead >= 0:
         wish = turn_back_chance(tables.lc_turn_back, gap(v, i, lead), v[lead].speed - v[i].speed)
@@ -200,17 +204,40 @@ def _row_behind(v: NDArray[np.void], i: int, lead: int, rounding: float) -> int:
 
 
 @inlined_kernel
-def word_of(
-    w: World, i: int, action: int, word: uint64, rounding: float, road: RoadNumbers, tables: NddTables
+def remember_action(
+    w: World, i: int, action: int, word: uint64, rounding: float, away: float, road: RoadNumbers, tables: NddTables
 ) -> uint64:
-    """Turn a random word into one with which slot i would have drawn an acceleration that somebody else chose for it.
+    """Note what slot i remembers of an action that somebody else chose for it; return its quantile as a random word.
 
-    A lane change tells nothing about it: the word stays. An impossible acceleration is remembered as where it stands
-    among the possible ones: as the lowest of all quantiles if it brakes harder than anybody.
+    It is a word with which the slot would have drawn the acceleration. A lane change tells nothing about it: the word
+    stays. An impossible acceleration is remembered as where it stands among the possible ones: as the lowest of all
+    quantiles if it brakes harder than anybody. Held speed may mean that it looked away: then it remembers what it did.
+
+    Args:
+        w: The world.
+        i: Slot.
+        action: Index of the action.
+        word: 32 random bits.
+        rounding, away: Random numbers in (0, 1): of the range rate, and for whether it looked away.
+        road, tables: Constants.
     """
+    v = w.vehicles
+    looked_away = away_chance(v[i].away, tables.memory)
+    v[i].away = 0
     if action < FIRST_ACCELERATION:
         return word
-    a = action - FIRST_ACCELERATION
+    low, high = _words_of(w, i, action - FIRST_ACCELERATION, rounding, road, tables)
+    if action == ACTION_HOLD and looked_away > 0.0:
+        share = (high - low) * _PER_WORD
+        if away < looked_away / (looked_away + (1.0 - looked_away) * share):
+            v[i].away = 1
+            return word_at(v[i].quantile)
+    return np.uint64(low + (high - low) * uniform(word))
+
+
+@inlined_kernel
+def _words_of(w: World, i: int, a: int, rounding: float, road: RoadNumbers, tables: NddTables) -> tuple[float, float]:
+    """Find the random words, from the first to the last, with which slot i draws acceleration index `a`."""
     low = 0.0
     high = 0.0
     leads = _leads(w, i, road)
@@ -223,7 +250,7 @@ def word_of(
         row = free_row(w.vehicles[i].speed, w.vehicles[i].desired_speed)
         low = _cut(tables, row, a - 1)
         high = _cut(tables, row, a)
-    return np.uint64(low + (high - low) * uniform(word))
+    return low, high
 
 
 @inlined_kernel
@@ -243,7 +270,7 @@ def _leads(w: World, i: int, road: RoadNumbers) -> tuple[int, int, int]:
     third = -1
     for lane in range(road.n_lanes):
         if v[i].lanes & (1 << lane):
-            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, DECIDED)
+            j, _ = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
             if j >= 0:
                 third = second
                 second = first
@@ -305,10 +332,12 @@ def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, 
     v = w.vehicles
     if j == 0:
         return 1.0 if av_lane == lane else 0.0
+    looks = 1.0 - away_chance(v[j].away, tables.memory)
     if v[j].duration > 0.0:
-        return return_chance(w, j, tables.overlook, road, tables) if lane_of(v[j].y, road.lane_width) == lane else 0.0
+        back = lane_of(v[j].y, road.lane_width) == lane
+        return looks * return_chance(w, j, tables.overlook, road, tables) if back else 0.0
     left, right = _wishes(w, j, _leads(w, j, road), tables.overlook, road, tables)
-    return left if lane > v[j].target_lane else right
+    return looks * (left if lane > v[j].target_lane else right)
 
 
 @inlined_kernel
@@ -470,9 +499,8 @@ def action_probabilities(
     Args:
         w: The world at the moment of the decision; its `order` is sorted.
         i: Slot of the BV.
-        attentive: It overlooks neither a neighbour nor a vehicle that starts at the same moment. The zeros of an
-            attentive driver are what "impossible" means for the NDD-bounded adversary (paper, equation 12). The other
-            drivers overlook as the model says.
+        attentive: It neither looks away nor overlooks a neighbour or a vehicle that starts at the same moment. The
+            other drivers do as the model says.
         av_lane: The target lane that the AV has chosen at this moment; its present one where the AV begins no change,
             or where its choice cannot be known.
         road, tables: Constants.
@@ -509,3 +537,8 @@ def action_probabilities(
     for a in range(N_ACTIONS - 1, FIRST_ACCELERATION, -1):
         p[a] = keep * (p[a] - p[a - 1])
     p[FIRST_ACCELERATION] = keep * p[FIRST_ACCELERATION]
+    away = 0.0 if attentive else away_chance(v[i].away, tables.memory)
+    if away > 0.0:
+        for a in range(N_ACTIONS):
+            p[a] *= 1.0 - away
+        p[ACTION_HOLD] += away

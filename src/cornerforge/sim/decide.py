@@ -21,16 +21,16 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     sample_row,
 )
-from cornerforge.ndd.memory import remembering_word
+from cornerforge.ndd.memory import away_chance, away_draw, remembering_word, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
-from cornerforge.sim.chances import return_chance, side_chance, word_of
+from cornerforge.sim.chances import remember_action, return_chance, side_chance
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
-from cornerforge.sim.sight import DECIDED
+from cornerforge.sim.sight import HUMAN, lanes_seen
 from cornerforge.sim.world import NO_VEHICLE, moment_of
-from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION
+from cornerforge.types import ACTION_HOLD, ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION
 
 if TYPE_CHECKING:
     from numpy import uint64
@@ -70,7 +70,7 @@ def _drawn(tables: NddTables, action: int) -> int:
 
 @inlined_kernel
 def _worst_follow(
-    w: World, rank: int, tables: NddTables, word: uint64, follower_word: uint64, rounding: float
+    w: World, rank: int, road: RoadNumbers, tables: NddTables, word: uint64, follower_word: uint64, rounding: float
 ) -> tuple[int, float, float]:
     """Draw the acceleration of the vehicle at a rank behind its leads in all lanes that it occupies.
 
@@ -93,7 +93,10 @@ def _worst_follow(
         j = order[other]
         if ahead_by(v, i, j) >= SIGHT:
             break
-        if v[j].present == 0 or v[j].lanes & wanted == 0:
+        if v[j].present == 0:
+            continue
+        seen = lanes_seen(v, j, road.lane_width, HUMAN)
+        if seen & wanted == 0:
             continue
         room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
@@ -102,7 +105,7 @@ def _worst_follow(
             nearest_gap = room
             nearest_rate = rate
         action = later if action < 0 else min(_drawn(tables, action), _drawn(tables, later))
-        wanted &= ~v[j].lanes
+        wanted &= ~seen
         if wanted == 0:
             break
     if action < 0:
@@ -146,7 +149,7 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
         lead = s.front[v[i].target_lane]
         action, gap, rate = _follow(w, i, lead, tables, word, follower_word, uniform(words[3, i]))
     else:
-        action, gap, rate = _worst_follow(w, rank, tables, word, follower_word, uniform(words[3, i]))
+        action, gap, rate = _worst_follow(w, rank, road, tables, word, follower_word, uniform(words[3, i]))
     if gap < np.inf:
         words[1, i] = follower_word
     if v[i].duration == 0.0:
@@ -169,12 +172,22 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
 
 
 @inlined_kernel
+def _looks_away(v: NDArray[np.void], i: int, words: NDArray[np.uint64], tables: NddTables) -> bool:
+    """Draw whether slot i looks away in this second, and note it; then the quantile of its acceleration stays."""
+    away = away_draw(words[2, i], words[3, i]) < away_chance(v[i].away, tables.memory)
+    v[i].away = 1 if away else 0
+    if away:
+        words[1, i] = word_at(v[i].quantile)
+    return away
+
+
+@inlined_kernel
 def _idm_action(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
     """Choose the action nearest to the IDM's command for the BV at a rank."""
     v = w.vehicles
     order = w.order
     i = order[rank]
-    command = lead_acceleration(w, i, v[i].lanes, DECIDED, road, av)
+    command = lead_acceleration(w, i, v[i].lanes, HUMAN, road, av)
     return nearest_action(command)
 
 
@@ -245,14 +258,18 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
         if i > 0:
             if i == controlled:
                 action = controlled_action
-                s.words[1, i] = word_of(w, i, action, s.words[1, i], uniform(s.words[3, i]), road, tables)
+                away = away_draw(s.words[2, i], s.words[3, i])
+                s.words[1, i] = remember_action(w, i, action, s.words[1, i], uniform(s.words[3, i]), away, road, tables)
+            elif _looks_away(v, i, s.words, tables):
+                action = ACTION_HOLD
             else:
                 action = _decide_naturalistic(w, rank, road, tables, s)
             v[i].action = action
             if action < FIRST_ACCELERATION:
                 changes += 1
+        seen = lanes_seen(v, i, road.lane_width, HUMAN)
         for lane in range(road.n_lanes):
-            if v[i].lanes & (1 << lane):
+            if seen & (1 << lane):
                 s.front[lane] = i
     for i in range(1, state.n_vehicles):
         v[i].action = _drawn(tables, v[i].action)
@@ -282,7 +299,7 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
     v = w.vehicles
     order = w.order
     state = w.state[0]
-    tables = setting.tables
+    road, tables = setting.road, setting.tables
     for rank in range(state.n_vehicles - 1, -1, -1):
         i = order[rank]
         if i == 0 or v[i].present == 0 or i == state.controlled or v[i].action < 0 or v[i].action >= FIRST_ACCELERATION:
@@ -292,5 +309,5 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
         target = v[i].target_lane + ACTION_SIDES[v[i].action]
         if _gives_way(w, i, target, av_lane, setting, s):
             word = s.words[1, i]
-            action, _, _ = _worst_follow(w, rank, tables, word, word, uniform(s.words[3, i]))
+            action, _, _ = _worst_follow(w, rank, road, tables, word, word, uniform(s.words[3, i]))
             v[i].action = _drawn(tables, action)

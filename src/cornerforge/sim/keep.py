@@ -67,7 +67,7 @@ class Decisions(NamedTuple):
         controlled: Slot of the critical BV, (K,); -1 for none.
         log_prob: Natural log of the probability of the critical BV's action under the NDE, given what the AV chose at
             that moment, (K,); 0 without a critical BV.
-        shortfall: Log-probability of the likeliest action minus that of the action taken, both for an attentive driver
+        shortfall: Log-probability of the likeliest action minus that of the action taken, human errors included
             [nats], (K,), at least 0, +inf where the action is impossible; 0 without a critical BV. It is the action's
             cost to a likelihood budget, which does not know what the AV chose at that moment.
         log_prob_policy: Natural log of the action's probability under the policy, (K,); 0 without a policy.
@@ -181,7 +181,7 @@ def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, d
         w: The world; all vehicles have decided, none has begun to act.
         bv: Slot of the critical BV, -1 for none.
         log_prob_policy: Natural log of the probability of its action under the policy.
-        s: `p` and `attentive` hold the probabilities of its actions.
+        s: `p` and `unseen` hold the probabilities of its actions.
         decisions: Where it goes.
     """
     step = w.state[0].decisions
@@ -198,6 +198,6 @@ def record_choice(w: World, bv: int, log_prob_policy: float, s: ChoiceScratch, d
     decisions.log_prob[step] = log(p) if p > 0.0 else -math.inf
     most = 0.0
     for a in range(N_ACTIONS):
-        most = max(most, s.attentive[a])
-    p = s.attentive[action]
+        most = max(most, s.unseen[a])
+    p = s.unseen[action]
     decisions.shortfall[step] = log(most) - log(p) if p > 0.0 else math.inf

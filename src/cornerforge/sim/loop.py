@@ -17,7 +17,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import uniform
 from cornerforge.sim.adversaries import choose_action, sample_action
 from cornerforge.sim.av_kinds import built_in_av_decides
-from cornerforge.sim.chances import action_probabilities, word_of
+from cornerforge.sim.chances import action_probabilities, remember_action
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
@@ -119,7 +119,7 @@ def _remember_script(w: World, setting: Setting) -> None:
     v = w.vehicles
     for i in range(1, w.state[0].n_vehicles):
         if v[i].present:
-            v[i].quantile = uniform(word_of(w, i, v[i].action, _MIDDLE, 0.5, setting.road, setting.tables))
+            v[i].quantile = uniform(remember_action(w, i, v[i].action, _MIDDLE, 0.5, 0.5, setting.road, setting.tables))
 
 
 @kernel
@@ -133,7 +133,7 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
     if substep > 0:
         return v[0].commanded, v[0].target_lane
     action = _likeliest(w, 0, v[0].target_lane, setting, s.choice)
-    v[0].quantile = uniform(word_of(w, 0, action, _MIDDLE, 0.5, setting.road, setting.tables))
+    v[0].quantile = uniform(remember_action(w, 0, action, _MIDDLE, 0.5, 0.5, setting.road, setting.tables))
     if action >= FIRST_ACCELERATION:
         return _ACCELERATIONS[action - FIRST_ACCELERATION], v[0].target_lane
     return 0.0, v[0].target_lane + ACTION_SIDES[action]
@@ -202,7 +202,7 @@ def _adversary_acts(w: World, bv: int, setting: Setting, s: Scratch) -> tuple[in
 def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, s: Scratch) -> tuple[int, int, float]:
     """Find the critical BV and let the adversary, if there is one, choose what it does.
 
-    With `recorded`, the probabilities of all actions go into `p` and `attentive` of the scratch, for `record_choice`:
+    With `recorded`, the probabilities of all actions go into `p` and `unseen` of the scratch, for `record_choice`:
     they depend on the state before any vehicle moves, and a natural driver's action is known only later. Only these
     probabilities use `av_lane`, the target lane that the AV has just chosen: the adversary does not see it.
 
@@ -220,7 +220,12 @@ def _critical_bv_acts(w: World, av_lane: int, recorded: bool, setting: Setting, 
     if recorded:
         road, tables, c = setting.road, setting.tables, s.choice
         action_probabilities(w, bv, False, av_lane, road, tables, c.starters, c.p)
-        action_probabilities(w, bv, True, w.vehicles[0].target_lane, road, tables, c.starters, c.attentive)
+        now = w.vehicles[0].target_lane
+        if av_lane != now:
+            action_probabilities(w, bv, False, now, road, tables, c.starters, c.unseen)
+        else:
+            for a in range(N_ACTIONS):
+                c.unseen[a] = c.p[a]
     return bv, action, log_prob_policy
 
 

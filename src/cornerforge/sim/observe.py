@@ -141,9 +141,10 @@ def allowed_actions(
     """Write the adversary's action mask into `allowed`, bool (33,): for acting, exploring and the learning target.
 
     Unbounded: all actions except lane changes that would leave the road or that repeat the running one. Bounded (paper,
-    equation 12): of these, only actions with positive probability for an attentive naturalistic driver; an action that
-    needs a neighbour to be overlooked is not possible. With a budget (state.budget_left > 0): of these, only actions
-    whose `surprise` is within the rest of the budget. The likeliest action costs nothing, so one is always allowed.
+    equation 12): of these, only actions that a naturalistic driver takes with a positive probability. Human errors are
+    among them: to look away, to misjudge, to overlook a neighbour. With a budget (state.budget_left > 0): of these,
+    only actions whose `surprise` is within the rest of the budget. The likeliest action costs nothing, so one is always
+    allowed.
 
     The choices of others at this moment are not known. The other BVs may start into the same lane, with their
     probabilities; the AV is assumed to begin no lane change (docs/adr/0019-giving-way.md).
@@ -169,7 +170,7 @@ def allowed_actions(
         else:
             allowed[ACTION_RIGHT] = False
     if bounded:
-        action_probabilities(w, bv, True, v[0].target_lane, road, tables, c, p)
+        action_probabilities(w, bv, False, v[0].target_lane, road, tables, c, p)
         for a in range(N_ACTIONS):
             allowed[a] = allowed[a] and p[a] > 0.0
         left = w.state[0].budget_left
@@ -219,7 +220,7 @@ def spend_budget(
     """
     state = w.state[0]
     if state.budget_left > 1:  # 1: nothing is left, so the action is the likeliest
-        action_probabilities(w, bv, True, w.vehicles[0].target_lane, road, tables, c, p)
+        action_probabilities(w, bv, False, w.vehicles[0].target_lane, road, tables, c, p)
         state.budget_left = max(1, state.budget_left - surprise(p[action], _largest(p)))
 
 

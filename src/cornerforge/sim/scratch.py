@@ -35,12 +35,12 @@ class AvScratch(NamedTuple):
 
 
 class ChoiceScratch(NamedTuple):
-    """Scratch for one choice of an adversary; `p`, `attentive` and `starters` are for probabilities of actions."""
+    """Scratch for one choice of an adversary; `p`, `unseen` and `starters` are for probabilities of actions."""
 
     observation: NDArray[np.float32]
     allowed: NDArray[np.bool_]
     p: NDArray[np.float64]
-    attentive: NDArray[np.float64]
+    unseen: NDArray[np.float64]
     q: NDArray[np.float32]
     layers: NDArray[np.float32]
     found: NDArray[np.int64]
@@ -94,7 +94,7 @@ def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
             observation=np.zeros(N_OBSERVATION, dtype=np.float32),
             allowed=np.zeros(N_ACTIONS, dtype=np.bool_),
             p=np.zeros(N_ACTIONS),
-            attentive=np.zeros(N_ACTIONS),
+            unseen=np.zeros(N_ACTIONS),
             q=np.zeros(N_ACTIONS, dtype=np.float32),
             layers=np.zeros((_LAYER_ROWS, widest), dtype=np.float32),
             found=np.zeros(_N_NEAREST, dtype=np.int64),

@@ -14,10 +14,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["DECIDED", "VISIBLE", "is_seen_changing", "lane_entered", "lanes_seen"]
+__all__ = ["DECIDED", "HUMAN", "VISIBLE", "is_seen_changing", "lane_entered", "lanes_seen"]
 
-DECIDED = SightNumbers(BY_DECISION, 0.0, 0.0)
-"""How BVs see each other and the AV, and how vehicles are counted."""
+DECIDED = SightNumbers(BY_DECISION, 0.0, 0.0, False)
+"""How vehicles are counted."""
+HUMAN = numbers_of_sight(Sight(indicators=True))
+"""How BVs see each other and the AV."""
 VISIBLE = numbers_of_sight(Sight())
 """What is shown to an AV from outside."""
 _BY_CENTRE, _BY_DECISION, _BY_MOTION = BY_CENTRE, BY_DECISION, BY_MOTION
@@ -28,11 +30,16 @@ def lane_entered(v: NDArray[np.void], j: int, lane_width: float, sight: SightNum
     """Find the lane that vehicle j is seen to enter; the lane of its centre where it is seen to enter none.
 
     Seen by motion, it enters the lane towards which it moves: as soon as its body is over the line, or its centre was
-    `offset` off the centre of its lane `perception_time` ago. Where it was then is reckoned back from its lateral
+    `offset` off the centre of its lane `perception_time` ago; with `indicators`, from the begin of its change on if its
+    driver announces it. Where it was then is reckoned back from its lateral
     position, speed and acceleration now, which no decision changes at once: with 0.375 m and 0.4 s a vehicle that takes
     4 s to change lanes is seen after 1.37 s, and was 0.375 m off after 0.96 s.
     """
-    if sight.by == _BY_DECISION or v[j].duration == 0.0:
+    if (
+        sight.by == _BY_DECISION
+        or v[j].duration == 0.0
+        or (sight.by == _BY_MOTION and sight.indicators and v[j].signals)
+    ):
         target: int = v[j].target_lane
         return target
     own = lane_of(v[j].y, lane_width)

@@ -30,6 +30,8 @@ __all__ = ["clear_world", "reset_world"]
 _LENGTHS = np.array([user.length for user in CLASSES])
 _WIDTHS = np.array([user.width for user in CLASSES])
 _MAX_TRIES = 200
+_LOW_BITS = 2**10 - 1
+"""Bits of a random word that say whether a driver sets its indicator; 2^-22 of the quantile that is drawn of all."""
 """After so many refused draws of a neighbour, it is put at the largest free gap with the same speed."""
 
 
@@ -123,6 +125,7 @@ def _join(w: World, road: RoadNumbers) -> bool:
     v.quantile = uniform(words[0])
     v.habit = uniform(words[1])
     v.desired_speed, v.change_time = normal_pair(words[2], words[3])
+    v.signals = np.int64(words[0] & np.uint64(_LOW_BITS))
     return True
 
 
@@ -130,8 +133,8 @@ def _join(w: World, road: RoadNumbers) -> bool:
 def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Setting) -> None:
     """Put the vehicle of the last `_join` on the road: centre at x [m] in a lane, at `speed` [m/s]; `mean`: the test's.
 
-    Its desired speed is drawn given its speed, as both are in the long run (bivariate normal). The AV
-    changes lanes in the ODD's time, and so does everybody if the ODD says so or the model says nothing.
+    Its desired speed is drawn given its speed, as both are in the long run (bivariate normal). The AV changes lanes in
+    the ODD's time, and so does everybody if the ODD says so or the model says nothing. The AV sets its indicator.
     """
     road, initial = setting.road, setting.tables.initial
     v = w.vehicles
@@ -145,6 +148,9 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     else:
         time = initial.change_median * exp(initial.change_sigma * v[slot].change_time)
         v[slot].change_time = min(max(time, initial.change_low), initial.change_high)
+    announces = v[slot].signals < initial.signal_share * (_LOW_BITS + 1)
+    v[slot].away = 0
+    v[slot].signals = 1 if slot == 0 or announces else 0
     v[slot].x = x
     v[slot].y = lane_centre(lane, road.lane_width)
     v[slot].speed = speed

@@ -68,6 +68,8 @@ VEHICLE = np.dtype(
         ("habit", "f8"),
         ("desired_speed", "f8"),
         ("change_time", "f8"),
+        ("signals", "i8"),
+        ("away", "i8"),
         ("commanded", "f8"),
         ("acceleration_held", "f8"),
     ]
@@ -81,8 +83,9 @@ where the vehicle stands); clock, duration: time since the start of the lane cha
 (`road.straight.lane_bits`); present: 1 or 0; action: index of its last action, -1 for none; length, width: of its box
 [m]; kind: its class, an index of `types.CLASSES`; quantile, habit: of its last acceleration among those of all drivers
 in the state that it saw, and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; desired_speed: its desired
-speed [m/s]; change_time: how long its undisturbed lane changes take [s]; commanded, acceleration_held: the acceleration
-that was decided last, and the one that the vehicle then had [m/s2].
+speed [m/s]; change_time: how long its undisturbed lane changes take [s]; signals: 1 if its driver sets the indicator
+before it changes lanes; away: 1 if its driver looked away from the road in the last second; commanded,
+acceleration_held: the acceleration that was decided last, and the one that the vehicle then had [m/s2].
 """
 
 
