@@ -124,8 +124,9 @@ def assert_same(drive: Drive, scenario: Scenario) -> None:
     actions = [[chosen.get(slot, -1) for slot in scenario.slot] for chosen in drive.actions]
     np.testing.assert_array_equal(scenario.action, actions)
     np.testing.assert_array_equal(scenario.critical_bv, drive.critical)
-    log_prob = [math.log(p) if p > 0.0 else -math.inf for p in drive.probability]
-    np.testing.assert_allclose(scenario.log_prob_nde, log_prob, rtol=1e-9, atol=1e-9)
+    # probabilities are differences of sums up to 1, so good to some 1e-16
+    np.testing.assert_array_equal(np.isinf(scenario.log_prob_nde), np.array(drive.probability) == 0.0)
+    np.testing.assert_allclose(np.exp(scenario.log_prob_nde), drive.probability, rtol=1e-9, atol=1e-15)
     crash = scenario.crash
     assert (crash is not None) == (drive.outcome in (AV_CRASH, BV_CRASH))
     if crash is not None:

@@ -214,7 +214,8 @@ def maximise(seconds: SecondsAtRisk, prior: LaneChange | None = None) -> tuple[L
         return np.array([(cost(shift + step) - cost(shift - step)) / (2.0 * _STEP) for step in steps])
 
     bounds = [(-_FARTHEST, _FARTHEST)] * len(names)
-    best = np.asarray(minimize(cost, np.zeros(len(names)), jac=slope, method="L-BFGS-B", bounds=bounds).x)
+    minimum = minimize(cost, np.zeros(len(names)), jac=slope, method="L-BFGS-B", bounds=bounds)
+    best = np.array(minimum.x.tolist())
     steps = np.eye(best.size) * _STEP
     curvature = np.array([(slope(best + step) - slope(best - step)) / (2.0 * _STEP) for step in steps])
     spread = np.sqrt(np.diag(np.linalg.inv(0.5 * (curvature + curvature.T))))
