@@ -56,8 +56,8 @@ __all__ = [
 ]
 
 ALONE = -1
-"""Instead of the AV's lane: nobody else starts into a lane at this moment. Where conflicts may be overlooked, the same
-actions are possible as with others, and it takes less time."""
+"""Instead of the AV's lane: nobody else starts into a lane at this moment. Where conflicts may be overlooked, and
+not everybody wants to change lanes, the same actions are possible as with others, and it takes less time."""
 MAX_STARTERS = 32
 """Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256

@@ -171,7 +171,7 @@ def allowed_actions(
             allowed[ACTION_RIGHT] = False
     if bounded:
         left = w.state[0].budget_left
-        only_possible = left == 0 and tables.overlook_conflict > 0.0
+        only_possible = left == 0 and tables.overlook_conflict > 0.0 and tables.lc_most < 0.5
         action_probabilities(w, bv, False, ALONE if only_possible else v[0].target_lane, road, tables, c, p)
         for a in range(N_ACTIONS):
             allowed[a] = allowed[a] and p[a] > 0.0
