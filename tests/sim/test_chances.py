@@ -381,6 +381,8 @@ def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) 
             np.testing.assert_allclose(p[:2], expected, rtol=0.0, atol=1e-12)
             quick = simulator.probabilities(plain, bv, av_lane, attentive=attentive)
             np.testing.assert_allclose(p, quick, rtol=0.0, atol=1e-12)
+            if conflict > 0.0 and wish < 0.5 and not attentive:  # then the same actions are possible without the others
+                np.testing.assert_array_equal(stated(fast, slot, setting, chances.ALONE) > 0.0, p > 0.0)
             compared += 1
             alone = stated(fast, slot, setting, av_lane, attentive=attentive, alone=True)
             mattered += int(np.abs(p - alone).max() > 1e-9)

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.world import World
 
 __all__ = [
+    "ALONE",
     "MAX_SETS",
     "MAX_STARTERS",
     "StarterScratch",
@@ -54,6 +55,9 @@ __all__ = [
     "side_chance",
 ]
 
+ALONE = -1
+"""Instead of the AV's lane: nobody else starts into a lane at this moment. Where conflicts may be overlooked, and
+not everybody wants to change lanes, the same actions are possible as with others, and it takes less time."""
 MAX_STARTERS = 32
 """Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256
@@ -502,7 +506,7 @@ def action_probabilities(
         attentive: It neither looks away nor overlooks a neighbour or a vehicle that starts at the same moment. The
             other drivers do as the model says.
         av_lane: The target lane that the AV has chosen at this moment; its present one where the AV begins no change,
-            or where its choice cannot be known.
+            or where its choice cannot be known; ALONE: see there.
         road, tables: Constants.
         c: Scratch.
         p: Where the probabilities go, float64 (33,).
@@ -526,9 +530,9 @@ def action_probabilities(
         left, right = _wishes(w, i, leads, overlook, road, tables)
         p[ACTION_LEFT] = left
         p[ACTION_RIGHT] = right
-        if left > 0.0 and _somebody_may_start(w, i, lane + 1, av_lane, tables):
+        if left > 0.0 and av_lane != ALONE and _somebody_may_start(w, i, lane + 1, av_lane, tables):
             p[ACTION_LEFT] = left * _goes_chance(w, i, lane + 1, overlook_conflict, av_lane, road, tables, c)
-        if right > 0.0 and _somebody_may_start(w, i, lane - 1, av_lane, tables):
+        if right > 0.0 and av_lane != ALONE and _somebody_may_start(w, i, lane - 1, av_lane, tables):
             p[ACTION_RIGHT] = right * _goes_chance(w, i, lane - 1, overlook_conflict, av_lane, road, tables, c)
     else:
         back = ACTION_LEFT if lane_of(v[i].y, road.lane_width) > v[i].target_lane else ACTION_RIGHT

@@ -10,7 +10,7 @@ import numpy as np
 from cornerforge._elementary import log
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.road.straight import ahead_by, distance_left, half_lengths, lane_centre
-from cornerforge.sim.chances import action_probabilities
+from cornerforge.sim.chances import ALONE, action_probabilities
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -170,10 +170,11 @@ def allowed_actions(
         else:
             allowed[ACTION_RIGHT] = False
     if bounded:
-        action_probabilities(w, bv, False, v[0].target_lane, road, tables, c, p)
+        left = w.state[0].budget_left
+        only_possible = left == 0 and tables.overlook_conflict > 0.0 and tables.lc_most < 0.5
+        action_probabilities(w, bv, False, ALONE if only_possible else v[0].target_lane, road, tables, c, p)
         for a in range(N_ACTIONS):
             allowed[a] = allowed[a] and p[a] > 0.0
-        left = w.state[0].budget_left
         if left > 0:
             most = _largest(p)
             for a in range(N_ACTIONS):
