@@ -164,7 +164,7 @@ AVS: dict[str, AvModel] = {
         ),
         AvModel(
             "rl",
-            "a Q-network that `cornerforge train-av` trained; decides twice a second, sees lane changes when decided",
+            "a Q-network that `cornerforge train-av` trained; decides twice a second",
             IdmParams(),
             MobilParams(),
             kind="learned",
