@@ -69,12 +69,12 @@ def frame() -> list[str]:
 
 
 def test_seconds_at_risk_by_hand(tmp_path: Path) -> None:
-    """Vehicle 1 enters lane 2 at 10 s, so it began at 8 s; then vehicle 2 is 36 m ahead there, 3 is 26 m behind."""
+    """Vehicle 1 enters lane 2 at 10 s, so it began at 7.6 s; then vehicle 2 is 36 m ahead there, 3 is 26 m behind."""
     rows = [
         *car(1, 0.0, 25.0, {0.0: 1, 10.0: 2}),
-        *car(2, 36.0 - 8.0 * 2.0, 27.0, {0.0: 2}, 7.0),
-        *car(3, -26.0 + 8.0 * 3.0, 22.0, {0.0: 2}),
-        *car(4, 60.0 + 8.0, 24.0, {0.0: 1}),
+        *car(2, 36.0 - 7.6 * 2.0, 27.0, {0.0: 2}, 7.0),
+        *car(3, -26.0 + 7.6 * 3.0, 22.0, {0.0: 2}),
+        *car(4, 60.0 + 7.6, 24.0, {0.0: 1}),
         *car(5, -500.0, 25.0, {0.0: 1}),
         *car(6, -500.0, 25.0, {0.0: 2}),
         *car(7, 900.0, 25.0, {0.0: 1}),
@@ -89,9 +89,9 @@ def test_seconds_at_risk_by_hand(tmp_path: Path) -> None:
         ("rear_gap", 21.0), ("rear_rate", 3.0),
     ):  # fmt: skip
         np.testing.assert_allclose(getattr(found, name)[change], wanted, atol=0.01, err_msg=name)
-    # Seconds 3 to 7 before (up to 2 vehicle 3 is beside it or less than 4 m behind; 7 is within a second of the start,
-    # so it is that second), and 12 to 17 after: what begins later than 17 s would not be seen for 2.5 s.
-    assert int((found.vehicle == 0).sum()) == 4 + 1 + 1 + 6
+    # Seconds 2 to 6 before (up to 1 s vehicle 3 is beside it or less than 2 m behind; 7 is within a second of the
+    # start, so it is that second), and 13 to 17 after: what begins later than 17.1 s would not be seen for 2.9 s.
+    assert int((found.vehicle == 0).sum()) == 5 + 1 + 5
     assert found.changes_left_out == {}
 
 
@@ -110,7 +110,7 @@ def test_a_second_counts_once_for_each_lane_beside(tmp_path: Path) -> None:
 )
 def test_gaps_that_drivers_turn_back_for_are_left_out(start: float, speed: float, kept: int, tmp_path: Path) -> None:
     """Gap and closing speed at the change: 10 m and 3, 20 m and 3, 6 m and -2, 4 m and 0; critical a second later."""
-    rows = [*frame(), *car(1, 200.0, 20.0, {0.0: 1, 10.0: 2}), *car(2, 360.0 + start - 8.0 * speed, speed, {0.0: 2})]
+    rows = [*frame(), *car(1, 200.0, 20.0, {0.0: 1, 10.0: 2}), *car(2, 352.0 + start - 7.6 * speed, speed, {0.0: 2})]
     found = at_risk(tmp_path / "t.csv", rows)
     assert found.changes == kept
     reason = "a gap for which drivers turn back, so that a change would not be seen"
@@ -178,7 +178,7 @@ def test_changes_that_cannot_be_used_are_counted_out(tmp_path: Path) -> None:
 
 
 def test_a_neighbour_that_changes_lanes_counts_in_both(tmp_path: Path) -> None:
-    """Vehicle 2, 30 m ahead in lane 3, crosses into lane 2 at 10 s: from 9 to 11 s it is in both, at 8 s in lane 3.
+    """Vehicle 2, 30 m ahead in lane 3, crosses into lane 2 at 10 s: then it is in both, at 9 s in lane 3 only.
 
     At 15 s a fast vehicle is between them in each lane; at 13 and 14 s it is too near behind.
     """
@@ -188,10 +188,9 @@ def test_a_neighbour_that_changes_lanes_counts_in_both(tmp_path: Path) -> None:
     ]  # fmt: skip
     found = at_risk(tmp_path / "t.csv", rows)
     mine = found.vehicle == 0
-    assert (
-        int(np.isclose(found.own_gap[mine], 30.0, atol=0.01).sum()) == 2 * 6
-    )  # 9 to 17 s to two sides, but for 13 to 15 s
-    assert int(np.isclose(found.lead_gap[mine], 30.0, atol=0.01).sum()) == 12  # 0 to 11 s, to lane 3
+    own = np.isclose(found.own_gap[mine], 30.0, atol=0.01)
+    assert int(own.sum()) == 2 * 5  # 10 to 17 s to two sides, but for 13 to 15 s
+    assert int(np.isclose(found.lead_gap[mine], 30.0, atol=0.01).sum()) == 11  # 0 to 10 s, to lane 3
 
 
 def test_vehicles_seen_late_are_held_out(tmp_path: Path) -> None:
@@ -284,8 +283,9 @@ def spread(number: FittedNumber) -> float:
 
 TRUTH = replace(LaneChange(), rate=0.030, rear_standstill=12.0)
 """Twice the shipped rate, half the shipped gap behind."""
-BIAS = dict.fromkeys(WIDTHS, 0.1) | {"lead_standstill": 0.05, "rear_standstill": 0.05}
-"""What a recording hides, on a logarithmic scale (ADR 25): who gave way, who was about to enter."""
+BIAS = dict.fromkeys(WIDTHS, 0.1) | {"lead_standstill": 0.05, "rear_standstill": 0.08, "rear_doubt": 0.11}
+"""What a recording hides, on a logarithmic scale (ADR 25): who gave way, who was about to enter, when a change began.
+Measured in 22,211 changes: -0.07 and +0.11 for the last two."""
 HIGHD_LIKE = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "highd_like.py"))
 
 
@@ -313,9 +313,9 @@ def score(law: LaneChange, seconds: SecondsAtRisk) -> np.ndarray:
 
 
 def is_found(name: str, number: FittedNumber) -> bool:
-    """Within chance and `BIAS` of `TRUTH`; what is hidden makes doubts smaller, never larger."""
+    """Within chance and `BIAS` of `TRUTH`; what is hidden makes the doubt ahead smaller, never larger."""
     by, chance = off(number, getattr(TRUTH, name)), ALARM_SD * spread(number)
-    return -chance - BIAS[name] < by < chance + (0.0 if name.endswith("doubt") else BIAS[name])
+    return -chance - BIAS[name] < by < chance + (0.0 if name == "lead_doubt" else BIAS[name])
 
 
 def test_drivers_of_the_simulator_are_found_again(tmp_path: Path, seed: int) -> None:
@@ -354,7 +354,7 @@ def test_unseen_recordings_are_likelier_under_the_fit_than_under_the_prior(tmp_p
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say(tmp_path: Path, seed: int) -> None:
-    """40 recordings of about 600 changes: 0.93 to 1.00 were measured; 25 of 40 has a chance below 1e-6 at 0.9."""
+    """40 recordings of about 550 changes: 0.90 to 1.00 were measured; 25 of 40 has a chance below 1e-6 at 0.9."""
     held = dict.fromkeys(WIDTHS, 0)
     prior_held = 0
     for k in range(40):

@@ -208,13 +208,13 @@ def _along(
     return along - length / 2.0 if front else along, forward
 
 
-def lane_crossings(t: LaneTracks, step: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return for each lane change the row `START_BEFORE` seconds before it, and the new lane.
+def lane_crossings(t: LaneTracks, step: NDArray[np.bool_], *, before_s: float = START_BEFORE) -> list[tuple[int, int]]:
+    """Return for each lane change the row `before_s` seconds before it, and the new lane.
 
     Where the track begins later, the row is that of the change itself, made negative.
     """
     dwell = max(round(DWELL * t.per_second), 1)
-    before = round(START_BEFORE * t.per_second)
+    before = round(before_s * t.per_second)
     crossing = np.flatnonzero(step & (t.lane[1:] != t.lane[:-1]) & (t.lane[1:] > 0) & (t.lane[:-1] > 0)) + 1
     found = []
     for row in crossing:

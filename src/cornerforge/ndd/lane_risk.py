@@ -19,24 +19,29 @@ from numpy.typing import NDArray
 
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
 from cornerforge.ndd.lane_change import LaneChange
-from cornerforge.ndd.lane_observations import DWELL, START_BEFORE, LaneTracks, lane_crossings, lane_tracks
-from cornerforge.ndd.model import GAPS
+from cornerforge.ndd.lane_observations import DWELL, LaneTracks, lane_crossings, lane_tracks
+from cornerforge.ndd.model import GAPS, InitialState
 from cornerforge.ndd.readers import Reading
 
-__all__ = ["LENGTHS", "SecondsAtRisk", "joined_seconds", "seconds_at_risk"]
+__all__ = ["BEGINS_BEFORE", "LENGTHS", "SecondsAtRisk", "joined_seconds", "seconds_at_risk"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+BEGINS_BEFORE = InitialState().change_median / 2.0
+"""Time from the start of a lane change to the crossing [s]: half of the median duration."""
+_IN_BOTH = 1.0
+"""Time before and after the crossing for which a vehicle is seen in both lanes [s], less than `BEGINS_BEFORE`: else one
+that begins to change would stand in its own way."""
 LENGTHS = (2.0, 25.0)
 """Lengths of vehicles whose lane changes, and gaps, are used [m]."""
 _SIGHT = float(GAPS[-1]) + LENGTHS[1]
 """Distance of centres up to which neighbours are looked for [m]: none beyond it is on the grid of gaps."""
 _FINE, _NO_START, _TWICE, _LENGTH, _SPEED, _STRETCH, _CRITICAL = range(7)
 _REASONS = {
-    _NO_START: f"its start, {START_BEFORE:g} s before the crossing, is not in the track",
-    _TWICE: f"another change within {2 * START_BEFORE:g} s, or two lanes at once",
+    _NO_START: f"its start, {BEGINS_BEFORE:g} s before the crossing, is not in the track",
+    _TWICE: f"another change within {2 * BEGINS_BEFORE:g} s, or two lanes at once",
     _LENGTH: f"a vehicle is shorter than {LENGTHS[0]:g} m or longer than {LENGTHS[1]:g} m",
     _SPEED: "a speed is not known (the track is too short, or has gaps)",
     _STRETCH: f"the recorded stretch of lane ends within {_SIGHT:g} m, and nobody is seen before",
@@ -111,7 +116,7 @@ def seconds_at_risk(reading: Reading) -> SecondsAtRisk | None:
     """Make the trials of a file; None if its layout does not give each row's lane.
 
     Vehicles first seen late are left out, as they are held out from the car-following law (`Layout.held_out_from`). A
-    neighbour that changes lanes counts in both, from `START_BEFORE` seconds before the crossing until as long after it.
+    neighbour that changes lanes counts in both from 1 s before the crossing until as long after it.
     """
     if reading.layout.kind != "lanes":
         return None
@@ -177,7 +182,7 @@ class _Crossing(NamedTuple):
 def _crossings(t: LaneTracks) -> list[_Crossing]:
     before = _before(t)
     found = []
-    for start, lane in lane_crossings(t, (np.diff(t.vehicle) == 0) & (np.diff(t.tick) == 1)):
+    for start, lane in lane_crossings(t, (np.diff(t.vehicle) == 0) & (np.diff(t.tick) == 1), before_s=BEGINS_BEFORE):
         row = start + before if start >= 0 else -start
         first, until = np.searchsorted(t.vehicle, [t.vehicle[row], t.vehicle[row] + 1])
         found.append(_Crossing(row, max(start, -1), lane, int(first), int(until)))
@@ -185,7 +190,7 @@ def _crossings(t: LaneTracks) -> list[_Crossing]:
 
 
 def _before(t: LaneTracks) -> int:
-    return round(START_BEFORE * t.per_second)
+    return round(BEGINS_BEFORE * t.per_second)
 
 
 def _trials(t: LaneTracks, crossings: Sequence[_Crossing], road: _Road) -> tuple[Ints, Ints, Bools, Ints]:
@@ -289,11 +294,11 @@ class _Road:
 
 
 def _in_two_lanes(t: LaneTracks, crossings: Sequence[_Crossing]) -> tuple[Ints, Ints]:
-    """Return the rows at which a change runs, and the lane beside that the vehicle counts in too."""
+    """Return the rows near a crossing, and the lane beside that the vehicle counts in too."""
     rows, lanes = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for one in crossings:
         since = t.tick[one.first : one.until] - t.tick[one.row]
-        running = np.flatnonzero(np.abs(since) < _before(t))
+        running = np.flatnonzero(np.abs(since) < _IN_BOTH * t.per_second)
         rows.append(running + one.first)
         lanes.append(np.where(since[running] < 0, one.lane, t.lane[one.row - 1]))
     return np.concatenate(rows), np.concatenate(lanes)
