@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_in
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID
 from cornerforge.ndd.lane_change import LaneChange
-from cornerforge.ndd.lane_risk import SecondsAtRisk, joined_seconds, seconds_at_risk
+from cornerforge.ndd.lane_risk import BEGINS_BEFORE, SecondsAtRisk, joined_seconds, seconds_at_risk
 from cornerforge.ndd.readers import Reading
 
 __all__ = [
@@ -128,9 +128,9 @@ class LaneChangeFit:
             f"median speed {self.speed_median:.1f} m/s) of {self.vehicles} vehicles; "
             f"{', '.join(_told(name, number) for name, number in self.numbers.items())}.{hardly}",
             "The intervals of the lane changes are from the curvature of the likelihood with its prior. They leave out "
-            "errors of the tracks, differences between drivers, that a change is taken to begin 2 s before the "
-            "crossing, and that nobody sees who gave way. Parameters not named are as shipped. Changes that a ramp "
-            "forces count as wishes.",
+            f"errors of the tracks, differences between drivers, that a change is taken to begin {BEGINS_BEFORE:g} s "
+            "before the crossing, and that nobody sees who gave way. Parameters not named are as shipped. Changes that "
+            "a ramp forces count as wishes.",
             *self._left_out(),
         )
 
