@@ -18,7 +18,7 @@ from cornerforge.ndd.parts import FITTED, IN_PART, PRIOR, parts_of
 NAMES = [
     "car-following law", "response near the leader", "following table", "free driving", "memory", "desired speeds",
     "lane changes", "gap acceptance", "turning back", "duration of lane changes", "traffic at the start",
-    "indicators", "looking away, overlooking a neighbour",
+    "indicators", "looking away, overlooking",
 ]  # fmt: skip
 
 

@@ -87,7 +87,7 @@ def parts_of(
         ModelPart("traffic at the start", PRIOR, _start(training)),
         ModelPart("indicators", PRIOR, "Published: half of all lane changes are announced. No file tells them."),
         ModelPart(
-            "looking away, overlooking a neighbour",
+            "looking away, overlooking",
             PRIOR,
             "Set so that simulated drivers crash no more often than police reports say: trajectories do not tell what "
             "a driver saw. The crash rate depends on it.",
