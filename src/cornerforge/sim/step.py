@@ -130,7 +130,12 @@ def go_on(start: float, a: float, command: float, time: float, road: RoadNumbers
         if time < ramp:
             now = a + jerk * time
         within = min(time, ramp)
-        gone, start = _ramp(start, a, jerk, within, road.max_speed)
+        most = max(abs(a), abs(command)) * within
+        if most <= start and start + most <= road.max_speed:  # no limit of speed is near: the rest is for few
+            gone = _way(start, a, jerk, within)
+            start = start + within * (a + 0.5 * jerk * within)
+        else:
+            gone, start = _ramp(start, a, jerk, within, road.max_speed)
         time -= within
     after = start + command * time
     if after < 0.0:
