@@ -55,7 +55,7 @@ BVS: dict[str, Callable[[str], Experiment]] = {
     "uniform, bounded": lambda av: experiment(av=av, bv="uniform", bounded=True, takes_foreign=True),
     "policy": lambda av: experiment(av=av, policy=policy(1), takes_foreign=True),
     "policy with a budget": lambda av: experiment(
-        av=av, policy=policy(1, bounded=True, budget=6.0), takes_foreign=True
+        av=av, policy=policy(2, bounded=True, budget=6.0), takes_foreign=True
     ),
     "softmax": lambda av: experiment(av=av, policy=policy(2), acting="softmax:0.3", takes_foreign=True),
     "mixture": lambda av: experiment(
@@ -77,7 +77,7 @@ def bulk(run: Experiment) -> Outcomes:
 
 
 def bulk_by_motion(run: Experiment) -> Outcomes:
-    """With a built-in AV that sees what AVs from outside are shown; the shipped `rl` learned to see decisions."""
+    """With a built-in AV that sees what AVs from outside are shown."""
     setting = run.setting._replace(av=run.setting.av._replace(sight=VISIBLE))
     return drive_chunk(setting, run.slots, SEED, 0, TESTS, False)[0]
 
@@ -92,7 +92,7 @@ def test_something_happens_that_doors_could_disagree_on(bvs: str) -> None:
 
 def test_a_budget_changes_tests() -> None:
     """The negative control of what `Driving-v0` forgot: a door without the budget would be seen."""
-    free = experiment(av="rl", policy=policy(1, bounded=True))
+    free = experiment(av="rl", policy=policy(2, bounded=True))
     assert digest(bulk(free)) != digest(bulk(BVS["policy with a budget"]("rl")))
 
 
@@ -161,7 +161,7 @@ def budgeted(tmp_path: Path) -> Path:
     from cornerforge.adversary.policy_file import save_policy
 
     path = tmp_path / "budgeted.safetensors"
-    save_policy(policy(1, bounded=True, budget=6.0), path)
+    save_policy(policy(2, bounded=True, budget=6.0), path)
     return path
 
 
