@@ -71,7 +71,7 @@ _NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict", "lc_most")
 
 
 class _Memory(ctypes.Structure):
-    _fields_ = _fields(MemoryNumbers._fields)
+    _fields_ = [*_fields(MemoryNumbers._fields[:-1]), (MemoryNumbers._fields[-1], _DOUBLE * 16)]
 
 
 class _Initial(ctypes.Structure):
@@ -229,7 +229,7 @@ class Yardstick:
             _Tables(
                 *(_address(getattr(tables, name)) for name in _TABLES),
                 *(getattr(tables, name) for name in _NUMBERS),
-                _Memory(*tables.memory),
+                _Memory(*tables.memory[:-1], (_DOUBLE * 16)(*tables.memory.ways.flat)),
                 _Initial(*tables.initial),
             ),
             _address(ACCELERATIONS),

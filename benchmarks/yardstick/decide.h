@@ -326,9 +326,17 @@ static bool gives_way(
 static void hold(Vehicle *v, double acceleration, const Road *road) {
     v->commanded = acceleration;
     if (road->ramp_time == 0.0) v->acceleration = acceleration;
-    v->acceleration_held = v->acceleration;
+    double now = v->acceleration, change = acceleration - now, ramp = fabs(change) * road->ramp_time;
+    double most = MAX(fabs(now), fabs(acceleration)) * ramp;
     v->x_held = v->x;
-    v->speed_held = v->speed;
+    if (ramp <= DT && most <= v->speed && v->speed + most <= road->max_speed) {
+        v->acceleration_held = acceleration;
+        v->x_held += 1.0 / 6.0 * change * ramp * ramp;
+        v->speed_held = v->speed - 0.5 * change * ramp;
+    } else {
+        v->acceleration_held = now;
+        v->speed_held = v->speed;
+    }
 }
 
 static void apply_action(World *w, int64_t i, int64_t action, const double *accelerations, const Road *road) {

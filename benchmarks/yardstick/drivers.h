@@ -100,25 +100,12 @@ static inline double reflected(double u) {
     return u > 1.0 ? 2.0 - u : u;
 }
 
-/* Within `width` of `centre`, where a draw lies between `low` and `low + weight`. */
-static inline double near_to(double centre, double width, double draw, double low, double weight) {
-    return reflected(centre + width * (2.0 * ((draw - low) / weight) - 1.0));
-}
-
 static inline uint64_t remembering_word(uint64_t word, double before, double habit, const Memory *m) {
-    double draw = uniform(word), u, recent = m->near + m->far, known = recent + m->habit;
-    if (draw < m->near)
-        u = near_to(before, m->near_width, draw, 0.0, m->near);
-    else if (draw < recent)
-        u = near_to(before, m->far_width, draw, m->near, m->far);
-    else if (draw < known)
-        u = near_to(habit, m->habit_width, draw, recent, m->habit);
-    else if (known == 0.0)
-        return word;
-    else
-        u = (draw - recent - m->habit) / (1.0 - recent - m->habit);
+    double draw = uniform(word), known = m->near + m->far;
+    const double *way = m->ways + 4 * ((draw >= m->near) + (draw >= known) + (draw >= known + m->habit));
+    double u = reflected(way[0] + way[1] * before + way[2] * habit + way[3] * draw);
     uint64_t remembered = (uint64_t)(u * 4294967296.0);
-    return MIN(remembered, LAST_WORD);
+    return MIN(remembered, 0xFFFFFFFFu);
 }
 
 static inline double turn_back_chance(const Tables *t, double gap, double range_rate) {

@@ -5,7 +5,6 @@
 #include "decide.h"
 
 enum { SUBSTEPS = 10, UNSURE = 1 };
-#define DT 0.1
 #define FULL_STEERING_SPEED 5.0
 #define HARDEST_BRAKING 12.0
 #define STRONGEST_ACCELERATION 10.0
@@ -91,11 +90,11 @@ static inline double lateral_reach(const World *w, int64_t i, const Road *road) 
 static void bound_motion(const World *w, double braking, double acceleration, Pairs *pairs) {
     const Vehicle *v = w->v;
     for (int64_t i = 0; i < w->info[N_VEHICLES]; i++) {
-        pairs->least[i] = v[i].speed + 0.5 * MIN(0.0, MIN(v[i].commanded, v[i].acceleration_held));
-        pairs->most[i] = v[i].speed + 0.5 * MAX(0.0, MAX(v[i].commanded, v[i].acceleration_held));
+        pairs->least[i] = v[i].speed + 0.5 * MIN(0.0, MIN(v[i].commanded, v[i].acceleration));
+        pairs->most[i] = v[i].speed + 0.5 * MAX(0.0, MAX(v[i].commanded, v[i].acceleration));
     }
-    pairs->least[0] = v[0].speed - 0.5 * MAX(braking, -v[0].acceleration_held);
-    pairs->most[0] = v[0].speed + 0.5 * MAX(acceleration, v[0].acceleration_held);
+    pairs->least[0] = v[0].speed - 0.5 * MAX(braking, -v[0].acceleration);
+    pairs->most[0] = v[0].speed + 0.5 * MAX(acceleration, v[0].acceleration);
 }
 
 static int64_t find_pairs(const World *w, const Road *road, Pairs *pairs) {
@@ -155,16 +154,20 @@ static void bound_av_neighbours(const World *w, Pairs *pairs, const Road *road) 
     }
 }
 
+static inline int64_t lanes_to_come(const Vehicle *v) {
+    return v->duration > 0.0 && (v->c[1] != 0.0 || v->c[2] != 0.0) ? -1 : v->lanes;
+}
+
 static inline bool is_seen(const World *w, int64_t j, const Pairs *pairs, const Road *road) {
     const Vehicle *v = w->v;
     double dx = v[j].x - v[0].x, nearest = dx - falls_back(pairs, j), farthest = dx + gains(pairs, j);
     int64_t own = v[j].target_lane;
-    bool changes = v[j].duration > 0.0;
-    if (!changes && keeps_one_lane(&v[j])) return nearest <= pairs->ahead[own] && farthest >= -pairs->behind[own];
-    for (int64_t lane = 0; lane < road->n_lanes; lane++) {
-        bool is_near = nearest <= pairs->ahead[lane] && farthest >= -pairs->behind[lane];
-        if (is_near && (changes || (v[j].lanes & ((int64_t)1 << lane)))) return true;
-    }
+    if (v[j].duration == 0.0 && keeps_one_lane(&v[j]))
+        return nearest <= pairs->ahead[own] && farthest >= -pairs->behind[own];
+    int64_t lanes = lanes_to_come(&v[j]);
+    for (int64_t lane = 0; lane < road->n_lanes; lane++)
+        if (lanes & ((int64_t)1 << lane) && nearest <= pairs->ahead[lane] && farthest >= -pairs->behind[lane])
+            return true;
     return false;
 }
 
@@ -193,19 +196,21 @@ static void choose_current(World *w, Pairs *pairs, int64_t n_pairs, bool everybo
     }
     bound_av_neighbours(w, pairs, road);
     for (int64_t lane = 0; lane < road->n_lanes; lane++) w->info[AV_LEADS + lane] = w->info[AV_REARS + lane] = -1;
-    bool steady = true;
     w->current[0] = 0;
-    int64_t found = 1;
+    int64_t found = 1, unsure = 0;
     for (int64_t j = 1; j < n; j++) {
         if (v[j].present && is_seen(w, j, pairs, road)) {
             pairs->is_watched[j] = 0;
             w->current[found++] = j;
-            steady = steady && v[j].duration == 0.0 && keeps_one_lane(&v[j]);
-            note_av_neighbour(w, j, pairs);
+            if (v[j].duration == 0.0 && keeps_one_lane(&v[j]))
+                note_av_neighbour(w, j, pairs);
+            else
+                unsure |= lanes_to_come(&v[j]);
         }
     }
     w->info[N_SEEN] = found;
-    if (!steady) forget_av_neighbours(w);
+    for (int64_t lane = 0; lane < road->n_lanes; lane++)
+        if (unsure & ((int64_t)1 << lane)) w->info[AV_LEADS + lane] = UNKNOWN;
     for (int64_t j = 1; j < n; j++)
         if (pairs->is_watched[j] && v[j].present) w->current[found++] = j;
     w->info[N_CURRENT] = found;

@@ -7,6 +7,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#define DT 0.1
+
 /* Python's max(a, b) and min(a, b): the first unless the second is really larger (smaller). */
 #define MAX(a, b) ((b) > (a) ? (b) : (a))
 #define MIN(a, b) ((b) < (a) ? (b) : (a))
@@ -68,7 +70,7 @@ typedef struct {
 } Av;
 
 typedef struct {
-    double near, near_width, far, far_width, habit, habit_width, away, away_again;
+    double near, near_width, far, far_width, habit, habit_width, away, away_again, ways[16];
 } Memory;
 
 typedef struct {

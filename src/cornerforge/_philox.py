@@ -116,7 +116,7 @@ def blocks(words: NDArray[np.uint64], seed: int, test: int, step: int, n: int, p
 @inlined_kernel
 def uniform(word: uint64) -> float:
     """Turn a 32-bit word into a number in (0, 1); never 0 or 1."""
-    return (np.float64(word) + 0.5) * 2.3283064365386963e-10
+    return (np.float64(np.int64(word)) + 0.5) * 2.3283064365386963e-10
 
 
 @inlined_kernel

@@ -23,7 +23,7 @@ from cornerforge.drivers.naturalistic import (
     tables_of,
     turn_back_chance,
 )
-from cornerforge.ndd.memory import MemoryNumbers, reflected, remembered_share, remembering_word
+from cornerforge.ndd.memory import Memory, MemoryNumbers, memory_numbers, reflected, remembered_share, remembering_word
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.types import ACCELERATIONS
 
@@ -269,14 +269,20 @@ def test_turn_back_chance(model: NddModel, tables: NddTables) -> None:
 UNIT = st.floats(0.0, 1.0)
 WIDTH = st.floats(0.01, 1.0)
 MEMORIES = st.builds(
-    lambda shares, total, widths: MemoryNumbers(
-        *(part for share, width in zip(shares, widths, strict=True) for part in (total * share / sum(shares), width))
+    lambda shares, total, widths: memory_numbers(
+        Memory(
+            *(
+                part
+                for share, width in zip(shares, widths, strict=True)
+                for part in (total * share / sum(shares), width)
+            )
+        )
     ),
     st.lists(st.floats(0.01, 1.0), min_size=3, max_size=3),
     st.floats(0.0, 1.0),
     st.lists(WIDTH, min_size=3, max_size=3),
 )
-MINDFUL = MemoryNumbers(0.25, 0.1, 0.2, 0.45, 0.35, 0.2)
+MINDFUL = memory_numbers(Memory(0.25, 0.1, 0.2, 0.45, 0.35, 0.2))
 
 
 def test_a_quantile_that_leaves_the_unit_interval_is_reflected() -> None:
@@ -296,12 +302,12 @@ def test_remembered_shares_are_a_distribution_function(
 
 @given(MEMORIES, UNIT, UNIT, WORD)
 def test_a_word_that_remembers_is_a_word(memory: MemoryNumbers, before: float, habit: float, word: np.uint64) -> None:
-    assert 0 <= remembering_word(word, before, habit, memory) <= 2**32 - 2
+    assert 0 <= remembering_word(word, before, habit, memory) <= 2**32 - 1
 
 
 @given(WORD, UNIT, UNIT)
 def test_who_has_no_memory_takes_the_word_as_it_is(word: np.uint64, before: float, habit: float) -> None:
-    none = MemoryNumbers(0.0, 0.1, 0.0, 0.3, 0.0, 0.1)
+    none = memory_numbers(Memory(0.0, 0.1, 0.0, 0.3, 0.0, 0.1))
     assert remembering_word(word, before, habit, none) == word
     assert remembered_share(float(uniform(word)), before, habit, none) == uniform(word)
 
@@ -340,7 +346,9 @@ def test_tables_of_a_model_do_not_copy_its_meaning(model: NddModel) -> None:
     assert tables.overlook == model.overlook
     assert tables.overlook_conflict == model.overlook_conflict
     assert tables.initial._asdict() == asdict(model.initial)
-    assert tables.memory._asdict() == asdict(model.memory)
+    said = tables.memory._asdict()
+    said.pop("ways")  # what follows from the rest
+    assert said == asdict(model.memory)
     np.testing.assert_array_equal(tables.lc_accept[0], model.lc_accept_lead)
     np.testing.assert_array_equal(tables.lc_accept[1], model.lc_accept_rear)
     np.testing.assert_array_equal(tables.lc_turn_back, model.lc_turn_back)

@@ -192,10 +192,11 @@ class Naturalistic:
         least = 0.0
         for weight, centre, width in self._kinds(before, habit):
             if least <= draw < least + weight:
-                off = 2.0 * ((draw - least) / weight) - 1.0
-                return _word_at(fold(centre + width * off))
+                slope = 2.0 * width / weight
+                return _word_at(fold(-width - slope * least + centre + slope * draw))
             least += weight
-        return word if least == 0.0 else _word_at((draw - least) / (1.0 - least))
+        slope = 1.0 / (1.0 - least)
+        return word if least == 0.0 else _word_at(fold(-slope * least + slope * draw))
 
     def share_below(self, x: float, before: float, habit: float) -> float:
         """P(a follower's quantile is at most x).

@@ -116,7 +116,18 @@ class Vehicle:
         self.commanded = acceleration
         if odd.max_jerk == math.inf:
             self.acceleration = acceleration
-        self.held_from = (self.x, self.speed, self.acceleration)
+        now, ramp = self.acceleration, abs(acceleration - self.acceleration) * (1.0 / odd.max_jerk)
+        most = max(abs(now), abs(acceleration)) * ramp
+        if ramp <= _DT and 0.0 <= self.speed - most and self.speed + most <= odd.max_speed:
+            # The ramp is over when it is next looked at: from where would the held acceleration have led here?
+            change = acceleration - now
+            self.held_from = (
+                self.x + 1.0 / 6.0 * change * ramp * ramp,
+                self.speed - 0.5 * change * ramp,
+                acceleration,
+            )
+        else:
+            self.held_from = (self.x, self.speed, now)
         self.substeps_held = 0
 
     def move(self, odd: Odd) -> None:

@@ -27,7 +27,7 @@ __all__ = [
     "word_at",
 ]
 
-_LAST_WORD = np.uint64(0xFFFFFFFF)
+_LAST_WORD = np.int64(0xFFFFFFFF)
 _LOW_HALF, _HALF = np.uint64(0xFFFF), np.uint64(16)
 _POINTS = 16
 """Points at which `given_the_past` looks at the quantile of a recorded acceleration, known only to its bin."""
@@ -59,7 +59,13 @@ class Memory:
 
 
 class MemoryNumbers(NamedTuple):
-    """`Memory` as kernels take it: the same names and order."""
+    """`Memory` as kernels take it: the same names and order, and one thing that follows from them.
+
+    Attributes:
+        ways: The quantile, before it is reflected, is linear in what it depends on. A row for each way to remember
+            (near, far, habit, not at all): a constant, and the factors of the quantile of the second before, of the
+            habit and of the random number, (4, 4).
+    """
 
     near: float
     near_width: float
@@ -67,27 +73,41 @@ class MemoryNumbers(NamedTuple):
     far_width: float
     habit: float
     habit_width: float
-    away: float = 0.0
-    away_again: float = 0.0
+    away: float
+    away_again: float
+    ways: NDArray[np.float64]
 
 
 def memory_numbers(memory: Memory) -> MemoryNumbers:
     """Make the constants of a memory for the kernels."""
-    return MemoryNumbers(*(float(number) for number in astuple(memory)))
+    m = memory
+    ways = np.zeros((4, 4))
+    low = 0.0
+    for way, (weight, width, factor) in enumerate(
+        ((m.near, m.near_width, 1), (m.far, m.far_width, 1), (m.habit, m.habit_width, 2))
+    ):
+        if weight > 0.0:
+            ways[way, factor] = 1.0
+            ways[way, 3] = 2.0 * width / weight
+            ways[way, 0] = -width - ways[way, 3] * low
+        low += weight
+    if low < 1.0:
+        ways[3, 3] = 1.0 / (1.0 - low)
+        ways[3, 0] = -ways[3, 3] * low
+    return MemoryNumbers(*(float(number) for number in astuple(memory)), ways=ways)
 
 
 @inlined_kernel
 def reflected(u: float) -> float:
     """Reflect a quantile between -1 and 2 into 0 to 1."""
-    if u < 0.0:
-        return -u
-    return 2.0 - u if u > 1.0 else u
+    u = abs(u)
+    return min(u, 2.0 - u)
 
 
 @inlined_kernel
 def word_at(u: float) -> uint64:
     """Find the random word of a quantile u, 0 to 1; that of `uniform(word)` is the word itself."""
-    return min(np.uint64(u * 4294967296.0), _LAST_WORD)
+    return np.uint64(min(np.int64(u * 4294967296.0), _LAST_WORD))
 
 
 @inlined_kernel
@@ -102,18 +122,10 @@ def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNu
     """
     draw = uniform(word)
     known = memory.near + memory.far
-    remembered = known + memory.habit
-    is_near = draw < memory.near
-    is_last = draw < known
-    is_known = draw < remembered
-    # Choices of numbers, not of ways to go: the processor could not guess them.
-    low = 0.0 if is_near else memory.near if is_last else known if is_known else remembered
-    weight = memory.near if is_near else memory.far if is_last else memory.habit if is_known else 1.0 - remembered
-    centre = before if is_last else habit
-    width = memory.near_width if is_near else memory.far_width if is_last else memory.habit_width
-    part = (draw - low) / weight
-    u = reflected(centre + width * (2.0 * part - 1.0)) if is_known else part
-    return word_at(u)
+    # A row of numbers, not ways to go: the processor could not guess them.
+    way = np.int64(draw >= memory.near) + np.int64(draw >= known) + np.int64(draw >= known + memory.habit)
+    m = memory.ways
+    return word_at(reflected(m[way, 0] + m[way, 1] * before + m[way, 2] * habit + m[way, 3] * draw))
 
 
 @inlined_kernel

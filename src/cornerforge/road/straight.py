@@ -22,6 +22,7 @@ __all__ = [
     "RoadNumbers",
     "ahead_by",
     "along",
+    "begin_along",
     "distance_left",
     "driven",
     "gap",
@@ -160,6 +161,12 @@ def half_widths(v: NDArray[np.void], i: int, j: int) -> float:
 def gap(v: NDArray[np.void], rear: int, lead: int) -> float:
     """Compute the gap from the front bumper of `rear` to the rear bumper of `lead` [m]; negative: they overlap."""
     return ahead_by(v, rear, lead) - half_lengths(v, rear, lead)
+
+
+@inlined_kernel
+def begin_along(v: NDArray[np.void], i: int, ahead: float) -> None:
+    """Note where vehicle i's acceleration begins: at a distance [m] ahead of where it is."""
+    v[i].x_held = v[i].x + ahead
 
 
 @inlined_kernel

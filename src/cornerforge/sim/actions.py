@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.geometry import path_at, plan_path
-from cornerforge.road.straight import lane_centre
+from cornerforge.road.straight import begin_along, lane_centre
 from cornerforge.sim.world import path_of
-from cornerforge.types import ACCELERATION_STEP, ACCELERATIONS, ACTION_SIDES, FIRST_ACCELERATION, N_ACCELERATIONS
+from cornerforge.types import (
+    ACCELERATION_STEP,
+    ACCELERATIONS,
+    ACTION_SIDES,
+    FIRST_ACCELERATION,
+    FRAME_S,
+    N_ACCELERATIONS,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,6 +36,7 @@ __all__ = [
 ]
 
 _HARDEST = float(ACCELERATIONS[0])
+_SIXTH = 1.0 / 6.0
 _PLACES_PER_MPS2 = round(1.0 / ACCELERATION_STEP)
 LOWEST_COMMAND, HIGHEST_COMMAND = -8.0, 2.0
 """Limits to which the commands of an AV outside the kernels are cut [m/s2]."""
@@ -59,13 +67,27 @@ def start_lane_change(w: World, i: int, target_lane: int, road: RoadNumbers) -> 
 
 @inlined_kernel
 def hold(v: NDArray[np.void], i: int, acceleration: float, road: RoadNumbers) -> None:
-    """Let vehicle i go to an acceleration [m/s2] from now on, at the ODD's jerk, and hold it."""
+    """Let vehicle i go to an acceleration [m/s2] from now on, at the ODD's jerk, and hold it.
+
+    A ramp that is over within a substep, away from the limits of speed, is put into the place and the speed that the
+    held acceleration would have begun with: from the ramp's end on the motion is the same, and nobody looks before.
+    """
     v[i].commanded = acceleration
     if road.ramp_time == 0.0:
         v[i].acceleration = acceleration
-    v[i].acceleration_held = v[i].acceleration
-    v[i].x_held = v[i].x
-    v[i].speed_held = v[i].speed
+    now = v[i].acceleration
+    change = acceleration - now
+    ramp = abs(change) * road.ramp_time
+    most = max(abs(now), abs(acceleration)) * ramp
+    speed = v[i].speed
+    if ramp <= FRAME_S and most <= speed and speed + most <= road.max_speed:
+        v[i].acceleration_held = acceleration
+        begin_along(v, i, _SIXTH * change * ramp * ramp)
+        v[i].speed_held = speed - 0.5 * change * ramp
+    else:
+        v[i].acceleration_held = now
+        begin_along(v, i, 0.0)
+        v[i].speed_held = speed
 
 
 @inlined_kernel

@@ -56,8 +56,9 @@ __all__ = [
 ]
 
 ALONE = -1
-"""Instead of the AV's lane: nobody else starts into a lane at this moment. Where conflicts may be overlooked, and
-not everybody wants to change lanes, the same actions are possible as with others, and it takes less time."""
+"""Instead of the AV's lane: it only matters which actions are possible. Then nobody else starts into a lane at this
+moment, and nobody remembers: the same actions are possible where conflicts may be overlooked and not everybody wants to
+change lanes, and it takes less time."""
 MAX_STARTERS = 32
 """Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256
@@ -170,12 +171,12 @@ def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> flo
 
 @inlined_kernel
 def _add_cumulative(
-    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
+    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float, remembers: bool,
     tables: NddTables, p: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
 
-    A follower remembers its last quantile; a driver without a lead does not. The smallest of several look-ups with one
+    A follower remembers its last quantile, if it `remembers`; a driver without a lead does not. The smallest of several look-ups with one
     random word has the largest of their distribution functions.
     """
     rows = (-1, -1, -1)
@@ -195,7 +196,7 @@ def _add_cumulative(
         b_total += tables.p[rows[1], a]
         c_total += tables.p[rows[2], a]
         total = max(a_total, max(b_total, c_total))
-        if leads[0] >= 0:
+        if remembers and leads[0] >= 0:
             total = remembered_share(min(total, 1.0), v[i].quantile, v[i].habit, tables.memory)
         p[FIRST_ACCELERATION + a] += weight * total
 
@@ -517,13 +518,15 @@ def action_probabilities(
     leads = _leads(w, i, road)
     for a in range(N_ACTIONS):
         p[a] = 0.0
+    # Who does not always remember can do all that it could without memory.
+    remembers = av_lane != ALONE or tables.memory.near + tables.memory.far + tables.memory.habit >= 1.0
     low = 0.0
     while low < 1.0:  # the rounding of range rates is uniform in (0, 1); between two limits the rows stay the same
         high = min(
             _rounding_limit(v, i, leads[0], low),
             min(_rounding_limit(v, i, leads[1], low), _rounding_limit(v, i, leads[2], low)),
         )
-        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, tables, p)
+        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, remembers, tables, p)
         low = high
     if v[i].duration == 0.0:
         lane = v[i].target_lane

@@ -12,9 +12,11 @@ import numpy as np
 from cornerforge._jit import inlined_kernel
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim.neighbours import SIGHT
-from cornerforge.sim.world import NO_VEHICLE, UNKNOWN, all_current, forget_av_neighbours
+from cornerforge.sim.world import NO_VEHICLE, UNKNOWN, all_current
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.world import World
@@ -27,6 +29,7 @@ _SWING = 2.5
 """Half length [m] of a body whose swing in a turn the other bounds already cover; longer bodies get more."""
 _UNSURE = 1
 """Mark of a vehicle that may leave its lane or the road within the second."""
+_ALL_LANES = -1
 
 
 @inlined_kernel
@@ -50,10 +53,10 @@ def bound_motion(w: World, braking: float, acceleration: float, s: Scratch) -> N
     """
     v = w.vehicles
     for i in range(w.state[0].n_vehicles):
-        s.least[i] = v[i].speed + 0.5 * min(0.0, min(v[i].commanded, v[i].acceleration_held))
-        s.most[i] = v[i].speed + 0.5 * max(0.0, max(v[i].commanded, v[i].acceleration_held))
-    s.least[0] = v[0].speed - 0.5 * max(braking, -v[0].acceleration_held)
-    s.most[0] = v[0].speed + 0.5 * max(acceleration, v[0].acceleration_held)
+        s.least[i] = v[i].speed + 0.5 * min(0.0, min(v[i].commanded, v[i].acceleration))
+        s.most[i] = v[i].speed + 0.5 * max(0.0, max(v[i].commanded, v[i].acceleration))
+    s.least[0] = v[0].speed - 0.5 * max(braking, -v[0].acceleration)
+    s.most[0] = v[0].speed + 0.5 * max(acceleration, v[0].acceleration)
 
 
 @inlined_kernel
@@ -127,23 +130,32 @@ def _bound_av_neighbours(w: World, s: Scratch, road: RoadNumbers) -> None:
 
 
 @inlined_kernel
-def _is_seen(w: World, j: int, s: Scratch, road: RoadNumbers) -> bool:
-    """Can vehicle j be the AV's nearest one ahead or behind in some lane within the coming second?
+def _lanes_to_come(v: NDArray[np.void], j: int) -> int:
+    """Find the lanes that vehicle j may be seen in within the coming second, as a bit mask.
 
-    While it changes lanes it may come to be seen in any lane: the AV need not take it to be in its target lane.
+    Lateral paths are planned between two seconds. One that began at rest leads straight from lane to lane. One that was
+    planned anew on the way may swing first: that vehicle may be seen in any lane.
     """
+    if v[j].duration > 0.0 and (v[j].c1 != 0.0 or v[j].c2 != 0.0):
+        return _ALL_LANES
+    lanes: int = v[j].lanes
+    return lanes
+
+
+@inlined_kernel
+def _is_seen(w: World, j: int, s: Scratch, road: RoadNumbers) -> bool:
+    """Can vehicle j be the AV's nearest one ahead or behind in some lane within the coming second?"""
     v = w.vehicles
     dx = ahead_by(v, 0, j)
     nearest = dx - _falls_back(s, j)
     farthest = dx + _gains(s, j)
     lane = v[j].target_lane
-    changes = v[j].duration > 0.0
-    if not changes and v[j].lanes == 1 << lane:
+    if v[j].duration == 0.0 and v[j].lanes == 1 << lane:
         seen: bool = nearest <= s.ahead[lane] and farthest >= -s.behind[lane]
         return seen
+    lanes = _lanes_to_come(v, j)
     for lane in range(road.n_lanes):
-        is_near = nearest <= s.ahead[lane] and farthest >= -s.behind[lane]
-        if is_near and (changes or v[j].lanes & (1 << lane)):
+        if lanes & (1 << lane) and nearest <= s.ahead[lane] and farthest >= -s.behind[lane]:
             return True
     return False
 
@@ -186,19 +198,22 @@ def choose_current(w: World, s: Scratch, everybody: bool, road: RoadNumbers) -> 
     for lane in range(road.n_lanes):
         w.av_lead[lane] = NO_VEHICLE
         w.av_rear[lane] = NO_VEHICLE
-    steady = True
     w.current[0] = 0
+    unsure = 0
     found = 1
     for j in range(1, n):
         if v[j].present and _is_seen(w, j, s, road):
             s.is_watched[j] = 0
             w.current[found] = j
             found += 1
-            steady = steady and v[j].duration == 0.0 and v[j].lanes == 1 << v[j].target_lane
-            _note_av_neighbour(w, j, s)
+            if v[j].duration == 0.0 and v[j].lanes == 1 << v[j].target_lane:
+                _note_av_neighbour(w, j, s)
+            else:
+                unsure |= _lanes_to_come(v, j)
     state.n_seen = found
-    if not steady:
-        forget_av_neighbours(w)
+    for lane in range(road.n_lanes):
+        if unsure & (1 << lane):
+            w.av_lead[lane] = UNKNOWN
     for j in range(1, n):
         if s.is_watched[j] and v[j].present:
             w.current[found] = j
