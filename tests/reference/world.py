@@ -118,7 +118,7 @@ class Vehicle:
             self.acceleration = acceleration
         now, ramp = self.acceleration, abs(acceleration - self.acceleration) * (1.0 / odd.max_jerk)
         most = max(abs(now), abs(acceleration)) * ramp
-        if ramp <= _DT and 0.0 <= self.speed - most and self.speed + most <= odd.max_speed:
+        if ramp <= _DT and self.speed - most >= 0.0 and self.speed + most <= odd.max_speed:
             # The ramp is over when it is next looked at: from where would the held acceleration have led here?
             change = acceleration - now
             self.held_from = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -94,7 +94,8 @@ def memory_numbers(memory: Memory) -> MemoryNumbers:
     if low < 1.0:
         ways[3, 3] = 1.0 / (1.0 - low)
         ways[3, 0] = -ways[3, 3] * low
-    return MemoryNumbers(*(float(number) for number in astuple(memory)), ways=ways)
+    said = {name: float(number) for name, number in asdict(memory).items()}
+    return MemoryNumbers(**said, ways=ways)
 
 
 @inlined_kernel

@@ -176,8 +176,8 @@ def _add_cumulative(
 ) -> None:  # fmt: skip
     """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
 
-    A follower remembers its last quantile, if it `remembers`; a driver without a lead does not. The smallest of several look-ups with one
-    random word has the largest of their distribution functions.
+    A follower remembers its last quantile, if it `remembers`; a driver without a lead does not. The smallest of several
+    look-ups with one random word has the largest of their distribution functions.
     """
     rows = (-1, -1, -1)
     if leads[0] < 0:
@@ -196,8 +196,10 @@ def _add_cumulative(
         b_total += tables.p[rows[1], a]
         c_total += tables.p[rows[2], a]
         total = max(a_total, max(b_total, c_total))
-        if remembers and leads[0] >= 0:
-            total = remembered_share(min(total, 1.0), v[i].quantile, v[i].habit, tables.memory)
+        if leads[0] >= 0:
+            total = min(total, 1.0)
+            if remembers:
+                total = remembered_share(total, v[i].quantile, v[i].habit, tables.memory)
         p[FIRST_ACCELERATION + a] += weight * total
 
 

@@ -77,9 +77,10 @@ VEHICLE = np.dtype(
 """One vehicle. A record array passes a kernel one pointer, not one a field: measured 30 times faster in Numba.
 
 x, y: box centre [m]; speed, lateral_speed: along and across the road [m/s]; x_held, speed_held: where, and at which
-speed, the acceleration held now would have begun at the last decision (`sim.actions.hold`); heading [rad]; acceleration: along the road, as it is now [m/s2] (without a limit of jerk: as commanded, also
-where the vehicle stands); clock, duration: time since the start of the lane change and its planned length [s], duration
-0 means lane keeping; c0..c5: its quintic; target_lane: lane kept or changed to; lanes: bit mask of the lanes occupied
+speed, the acceleration held now would have begun at the last decision (`sim.actions.hold`); heading [rad];
+acceleration: along the road, as it is now [m/s2] (without a limit of jerk: as commanded, also where the vehicle
+stands); clock, duration: time since the start of the lane change and its planned length [s], duration 0 means lane
+keeping; c0..c5: its quintic; target_lane: lane kept or changed to; lanes: bit mask of the lanes occupied
 (`road.straight.lane_bits`); present: 1 or 0; action: index of its last action, -1 for none; length, width: of its box
 [m]; kind: its class, an index of `types.CLASSES`; quantile, habit: of its last acceleration among those of all drivers
 in the state that it saw, and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; desired_speed: its desired
