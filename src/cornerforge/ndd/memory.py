@@ -28,6 +28,8 @@ __all__ = [
 ]
 
 _LAST_WORD = np.int64(0xFFFFFFFF)
+_FINEST = 2.0**-32
+"""Steps of random numbers."""
 _LOW_HALF, _HALF = np.uint64(0xFFFF), np.uint64(16)
 _POINTS = 16
 """Points at which `given_the_past` looks at the quantile of a recorded acceleration, known only to its bin."""
@@ -86,14 +88,12 @@ def memory_numbers(memory: Memory) -> MemoryNumbers:
     for way, (weight, width, factor) in enumerate(
         ((m.near, m.near_width, 1), (m.far, m.far_width, 1), (m.habit, m.habit_width, 2))
     ):
-        if weight > 0.0:
-            ways[way, factor] = 1.0
-            ways[way, 3] = 2.0 * width / weight
-            ways[way, 0] = -width - ways[way, 3] * low
+        ways[way, factor] = 1.0
+        ways[way, 3] = 2.0 * width / max(weight, _FINEST)
+        ways[way, 0] = -width - ways[way, 3] * low
         low += weight
-    if low < 1.0:
-        ways[3, 3] = 1.0 / (1.0 - low)
-        ways[3, 0] = -ways[3, 3] * low
+    ways[3, 3] = 1.0 / max(1.0 - low, _FINEST)
+    ways[3, 0] = -ways[3, 3] * low
     said = {name: float(number) for name, number in asdict(memory).items()}
     return MemoryNumbers(**said, ways=ways)
 
