@@ -12,7 +12,8 @@ import pytest
 from cornerforge.errors import DataError, FileFormatError, InputError, OutputError
 from cornerforge.ndd import default_model_path, fit_model, load_model, model_hash, save_model, write_fit_report
 from cornerforge.ndd.decisions import Decisions, concatenate
-from cornerforge.ndd.laws import LogLaw
+from cornerforge.ndd.fit import _calmed
+from cornerforge.ndd.laws import FollowingLaw, LogLaw
 from cornerforge.ndd.model import NddModel
 from cornerforge.ndd.prior import SafeLaw, following_prior
 from cornerforge.ndd.scores import grid_place, table_log_likelihood
@@ -241,3 +242,28 @@ def test_joined_decisions_keep_their_vehicles_apart() -> None:
     both = concatenate([decisions([1.0, 2.0], [9.0, 9.0], [0.0, 0.0]), decisions([3.0], [9.0], [0.0])])
     assert both.vehicle.tolist() == [0, 1, 2]
     assert both.speed.tolist() == [1.0, 2.0, 3.0]
+
+
+def _motorway_drivers(calm: float, fast: int) -> Decisions:
+    """10,000 decisions of a law at 18 m/s, and `fast` at 30 m/s of the same safe law with a share of its noise."""
+    rng = np.random.default_rng(5)
+    law = LogLaw()
+    speed = np.concatenate([np.full(10_000, 18.0), np.full(fast, 30.0)])
+    gap = speed * rng.uniform(1.0, 2.5, speed.size)
+    range_rate = rng.normal(0.0, 0.8, speed.size)
+    drives: FollowingLaw = SafeLaw(law, calm=calm)
+    noise = rng.standard_t(law.degrees, speed.size) * drives.scale(speed, gap, range_rate)
+    acceleration = drives.mean(speed, gap, range_rate) + noise
+    return Decisions(speed, gap, range_rate, acceleration, np.arange(speed.size), np.zeros(speed.size, dtype=bool))
+
+
+def test_noise_at_motorway_speeds_is_fitted_where_there_are_decisions() -> None:
+    # At 2,000 decisions the standard error of a scale of Student-t noise is 2 %; twice that is the tolerance.
+    for calm in (0.64, 1.1):
+        found, n = _calmed(SafeLaw(LogLaw()), _motorway_drivers(calm, 2000))
+        assert found.calm == pytest.approx(calm, rel=0.04)
+        assert n == 2000
+
+
+def test_with_few_fast_decisions_the_prior_says_how_calm_motorways_are() -> None:
+    assert _calmed(SafeLaw(LogLaw()), _motorway_drivers(1.1, 199)) == (SafeLaw(LogLaw()), 0)

@@ -32,7 +32,7 @@ def test_each_part_has_a_source_and_a_reason() -> None:
     number = FittedNumber(0.02, (0.01, 0.03), 0.015, (0.002, 0.1), "1/s")
     changes = LaneChangeFit(fitted=True, why="", changes=50, seconds=4000, numbers={"rate": number})
     training = decisions([25.0, 27.0, 15.0], [25.0, np.inf, 10.0])
-    found = parts_of(training, too_few="", counted=1, counted_free=1, strength=200.0, changes=changes)
+    found = parts_of(training, too_few="", fast=0, counted=1, counted_free=1, strength=200.0, changes=changes)
     assert [part.name for part in found] == NAMES
     assert [part.source for part in found if part.source != PRIOR] == [FITTED, *[IN_PART] * 4]
     why = {part.name: part.why for part in found}
@@ -48,7 +48,13 @@ def test_each_part_has_a_source_and_a_reason() -> None:
 def test_with_nothing_to_fit_all_is_prior_and_says_why() -> None:
     slow = decisions([12.0], [np.inf])
     found = parts_of(
-        slow, too_few="Only 0.", counted=0, counted_free=0, strength=200.0, changes=LaneChangeFit(why="that is so")
+        slow,
+        too_few="Only 0.",
+        fast=0,
+        counted=0,
+        counted_free=0,
+        strength=200.0,
+        changes=LaneChangeFit(why="that is so"),
     )
     assert {part.source for part in found} == {PRIOR}
     why = {part.name: part.why for part in found}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from cornerforge.errors import DataError, InputError
 from cornerforge.ndd.decisions import Decisions, concatenate
 from cornerforge.ndd.lane_change import LaneChange
 from cornerforge.ndd.lane_fit import LANE_CHANGE_CHOICES, LaneChangeFit, fit_lane_changes
-from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law
+from cornerforge.ndd.laws import FollowingLaw, IdmLaw, LogLaw, bin_index, fit_law, log_likelihood
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, InitialState, NddModel
 from cornerforge.ndd.parts import ModelPart, parts_of
 from cornerforge.ndd.predictors import fitted_idms
@@ -39,6 +39,8 @@ DEFAULT_PRIOR_STRENGTH = 200.0
 -2.440 at strength 1, -2.290 at 10, -2.275 at 100, -2.274 from 200 on. There are too few counts to help."""
 _FEWEST = 200
 """Least number of following decisions to fit a law of nine parameters; with fewer the shipped law is used."""
+_CALM = (0.2, 3.0)
+"""Between these the factor of the noise at motorway speeds is sought."""
 _LEAST_SPREAD = 0.05
 """Least spread [m/s2], a quarter of the step between two accelerations: less looks the same as none."""
 _FOLLOWING_STATES = (SPEEDS.size, GAPS.size, RANGE_RATES.size)
@@ -103,14 +105,14 @@ def fit_model(
     idms = {name: asdict(idm) for name, idm in baselines.items()}
     tell("Fitting the lane changes")
     changes = fit_lane_changes(readings, lane_changes)
-    safe = SafeLaw(log_law)
+    safe, fast = _calmed(SafeLaw(log_law), training)
     laws: dict[str, FollowingLaw] = {"log": log_law, **baselines, "model": safe}
     tell("Making the tables")
     origin = _provenance(readings, data_format, strength, safe, changes) | {"idm": idms}
     model, counted, counted_free = _assemble(safe, changes.law, training, strength, origin)
     parts = parts_of(
-        training, too_few=too_few, counted=int(counted.sum()), counted_free=counted_free, strength=strength,
-        changes=changes,
+        training, too_few=too_few, fast=fast, counted=int(counted.sum()), counted_free=counted_free,
+        strength=strength, changes=changes,
     )  # fmt: skip
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
@@ -164,6 +166,25 @@ def _fit_laws(training: Decisions) -> tuple[LogLaw, dict[str, IdmLaw], str, list
             f"({LogLaw().spread:.2g} in the shipped model's data): are these trajectories simulated, or smoothed?"
         )
     return law, fitted_idms(following)[0], "", notes
+
+
+def _calmed(safe: SafeLaw, training: Decisions) -> tuple[SafeLaw, int]:
+    """Fit by how much noise shrinks at motorway speeds, where there are enough decisions.
+
+    The shipped value is for laws that were fitted to slow traffic, and extrapolated.
+
+    Returns:
+        The law, how many decisions it was calmed by (0: the shipped value).
+    """
+    from scipy.optimize import minimize_scalar
+
+    fast = training.where(np.isfinite(training.gap) & (training.speed >= safe.motorway_full))
+    if fast.size < _FEWEST:
+        return safe, 0
+    best = minimize_scalar(
+        lambda calm: -log_likelihood(replace(safe, calm=calm), *_arrays(fast)), bounds=_CALM, method="bounded"
+    )
+    return replace(safe, calm=float(format(best["x"], ".3g"))), fast.size
 
 
 def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:

@@ -35,13 +35,15 @@ class ModelPart:
 
 
 def parts_of(
-    training: Decisions, *, too_few: str, counted: int, counted_free: int, strength: float, changes: LaneChangeFit
-) -> tuple[ModelPart, ...]:
+    training: Decisions, *, too_few: str, fast: int, counted: int, counted_free: int, strength: float,
+    changes: LaneChangeFit,
+) -> tuple[ModelPart, ...]:  # fmt: skip
     """Say of every part of a model where it comes from.
 
     Args:
         training: The decisions that were fitted on, at least one.
         too_few: Why the car-following law is the shipped one; empty if it was fitted.
+        fast: Decisions at motorway speeds to which the noise there was fitted; 0: it is the prior.
         counted: Decisions counted into the following table.
         counted_free: The same for the free-flow table.
         strength: Weight of the prior, in pseudo-decisions per state.
@@ -60,9 +62,10 @@ def parts_of(
         law,
         ModelPart(
             "response near the leader",
-            PRIOR,
+            IN_PART if fast else PRIOR,
             "Recorded drivers are far from danger; its constants keep simulated traffic at the published facts. From "
-            "24 m/s on it also replaces the law's pull to a time gap and calms it, even where these files reach.",
+            "24 m/s on it also replaces the law's pull to a time gap, even where these files reach; its noise there is "
+            + (f"fitted to {fast:,} decisions." if fast else "a share of the law's, as free driving is calmer."),
         ),
         _counts("following table", "the car-following law with that response", counted, strength),
         _counts("free driving", "published facts (IVBSS)", counted_free, strength),
