@@ -27,7 +27,7 @@ _tables: dict[int, tuple[NddModel, NddTables]] = {}
 
 
 class Car(NamedTuple):
-    """A vehicle that keeps its lane; the last six fields are its driver's (`sim.world.VEHICLE`)."""
+    """A vehicle that keeps its lane; the last seven fields are its driver's (`sim.world.VEHICLE`)."""
 
     x: float
     lane: int
@@ -39,6 +39,7 @@ class Car(NamedTuple):
     change_time: float = 4.0
     signals: bool = True
     away: bool = False
+    noise: float = 0.0
 
 
 def setting_of(
@@ -80,7 +81,7 @@ def world_of(cars: Iterable[Car]) -> World:
             vehicle["x"], vehicle["y"], vehicle["speed"] = car.x, 4.0 * car.lane + 2.0, car.speed
             vehicle["target_lane"], vehicle["lanes"] = car.lane, 1 << car.lane
             vehicle["present"], vehicle["action"] = 1, -1
-            for name in ("quantile", "habit", "desired_speed", "change_time", "signals", "away"):
+            for name in ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise"):
                 vehicle[name] = getattr(car, name)
         else:
             for name in ("x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration"):

@@ -241,6 +241,20 @@ def test_as_many_drivers_set_the_indicator_as_the_model_says(worlds: list[np.nda
     assert all(vehicles["signals"][0] for vehicles in worlds)  # the AV does
 
 
+def test_odds_of_an_outer_acceleration_are_log_normal(mindful: NddModel, model: NddModel) -> None:
+    # H0: independent draws, also of the quantile; unit: a test; n = 5,000 sees 0.04. Without a spread all are alike.
+    tests, spread = N // 4, mindful.initial.noise_spread
+    found = np.array([v[["noise", "quantile"]][1] for v in started(setting_of(mindful, ODD), ODD, 1, range(tests))])
+    odds = (1.0 + found["noise"]) / (1.0 - found["noise"])
+    bound = dkw_bound(tests)
+    assert distance_to_law(np.log(odds), stats.norm(scale=spread)) <= bound
+    assert distance_to_law(np.log(odds), stats.norm(scale=1.2 * spread)) > bound  # negative control
+    assert abs(stats.spearmanr(found["noise"], found["quantile"]).statistic) < 5.0 / tests**0.5
+    alike = replace(model, initial=replace(model.initial, noise_spread=0.0))
+    for vehicles in started(setting_of(alike, ODD), ODD, 1, range(20)):
+        assert set(vehicles["noise"]) == {0.0}
+
+
 def test_the_av_starts_in_every_lane_alike(worlds: list[np.ndarray]) -> None:
     # H0: independent uniform draws of 3 lanes; n = 20,000 sees an L1 error of 0.04.
     counts = np.bincount([vehicles["target_lane"][0] for vehicles in worlds], minlength=3)
@@ -274,6 +288,7 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
         "habit",
         "desired_speed",
         "change_time",
+        "noise",
     ):
         np.testing.assert_array_equal(after_others[name], fresh[name])
     world, unused = (world_of(allocate_worlds(1, n_slots(ODD))) for _ in range(2))

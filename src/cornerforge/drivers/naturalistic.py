@@ -77,6 +77,7 @@ class InitialNumbers(NamedTuple):
     change_low: float
     change_high: float
     signal_share: float
+    noise_spread: float
 
 
 class NddTables(NamedTuple):

@@ -21,6 +21,8 @@ __all__ = [
     "away_draw",
     "given_the_past",
     "memory_numbers",
+    "own_rank",
+    "own_word",
     "reflected",
     "remembered_share",
     "remembering_word",
@@ -88,6 +90,37 @@ def reflected(u: float) -> float:
 def word_at(u: float) -> uint64:
     """Find the random word of a quantile u, 0 to 1; that of `uniform(word)` is the word itself."""
     return min(np.uint64(u * 4294967296.0), _LAST_WORD)
+
+
+@inlined_kernel
+def own_rank(share: float, noise: float) -> float:
+    """Compute P(a driver's acceleration is below a quantile of all drivers), for a driver of some noise level.
+
+    It uses the outer quarters of the distribution with density 1 + noise, the middle half with 1 - noise. So drivers of
+    levels symmetric about 0 have the distribution of all drivers together, exactly, and each has its support.
+
+    Args:
+        share: The quantile, P(acceleration is below) over all drivers, 0 to 1.
+        noise: The driver's noise level, above -1, below 1; 0: as all drivers, and `share` to the bit.
+    """
+    return share + noise * max(min(share, 0.5 - share), share - 1.0)
+
+
+@inlined_kernel
+def own_word(word: uint64, noise: float) -> uint64:
+    """Turn the random word of a driver's own rank into that of the quantile of all drivers: the inverse of `own_rank`.
+
+    With a noise level of 0 it is the word itself.
+    """
+    rank = uniform(word)
+    outer = 0.25 * (1.0 + noise)
+    low = rank < 0.5
+    from_end = rank if low else 1.0 - rank
+    is_outer = from_end < outer
+    # Choices of numbers, as below.
+    part = (from_end if is_outer else rank - outer) / (1.0 + noise if is_outer else 1.0 - noise)
+    end = part if low else 1.0 - part
+    return word_at(end if is_outer else 0.25 + part)
 
 
 @inlined_kernel

@@ -149,6 +149,11 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
         time = initial.change_median * exp(initial.change_sigma * v[slot].change_time)
         v[slot].change_time = min(max(time, initial.change_low), initial.change_high)
     announces = v[slot].signals < initial.signal_share * (_LOW_BITS + 1)
+    v[slot].noise = 0.0
+    if initial.noise_spread > 0.0:
+        words = block(w.state[0].seed, w.state[0].test, slot, 1, PURPOSE_TRAITS)
+        odds = exp(initial.noise_spread * normal_pair(words[0], words[1])[0])
+        v[slot].noise = (odds - 1.0) / (odds + 1.0)
     v[slot].away = 0
     v[slot].signals = 1 if slot == 0 or announces else 0
     v[slot].x = x
