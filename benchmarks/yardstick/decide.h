@@ -364,7 +364,8 @@ static void sort_by_x(World *w) {
 
 static bool looks_away(World *w, int64_t i, const Tables *tables) {
     uint64_t low = (random_word(w, 2, i) & 0xFFFFu) | (random_word(w, 3, i) & 0xFFFFu) << 16;
-    w->v[i].away = uniform(low) < (w->v[i].away ? tables->memory.away_again : tables->memory.away);
+    double chance = w->v[i].away ? tables->memory.away_again : w->v[i].inattention * tables->memory.away;
+    w->v[i].away = uniform(low) < chance;
     if (w->v[i].away) w->words[w->slots + i] = (uint64_t)(w->v[i].quantile * 4294967296.0);
     return w->v[i].away;
 }

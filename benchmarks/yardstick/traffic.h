@@ -92,12 +92,16 @@ static void place(
         v->change_time = MIN(MAX(time, initial->change_low), initial->change_high);
     }
     v->noise = 0.0;
-    if (initial->noise_spread > 0.0) {
+    v->inattention = 1.0;
+    double sigma = initial->vigilance_sigma;
+    if (initial->noise_spread > 0.0 || sigma > 0.0) {
         Words words = block(seed, test, slot, 1, PURPOSE_TRAITS);
-        double z, unused;
-        normal_pair(words.w[0], words.w[1], &z, &unused);
-        double odds = exponential(initial->noise_spread * z);
+        double z_noise, z_vigilance;
+        normal_pair(words.w[0], words.w[1], &z_noise, &z_vigilance);
+        double odds = exponential(initial->noise_spread * z_noise);
         v->noise = (odds - 1.0) / (odds + 1.0);
+        v->inattention = exponential(sigma * (z_vigilance - 0.5 * sigma));
+        v->inattention = MIN(20.0, v->inattention);
     }
     v->away = 0;
     v->signals = slot == 0 || (double)v->signals < initial->signal_share * 1024.0;

@@ -240,7 +240,8 @@ class Simulator:
 
     def chance_to_look_away(self, bv: Vehicle) -> float:
         """P(a driver looks away in this second)."""
-        return self.model.memory.away_again if bv.away else self.model.memory.away
+        memory = self.model.memory
+        return memory.away_again if bv.away else min(1.0, bv.inattention * memory.away)
 
     def start_chance(self, world: World, vehicle: Vehicle, lane: int, av_lane: int) -> float:
         """P(a vehicle starts into a lane), if it waits for nobody."""

@@ -157,6 +157,7 @@ def test_what_is_stated_is_what_is_drawn(model: NddModel, name: str) -> None:
     setting = setting_of(replace(drivers, memory=replace(model.memory, away=0.1, away_again=0.2)), LANES)
     world = scene.world(setting)
     world.vehicles["away"][2:] = 1
+    world.vehicles["inattention"] = np.arange(len(scene.cars))
     bvs = range(1, len(scene.cars))
     now = [stated(world, slot, setting, scene.lane) for slot in bvs]
     before = [stated(world, slot, setting, scene.lane, alone=True) for slot in bvs]
@@ -191,7 +192,11 @@ FOLLOWERS = {
 def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: str, drivers: str) -> None:
     # H0: the action of slot 1 is an independent draw of what is stated, given its last quantile, its habit and its
     # desired speed; unit: a test; n = 100,000 sees an L1 distance of 0.028; over all scenes, models and drivers.
-    people = [(0.03, 0.2, -3.0, 4.0, 1, 0, -0.8), (0.5, 0.9, 0.0, 4.0, 1, 1, 0.6), (0.97, 0.6, 4.0, 4.0, 0, 0, 0.0)]
+    people = [
+        (0.03, 0.2, -3.0, 4.0, 1, 0, -0.8, 3.0),
+        (0.5, 0.9, 0.0, 4.0, 1, 1, 0.6, 3.0),
+        (0.97, 0.6, 4.0, 4.0, 0, 0, 0.0, 0.3),
+    ]
     bound = l1_bound(33, N, comparisons=2 * len(FOLLOWERS) * len(people))
     setting = setting_of(request.getfixturevalue(drivers), LANES)
     forgetful = forgotten(setting)
@@ -284,8 +289,9 @@ def test_who_holds_the_speed_may_have_looked_away(mindful: NddModel) -> None:
         world = FOLLOWERS["behind one lead"].world(setting)
         world.vehicles["speed"] = 30.0
         world.vehicles["away"][1] = before
+        world.vehicles["inattention"][1], world.vehicles["noise"][1] = 2.0, 0.7
         held = stated(world, 1, forgotten(setting), 0, attentive=True)[2:]
-        away = (mindful.memory.away, mindful.memory.away_again)[before]
+        away = (2.0 * mindful.memory.away, mindful.memory.away_again)[before]
         expected = away / (away + (1.0 - away) * held[ACTION_HOLD - 2] / held.sum())
         n, looked = 20_000, 0
         quantile = world.vehicles["quantile"][1]
@@ -340,7 +346,7 @@ def random_cars(rng: np.random.Generator) -> tuple[list[Car], dict[int, tuple[in
     cars = [
         car._replace(
             quantile=rng.random(), habit=rng.random(), desired_speed=rng.normal(0.0, 3.0), signals=rng.random() < 0.5,
-            away=rng.random() < 0.5, noise=rng.uniform(-0.9, 0.9),
+            away=rng.random() < 0.5, noise=rng.uniform(-0.9, 0.9), inattention=rng.uniform(0.0, 5.0),
         )
         for car in cars
     ]  # fmt: skip
@@ -361,7 +367,9 @@ def both_worlds(
         kind = slot % 3 if len(cars) % 2 else 0
         size = CLASSES[kind].length, CLASSES[kind].width
         traits = car.quantile, car.habit, car.desired_speed, car.change_time
-        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, *traits, signals=car.signals, noise=car.noise))
+        plain.place(
+            car.x, car.lane, car.speed, slow.Body(kind, *size, *traits, car.signals, car.noise, car.inattention)
+        )
         plain.vehicles[-1].away = car.away
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():

@@ -78,6 +78,7 @@ class InitialNumbers(NamedTuple):
     change_high: float
     signal_share: float
     noise_spread: float
+    vigilance_sigma: float
 
 
 class NddTables(NamedTuple):

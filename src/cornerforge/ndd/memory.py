@@ -46,8 +46,9 @@ class Memory:
     impossible stays impossible. (A series with a copula between neighbours: Chen and Fan 2006,
     doi:10.1016/j.jeconom.2005.03.004.)
 
-    With the chance `away` a second, any driver looks away from the road, and does so again in the next second with the
-    chance `away_again`. Who looks away holds its speed, begins no lane change and turns back in none.
+    With the chance `away` a second, times a factor of its own, a driver looks away from the road, and does so again in
+    the next second with the chance `away_again`, the same for all. Who looks away holds its speed, begins no lane
+    change and turns back in none.
     """
 
     near: float = 0.0
@@ -150,9 +151,12 @@ def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNu
 
 
 @inlined_kernel
-def away_chance(before: int, memory: MemoryNumbers) -> float:
-    """Compute P(a driver looks away in this second), given whether (1 or 0) it did in the second before."""
-    return memory.away_again if before else memory.away
+def away_chance(before: int, inattention: float, memory: MemoryNumbers) -> float:
+    """Compute P(a driver looks away in this second), given whether (1 or 0) it did in the second before.
+
+    `inattention`, 0 or more, is how many times as often as all drivers this one begins to look away.
+    """
+    return memory.away_again if before else min(1.0, inattention * memory.away)
 
 
 @inlined_kernel

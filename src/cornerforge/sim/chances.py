@@ -227,7 +227,7 @@ def remember_action(
         road, tables: Constants.
     """
     v = w.vehicles
-    looked_away = away_chance(v[i].away, tables.memory)
+    looked_away = away_chance(v[i].away, v[i].inattention, tables.memory)
     v[i].away = 0
     if action < FIRST_ACCELERATION:
         return word
@@ -339,7 +339,7 @@ def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, 
     v = w.vehicles
     if j == 0:
         return 1.0 if av_lane == lane else 0.0
-    looks = 1.0 - away_chance(v[j].away, tables.memory)
+    looks = 1.0 - away_chance(v[j].away, v[j].inattention, tables.memory)
     if v[j].duration > 0.0:
         back = lane_of(v[j].y, road.lane_width) == lane
         return looks * return_chance(w, j, tables.overlook, road, tables) if back else 0.0
@@ -544,7 +544,7 @@ def action_probabilities(
     for a in range(N_ACTIONS - 1, FIRST_ACCELERATION, -1):
         p[a] = keep * (p[a] - p[a - 1])
     p[FIRST_ACCELERATION] = keep * p[FIRST_ACCELERATION]
-    away = 0.0 if attentive else away_chance(v[i].away, tables.memory)
+    away = 0.0 if attentive else away_chance(v[i].away, v[i].inattention, tables.memory)
     if away > 0.0:
         for a in range(N_ACTIONS):
             p[a] *= 1.0 - away

@@ -174,7 +174,7 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
 @inlined_kernel
 def _looks_away(v: NDArray[np.void], i: int, words: NDArray[np.uint64], tables: NddTables) -> bool:
     """Draw whether slot i looks away in this second, and note it; then the quantile of its acceleration stays."""
-    away = away_draw(words[2, i], words[3, i]) < away_chance(v[i].away, tables.memory)
+    away = away_draw(words[2, i], words[3, i]) < away_chance(v[i].away, v[i].inattention, tables.memory)
     v[i].away = 1 if away else 0
     if away:
         words[1, i] = word_at(v[i].quantile)

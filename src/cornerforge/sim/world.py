@@ -73,6 +73,7 @@ VEHICLE = np.dtype(
         ("commanded", "f8"),
         ("acceleration_held", "f8"),
         ("noise", "f8"),
+        ("inattention", "f8"),
     ]
 )
 """One vehicle. A record array passes a kernel one pointer, not one a field: measured 30 times faster in Numba.
@@ -87,7 +88,7 @@ that it saw, and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; des
 change_time: how long its undisturbed lane changes take [s]; signals: 1 if its driver sets the indicator before it
 changes lanes; away: 1 if its driver looked away from the road in the last second; commanded, acceleration_held: the
 acceleration that was decided last, and the one that the vehicle then had [m/s2]; noise: its driver's noise level
-(`ndd.memory.own_rank`), -1 to 1.
+(`ndd.memory.own_rank`), -1 to 1; inattention: how many times as often as all drivers it begins to look away.
 """
 
 
