@@ -42,8 +42,8 @@ def test_each_part_has_a_source_and_a_reason() -> None:
     why = {part.name: part.why for part in found}
     assert all(text.endswith(".") for text in why.values())
     assert why["car-following law"].startswith("Maximum likelihood over 2 decisions of 2 drivers")
-    assert "40 drivers behind a leader for 30 s and more" in why["noise level"]
-    assert why["noise level"].endswith("by a factor of 1.22 between drivers (1.00 to 1.65).")
+    assert "40 drivers were seen behind a leader for 30 s and more" in why["noise level"]
+    assert "a factor of 1.22 (1.00 to 1.65) of the odds" in why["noise level"]
     assert "50 changes in 4,000 seconds at risk" in why["gap acceptance"]
     assert (
         "mean speed 26.0 m/s (start 30.1 m/s), standard deviation 1.0 m/s (start 3.3 m/s), median time gap 1.00 s"
@@ -60,7 +60,7 @@ def test_with_nothing_to_fit_all_is_prior_and_says_why() -> None:
     assert {part.source for part in found} == {PRIOR}
     why = {part.name: part.why for part in found}
     assert why["car-following law"] == "Only 0."
-    assert why["noise level"] == "3 drivers behind a leader for 30 s and more, at least 30 are needed."
+    assert why["noise level"] == "3 drivers were seen behind a leader for 30 s and more, and at least 30 are needed."
     assert why["lane changes"] == why["gap acceptance"] == "That is so."
     assert why["free driving"] == "No decision from 19.5 m/s on; all of it is published facts (IVBSS)."
     assert "no decision from 19.5 m/s on" in why["traffic at the start"]

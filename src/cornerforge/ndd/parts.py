@@ -120,15 +120,15 @@ def _counts(name: str, prior: str, counted: int, strength: float) -> ModelPart:
 
 def _noise(noise: NoiseSpread) -> ModelPart:
     name = "noise level"
-    followers = f"{noise.drivers:,} drivers behind a leader for {SHORTEST} s and more"
+    followers = f"{noise.drivers:,} drivers were seen behind a leader for {SHORTEST} s and more"
     if not noise.fitted:
-        return ModelPart(name, PRIOR, f"{followers[:1].upper()}{followers[1:]}, at least {FEWEST_LONG} are needed.")
+        return ModelPart(name, PRIOR, f"{followers}, and at least {FEWEST_LONG} are needed.")
     low, high = noise.interval95
     return ModelPart(
         name,
         FITTED,
-        f"How much the accelerations of {followers} scatter: odds of an outer one differ by a factor of "
-        f"{math.exp(noise.spread):.2f} between drivers ({math.exp(low):.2f} to {math.exp(high):.2f}).",
+        f"{followers}. One standard deviation between them is a factor of {math.exp(noise.spread):.2f} "
+        f"({math.exp(low):.2f} to {math.exp(high):.2f}) of the odds of an acceleration in the outer quarters.",
     )
 
 
