@@ -78,6 +78,8 @@ _VARIED: tuple[tuple[str, str, tuple[float, ...]], ...] = (
     ("memory", "away", (0.0, 0.5, 2.0)),
     ("initial", "signal_share", (0.0, 1.5)),
     ("initial", "desire_share", (0.5, 1.5)),
+    ("initial", "noise_spread", (0.0, 2.0)),
+    ("initial", "vigilance_sigma", (0.0, 1.5)),
     ("fit", "prior_strength", (50.0, 1000.0)),
     ("safe", "response", (0.75, 1.5)),
     ("law", "spread", (0.8, 1.25)),

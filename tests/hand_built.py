@@ -15,6 +15,7 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import RoadNumbers, lane_bits, road_numbers
 from cornerforge.sim.actions import hold, start_lane_change
 from cornerforge.sim.observe import budget_units
+from cornerforge.sim.scripted import TRAITS
 from cornerforge.sim.setting import ADVERSARIES, IDM_BVS, NATURALISTIC, Controllers, Setting
 from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import NO_VEHICLE, RUNNING, World, all_current, allocate_worlds, numbers_of_av, path_of
@@ -27,7 +28,7 @@ _tables: dict[int, tuple[NddModel, NddTables]] = {}
 
 
 class Car(NamedTuple):
-    """A vehicle that keeps its lane; the last six fields are its driver's (`sim.world.VEHICLE`)."""
+    """A vehicle that keeps its lane; the last eight fields are its driver's (`sim.world.VEHICLE`)."""
 
     x: float
     lane: int
@@ -39,6 +40,8 @@ class Car(NamedTuple):
     change_time: float = 4.0
     signals: bool = True
     away: bool = False
+    noise: float = 0.0
+    inattention: float = 1.0
 
 
 def setting_of(
@@ -80,7 +83,7 @@ def world_of(cars: Iterable[Car]) -> World:
             vehicle["x"], vehicle["y"], vehicle["speed"] = car.x, 4.0 * car.lane + 2.0, car.speed
             vehicle["target_lane"], vehicle["lanes"] = car.lane, 1 << car.lane
             vehicle["present"], vehicle["action"] = 1, -1
-            for name in ("quantile", "habit", "desired_speed", "change_time", "signals", "away"):
+            for name in TRAITS:
                 vehicle[name] = getattr(car, name)
         else:
             for name in ("x", "y", "speed", "lateral_speed", "heading", "acceleration", "clock", "duration"):

@@ -170,9 +170,9 @@ static double av_decide(const World *w, const Road *road, const Av *av, int64_t 
 }
 
 /* Row and random word in one number, larger than any action: the look-up is put off, the row asked for now. */
-static inline int64_t draw_later(const Tables *tables, int64_t row, uint64_t word) {
+static inline int64_t draw_later(const Tables *tables, int64_t row, uint64_t word, double noise) {
     __builtin_prefetch(&tables->cut[row * CUT_COLUMNS + FIRST_PROBE]);
-    return (row + 1) << 32 | (int64_t)word;
+    return (row + 1) << 32 | (int64_t)own_word(word, noise);
 }
 
 static inline int64_t drawn(const Tables *tables, int64_t action) {
@@ -197,7 +197,7 @@ static int64_t worst_follow(
         if ((seen & wanted) == 0) continue;
         double here = dx - road->length, closing = v[j].speed - v[i].speed;
         int64_t row = following_row(v[i].speed, v[i].desired_speed, here, closing, rounding);
-        int64_t later = draw_later(tables, row, follower_word);
+        int64_t later = draw_later(tables, row, follower_word, v[i].noise);
         if (action < 0) {
             *gap = here;
             *rate = closing;
@@ -209,7 +209,7 @@ static int64_t worst_follow(
         wanted &= ~seen;
         if (wanted == 0) break;
     }
-    return action < 0 ? draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word) : action;
+    return action < 0 ? draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word, v[i].noise) : action;
 }
 
 static inline int64_t follow(
@@ -221,11 +221,12 @@ static inline int64_t follow(
     if (dx >= SIGHT) {
         *gap = INFINITY;
         *rate = 0.0;
-        return draw_later(tables, free_row(speed, v[i].desired_speed), word);
+        return draw_later(tables, free_row(speed, v[i].desired_speed), word, v[i].noise);
     }
     *gap = dx - road->length;
     *rate = v[lead].speed - speed;
-    return draw_later(tables, following_row(speed, v[i].desired_speed, *gap, *rate, rounding), follower_word);
+    int64_t row = following_row(speed, v[i].desired_speed, *gap, *rate, rounding);
+    return draw_later(tables, row, follower_word, v[i].noise);
 }
 
 static double side_chance(
@@ -371,7 +372,8 @@ static void sort_by_x(World *w) {
 
 static bool looks_away(World *w, int64_t i, const Tables *tables) {
     uint64_t low = (random_word(w, 2, i) & 0xFFFFu) | (random_word(w, 3, i) & 0xFFFFu) << 16;
-    w->v[i].away = uniform(low) < (w->v[i].away ? tables->memory.away_again : tables->memory.away);
+    double chance = w->v[i].away ? tables->memory.away_again : w->v[i].inattention * tables->memory.away;
+    w->v[i].away = uniform(low) < chance;
     if (w->v[i].away) w->words[w->slots + i] = (uint64_t)(w->v[i].quantile * 4294967296.0);
     return w->v[i].away;
 }

@@ -108,6 +108,18 @@ static inline uint64_t remembering_word(uint64_t word, double before, double hab
     return MIN(remembered, 0xFFFFFFFFu);
 }
 
+/* The word of the quantile among all drivers, from that of a driver's own rank. */
+static inline uint64_t own_word(uint64_t word, double noise) {
+    double rank = uniform(word), outer = 0.25 * (1.0 + noise), quantile;
+    if (rank < outer)
+        quantile = rank / (1.0 + noise);
+    else if (1.0 - rank < outer)
+        quantile = 1.0 - (1.0 - rank) / (1.0 + noise);
+    else
+        quantile = 0.25 + (rank - outer) / (1.0 - noise);
+    return (uint64_t)(quantile * 4294967296.0);
+}
+
 static inline double turn_back_chance(const Tables *t, double gap, double range_rate) {
     if (gap <= 0.0) return 1.0;
     int64_t row = table_row(gap, range_rate, NEAREST);

@@ -77,7 +77,8 @@ static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test) {
 }
 
 static void place(
-    World *w, int64_t slot, double x, int64_t lane, double speed, double mean, const Road *road, const Initial *initial
+    World *w, int64_t slot, double x, int64_t lane, double speed, double mean, int64_t seed, int64_t test,
+    const Road *road, const Initial *initial
 ) {
     Vehicle *v = &w->v[slot];
     speed = MIN(speed, road->max_speed);
@@ -89,6 +90,18 @@ static void place(
     } else {
         double time = initial->change_median * exponential(initial->change_sigma * v->change_time);
         v->change_time = MIN(MAX(time, initial->change_low), initial->change_high);
+    }
+    v->noise = 0.0;
+    v->inattention = 1.0;
+    double sigma = initial->vigilance_sigma;
+    if (initial->noise_spread > 0.0 || sigma > 0.0) {
+        Words words = block(seed, test, slot, 1, PURPOSE_TRAITS);
+        double z_noise, z_vigilance;
+        normal_pair(words.w[0], words.w[1], &z_noise, &z_vigilance);
+        double odds = exponential(initial->noise_spread * z_noise);
+        v->noise = (odds - 1.0) / (odds + 1.0);
+        v->inattention = exponential(sigma * (z_vigilance - 0.5 * sigma));
+        v->inattention = MIN(20.0, v->inattention);
     }
     v->away = 0;
     v->signals = slot == 0 || (double)v->signals < initial->signal_share * 1024.0;
@@ -122,7 +135,7 @@ static int64_t fill_ahead(
         x += road->length + gap;
         if (x > road->traffic_length || n >= w->slots) return n;
         draw_traits(w, n, seed, test);
-        place(w, n, x, lane, speed, mean, road, initial);
+        place(w, n, x, lane, speed, mean, seed, test, road, initial);
         rear = n++;
     }
 }
@@ -145,7 +158,7 @@ static void reset_world(
     double speed = draw_speed(seed, test, initial, mean, &draw);
     speed = MIN(speed, road->max_speed);
     draw_traits(w, 0, seed, test);
-    place(w, 0, road->av_start, av_lane, speed, mean, road, initial);
+    place(w, 0, road->av_start, av_lane, speed, mean, seed, test, road, initial);
 
     double lead_speed, quantile;
     double gap = draw_neighbour(seed, test, initial, mean, &draw, speed, true, &lead_speed, &quantile);
@@ -154,7 +167,7 @@ static void reset_world(
     int64_t n = 1;
     if (x <= road->traffic_length) {
         draw_traits(w, n, seed, test);
-        place(w, n, x, av_lane, lead_speed, mean, road, initial);
+        place(w, n, x, av_lane, lead_speed, mean, seed, test, road, initial);
         n = fill_ahead(w, n + 1, &draw, x, lead_speed, mean, av_lane, n, seed, test, road, initial);
     }
     x = road->av_start;
@@ -164,7 +177,7 @@ static void reset_world(
         if (x < 0.0 || n >= w->slots) break;
         draw_traits(w, n, seed, test);
         give_habit(&w->v[n], quantile, initial);
-        place(w, n++, x, av_lane, speed, mean, road, initial);
+        place(w, n++, x, av_lane, speed, mean, seed, test, road, initial);
     }
     for (int64_t lane = 0; lane < road->n_lanes; lane++) {
         if (lane == av_lane) continue;

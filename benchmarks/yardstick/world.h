@@ -21,7 +21,7 @@ typedef struct {
     int64_t kind;
     double quantile, habit, desired_speed, change_time;
     int64_t signals, away;
-    double commanded, acceleration_held;
+    double commanded, acceleration_held, noise, inattention;
 } Vehicle;
 
 enum { N_VEHICLES, N_DECISIONS, CONTROLLED, OUTCOME, FRAME, SLOT_A, SLOT_B, N_BV_CRASHES, N_CURRENT, N_SEEN };
@@ -76,7 +76,7 @@ typedef struct {
 typedef struct {
     double speed_mean, stream_sd, speed_sd, speed_low, speed_high, follow_share, time_gap_shift, time_gap_median;
     double time_gap_sigma, desire_share, habit_spread, rr_scale, rr_exponent, min_ttc, free_gap_low, free_gap_high;
-    double change_median, change_sigma, change_low, change_high, signal_share;
+    double change_median, change_sigma, change_low, change_high, signal_share, noise_spread, vigilance_sigma;
 } Initial;
 
 typedef struct {

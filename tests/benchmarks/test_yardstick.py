@@ -36,7 +36,9 @@ def model() -> NddModel:
 @pytest.fixture(scope="module")
 def reckless(model: NddModel) -> NddModel:
     """Drivers with habits that change lanes often, overlook much and start at unlike speeds: every branch is taken."""
-    initial = replace(model.initial, speed_sd=3.5, rr_scale=3.0, min_ttc=8.0, habit_spread=0.3, change_median=5.17)
+    initial = replace(
+        model.initial, speed_sd=3.5, rr_scale=3.0, min_ttc=8.0, habit_spread=0.3, change_median=5.17, noise_spread=1.0
+    )
     memory = DriverMemory(near=0.25, near_width=0.1, far=0.2, far_width=0.45, habit=0.35, habit_width=0.2)
     base = np.full(21, 0.2, dtype=np.float32)
     return replace(model, lc_base=base, overlook=0.5, overlook_conflict=0.5, memory=memory, initial=initial)

@@ -23,7 +23,16 @@ from cornerforge.drivers.naturalistic import (
     tables_of,
     turn_back_chance,
 )
-from cornerforge.ndd.memory import Memory, MemoryNumbers, memory_numbers, reflected, remembered_share, remembering_word
+from cornerforge.ndd.memory import (
+    Memory,
+    MemoryNumbers,
+    memory_numbers,
+    own_rank,
+    own_word,
+    reflected,
+    remembered_share,
+    remembering_word,
+)
 from cornerforge.ndd.model import GAPS, RANGE_RATES, SPEEDS, NddModel
 from cornerforge.types import ACCELERATIONS
 
@@ -339,6 +348,28 @@ def test_over_all_drivers_quantiles_stay_uniform(words: np.ndarray) -> None:
     assert distance_to_law(after, stats.uniform()) <= bound
     assert distance_to_law(after**1.05, stats.uniform()) > bound  # negative control
     assert np.corrcoef(before, after)[0, 1] > 0.3  # and they are remembered
+
+
+NOISE = st.floats(-0.999, 0.999)
+
+
+@given(NOISE, UNIT, UNIT)
+def test_own_ranks_are_a_distribution_function_and_in_the_mean_that_of_all(noise: float, x: float, y: float) -> None:
+    assert (own_rank(0.0, noise), own_rank(1.0, noise), own_rank(0.5, noise)) == (0.0, 1.0, 0.5)
+    assert own_rank(min(x, y), noise) <= own_rank(max(x, y), noise)
+    assert own_rank(1.0 - x, noise) == pytest.approx(1.0 - own_rank(x, noise), abs=1e-15)
+    assert 0.5 * (own_rank(x, noise) + own_rank(x, -noise)) == pytest.approx(x, abs=1e-15)
+    assert own_rank(x, 0.0) == x
+    outer = own_rank(0.25, noise) + 1.0 - own_rank(0.75, noise)
+    assert outer == pytest.approx(0.5 * (1.0 + noise), abs=1e-15)
+
+
+@given(WORD, NOISE)
+def test_the_word_of_a_driver_is_looked_up_where_its_rank_is(word: np.uint64, noise: float) -> None:
+    assert own_word(word, 0.0) == word
+    quantile = uniform(own_word(word, noise))
+    step = 2.0**-32 * (1.0 + abs(noise))  # a word of the table is so much of the driver's own
+    assert own_rank(float(quantile), noise) == pytest.approx(float(uniform(word)), abs=step)
 
 
 def test_tables_of_a_model_do_not_copy_its_meaning(model: NddModel) -> None:

@@ -177,15 +177,17 @@ def test_drivers_of_older_starts_desire_the_speed_that_they_have(make_scenario: 
     states = np.zeros((scenario.slot.size, len(START_FIELDS)))
     states[:, START_FIELDS.index("speed")] = 20.0 + np.arange(len(states))
     states[:, START_FIELDS.index("length")], states[:, START_FIELDS.index("width")] = scenario.length, scenario.width
-    for lacking in (2, 3, len(TRAITS), len(TRAITS) + 3):
+    for lacking in (2, 4, 5, len(TRAITS), len(TRAITS) + 3):
         stored = states[:, : len(START_FIELDS) - lacking]
         script = script_of(scenario, pa.table({"start": pa.array([stored.reshape(-1).tolist()])}), 0)
         assert script is not None
-        assert set(script.start["signals"]) == {1}
+        assert set(script.start["noise"]) == {0.0}
+        assert set(script.start["inattention"]) == {1.0}
+        assert set(script.start["signals"]) == {0 if lacking == 2 else 1}
         assert set(script.start["away"]) == {0}
-        if lacking > 3:
+        if lacking > 5:
             np.testing.assert_array_equal(script.start["desired_speed"], script.start["speed"])
             np.testing.assert_array_equal(script.start["quantile"], 0.5)
-        if lacking > 2:
+        if lacking > 4:
             np.testing.assert_array_equal(script.start["change_time"], scenario.odd.lane_change_duration)
         np.testing.assert_array_equal(script.start["length"], scenario.length)

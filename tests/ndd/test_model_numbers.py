@@ -24,6 +24,8 @@ IMPOSSIBLE = {
     "initial.stream_sd": float("inf"),
     "initial.desire_share": 1.1,
     "initial.time_gap_shift": -0.2,
+    "initial.noise_spread": 2.5,
+    "initial.vigilance_sigma": 1.6,
     "initial.speed_low": 50.0,
     "initial.free_gap_low": 400.0,
 }

@@ -140,7 +140,7 @@ def test_what_was_written_comes_back(imported: tuple[NddModel, ImportReport], ot
 def test_our_own_model_comes_back_table_for_table(ours: NddModel, tmp_path: Path) -> None:
     theirs = replace(
         ours.initial, stream_sd=0.0, speed_sd=3.3, time_gap_shift=0.0, desire_share=0.0, change_median=0.0,
-        signal_share=1.0,
+        signal_share=1.0, noise_spread=0.0, vigilance_sigma=0.0,
     )  # fmt: skip
     ours = replace(ours, initial=theirs)
     model, _ = import_arrays(exported(ours, tmp_path / "NDD_DATA"), ours)
@@ -168,6 +168,7 @@ def test_the_other_names_axes_and_whole_tables_are_read_too(other: NddModel, our
     assert model.initial.speed_sd == pytest.approx(np.hypot(ours.initial.stream_sd, ours.initial.speed_sd))
     assert not model.lc_turn_back.any()
     assert (model.initial.change_median, model.initial.signal_share) == (0.0, 1.0)
+    assert (model.initial.noise_spread, model.initial.vigilance_sigma) == (0.0, 0.0)
     assert (ours.overlook, model.overlook) == (1.5e-3, 1e-4)
     assert report.missing == ("lc_lead", "lc_rear", "lc_both", "initial_speed", "initial_gap")
     assert "lane changes: acceptance of the adjacent vehicle behind (no file)" in report.filled

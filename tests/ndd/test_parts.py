@@ -14,11 +14,12 @@ from cornerforge.ndd.decisions import Decisions
 from cornerforge.ndd.lane_fit import FittedNumber, LaneChangeFit
 from cornerforge.ndd.model import InitialState
 from cornerforge.ndd.parts import FITTED, IN_PART, PRIOR, parts_of
+from cornerforge.ndd.traits import NoiseSpread
 
 NAMES = [
-    "car-following law", "response near the leader", "following table", "free driving", "memory", "desired speeds",
-    "lane changes", "gap acceptance", "turning back", "duration of lane changes", "traffic at the start",
-    "indicators", "looking away, overlooking",
+    "car-following law", "response near the leader", "following table", "free driving", "memory", "noise level",
+    "desired speeds", "lane changes", "gap acceptance", "turning back", "duration of lane changes",
+    "traffic at the start", "indicators", "looking away, overlooking",
 ]  # fmt: skip
 
 
@@ -32,12 +33,19 @@ def test_each_part_has_a_source_and_a_reason() -> None:
     number = FittedNumber(0.02, (0.01, 0.03), 0.015, (0.002, 0.1), "1/s")
     changes = LaneChangeFit(fitted=True, why="", changes=50, seconds=4000, numbers={"rate": number})
     training = decisions([25.0, 27.0, 15.0], [25.0, np.inf, 10.0])
-    found = parts_of(training, too_few="", fast=0, counted=1, counted_free=1, strength=200.0, changes=changes)
+    noise = NoiseSpread(0.2, fitted=True, drivers=40, interval95=(0.0, 0.5))
+    found = parts_of(
+        training, too_few="", fast=0, counted=1, counted_free=1, strength=200.0, changes=changes, noise=noise
+    )
     assert [part.name for part in found] == NAMES
-    assert [part.source for part in found if part.source != PRIOR] == [FITTED, *[IN_PART] * 4]
+    assert [part.source for part in found if part.source != PRIOR] == [
+        FITTED, IN_PART, IN_PART, FITTED, IN_PART, IN_PART,
+    ]  # fmt: skip
     why = {part.name: part.why for part in found}
     assert all(text.endswith(".") for text in why.values())
     assert why["car-following law"].startswith("Maximum likelihood over 2 decisions of 2 drivers")
+    assert "40 drivers were seen behind a leader for 30 s and more" in why["noise level"]
+    assert "a factor of 1.22 (1.00 to 1.65) of the odds" in why["noise level"]
     assert "50 changes in 4,000 seconds at risk" in why["gap acceptance"]
     assert (
         "mean speed 26.0 m/s (start 30.1 m/s), standard deviation 1.0 m/s (start 3.3 m/s), median time gap 1.00 s"
@@ -48,17 +56,14 @@ def test_each_part_has_a_source_and_a_reason() -> None:
 def test_with_nothing_to_fit_all_is_prior_and_says_why() -> None:
     slow = decisions([12.0], [np.inf])
     found = parts_of(
-        slow,
-        too_few="Only 0.",
-        fast=0,
-        counted=0,
-        counted_free=0,
-        strength=200.0,
+        slow, too_few="Only 0.", fast=0, counted=0, counted_free=0, strength=200.0,
         changes=LaneChangeFit(why="that is so"),
-    )
+        noise=NoiseSpread(0.2, fitted=False, drivers=3, interval95=(np.nan, np.nan)),
+    )  # fmt: skip
     assert {part.source for part in found} == {PRIOR}
     why = {part.name: part.why for part in found}
     assert why["car-following law"] == "Only 0."
+    assert why["noise level"] == "3 drivers were seen behind a leader for 30 s and more, and at least 30 are needed."
     assert why["lane changes"] == why["gap acceptance"] == "That is so."
     assert why["free driving"] == "No decision from 19.5 m/s on; all of it is published facts (IVBSS)."
     assert "no decision from 19.5 m/s on" in why["traffic at the start"]

@@ -144,6 +144,24 @@ def _word_at(u: float) -> int:
     return min(math.floor(u * 2.0**32), 2**32 - 2)
 
 
+def rank_of(share: float, noise: float) -> float:
+    """P(a driver of this noise level is below a quantile of all drivers): density 1 + noise in the outer quarters."""
+    if share <= 0.25:
+        return share + noise * share
+    return share + noise * (0.5 - share if share <= 0.75 else share - 1.0)
+
+
+def look_up_word(word: int, noise: float) -> int:
+    """The word of the table for a driver whose own rank has this one."""
+    rank = unit(word)
+    outer = 0.25 * (1.0 + noise)
+    if rank < outer:
+        return _word_at(rank / (1.0 + noise))
+    if 1.0 - rank < outer:
+        return _word_at(1.0 - (1.0 - rank) / (1.0 + noise))
+    return _word_at(0.25 + (rank - outer) / (1.0 - noise))
+
+
 @dataclass
 class Naturalistic:
     """The tables of a model, looked up as written in `cornerforge.ndd.model`."""

@@ -10,7 +10,7 @@ from cornerforge.drivers.sight import Sight
 from cornerforge.ndd.model import NddModel
 from cornerforge.types import Odd
 from reference.adversaries import ADVERSARIES, draws
-from reference.drivers import AvDriver, Naturalistic, Row
+from reference.drivers import AvDriver, Naturalistic, Row, look_up_word, rank_of
 from reference.elementary import log
 from reference.philox import DECIDE, Stream, unit
 from reference.world import HUMAN, SIGHT, Vehicle, World, start
@@ -240,7 +240,8 @@ class Simulator:
 
     def chance_to_look_away(self, bv: Vehicle) -> float:
         """P(a driver looks away in this second)."""
-        return self.model.memory.away_again if bv.away else self.model.memory.away
+        memory = self.model.memory
+        return memory.away_again if bv.away else min(1.0, bv.inattention * memory.away)
 
     def start_chance(self, world: World, vehicle: Vehicle, lane: int, av_lane: int) -> float:
         """P(a vehicle starts into a lane), if it waits for nobody."""
@@ -294,7 +295,7 @@ class Simulator:
             rows = self.rows(world, bv, 0.5 * (low + high))
             # One word serves all rows, so the smallest index has the largest of the distribution functions.
             for index, values in enumerate(zip(*(row.cumulative for row in rows), strict=True)):
-                share = max(values)
+                share = rank_of(max(values), bv.noise)
                 if remembers:
                     share = self.tables.share_below(min(share, 1.0), bv.quantile, bv.habit)
                 cumulative[index] += (high - low) * share
@@ -423,7 +424,7 @@ class _Test:
 
     def drawn_acceleration(self, bv: Vehicle) -> Action:
         rounding = self.stream.words(self.step, bv.slot, DECIDE)[3]
-        word = self.word_of_acceleration(bv)
+        word = look_up_word(self.word_of_acceleration(bv), bv.noise)
         return 2 + min(row.draw(word) for row in self.simulator.rows(self.world, bv, unit(rounding)))
 
     def word_of_acceleration(self, bv: Vehicle) -> int:
@@ -434,7 +435,7 @@ class _Test:
         return word
 
     def quantile_of(self, bv: Vehicle, action: Action) -> float:
-        """Where among all drivers' accelerations in this state that of a BV was.
+        """Where among the accelerations that it would show in this state that of a BV was.
 
         Of a lane change nothing is known but the random word. Of an acceleration that an adversary chose it is known
         between which words a natural driver would have drawn it; the random word says where between them.
@@ -443,7 +444,8 @@ class _Test:
             return bv.quantile if bv.slot in self.looked_away else unit(self.word_of_acceleration(bv))
         _, word, _, rounding = self.stream.words(self.step, bv.slot, DECIDE)
         if action >= 2:
-            low, high = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2)
+            cuts = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2)
+            low, high = (rank_of(cut / 2**32, bv.noise) * 2**32 for cut in cuts)
             away = self.simulator.chance_to_look_away(bv)
             looked_away = away / (away + (1.0 - away) * (high - low) / 2**32) if action == HOLD and away else 0.0
             if self.draw_of_looking(bv) < looked_away:

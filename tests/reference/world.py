@@ -82,6 +82,8 @@ class Vehicle:
     change_time: float = 4.0
     signals: bool = True
     away: bool = False
+    noise: float = 0.0
+    inattention: float = 1.0
 
     def change_lane(self, lane: int, odd: Odd) -> None:
         """Begin a lane change, or turn a running one."""
@@ -229,6 +231,8 @@ class Body:
     desired_speed: float
     change_time: float
     signals: bool
+    noise: float = 0.0
+    inattention: float = 1.0
 
 
 @dataclass
@@ -254,6 +258,7 @@ class World:
         placed.kind, placed.length, placed.width = body.kind, body.length, body.width
         placed.quantile, placed.habit, placed.desired_speed = body.quantile, body.habit, body.desired_speed
         placed.change_time, placed.signals = body.change_time, body.signals
+        placed.noise, placed.inattention = body.noise, body.inattention
         self.vehicles.append(placed)
 
     def from_rear_to_front(self) -> list[Vehicle]:
@@ -350,7 +355,13 @@ class _Traffic:
             kind, length, width = 2, 2.2, 0.8
         quantile, habit, *own = self.stream.words(number, 0, TRAITS)
         signals = number == 0 or quantile % 1024 < self.law.signal_share * 1024
-        return Body(kind, length, width, unit(quantile), unit(habit), *normal_pair(*own), signals)
+        z_noise, z_vigilance = normal_pair(*self.stream.words(number, 1, TRAITS)[:2])
+        odds = exp(self.law.noise_spread * z_noise)
+        noise = (odds - 1.0) / (odds + 1.0)
+        sigma = self.law.vigilance_sigma
+        inattention = min(20.0, exp(sigma * (z_vigilance - 0.5 * sigma)))
+        drawn = unit(quantile), unit(habit), *normal_pair(*own)
+        return Body(kind, length, width, *drawn, signals, noise, inattention)
 
     def habit(self, habit: float, quantile: float | None) -> float:
         """The habit of a driver with a time gap of this quantile: the shorter the gap, the higher."""

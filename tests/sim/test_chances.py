@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -156,6 +157,7 @@ def test_what_is_stated_is_what_is_drawn(model: NddModel, name: str) -> None:
     setting = setting_of(replace(drivers, memory=replace(model.memory, away=0.1, away_again=0.2)), LANES)
     world = scene.world(setting)
     world.vehicles["away"][2:] = 1
+    world.vehicles["inattention"] = np.arange(len(scene.cars))
     bvs = range(1, len(scene.cars))
     now = [stated(world, slot, setting, scene.lane) for slot in bvs]
     before = [stated(world, slot, setting, scene.lane, alone=True) for slot in bvs]
@@ -190,11 +192,15 @@ FOLLOWERS = {
 def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: str, drivers: str) -> None:
     # H0: the action of slot 1 is an independent draw of what is stated, given its last quantile, its habit and its
     # desired speed; unit: a test; n = 100,000 sees an L1 distance of 0.028; over all scenes, models and drivers.
-    people = [(0.03, 0.2, -3.0, 4.0, 1, 0), (0.5, 0.9, 0.0, 4.0, 1, 1), (0.97, 0.6, 4.0, 4.0, 0, 0)]
+    people = [
+        (0.03, 0.2, -3.0, 4.0, 1, 0, -0.8, 3.0),
+        (0.5, 0.9, 0.0, 4.0, 1, 1, 0.6, 3.0),
+        (0.97, 0.6, 4.0, 4.0, 0, 0, 0.0, 0.3),
+    ]
     bound = l1_bound(33, N, comparisons=2 * len(FOLLOWERS) * len(people))
     setting = setting_of(request.getfixturevalue(drivers), LANES)
     forgetful = forgotten(setting)
-    refuted = 0
+    refuted = quiet_refuted = 0
     for person in people:
         world = FOLLOWERS[name].world(setting)
         for trait, value in zip(TRAITS, person, strict=True):
@@ -207,8 +213,11 @@ def test_a_follower_remembers_as_stated(request: pytest.FixtureRequest, name: st
         assert counts[p == 0.0].sum() == 0
         assert ((p == 0.0) == (without == 0.0)).all()  # what the tables call impossible stays impossible, and no more
         refuted += l1_distance(counts, without) > bound
-    # negative control: the statement that leaves memory out is refuted wherever there is a lead
+        world.vehicles["noise"][1] = 0.0
+        quiet_refuted += l1_distance(counts, stated(world, 1, setting, 0)) > bound
+    # negative controls: a statement without memory is refuted wherever there is a lead, one without noise level always
     assert refuted == (0 if name == "no lead" else len(people))
+    assert quiet_refuted == 2
 
 
 def test_in_the_odd_of_the_paper_one_change_in_a_hundred_ignores_the_vehicle_behind(model: NddModel) -> None:
@@ -237,13 +246,30 @@ def test_over_all_drivers_the_tables_stay_what_they_are(mindful: NddModel) -> No
     assert np.abs(means - np.mean(means, axis=0)).max() > 0.1
 
 
+@pytest.mark.parametrize("name", sorted(FOLLOWERS))
+def test_over_drivers_of_all_noise_levels_the_tables_stay_what_they_are(model: NddModel, name: str) -> None:
+    """Exactly, as levels are symmetric; and each driver can do what all can."""
+    setting = forgotten(setting_of(model, LANES))
+    world = FOLLOWERS[name].world(setting)
+    alike = stated(world, 1, setting, 0)
+    for noise in (0.1, 0.5, 0.95):
+        pair = []
+        for level in (-noise, noise):
+            world.vehicles["noise"][1] = level
+            pair.append(stated(world, 1, setting, 0))
+            assert ((pair[-1] == 0.0) == (alike == 0.0)).all()
+        np.testing.assert_allclose(np.mean(pair, axis=0), alike, atol=1e-12)
+        assert np.abs(pair[0] - pair[1]).sum() > noise  # half of all moves from the middle to the outer quarters
+
+
 def test_the_action_of_a_controlled_bv_is_remembered_as_one_that_was_drawn(mindful: NddModel) -> None:
     # Its quantile is one with which the tables give the action: so it lies between the distribution functions.
     setting = setting_of(replace(mindful, memory=replace(mindful.memory, away=0.0)), LANES)
     forgetful = forgotten(setting)
-    for name in ("behind one lead", "no lead"):
+    for name, noise in itertools.product(("behind one lead", "no lead"), (0.0, -0.7, 0.7)):
         world = FOLLOWERS[name].world(setting)
         world.vehicles["speed"] = 30.0  # a range rate of 0, which is not rounded
+        world.vehicles["noise"] = noise
         world.state["controlled"] = 1
         below = np.cumsum(stated(world, 1, forgetful, 0)[2:])
         below /= below[-1]
@@ -263,8 +289,9 @@ def test_who_holds_the_speed_may_have_looked_away(mindful: NddModel) -> None:
         world = FOLLOWERS["behind one lead"].world(setting)
         world.vehicles["speed"] = 30.0
         world.vehicles["away"][1] = before
+        world.vehicles["inattention"][1], world.vehicles["noise"][1] = 2.0, 0.7
         held = stated(world, 1, forgotten(setting), 0, attentive=True)[2:]
-        away = (mindful.memory.away, mindful.memory.away_again)[before]
+        away = (2.0 * mindful.memory.away, mindful.memory.away_again)[before]
         expected = away / (away + (1.0 - away) * held[ACTION_HOLD - 2] / held.sum())
         n, looked = 20_000, 0
         quantile = world.vehicles["quantile"][1]
@@ -319,7 +346,7 @@ def random_cars(rng: np.random.Generator) -> tuple[list[Car], dict[int, tuple[in
     cars = [
         car._replace(
             quantile=rng.random(), habit=rng.random(), desired_speed=rng.normal(0.0, 3.0), signals=rng.random() < 0.5,
-            away=rng.random() < 0.5,
+            away=rng.random() < 0.5, noise=rng.uniform(-0.9, 0.9), inattention=rng.uniform(0.0, 5.0),
         )
         for car in cars
     ]  # fmt: skip
@@ -340,7 +367,9 @@ def both_worlds(
         kind = slot % 3 if len(cars) % 2 else 0
         size = CLASSES[kind].length, CLASSES[kind].width
         traits = car.quantile, car.habit, car.desired_speed, car.change_time
-        plain.place(car.x, car.lane, car.speed, slow.Body(kind, *size, *traits, signals=car.signals))
+        plain.place(
+            car.x, car.lane, car.speed, slow.Body(kind, *size, *traits, car.signals, car.noise, car.inattention)
+        )
         plain.vehicles[-1].away = car.away
         fast.vehicles["length"][slot], fast.vehicles["width"][slot] = CLASSES[kind].length, CLASSES[kind].width
     for slot, (target, substeps) in changing.items():

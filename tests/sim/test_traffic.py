@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -241,6 +242,30 @@ def test_as_many_drivers_set_the_indicator_as_the_model_says(worlds: list[np.nda
     assert all(vehicles["signals"][0] for vehicles in worlds)  # the AV does
 
 
+def test_odds_of_an_outer_acceleration_are_log_normal(mindful: NddModel, model: NddModel) -> None:
+    """And how many times as often a driver looks away has the mean 1."""
+    # H0: independent draws, also of the quantile; unit: a test; n = 5,000 sees 0.04. Without spreads all are alike.
+    tests, spread, sigma = N // 4, mindful.initial.noise_spread, mindful.initial.vigilance_sigma
+    names = ["noise", "inattention", "quantile"]
+    found = np.array([v[names][1] for v in started(setting_of(mindful, ODD), ODD, 1, range(tests))])
+    odds = (1.0 + found["noise"]) / (1.0 - found["noise"])
+    bound = dkw_bound(tests, comparisons=2)
+    inattention = np.log(found["inattention"])
+    assert distance_to_law(inattention, stats.norm(-0.5 * sigma**2, sigma)) <= bound
+    assert distance_to_law(inattention, stats.norm(0.0, sigma)) > bound  # negative control: the median is 1
+    assert distance_to_law(np.log(odds), stats.norm(scale=spread)) <= bound
+    assert distance_to_law(np.log(odds), stats.norm(scale=1.2 * spread)) > bound  # negative control
+    for one, other in itertools.combinations(names, 2):
+        assert abs(stats.spearmanr(found[one], found[other]).statistic) < 5.0 / tests**0.5
+    alike = replace(model, initial=replace(model.initial, noise_spread=0.0, vigilance_sigma=0.0))
+    for vehicles in started(setting_of(alike, ODD), ODD, 1, range(20)):
+        assert set(vehicles["noise"]) == {0.0}
+        assert set(vehicles["inattention"]) == {1.0}
+    extreme = replace(model, initial=replace(model.initial, vigilance_sigma=1.5))
+    wide = started(setting_of(extreme, ODD), ODD, 1, range(200))
+    assert max(vehicles["inattention"].max() for vehicles in wide) == 20.0
+
+
 def test_the_av_starts_in_every_lane_alike(worlds: list[np.ndarray]) -> None:
     # H0: independent uniform draws of 3 lanes; n = 20,000 sees an L1 error of 0.04.
     counts = np.bincount([vehicles["target_lane"][0] for vehicles in worlds], minlength=3)
@@ -274,6 +299,8 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
         "habit",
         "desired_speed",
         "change_time",
+        "noise",
+        "inattention",
     ):
         np.testing.assert_array_equal(after_others[name], fresh[name])
     world, unused = (world_of(allocate_worlds(1, n_slots(ODD))) for _ in range(2))

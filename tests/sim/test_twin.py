@@ -138,7 +138,7 @@ def assert_same_drivers(case: Case, setting: Setting, drive: Drive) -> None:
     """Compare what stays with the drivers, which no recording holds: exactly, at the start of a test."""
     world = world_of(allocate_worlds(1, n_slots(case.odd)))
     reset_world(world, case.number, case.test, setting)
-    for name in ("quantile", "habit", "desired_speed", "length", "width", "kind"):
+    for name in ("quantile", "habit", "desired_speed", "noise", "inattention", "length", "width", "kind"):
         traits = [getattr(vehicle, name) for vehicle in drive.start]
         np.testing.assert_array_equal(world.vehicles[name][: len(traits)], traits, err_msg=name)
 

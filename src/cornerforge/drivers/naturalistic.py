@@ -77,6 +77,8 @@ class InitialNumbers(NamedTuple):
     change_low: float
     change_high: float
     signal_share: float
+    noise_spread: float
+    vigilance_sigma: float
 
 
 class NddTables(NamedTuple):

@@ -28,6 +28,7 @@ from cornerforge.ndd.prior import FREE_PULL, MEMORY, SUPPORT_SD, FreeFlow, SafeL
 from cornerforge.ndd.readers import Reading, read_decisions
 from cornerforge.ndd.report import FitReport
 from cornerforge.ndd.scores import grid_place, held_out_scores
+from cornerforge.ndd.traits import NoiseSpread, fit_noise_spread
 from cornerforge.types import ACCELERATIONS
 
 __all__ = ["DEFAULT_PRIOR_STRENGTH", "fit_model"]
@@ -105,14 +106,16 @@ def fit_model(
     idms = {name: asdict(idm) for name, idm in baselines.items()}
     tell("Fitting the lane changes")
     changes = fit_lane_changes(readings, lane_changes)
+    noise = fit_noise_spread(training, log_law)
     safe, fast = _calmed(SafeLaw(log_law), training)
     laws: dict[str, FollowingLaw] = {"log": log_law, **baselines, "model": safe}
     tell("Making the tables")
-    origin = _provenance(readings, data_format, strength, safe, changes) | {"idm": idms}
-    model, counted, counted_free = _assemble(safe, changes.law, training, strength, origin)
+    origin = _provenance(readings, data_format, strength, safe, changes, noise) | {"idm": idms}
+    initial = replace(InitialState(), noise_spread=noise.spread)
+    model, counted, counted_free = _assemble(safe, changes.law, initial, training, strength, origin)
     parts = parts_of(
         training, too_few=too_few, fast=fast, counted=int(counted.sum()), counted_free=counted_free,
-        strength=strength, changes=changes,
+        strength=strength, changes=changes, noise=noise,
     )  # fmt: skip
     tell("Scoring the decisions held out")
     scores = held_out_scores(laws, model, {reading.path.name: reading.decisions for reading in readings})
@@ -192,7 +195,12 @@ def _arrays(decisions: Decisions) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _assemble(
-    safe: SafeLaw, lane_change: LaneChange, training: Decisions, strength: float, provenance: dict[str, object]
+    safe: SafeLaw,
+    lane_change: LaneChange,
+    initial: InitialState,
+    training: Decisions,
+    strength: float,
+    provenance: dict[str, object],
 ) -> tuple[NddModel, NDArray[np.int64], int]:
     """Make tables from prior and counts.
 
@@ -214,7 +222,7 @@ def _assemble(
         overlook=lane_change.overlook,
         overlook_conflict=lane_change.overlook_conflict,
         memory=MEMORY,
-        initial=InitialState(),
+        initial=initial,
         provenance=provenance | {"counted": _sparse(counted), "counted_free": [int(n) for n in free.sum(axis=-1)]},
     )
     return model, counted, int(free.sum())
@@ -256,10 +264,16 @@ def _sparse(counted: NDArray[np.int64]) -> dict[str, list[int]]:
 
 
 def _provenance(
-    readings: Sequence[Reading], data_format: str, strength: float, safe: SafeLaw, changes: LaneChangeFit
+    readings: Sequence[Reading],
+    data_format: str,
+    strength: float,
+    safe: SafeLaw,
+    changes: LaneChangeFit,
+    noise: NoiseSpread,
 ) -> dict[str, object]:
     """Describe the model's origin, without times and folders, so that the same data give the same file."""
     fitted = {"lane_change_fit": changes.to_json()} if changes.fitted else {}
+    fitted |= {"noise_spread_fit": asdict(noise)} if noise.fitted else {}
     return fitted | {
         "made_by": f"cornerforge {importlib.metadata.version('cornerforge')}",
         "attribution": _ATTRIBUTION.get(data_format, _UNSTATED),

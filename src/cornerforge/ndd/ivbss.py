@@ -127,9 +127,10 @@ def import_arrays(
 def _as_theirs(base: NddModel) -> NddModel:
     """Take out of a model what the authors' drivers do not have.
 
-    That is memory, desired speeds, streams, turning back, lengths of lane changes and indicators of their own.
-    Their initial speeds and time gaps are those of one driver after the other, so the spread of speeds within a test is
-    that of all drivers. Drivers who never turn back may not overlook more than one neighbour in 10,000.
+    That is memory, desired speeds, streams, turning back, and lengths of lane changes, indicators, noise levels and
+    vigilance of their own. Their initial speeds and time gaps are those of one driver after the other, so the spread of
+    speeds within a test is that of all drivers. Drivers who never turn back may not overlook more than one neighbour in
+    10,000.
     """
     start = base.initial
     initial = replace(
@@ -142,6 +143,8 @@ def _as_theirs(base: NddModel) -> NddModel:
         habit_spread=1.0,
         change_median=0.0,
         signal_share=1.0,
+        noise_spread=0.0,
+        vigilance_sigma=0.0,
     )
     return replace(
         base, free_pull=0.0, memory=Memory(), lc_turn_back=np.zeros_like(base.lc_turn_back), initial=initial,

@@ -21,6 +21,8 @@ __all__ = [
     "away_draw",
     "given_the_past",
     "memory_numbers",
+    "own_rank",
+    "own_word",
     "reflected",
     "remembered_share",
     "remembering_word",
@@ -46,8 +48,9 @@ class Memory:
     impossible stays impossible. (A series with a copula between neighbours: Chen and Fan 2006,
     doi:10.1016/j.jeconom.2005.03.004.)
 
-    With the chance `away` a second, any driver looks away from the road, and does so again in the next second with the
-    chance `away_again`. Who looks away holds its speed, begins no lane change and turns back in none.
+    With the chance `away` a second, times a factor of its own, a driver looks away from the road, and does so again in
+    the next second with the chance `away_again`, the same for all. Who looks away holds its speed, begins no lane
+    change and turns back in none.
     """
 
     near: float = 0.0
@@ -112,6 +115,37 @@ def word_at(u: float) -> uint64:
 
 
 @inlined_kernel
+def own_rank(share: float, noise: float) -> float:
+    """Compute P(a driver's acceleration is below a quantile of all drivers), for a driver of some noise level.
+
+    It uses the outer quarters of the distribution with density 1 + noise, the middle half with 1 - noise. So drivers of
+    levels symmetric about 0 have the distribution of all drivers together, exactly, and each has its support.
+
+    Args:
+        share: The quantile, P(acceleration is below) over all drivers, 0 to 1.
+        noise: The driver's noise level, above -1, below 1; 0: as all drivers, and `share` to the bit.
+    """
+    return share + noise * max(min(share, 0.5 - share), share - 1.0)
+
+
+@inlined_kernel
+def own_word(word: uint64, noise: float) -> uint64:
+    """Turn the random word of a driver's own rank into that of the quantile of all drivers: the inverse of `own_rank`.
+
+    With a noise level of 0 it is the word itself.
+    """
+    rank = uniform(word)
+    outer = 0.25 * (1.0 + noise)
+    low = rank < 0.5
+    from_end = rank if low else 1.0 - rank
+    is_outer = from_end < outer
+    # Choices of numbers, as below.
+    part = (from_end if is_outer else rank - outer) / (1.0 + noise if is_outer else 1.0 - noise)
+    end = part if low else 1.0 - part
+    return word_at(end if is_outer else 0.25 + part)
+
+
+@inlined_kernel
 def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNumbers) -> uint64:
     """Turn a random word into one that remembers (`ndd.model.Memory`); without memory it stays as it is.
 
@@ -130,9 +164,12 @@ def remembering_word(word: uint64, before: float, habit: float, memory: MemoryNu
 
 
 @inlined_kernel
-def away_chance(before: int, memory: MemoryNumbers) -> float:
-    """Compute P(a driver looks away in this second), given whether (1 or 0) it did in the second before."""
-    return memory.away_again if before else memory.away
+def away_chance(before: int, inattention: float, memory: MemoryNumbers) -> float:
+    """Compute P(a driver looks away in this second), given whether (1 or 0) it did in the second before.
+
+    `inattention`, 0 or more, is how many times as often as all drivers this one begins to look away.
+    """
+    return memory.away_again if before else min(1.0, inattention * memory.away)
 
 
 @inlined_kernel

@@ -47,6 +47,8 @@ _UNSAID = {
     "habit_spread": 1.0,
     "change_median": 0.0,
     "signal_share": 1.0,
+    "noise_spread": 0.0,
+    "vigilance_sigma": 0.0,
 }
 """What files meant that do not say it; those of version 1 had no `memory`, `free_pull` and `lc_turn_back` either."""
 SPEEDS: NDArray[np.float64] = SPEED_GRID.points()
@@ -71,7 +73,10 @@ class InitialState:
     `desire_share` of the variance of speeds lies between drivers; and its habit (`Memory`), for a follower one minus
     the quantile of its time gap, give or take `habit_spread` (1: independent of it). How long its undisturbed lane
     changes take is log-normal, cut to [change_low, change_high]; a `change_median` of 0: all take as long as the ODD
-    says. `signal_share` of the drivers set the indicator before they change lanes.
+    says. `signal_share` of the drivers set the indicator before they change lanes. Its noise level t, -1 to 1: it uses
+    the outer quarters of the acceleration's distribution with density 1 + t (`memory.own_rank`). The odds of an
+    acceleration there, (1 + t) / (1 - t), are log-normal with median 1 and `noise_spread`. How many times as often
+    as all drivers it begins to look away is log-normal with mean 1 and `vigilance_sigma`, cut at 20.
     """
 
     speed_mean: float = field(default=30.05, metadata={"unit": "m/s"})
@@ -95,6 +100,8 @@ class InitialState:
     change_low: float = field(default=3.4, metadata={"unit": "s"})
     change_high: float = field(default=13.6, metadata={"unit": "s"})
     signal_share: float = 0.52
+    noise_spread: float = 0.208
+    vigilance_sigma: float = 0.8
 
 
 @dataclass(frozen=True)
@@ -192,7 +199,8 @@ _LIMITS = {
     **dict.fromkeys(("near_width", "far_width", "habit_width"), (_SMALL, 1.0)),
     **dict.fromkeys(("speed_sd", "time_gap_median"), (_SMALL, _LARGE)),
     **dict.fromkeys(("change_low", "change_high"), (0.5, 100.0)),
-    "change_sigma": (0.0, 2.0),
+    **dict.fromkeys(("change_sigma", "noise_spread"), (0.0, 2.0)),
+    "vigilance_sigma": (0.0, 1.5),
 }
 """Lowest and highest value of the model's numbers; of others 0 and `_LARGE`."""
 
@@ -271,5 +279,7 @@ def model_hash(model: NddModel) -> str:
         digest.update(np.ascontiguousarray(getattr(model, name), dtype="<f4").tobytes())
     numbers = [getattr(model, name) for name in _NUMBERS]
     numbers += [*astuple(model.memory), *astuple(model.initial)]
+    if numbers[-2:] == [0.0, 0.0]:  # models of before drivers had noise levels and vigilance keep their names
+        del numbers[-2:]
     digest.update(np.array(numbers, dtype="<f8").tobytes())
     return digest.hexdigest()[:16]

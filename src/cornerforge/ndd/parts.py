@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ from cornerforge.ndd.decisions import Decisions
 from cornerforge.ndd.grids import SPEED_GRID
 from cornerforge.ndd.lane_fit import LaneChangeFit
 from cornerforge.ndd.model import GAPS, InitialState
+from cornerforge.ndd.traits import FEWEST_DRIVERS as FEWEST_LONG
+from cornerforge.ndd.traits import SHORTEST, NoiseSpread
 
 __all__ = ["FEWEST_DRIVERS", "FITTED", "IN_PART", "PRIOR", "ModelPart", "parts_of"]
 
@@ -35,9 +38,16 @@ class ModelPart:
 
 
 def parts_of(
-    training: Decisions, *, too_few: str, fast: int, counted: int, counted_free: int, strength: float,
+    training: Decisions,
+    *,
+    too_few: str,
+    fast: int,
+    counted: int,
+    counted_free: int,
+    strength: float,
     changes: LaneChangeFit,
-) -> tuple[ModelPart, ...]:  # fmt: skip
+    noise: NoiseSpread,
+) -> tuple[ModelPart, ...]:
     """Say of every part of a model where it comes from.
 
     Args:
@@ -48,6 +58,7 @@ def parts_of(
         counted_free: The same for the free-flow table.
         strength: Weight of the prior, in pseudo-decisions per state.
         changes: Where the lane changes come from.
+        noise: How far drivers differ in their noise level.
     """
     following = np.isfinite(training.gap)
     followers = int(np.unique(training.vehicle[following]).size)
@@ -75,6 +86,7 @@ def parts_of(
             "Smoothing, without which no speed can be taken from positions, makes accelerations of one driver more "
             "alike from second to second than they were.",
         ),
+        _noise(noise),
         ModelPart(
             "desired speeds",
             PRIOR,
@@ -93,7 +105,7 @@ def parts_of(
             "looking away, overlooking",
             PRIOR,
             "Set so that simulated drivers crash no more often than police reports say: trajectories do not tell what "
-            "a driver saw. The crash rate depends on it.",
+            "a driver saw, nor how drivers differ in it. The crash rate depends on it.",
         ),
     )
 
@@ -106,6 +118,20 @@ def _counts(name: str, prior: str, counted: int, strength: float) -> ModelPart:
         name,
         IN_PART,
         f"{counted:,} decisions from 19.5 m/s on, and {prior}, worth {strength:g} decisions in each state.",
+    )
+
+
+def _noise(noise: NoiseSpread) -> ModelPart:
+    name = "noise level"
+    followers = f"{noise.drivers:,} drivers were seen behind a leader for {SHORTEST} s and more"
+    if not noise.fitted:
+        return ModelPart(name, PRIOR, f"{followers}, and at least {FEWEST_LONG} are needed.")
+    low, high = noise.interval95
+    return ModelPart(
+        name,
+        FITTED,
+        f"{followers}. One standard deviation between them is a factor of {math.exp(noise.spread):.2f} "
+        f"({math.exp(low):.2f} to {math.exp(high):.2f}) of the odds of an acceleration in the outer quarters.",
     )
 
 

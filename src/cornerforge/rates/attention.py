@@ -122,7 +122,8 @@ def action_chances(
             lane = step.av_lane(world, setting)
         else:
             _, lane = built_in_av_decides(world, 0, setting.road, setting.av, scratch.av)
-        looks.append(1.0 - away_chance(int(world.vehicles["away"][slot]), setting.tables.memory))
+        driver = world.vehicles[slot]
+        looks.append(1.0 - away_chance(int(driver["away"]), float(driver["inattention"]), setting.tables.memory))
         for row, attentive in enumerate((True, False) if present else ()):
             action_probabilities(world, slot, attentive, lane, setting.road, setting.tables, starters, p)
             chances[row] = p

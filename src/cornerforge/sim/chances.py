@@ -21,7 +21,7 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     turn_back_chance,
 )
-from cornerforge.ndd.memory import away_chance, remembered_share, word_at
+from cornerforge.ndd.memory import away_chance, own_rank, remembered_share, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.sim.sight import HUMAN
@@ -65,7 +65,8 @@ MAX_SETS = 256
 """Largest number of sets of starters that are kept apart; see `StarterScratch.left_out`."""
 
 
-_PER_WORD = 2.0**-32
+_WORDS = 2.0**32
+_PER_WORD = 1.0 / _WORDS
 
 
 class StarterScratch(NamedTuple):
@@ -176,8 +177,8 @@ def _add_cumulative(
 ) -> None:  # fmt: skip
     """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
 
-    A follower remembers its last quantile, if it `remembers`; a driver without a lead does not. The smallest of several
-    look-ups with one random word has the largest of their distribution functions.
+    A follower remembers its last quantile, if it `remembers`; a driver without a lead does not; both have their own
+    noise level. The smallest of several look-ups with one random word has the largest of their distribution functions.
     """
     rows = (-1, -1, -1)
     if leads[0] < 0:
@@ -195,7 +196,7 @@ def _add_cumulative(
         a_total += tables.p[rows[0], a]
         b_total += tables.p[rows[1], a]
         c_total += tables.p[rows[2], a]
-        total = max(a_total, max(b_total, c_total))
+        total = own_rank(max(a_total, max(b_total, c_total)), v[i].noise)
         if leads[0] >= 0:
             total = min(total, 1.0)
             if remembers:
@@ -229,11 +230,13 @@ def remember_action(
         road, tables: Constants.
     """
     v = w.vehicles
-    looked_away = away_chance(v[i].away, tables.memory)
+    looked_away = away_chance(v[i].away, v[i].inattention, tables.memory)
     v[i].away = 0
     if action < FIRST_ACCELERATION:
         return word
     low, high = _words_of(w, i, action - FIRST_ACCELERATION, rounding, road, tables)
+    low = own_rank(low * _PER_WORD, v[i].noise) * _WORDS
+    high = own_rank(high * _PER_WORD, v[i].noise) * _WORDS
     if action == ACTION_HOLD and looked_away > 0.0:
         share = (high - low) * _PER_WORD
         if away < looked_away / (looked_away + (1.0 - looked_away) * share):
@@ -244,7 +247,7 @@ def remember_action(
 
 @inlined_kernel
 def _words_of(w: World, i: int, a: int, rounding: float, road: RoadNumbers, tables: NddTables) -> tuple[float, float]:
-    """Find the random words, from the first to the last, with which slot i draws acceleration index `a`."""
+    """Find the random words of the table, from the first to the last, that give slot i acceleration index `a`."""
     low = 0.0
     high = 0.0
     leads = _leads(w, i, road)
@@ -339,7 +342,7 @@ def _start_chance(w: World, j: int, lane: int, av_lane: int, road: RoadNumbers, 
     v = w.vehicles
     if j == 0:
         return 1.0 if av_lane == lane else 0.0
-    looks = 1.0 - away_chance(v[j].away, tables.memory)
+    looks = 1.0 - away_chance(v[j].away, v[j].inattention, tables.memory)
     if v[j].duration > 0.0:
         back = lane_of(v[j].y, road.lane_width) == lane
         return looks * return_chance(w, j, tables.overlook, road, tables) if back else 0.0
@@ -546,7 +549,7 @@ def action_probabilities(
     for a in range(N_ACTIONS - 1, FIRST_ACCELERATION, -1):
         p[a] = keep * (p[a] - p[a - 1])
     p[FIRST_ACCELERATION] = keep * p[FIRST_ACCELERATION]
-    away = 0.0 if attentive else away_chance(v[i].away, tables.memory)
+    away = 0.0 if attentive else away_chance(v[i].away, v[i].inattention, tables.memory)
     if away > 0.0:
         for a in range(N_ACTIONS):
             p[a] *= 1.0 - away

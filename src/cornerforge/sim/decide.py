@@ -21,7 +21,7 @@ from cornerforge.drivers.naturalistic import (
     lane_change_base,
     sample_row,
 )
-from cornerforge.ndd.memory import away_chance, away_draw, remembering_word, word_at
+from cornerforge.ndd.memory import away_chance, away_draw, own_word, remembering_word, word_at
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.actions import nearest_action
 from cornerforge.sim.av import lead_acceleration
@@ -49,14 +49,16 @@ _WORD_MASK = 0xFFFFFFFF
 
 
 @inlined_kernel
-def _draw_later(tables: NddTables, row: int, word: uint64) -> int:
+def _draw_later(tables: NddTables, row: int, word: uint64, noise: float) -> int:
     """Put a table row and a random word into one number, larger than any action, for a look-up by `_drawn`.
+
+    The word is that of the driver's own rank, `noise` its noise level.
 
     The row is prefetched now: the table is larger than the processor's nearer caches, and the row arrives by the time
     of the look-up.
     """
     prefetch(tables.cut, row, FIRST_PROBE)
-    later: int = ((row + 1) << _WORD_BITS) | np.int64(word)  # type: ignore[assignment]
+    later: int = ((row + 1) << _WORD_BITS) | np.int64(own_word(word, noise))  # type: ignore[assignment]
     return later
 
 
@@ -100,7 +102,8 @@ def _worst_follow(
             continue
         room = gap(v, i, j)
         rate = v[j].speed - v[i].speed
-        later = _draw_later(tables, following_row(v[i].speed, v[i].desired_speed, room, rate, rounding), follower_word)
+        row = following_row(v[i].speed, v[i].desired_speed, room, rate, rounding)
+        later = _draw_later(tables, row, follower_word, v[i].noise)
         if room < nearest_gap:
             nearest_gap = room
             nearest_rate = rate
@@ -109,7 +112,7 @@ def _worst_follow(
         if wanted == 0:
             break
     if action < 0:
-        action = _draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word)
+        action = _draw_later(tables, free_row(v[i].speed, v[i].desired_speed), word, v[i].noise)
     return action, nearest_gap, nearest_rate
 
 
@@ -121,14 +124,11 @@ def _follow(
     v = w.vehicles
     speed = v[i].speed
     if lead < 0 or ahead_by(v, i, lead) >= SIGHT:
-        return _draw_later(tables, free_row(speed, v[i].desired_speed), word), np.inf, 0.0
+        return _draw_later(tables, free_row(speed, v[i].desired_speed), word, v[i].noise), np.inf, 0.0
     room = gap(v, i, lead)
     rate = v[lead].speed - speed
-    return (
-        _draw_later(tables, following_row(speed, v[i].desired_speed, room, rate, rounding), follower_word),
-        room,
-        rate,
-    )
+    row = following_row(speed, v[i].desired_speed, room, rate, rounding)
+    return _draw_later(tables, row, follower_word, v[i].noise), room, rate
 
 
 @inlined_kernel
@@ -174,7 +174,7 @@ def _decide_naturalistic(w: World, rank: int, road: RoadNumbers, tables: NddTabl
 @inlined_kernel
 def _looks_away(v: NDArray[np.void], i: int, words: NDArray[np.uint64], tables: NddTables) -> bool:
     """Draw whether slot i looks away in this second, and note it; then the quantile of its acceleration stays."""
-    away = away_draw(words[2, i], words[3, i]) < away_chance(v[i].away, tables.memory)
+    away = away_draw(words[2, i], words[3, i]) < away_chance(v[i].away, v[i].inattention, tables.memory)
     v[i].away = 1 if away else 0
     if away:
         words[1, i] = word_at(v[i].quantile)

@@ -49,7 +49,7 @@ NATURAL = NO_ACTION
 """Entry of a script: the likeliest action of the naturalistic model in the present state (the lowest index of several
 equally likely). In recordings it stands where a vehicle is absent, and means nothing."""
 
-TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away")
+TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise", "inattention")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
 _FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
@@ -58,17 +58,18 @@ vehicle that starts is present, has decided nothing yet, and decides at that mom
 
 
 def average_traits(speed: NDArray[np.float64], change_time: float) -> NDArray[np.float64]:
-    """Make the TRAITS of drivers of whom nothing is known, (N, 6).
+    """Make the TRAITS of drivers of whom nothing is known, (N, 8).
 
-    They have medians; each desires the speed that it has, sets its indicator, and looks at the road.
+    They have medians; each desires the speed that it has, sets its indicator, looks at the road, is as noisy as all and
+    looks away as often.
 
     Args:
         speed: Speed of each [m/s], (N,).
         change_time: How long their lane changes take [s].
     """
     half = np.full(speed.size, 0.5)
-    known = np.full(speed.size, change_time), np.ones(speed.size), np.zeros(speed.size)
-    return np.stack([half, half, speed, *known], axis=1)
+    none, one = np.zeros(speed.size), np.ones(speed.size)
+    return np.stack([half, half, speed, np.full(speed.size, change_time), one, none, none, one], axis=1)
 
 
 @dataclass(frozen=True)

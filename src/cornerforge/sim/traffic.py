@@ -29,6 +29,8 @@ __all__ = ["clear_world", "reset_world"]
 
 _LENGTHS = np.array([user.length for user in CLASSES])
 _WIDTHS = np.array([user.width for user in CLASSES])
+_MOST_INATTENTIVE = 20.0
+"""Most times as often as all drivers that one looks away: of more in 59,000 with `vigilance_sigma` 0.8."""
 _MAX_TRIES = 200
 _LOW_BITS = 2**10 - 1
 """Bits of a random word that say whether a driver sets its indicator; 2^-22 of the quantile that is drawn of all."""
@@ -149,6 +151,15 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
         time = initial.change_median * exp(initial.change_sigma * v[slot].change_time)
         v[slot].change_time = min(max(time, initial.change_low), initial.change_high)
     announces = v[slot].signals < initial.signal_share * (_LOW_BITS + 1)
+    v[slot].noise = 0.0
+    v[slot].inattention = 1.0
+    sigma = initial.vigilance_sigma
+    if initial.noise_spread > 0.0 or sigma > 0.0:
+        words = block(w.state[0].seed, w.state[0].test, slot, 1, PURPOSE_TRAITS)
+        z_noise, z_vigilance = normal_pair(words[0], words[1])
+        odds = exp(initial.noise_spread * z_noise)
+        v[slot].noise = (odds - 1.0) / (odds + 1.0)
+        v[slot].inattention = min(_MOST_INATTENTIVE, exp(sigma * (z_vigilance - 0.5 * sigma)))
     v[slot].away = 0
     v[slot].signals = 1 if slot == 0 or announces else 0
     v[slot].x = x

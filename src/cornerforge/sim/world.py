@@ -72,6 +72,8 @@ VEHICLE = np.dtype(
         ("away", "i8"),
         ("commanded", "f8"),
         ("acceleration_held", "f8"),
+        ("noise", "f8"),
+        ("inattention", "f8"),
     ]
 )
 """One vehicle. A record array passes a kernel one pointer, not one a field: measured 30 times faster in Numba.
@@ -82,11 +84,12 @@ acceleration: along the road, as it is now [m/s2] (without a limit of jerk: as c
 stands); clock, duration: time since the start of the lane change and its planned length [s], duration 0 means lane
 keeping; c0..c5: its quintic; target_lane: lane kept or changed to; lanes: bit mask of the lanes occupied
 (`road.straight.lane_bits`); present: 1 or 0; action: index of its last action, -1 for none; length, width: of its box
-[m]; kind: its class, an index of `types.CLASSES`; quantile, habit: of its last acceleration among those of all drivers
-in the state that it saw, and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; desired_speed: its desired
-speed [m/s]; change_time: how long its undisturbed lane changes take [s]; signals: 1 if its driver sets the indicator
-before it changes lanes; away: 1 if its driver looked away from the road in the last second; commanded,
-acceleration_held: the acceleration that was decided last, and the one from which motion goes to it [m/s2].
+[m]; kind: its class, an index of `types.CLASSES`; quantile, habit: of its last acceleration among its own in the state
+that it saw, and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; desired_speed: its desired speed [m/s];
+change_time: how long its undisturbed lane changes take [s]; signals: 1 if its driver sets the indicator before it
+changes lanes; away: 1 if its driver looked away from the road in the last second; commanded, acceleration_held: the
+acceleration that was decided last, and the one from which motion goes to it [m/s2]; noise: its driver's noise level
+(`ndd.memory.own_rank`), -1 to 1; inattention: how many times as often as all drivers it begins to look away.
 """
 
 
