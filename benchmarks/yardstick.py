@@ -67,6 +67,7 @@ class _Av(ctypes.Structure):
 
 
 _TABLES = ("cut", "lc_base", "lc_desire", "lc_accept", "lc_turn_back")
+_TRAITS = ("noise", "inattention")
 _NUMBERS = ("lc_desire_free", "overlook", "overlook_conflict", "lc_most")
 
 
@@ -84,6 +85,7 @@ class _Tables(ctypes.Structure):
         *_fields(_NUMBERS),
         ("memory", _Memory),
         ("initial", _Initial),
+        *((name, ctypes.c_void_p) for name in _TRAITS),
     ]
 
 
@@ -231,6 +233,7 @@ class Yardstick:
                 *(getattr(tables, name) for name in _NUMBERS),
                 _Memory(*tables.memory[:-1], (_DOUBLE * 16)(*tables.memory.ways.flat)),
                 _Initial(*tables.initial),
+                *(_address(getattr(tables, name)) for name in _TRAITS),
             ),
             _address(ACCELERATIONS),
         )

@@ -21,7 +21,7 @@ typedef struct {
 } Outcomes;
 
 static void drive_test(World *w, int64_t seed, int64_t test, const Setting *s, Pairs *pairs) {
-    reset_world(w, seed, test, &s->road, &s->av, &s->tables.initial);
+    reset_world(w, seed, test, &s->road, &s->av, &s->tables);
     for (int64_t step = 0; step < s->road.max_decisions && w->info[OUTCOME] == RUNNING; step++) {
         w->info[CONTROLLED] = -1;
         step_world(w, seed, test, &s->road, &s->av, &s->tables, s->accelerations, pairs);

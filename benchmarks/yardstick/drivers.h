@@ -110,14 +110,12 @@ static inline uint64_t remembering_word(uint64_t word, double before, double hab
 
 /* The word of the quantile among all drivers, from that of a driver's own rank. */
 static inline uint64_t own_word(uint64_t word, double noise) {
-    double rank = uniform(word), outer = 0.25 * (1.0 + noise), quantile;
-    if (rank < outer)
-        quantile = rank / (1.0 + noise);
-    else if (1.0 - rank < outer)
-        quantile = 1.0 - (1.0 - rank) / (1.0 + noise);
-    else
-        quantile = 0.25 + (rank - outer) / (1.0 - noise);
-    return (uint64_t)(quantile * 4294967296.0);
+    double off = uniform(word) - 0.5, limit = 0.25 * (1.0 - noise), middle = MIN(fabs(off), limit);
+    double stretch = 1.0 / (1.0 - noise * noise);
+    double way = (1.0 + noise) * stretch * middle + (1.0 - noise) * stretch * (fabs(off) - middle);
+    double quantile = 0.5 + copysign(way, off);
+    uint64_t own = (uint64_t)(quantile * 4294967296.0);
+    return MIN(own, 0xFFFFFFFFu);
 }
 
 static inline double turn_back_chance(const Tables *t, double gap, double range_rate) {

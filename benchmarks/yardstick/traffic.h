@@ -68,17 +68,18 @@ static void give_habit(Vehicle *v, double quantile, const Initial *initial) {
         v->habit = reflected(1.0 - quantile + initial->habit_spread * (2.0 * v->habit - 1.0));
 }
 
-static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test) {
+static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test, const Tables *tables) {
     Words words = block(seed, test, slot, 0, PURPOSE_TRAITS);
     w->v[slot].quantile = uniform(words.w[0]);
     w->v[slot].habit = uniform(words.w[1]);
     normal_pair(words.w[2], words.w[3], &w->v[slot].desired_speed, &w->v[slot].change_time);
     w->v[slot].signals = (int64_t)(words.w[0] & 1023);
+    w->v[slot].noise = tables->noise[words.w[1] & 1023];
+    w->v[slot].inattention = tables->inattention[words.w[1] >> 10 & 1023];
 }
 
 static void place(
-    World *w, int64_t slot, double x, int64_t lane, double speed, double mean, int64_t seed, int64_t test,
-    const Road *road, const Initial *initial
+    World *w, int64_t slot, double x, int64_t lane, double speed, double mean, const Road *road, const Initial *initial
 ) {
     Vehicle *v = &w->v[slot];
     speed = MIN(speed, road->max_speed);
@@ -90,18 +91,6 @@ static void place(
     } else {
         double time = initial->change_median * exponential(initial->change_sigma * v->change_time);
         v->change_time = MIN(MAX(time, initial->change_low), initial->change_high);
-    }
-    v->noise = 0.0;
-    v->inattention = 1.0;
-    double sigma = initial->vigilance_sigma;
-    if (initial->noise_spread > 0.0 || sigma > 0.0) {
-        Words words = block(seed, test, slot, 1, PURPOSE_TRAITS);
-        double z_noise, z_vigilance;
-        normal_pair(words.w[0], words.w[1], &z_noise, &z_vigilance);
-        double odds = exponential(initial->noise_spread * z_noise);
-        v->noise = (odds - 1.0) / (odds + 1.0);
-        v->inattention = exponential(sigma * (z_vigilance - 0.5 * sigma));
-        v->inattention = MIN(20.0, v->inattention);
     }
     v->away = 0;
     v->signals = slot == 0 || (double)v->signals < initial->signal_share * 1024.0;
@@ -127,22 +116,24 @@ static void place(
 /* Adds vehicles from slot n on, ahead of one at x (slot `rear`, -1: not there); returns how many there are then. */
 static int64_t fill_ahead(
     World *w, int64_t n, int64_t *draw, double x, double speed, double mean, int64_t lane, int64_t rear, int64_t seed,
-    int64_t test, const Road *road, const Initial *initial
+    int64_t test, const Road *road, const Tables *tables
 ) {
+    const Initial *initial = &tables->initial;
     for (;;) {
         double quantile, gap = draw_neighbour(seed, test, initial, mean, draw, speed, true, &speed, &quantile);
         if (rear >= 0) give_habit(&w->v[rear], quantile, initial);
         x += road->length + gap;
         if (x > road->traffic_length || n >= w->slots) return n;
-        draw_traits(w, n, seed, test);
-        place(w, n, x, lane, speed, mean, seed, test, road, initial);
+        draw_traits(w, n, seed, test, tables);
+        place(w, n, x, lane, speed, mean, road, initial);
         rear = n++;
     }
 }
 
 static void reset_world(
-    World *w, int64_t seed, int64_t test, const Road *road, const Av *av, const Initial *initial
+    World *w, int64_t seed, int64_t test, const Road *road, const Av *av, const Tables *tables
 ) {
+    const Initial *initial = &tables->initial;
     for (int i = 0; i < INFO_FIELDS; i++) w->info[i] = 0;
     for (int64_t i = 0; i < w->slots; i++) w->v[i].present = 0;
     int64_t draw = 0;
@@ -157,8 +148,8 @@ static void reset_world(
     mean = MAX(initial->speed_low, mean);
     double speed = draw_speed(seed, test, initial, mean, &draw);
     speed = MIN(speed, road->max_speed);
-    draw_traits(w, 0, seed, test);
-    place(w, 0, road->av_start, av_lane, speed, mean, seed, test, road, initial);
+    draw_traits(w, 0, seed, test, tables);
+    place(w, 0, road->av_start, av_lane, speed, mean, road, initial);
 
     double lead_speed, quantile;
     double gap = draw_neighbour(seed, test, initial, mean, &draw, speed, true, &lead_speed, &quantile);
@@ -166,25 +157,25 @@ static void reset_world(
     double x = road->av_start + road->length + MAX(gap, wanted);
     int64_t n = 1;
     if (x <= road->traffic_length) {
-        draw_traits(w, n, seed, test);
-        place(w, n, x, av_lane, lead_speed, mean, seed, test, road, initial);
-        n = fill_ahead(w, n + 1, &draw, x, lead_speed, mean, av_lane, n, seed, test, road, initial);
+        draw_traits(w, n, seed, test, tables);
+        place(w, n, x, av_lane, lead_speed, mean, road, initial);
+        n = fill_ahead(w, n + 1, &draw, x, lead_speed, mean, av_lane, n, seed, test, road, tables);
     }
     x = road->av_start;
     for (;;) {
         gap = draw_neighbour(seed, test, initial, mean, &draw, speed, false, &speed, &quantile);
         x -= road->length + gap;
         if (x < 0.0 || n >= w->slots) break;
-        draw_traits(w, n, seed, test);
+        draw_traits(w, n, seed, test, tables);
         give_habit(&w->v[n], quantile, initial);
-        place(w, n++, x, av_lane, speed, mean, seed, test, road, initial);
+        place(w, n++, x, av_lane, speed, mean, road, initial);
     }
     for (int64_t lane = 0; lane < road->n_lanes; lane++) {
         if (lane == av_lane) continue;
         words = block(seed, test, draw++, 0, PURPOSE_INITIAL);
         speed = draw_speed(seed, test, initial, mean, &draw);
         x = -initial->free_gap_low * uniform(words.w[0]);
-        n = fill_ahead(w, n, &draw, x, speed, mean, lane, -1, seed, test, road, initial);
+        n = fill_ahead(w, n, &draw, x, speed, mean, lane, -1, seed, test, road, tables);
     }
     w->info[N_VEHICLES] = n;
     w->info[CONTROLLED] = -1;

@@ -76,7 +76,7 @@ typedef struct {
 typedef struct {
     double speed_mean, stream_sd, speed_sd, speed_low, speed_high, follow_share, time_gap_shift, time_gap_median;
     double time_gap_sigma, desire_share, habit_spread, rr_scale, rr_exponent, min_ttc, free_gap_low, free_gap_high;
-    double change_median, change_sigma, change_low, change_high, signal_share, noise_spread, vigilance_sigma;
+    double change_median, change_sigma, change_low, change_high, signal_share;
 } Initial;
 
 typedef struct {
@@ -85,6 +85,7 @@ typedef struct {
     double lc_desire_free, overlook, overlook_conflict, lc_most;
     Memory memory;
     Initial initial;
+    const double *noise, *inattention;
 } Tables;
 
 typedef struct {

@@ -47,8 +47,8 @@ PURPOSE_CAST = 5
 PURPOSE_CLASS = 6
 """The class of a vehicle of the initial traffic."""
 PURPOSE_TRAITS = 7
-"""What stays with a driver: 4 words = its first quantile, its habit, its desired speed and change time (2); with step 1
-2 words: its noise level and vigilance."""
+"""What stays with a driver: 4 words = its first quantile, its habit, its desired speed and change time (2). The lowest
+bits of the first two: whether it sets the indicator; its noise level and vigilance."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
 

@@ -376,7 +376,11 @@ def test_tables_of_a_model_do_not_copy_its_meaning(model: NddModel) -> None:
     tables = tables_of(model)
     assert tables.overlook == model.overlook
     assert tables.overlook_conflict == model.overlook_conflict
-    assert tables.initial._asdict() == asdict(model.initial)
+    traits = {"noise_spread", "vigilance_sigma"}  # they become levels
+    assert tables.initial._asdict() == {n: v for n, v in asdict(model.initial).items() if n not in traits}
+    assert tables.noise.std() == pytest.approx(0.5 * model.initial.noise_spread, rel=0.02)
+    assert tables.noise.sum() == pytest.approx(0.0, abs=1e-12)
+    assert tables.inattention.mean() == pytest.approx(1.0, abs=1e-15)
     said = tables.memory._asdict()
     said.pop("ways")  # what follows from the rest
     assert said == asdict(model.memory)

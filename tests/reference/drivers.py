@@ -152,14 +152,12 @@ def rank_of(share: float, noise: float) -> float:
 
 
 def look_up_word(word: int, noise: float) -> int:
-    """The word of the table for a driver whose own rank has this one."""
-    rank = unit(word)
-    outer = 0.25 * (1.0 + noise)
-    if rank < outer:
-        return _word_at(rank / (1.0 + noise))
-    if 1.0 - rank < outer:
-        return _word_at(1.0 - (1.0 - rank) / (1.0 + noise))
-    return _word_at(0.25 + (rank - outer) / (1.0 - noise))
+    """The word to look up for a driver's own one: its rank is so far from the median at the two densities."""
+    off = unit(word) - 0.5
+    inner = min(abs(off), 0.25 * (1.0 - noise))
+    factor = 1.0 / (1.0 - noise * noise)
+    way = (1.0 + noise) * factor * inner + (1.0 - noise) * factor * (abs(off) - inner)
+    return _word_at(0.5 + way if off >= 0.0 else 0.5 - way)
 
 
 @dataclass

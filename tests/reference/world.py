@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cache
+from statistics import NormalDist
 
 from cornerforge.drivers.sight import Sight
 from cornerforge.ndd.model import InitialState
@@ -289,6 +291,12 @@ class World:
         )
 
 
+@cache
+def _log_normal(sigma: float) -> list[float]:
+    """1,024 equally frequent values of a log-normal distribution with the median 1."""
+    return [exp(sigma * round(NormalDist().inv_cdf((2 * k + 1) / 2048), 9)) for k in range(1024)]
+
+
 @dataclass
 class _Traffic:
     """Draws the traffic: the AV's lane from the AV on forwards and backwards, then the other lanes from the rear."""
@@ -355,11 +363,10 @@ class _Traffic:
             kind, length, width = 2, 2.2, 0.8
         quantile, habit, *own = self.stream.words(number, 0, TRAITS)
         signals = number == 0 or quantile % 1024 < self.law.signal_share * 1024
-        z_noise, z_vigilance = normal_pair(*self.stream.words(number, 1, TRAITS)[:2])
-        odds = exp(self.law.noise_spread * z_noise)
+        odds = _log_normal(self.law.noise_spread)[habit % 1024]
         noise = (odds - 1.0) / (odds + 1.0)
-        sigma = self.law.vigilance_sigma
-        inattention = min(20.0, exp(sigma * (z_vigilance - 0.5 * sigma)))
+        often = _log_normal(self.law.vigilance_sigma)  # how often drivers look away; 1 is the mean
+        inattention = often[habit // 1024 % 1024] / math.fsum(often) * 1024
         drawn = unit(quantile), unit(habit), *normal_pair(*own)
         return Body(kind, length, width, *drawn, signals, noise, inattention)
 

@@ -263,7 +263,8 @@ def test_odds_of_an_outer_acceleration_are_log_normal(mindful: NddModel, model: 
         assert set(vehicles["inattention"]) == {1.0}
     extreme = replace(model, initial=replace(model.initial, vigilance_sigma=1.5))
     wide = started(setting_of(extreme, ODD), ODD, 1, range(200))
-    assert max(vehicles["inattention"].max() for vehicles in wide) == 20.0
+    # Of 1,024 equally frequent kinds the least vigilant look away exp(1.5 z) / exp(1.5^2 / 2) = 45 times as often.
+    assert 20.0 < max(vehicles["inattention"].max() for vehicles in wide) < 50.0
 
 
 def test_the_av_starts_in_every_lane_alike(worlds: list[np.ndarray]) -> None:

@@ -10,6 +10,7 @@ held-out drivers above 19.5 m/s; interpolating in speed and gap too gained nothi
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -51,6 +52,10 @@ _ACCELERATIONS = ACCELERATIONS
 _MOST_TILT = 32.0
 """Strongest tilt that is looked for [s2/m]: it puts nearly all weight on the outermost possible acceleration."""
 _LAST_WORD = np.uint64(0xFFFFFFFE)
+LEVELS = 1024
+"""So many equally frequent values stand for the distribution of a trait between drivers."""
+
+Floats = NDArray[np.float64]
 
 
 class InitialNumbers(NamedTuple):
@@ -77,8 +82,6 @@ class InitialNumbers(NamedTuple):
     change_low: float
     change_high: float
     signal_share: float
-    noise_spread: float
-    vigilance_sigma: float
 
 
 class NddTables(NamedTuple):
@@ -93,6 +96,8 @@ class NddTables(NamedTuple):
         lc_most: Upper bound of `lane_change_base`.
         memory: How a follower's acceleration depends on its own past.
         initial: Traffic at the start of a test.
+        noise: Noise level of each of LEVELS equally frequent kinds of drivers (`ndd.memory.own_rank`), float64.
+        inattention: How many times as often as all drivers each of as many kinds begins to look away, float64; mean 1.
     """
 
     p: NDArray[np.float32]
@@ -107,6 +112,20 @@ class NddTables(NamedTuple):
     lc_most: float
     memory: MemoryNumbers
     initial: InitialNumbers
+    noise: NDArray[np.float64]
+    inattention: NDArray[np.float64]
+
+
+def _levels() -> Floats:
+    """Return the normal quantiles in the middle of LEVELS equal shares, with 9 digits: alike with any C library."""
+    return np.array([round(NormalDist().inv_cdf((k + 0.5) / LEVELS), 9) for k in range(LEVELS)])
+
+
+@kernel
+def _log_normal(z: Floats, sigma: float, out: Floats) -> None:
+    """Write exp(sigma z), with the kernels' own exp."""
+    for k in range(z.size):
+        out[k] = exp(sigma * z[k])
 
 
 def _cuts(p: NDArray[np.float32]) -> NDArray[np.uint32]:
@@ -164,6 +183,9 @@ def tables_of(model: NddModel) -> NddTables:
     _tilt(model.free, model.free_pull, free)
     p = np.concatenate([model.following.reshape(-1, N_ACCELERATIONS), free.reshape(-1, N_ACCELERATIONS)])
     initial = InitialNumbers(**{name: float(getattr(model.initial, name)) for name in InitialNumbers._fields})
+    odds, often = np.empty(LEVELS), np.empty(LEVELS)
+    _log_normal(_levels(), float(model.initial.noise_spread), odds)
+    _log_normal(_levels(), float(model.initial.vigilance_sigma), often)
     return NddTables(
         p=p,
         cut=_cuts(p),
@@ -177,6 +199,8 @@ def tables_of(model: NddModel) -> NddTables:
         lc_most=float(model.lc_base.max()) * max(float(model.lc_desire.max()), float(model.lc_desire_free)),
         memory=memory_numbers(model.memory),
         initial=initial,
+        noise=(odds - 1.0) / (odds + 1.0),
+        inattention=often / math.fsum(often) * LEVELS,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -134,15 +135,12 @@ def own_word(word: uint64, noise: float) -> uint64:
 
     With a noise level of 0 it is the word itself.
     """
-    rank = uniform(word)
-    outer = 0.25 * (1.0 + noise)
-    low = rank < 0.5
-    from_end = rank if low else 1.0 - rank
-    is_outer = from_end < outer
-    # Choices of numbers, as below.
-    part = (from_end if is_outer else rank - outer) / (1.0 + noise if is_outer else 1.0 - noise)
-    end = part if low else 1.0 - part
-    return word_at(end if is_outer else 0.25 + part)
+    off = uniform(word) - 0.5
+    middle = min(abs(off), 0.25 * (1.0 - noise))
+    stretch = 1.0 / (1.0 - noise * noise)
+    # From the median the density is 1 - noise, then 1 + noise: sums, and no way to go that the processor must guess.
+    way = (1.0 + noise) * stretch * middle + (1.0 - noise) * stretch * (abs(off) - middle)
+    return word_at(0.5 + math.copysign(way, off))
 
 
 @inlined_kernel

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from numpy import uint64
 
     from cornerforge.drivers.naturalistic import InitialNumbers
-    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
@@ -29,12 +28,11 @@ __all__ = ["clear_world", "reset_world"]
 
 _LENGTHS = np.array([user.length for user in CLASSES])
 _WIDTHS = np.array([user.width for user in CLASSES])
-_MOST_INATTENTIVE = 20.0
-"""Most times as often as all drivers that one looks away: of more in 59,000 with `vigilance_sigma` 0.8."""
 _MAX_TRIES = 200
-_LOW_BITS = 2**10 - 1
-"""Bits of a random word that say whether a driver sets its indicator; 2^-22 of the quantile that is drawn of all."""
 """After so many refused draws of a neighbour, it is put at the largest free gap with the same speed."""
+_LOW_BITS = 2**10 - 1
+"""Bits of a random word that say whether a driver sets its indicator: 2^-22 of the quantile that all of it gives. The
+lowest bits of the habit's word say its noise level and its vigilance (`naturalistic.LEVELS`): 2^-12 of the habit."""
 
 
 @inlined_kernel
@@ -106,9 +104,9 @@ def _give_habit(w: World, slot: int, quantile: float, initial: InitialNumbers) -
 
 
 @inlined_kernel
-def _join(w: World, road: RoadNumbers) -> bool:
+def _join(w: World, setting: Setting) -> bool:
     """Give the next free slot a class, a size and traits; False when no slot is left. `_place` puts it on the road."""
-    state = w.state[0]
+    state, road = w.state[0], setting.road
     slot = state.n_vehicles
     if slot >= w.vehicles.size:
         return False
@@ -128,6 +126,8 @@ def _join(w: World, road: RoadNumbers) -> bool:
     v.habit = uniform(words[1])
     v.desired_speed, v.change_time = normal_pair(words[2], words[3])
     v.signals = np.int64(words[0] & np.uint64(_LOW_BITS))
+    v.noise = setting.tables.noise[np.int64(words[1] & np.uint64(_LOW_BITS))]
+    v.inattention = setting.tables.inattention[np.int64((words[1] >> np.uint64(10)) & np.uint64(_LOW_BITS))]
     return True
 
 
@@ -151,15 +151,6 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
         time = initial.change_median * exp(initial.change_sigma * v[slot].change_time)
         v[slot].change_time = min(max(time, initial.change_low), initial.change_high)
     announces = v[slot].signals < initial.signal_share * (_LOW_BITS + 1)
-    v[slot].noise = 0.0
-    v[slot].inattention = 1.0
-    sigma = initial.vigilance_sigma
-    if initial.noise_spread > 0.0 or sigma > 0.0:
-        words = block(w.state[0].seed, w.state[0].test, slot, 1, PURPOSE_TRAITS)
-        z_noise, z_vigilance = normal_pair(words[0], words[1])
-        odds = exp(initial.noise_spread * z_noise)
-        v[slot].noise = (odds - 1.0) / (odds + 1.0)
-        v[slot].inattention = min(_MOST_INATTENTIVE, exp(sigma * (z_vigilance - 0.5 * sigma)))
     v[slot].away = 0
     v[slot].signals = 1 if slot == 0 or announces else 0
     v[slot].x = x
@@ -193,7 +184,7 @@ def _fill_ahead(w: World, x: float, speed: float, lane: int, rear: int, mean: fl
         gap, speed, quantile = _draw_neighbour(w, speed, mean, True, initial)
         if rear >= 0:
             _give_habit(w, rear, quantile, initial)
-        if not _join(w, road):
+        if not _join(w, setting):
             return
         rear = w.state[0].n_vehicles
         length = w.vehicles[rear].length
@@ -211,7 +202,7 @@ def _fill_behind(w: World, x: float, speed: float, lane: int, mean: float, setti
     before = road.length
     while True:
         gap, speed, quantile = _draw_neighbour(w, speed, mean, False, initial)
-        if not _join(w, road):
+        if not _join(w, setting):
             return
         _give_habit(w, w.state[0].n_vehicles, quantile, initial)
         length = w.vehicles[w.state[0].n_vehicles].length
@@ -270,12 +261,12 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     mean = initial.speed_mean + initial.stream_sd * normal_pair(words[0], words[1])[0]
     mean = max(initial.speed_low, min(initial.speed_high, mean))
     speed = min(_draw_speed(w, mean, initial), road.max_speed)
-    _join(w, road)
+    _join(w, setting)
     _place(w, road.av_start, av_lane, speed, mean, setting)
 
     # The lead's speed decides the AV's desired gap, so the first link of the AV's chain is drawn here.
     gap, lead_speed, _ = _draw_neighbour(w, speed, mean, True, initial)
-    _join(w, road)
+    _join(w, setting)
     gap = max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
     x = road.av_start + half_lengths(w.vehicles, 0, 1) + gap
     if x <= road.traffic_length:
