@@ -100,7 +100,7 @@ class InitialState:
     change_low: float = field(default=3.4, metadata={"unit": "s"})
     change_high: float = field(default=13.6, metadata={"unit": "s"})
     signal_share: float = 0.52
-    noise_spread: float = 0.208
+    noise_spread: float = 0.183
     vigilance_sigma: float = 0.8
 
 

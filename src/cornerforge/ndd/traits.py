@@ -1,8 +1,8 @@
 """How far drivers differ in their noise level (`memory.own_rank`), estimated from decisions: a mixed model by moments.
 
 A decision is outer (1, else 0) if its acceleration lies in the outer quarters of the fitted law's distribution. The
-mean in states of like speed and range rate is taken off, as the law may be too wide or too narrow there. Of what is
-left, products of two decisions of one driver, so far apart that memory has faded, have a mean: the variance between
+mean in states of like speed, gap and range rate is taken off, as the law may be too wide or too narrow there. Of what
+is left, products of two decisions of one driver, so far apart that memory has faded, have a mean: the variance between
 drivers of the chance of an outer decision, (1 + t) / 2 for noise level t. That is the random intercept of a mixed model
 (Searle, Casella and McCulloch 1992, Variance Components). See docs/adr/0029-traits.md.
 """
@@ -30,8 +30,10 @@ SHORTEST = 30
 """Least number of decisions of a driver, for some hundred pairs apart."""
 FEWEST_DRIVERS = 30
 """Least number of drivers with as many; with fewer the prior stays."""
-_PARTS = 4
-"""Parts of equally many decisions by speed, and by range rate."""
+_PER_CELL = 150.0
+"""Decisions that a cell of like states holds, about: with fewer, one driver would be most of a cell."""
+_MOST_PARTS = 6
+"""Most parts, of equally many decisions, of each of speed, gap and range rate."""
 _LARGEST = 2.0
 
 
@@ -70,7 +72,7 @@ def fit_noise_spread(decisions: Decisions, law: FollowingLaw) -> NoiseSpread:
     if drivers < FEWEST_DRIVERS:
         return NoiseSpread(InitialState().noise_spread, fitted=False, drivers=drivers, interval95=(np.nan, np.nan))
     left = _outer(followers, law)
-    left -= _means(left, followers.speed, np.abs(followers.range_rate))
+    left -= _means(left, followers.speed, followers.gap, np.abs(followers.range_rate))
     sums, pairs = np.array([_apart(part) for part in np.split(left[order], ends)]).T
     weights = resampled_weights(drivers)
     low, high = np.quantile((weights @ sums) / (weights @ pairs), [0.025, 0.975]).tolist()
@@ -89,9 +91,10 @@ def _outer(decisions: Decisions, law: FollowingLaw) -> Floats:
 
 def _means(values: Floats, *states: Floats) -> Floats:
     """Mean of `values` in the cell of each decision, shape (n,); cells by quantiles of each of `states`."""
+    parts = max(1, min(_MOST_PARTS, round((values.size / _PER_CELL) ** (1.0 / len(states)))))
     cell = np.zeros(values.size, dtype=np.int64)
     for state in states:
-        cell = cell * _PARTS + np.searchsorted(np.quantile(state, np.arange(1, _PARTS) / _PARTS), state)
+        cell = cell * parts + np.searchsorted(np.quantile(state, np.arange(1, parts) / parts), state)
     return np.asarray((np.bincount(cell, values) / np.maximum(np.bincount(cell), 1))[cell])
 
 
