@@ -51,7 +51,7 @@ vectoriser of straight code all the same (the last bit of a lane change's path);
 SOURCE = Path(__file__).with_name("yardstick") / "drive.c"
 
 _INT, _DOUBLE = ctypes.c_int64, ctypes.c_double
-_INTEGERS = {"n_lanes", "max_decisions", "av_substeps", "one_size", "same_duration"}
+_INTEGERS = {"n_lanes", "max_decisions", "av_substeps", "one_size", "same_duration", "truck_lanes"}
 
 
 def _fields(names: tuple[str, ...], integers: set[str] | None = None) -> list[tuple[str, Any]]:

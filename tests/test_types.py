@@ -92,7 +92,7 @@ def test_an_odd_refuses_counts_out_of_range(field: str, value: int) -> None:
 
 def test_all_fields_with_a_dimension_state_their_unit() -> None:
     stated = {field.name for field in dataclasses.fields(Odd) if "unit" in field.metadata}
-    assert stated == {*NUMBERS, "max_jerk"}
+    assert stated == {*NUMBERS, "slower_right", "max_jerk"}
     assert {f.name for f in dataclasses.fields(Scenario) if "unit" in f.metadata} == {
         "x",
         "y",

@@ -44,7 +44,8 @@ typedef struct {
     int64_t av_substeps;
     double truck_share, motorcycle_share, ignored_rear, longest, widest;
     int64_t one_size, same_duration;
-    double max_jerk, ramp_time;
+    double max_jerk, ramp_time, slower_right;
+    int64_t truck_lanes;
 } Road;
 
 typedef struct {

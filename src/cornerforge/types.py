@@ -51,23 +51,35 @@ class RoadUser:
     Attributes:
         name: As on pages and in files.
         length, width: Of its box [m].
+        braking: Hardest braking [m/s2].
+        power: At the wheels, by mass [W/kg]; inf: no limit of acceleration.
+        resistance: Braking by air and tyres on the level [m/s2]: power / speed - resistance is the strongest
+            acceleration.
+        top_speed: Its drivers do not accelerate at this speed and above [m/s].
+        time_gap: Of a follower at the start, in parts of a car's.
     """
 
     name: str
     length: float = field(metadata={"unit": "m"})
     width: float = field(metadata={"unit": "m"})
+    braking: float = field(default=math.inf, metadata={"unit": "m/s2"})
+    power: float = field(default=math.inf, metadata={"unit": "W/kg"})
+    resistance: float = field(default=0.0, metadata={"unit": "m/s2"})
+    top_speed: float = field(default=math.inf, metadata={"unit": "m/s"})
+    time_gap: float = 1.0
 
 
 CLASSES: tuple[RoadUser, ...] = (
     RoadUser("car", 5.0, 2.0),
-    RoadUser("truck", 16.5, 2.55),
+    RoadUser("truck", 16.5, 2.55, braking=3.3, power=10.8, resistance=0.17, top_speed=33.1, time_gap=1.8),
     RoadUser("motorcycle", 2.2, 0.8),
 )
 """Classes of road users by code.
 
 A car has the size that the ODD gives (`vehicle_length`, `vehicle_width`; here the paper's), a truck the largest that
 Directive 96/53/EC allows an articulated one, a motorcycle a common size. All drive by the same model, which was fitted
-mostly to cars.
+mostly to cars; a natural driver's accelerations are cut to what its vehicle can do. Sources of a truck's limits, and
+what they leave out: docs/adr/0028-trucks.md.
 """
 CAR, TRUCK, MOTORCYCLE = range(len(CLASSES))
 
@@ -145,11 +157,14 @@ class Odd:
     """Physics substeps (0.1 s each) between two decisions of the AV; 10 means once a second, as the BVs."""
     truck_share: float = 0.0
     motorcycle_share: float = 0.0
-    """Shares of these classes among the BVs, each drawn independently; the other BVs and the AV are cars."""
+    """Shares of these classes among the BVs, each drawn independently; the other BVs and the AV are cars. At the start
+    a lane has the more trucks the farther right it is (`road.straight.truck_share_in`)."""
     ignored_rear: float = 0.0
     """Chance that a BV which wants to change lanes ignores the vehicle behind it there, `IGNORED_FROM` or more away."""
     same_duration: bool = False
     """All lane changes take `lane_change_duration`, even if the naturalistic model gives every BV a time of its own."""
+    slower_right: float = field(default=0.0, metadata={"unit": "m/s"})
+    """How much slower traffic flows in the rightmost lane than in the leftmost; even steps between, the mean stays."""
     max_jerk: float = field(default=12.65, metadata={"unit": "m/s3"})
     """How fast an acceleration goes to the commanded one; inf: at once. 12.65: that of UN R157's careful driver."""
 
@@ -166,9 +181,10 @@ class Odd:
         check_number("odd.traffic_length", self.traffic_length, low=50.0, high=5e3, unit="m")
         check_number("odd.av_start", self.av_start, low=0.0, high=self.traffic_length, unit="m")
         check_integer("odd.av_substeps", self.av_substeps, low=1, high=10)
-        check_number("odd.truck_share", self.truck_share, low=0.0, high=1.0)
-        check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - self.truck_share)
+        check_number("odd.truck_share", self.truck_share, low=0.0, high=0.5)
+        check_number("odd.motorcycle_share", self.motorcycle_share, low=0.0, high=1.0 - 2.0 * self.truck_share)
         check_number("odd.ignored_rear", self.ignored_rear, low=0.0, high=1.0)
+        check_number("odd.slower_right", self.slower_right, low=0.0, high=10.0, unit="m/s")
         if self.max_jerk != math.inf:
             check_number("odd.max_jerk", self.max_jerk, low=0.5, high=1e3, unit="m/s3")
 
@@ -179,7 +195,7 @@ class Odd:
         (False, True)
         """
         later = {"truck_share": 0.0, "motorcycle_share": 0.0, "ignored_rear": 0.0, "same_duration": False,
-                 "max_jerk": math.inf}  # fmt: skip
+                 "slower_right": 0.0, "max_jerk": math.inf}  # fmt: skip
         return {name: value for name, value in asdict(self).items() if name not in later or value != later[name]}
 
     @staticmethod
@@ -216,11 +232,12 @@ ODDS: dict[str, Odd] = {
         same_duration=True,
         max_jerk=math.inf,
     ),
-    "mixed": Odd(name="mixed", truck_share=0.1, motorcycle_share=0.01),
+    "mixed": Odd(name="mixed", truck_share=0.1, motorcycle_share=0.01, slower_right=2.0),
 }
 """The built-in ODDs by name. They differ in how long a lane change takes, how often the AV decides, how much traffic
 surrounds it at the start, and in the classes of the vehicles. In `mixed` one vehicle in ten is a truck and one in a
-hundred a motorcycle: US highways have a tenth and 0.6 % by miles driven, highD's motorways a fifth of trucks. In
+hundred a motorcycle: US highways have a tenth and 0.6 % by miles driven, highD's motorways a fifth of trucks; lanes
+to the right have more trucks and are slower (docs/adr/0028-trucks.md). In
 `paper` one change in a hundred ignores the vehicle behind, as in the code that the paper's group released."""
 
 IGNORED_FROM = 5.0

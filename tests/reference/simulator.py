@@ -13,7 +13,7 @@ from reference.adversaries import ADVERSARIES, draws
 from reference.drivers import AvDriver, Naturalistic, Row, look_up_word, rank_of
 from reference.elementary import log
 from reference.philox import DECIDE, Stream, unit
-from reference.world import HUMAN, SIGHT, Vehicle, World, start
+from reference.world import HUMAN, SIGHT, TRUCK, Vehicle, World, start
 
 HOLD = 22
 """Index of the action that holds the speed."""
@@ -226,8 +226,9 @@ class Simulator:
                 chances[0 if old > bv.target_lane else 1] = back
             return chances[0], chances[1]
         base = self.tables.wish_to_change(bv.speed, *self.states(world, bv)[0])
+        is_closed = bv.kind == TRUCK and self.odd.truck_share > 0.0 and self.odd.n_lanes >= 3
         for side, lane in enumerate((bv.target_lane + 1, bv.target_lane - 1)):
-            if 0 <= lane < self.odd.n_lanes:
+            if 0 <= lane < self.odd.n_lanes - is_closed:
                 chances[side] = base * self.acceptance(world, bv, lane, overlook)
         return chances[0], min(chances[1], 1.0 - chances[0])  # one number decides, the left first
 
@@ -300,7 +301,9 @@ class Simulator:
                     share = self.tables.share_below(min(share, 1.0), bv.quantile, bv.habit)
                 cumulative[index] += (high - low) * share
         keep = (1.0 - left - right) / cumulative[-1]
-        steps = [b - a for a, b in zip([0.0, *cumulative], cumulative, strict=False)]
+        steps = [0.0] * 31
+        for index, (a, b) in enumerate(zip([0.0, *cumulative], cumulative, strict=False)):
+            steps[bv.can(index)] += b - a
         p = [left, right, *(keep * step for step in steps)]
         away = 0.0 if attentive else self.chance_to_look_away(bv)
         return [(1.0 - away) * chance + (away if action == HOLD else 0.0) for action, chance in enumerate(p)]
@@ -327,10 +330,14 @@ class Simulator:
         return math.ceil((log(max(chances)) - log(chances[action])) * 1e6)
 
 
-def words_of(rows: list[Row], index: int) -> tuple[int, int]:
+def words_of(rows: list[Row], index: int, bv: Vehicle) -> tuple[int, int]:
     """From which word on and below which the least of the rows' accelerations has an index; equal for never."""
-    low = max(row.cuts[index - 1] if index > 0 else 0 for row in rows)
-    high = min(max(row.cuts[index] for row in rows), 2**32 - 1)
+    alike = [k for k in range(31) if bv.can(k) == index]
+    if not alike:
+        word = 0 if bv.can(index) > index else 2**32 - 1
+        return word, word
+    low = max(row.cuts[alike[0] - 1] if alike[0] > 0 else 0 for row in rows)
+    high = min(max(row.cuts[alike[-1]] for row in rows), 2**32 - 1)
     return low, high
 
 
@@ -407,7 +414,7 @@ class _Test:
             return action
         if simulator.idm_bvs:
             command = simulator.idm_behind_all(world, bv, bv.lanes, HUMAN)
-            return 2 + min(max(math.floor((command + 4.0) * 5.0 + 0.5), 0), 30)
+            return 2 + bv.can(min(max(math.floor((command + 4.0) * 5.0 + 0.5), 0), 30))
         if self.draw_of_looking(bv) < simulator.chance_to_look_away(bv):
             self.looked_away.add(bv.slot)
             return HOLD
@@ -425,7 +432,7 @@ class _Test:
     def drawn_acceleration(self, bv: Vehicle) -> Action:
         rounding = self.stream.words(self.step, bv.slot, DECIDE)[3]
         word = look_up_word(self.word_of_acceleration(bv), bv.noise)
-        return 2 + min(row.draw(word) for row in self.simulator.rows(self.world, bv, unit(rounding)))
+        return 2 + bv.can(min(row.draw(word) for row in self.simulator.rows(self.world, bv, unit(rounding))))
 
     def word_of_acceleration(self, bv: Vehicle) -> int:
         """The random word of a natural driver's acceleration, which a follower remembers."""
@@ -444,7 +451,7 @@ class _Test:
             return bv.quantile if bv.slot in self.looked_away else unit(self.word_of_acceleration(bv))
         _, word, _, rounding = self.stream.words(self.step, bv.slot, DECIDE)
         if action >= 2:
-            cuts = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2)
+            cuts = words_of(self.simulator.rows(self.world, bv, unit(rounding)), action - 2, bv)
             low, high = (rank_of(cut / 2**32, bv.noise) * 2**32 for cut in cuts)
             away = self.simulator.chance_to_look_away(bv)
             looked_away = away / (away + (1.0 - away) * (high - low) / 2**32) if action == HOLD and away else 0.0

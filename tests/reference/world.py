@@ -15,12 +15,13 @@ from reference.elementary import atan, exp, log
 from reference.philox import CLASS, INITIAL, TRAITS, Stream, normal_pair, unit
 from reference.shapes import Box, LateralPath, plan
 
-__all__ = ["HUMAN", "SIGHT", "Vehicle", "World", "start"]
+__all__ = ["HUMAN", "SIGHT", "TRUCK", "TRUCK_SPEED", "Vehicle", "World", "start"]
 
 SIGHT = 200.0
 HUMAN = Sight(indicators=True)
 _DT = 0.1
 _FULL_STEERING_SPEED = 5.0
+TRUCK, TRUCK_SPEED = 1, 33.1
 
 
 def _through_ramp(speed: float, a: float, jerk: float, time: float, top: float) -> tuple[float, float]:
@@ -103,6 +104,14 @@ class Vehicle:
         if self.path is None:
             return 0
         return 1 if self.path.c[0] < (self.target_lane + 0.5) * odd.lane_width else -1
+
+    def can(self, acceleration: int) -> int:
+        """The nearest of the 31 accelerations that it can do: a truck brakes with up to 3.2 m/s2, and its engine has
+        10.8 W/kg, of which 0.17 m/s2 go to air and tyres."""
+        if self.kind != TRUCK:
+            return acceleration
+        engine = 0.0 if self.speed >= TRUCK_SPEED else 10.8 / max(self.speed, 1.0) - 0.17
+        return min(max(acceleration, 4), min(math.floor((engine + 4.0) * 5.0 + 0.5), 30))
 
     def act(self, action: int, odd: Odd) -> None:
         """Carry out an action: 0 left, 1 right, else the acceleration -4.0 + 0.2 (action - 2)."""
@@ -305,17 +314,28 @@ class _Traffic:
     law: InitialState
     stream: Stream
     draws: int = 0
+    stream_speed: float = 0.0
     mean: float = 0.0
+    trucks: float = 0.0
 
     def words(self) -> tuple[int, int, int, int]:
         words = self.stream.words(self.draws, 0, INITIAL)
         self.draws += 1
         return words
 
-    def choose_mean(self) -> None:
+    def choose_stream(self) -> None:
         """The mean speed of this test's stream, at most as far from the usual one as a vehicle's may be."""
         words = self.words()
         mean = self.law.speed_mean + self.law.stream_sd * normal_pair(words[0], words[1])[0]
+        self.stream_speed = min(max(mean, self.law.speed_low), self.law.speed_high)
+
+    def choose_lane(self, lane: int) -> None:
+        """The lane that is filled next: its mean speed and its share of trucks."""
+        odd = self.world.odd
+        to_the_right = (odd.n_lanes - 1 - lane) / (odd.n_lanes - 1)
+        self.trucks = 2.0 * to_the_right * odd.truck_share
+        mean = self.stream_speed + odd.slower_right * (0.5 - to_the_right)
+        mean = min(mean, TRUCK_SPEED) if self.trucks else mean
         self.mean = min(max(mean, self.law.speed_low), self.law.speed_high)
 
     def speed(self) -> float:
@@ -326,9 +346,10 @@ class _Traffic:
             if self.law.speed_low <= speed <= self.law.speed_high:
                 return speed
 
-    def neighbour(self, speed: float, *, ahead: bool) -> tuple[float, float, float | None]:
+    def neighbour(self, speed: float, *, ahead: bool, is_truck: bool) -> tuple[float, float, float | None]:
         """Gap and speed of the next vehicle, and the quantile of the follower's time gap, None where none follows.
 
+        A truck's time gaps are longer (`is_truck`: the one behind is one).
         After 200 refused draws it drives at the same speed at the widest gap.
         """
         law = self.law
@@ -337,6 +358,7 @@ class _Traffic:
             z_gap, z_speed = normal_pair(words[0], words[1])
             follows = unit(words[2]) < law.follow_share
             time_gap = law.time_gap_shift + law.time_gap_median * exp(law.time_gap_sigma * z_gap)
+            time_gap *= 1.8 if is_truck else 1.0
             free_gap = law.free_gap_low + (law.free_gap_high - law.free_gap_low) * unit(words[3])
             gap = speed * time_gap if follows else free_gap
             # The change from one vehicle to the next is wider at larger gaps, at most as wide as all speeds are.
@@ -357,9 +379,9 @@ class _Traffic:
         odd, number = self.world.odd, len(self.world.vehicles)
         draw = unit(self.stream.words(number, 0, CLASS)[0])
         kind, length, width = 0, odd.vehicle_length, odd.vehicle_width
-        if number > 0 and draw < odd.truck_share:
-            kind, length, width = 1, 16.5, 2.55
-        elif number > 0 and draw < odd.truck_share + odd.motorcycle_share:
+        if number > 0 and draw < self.trucks:
+            kind, length, width = TRUCK, 16.5, 2.55
+        elif number > 0 and draw < self.trucks + odd.motorcycle_share:
             kind, length, width = 2, 2.2, 0.8
         quantile, habit, *own = self.stream.words(number, 0, TRAITS)
         signals = number == 0 or quantile % 1024 < self.law.signal_share * 1024
@@ -382,10 +404,15 @@ class _Traffic:
         share = self.law.desire_share
         noise = math.sqrt(share * (1.0 - share)) * self.law.speed_sd * body.desired_speed
         body.desired_speed = self.mean + share * (speed - self.mean) + noise
+        if body.kind == TRUCK:
+            body.desired_speed = min(body.desired_speed, TRUCK_SPEED)
         odd = self.world.odd
         if self.world.vehicles and not odd.same_duration and self.law.change_median > 0.0:
             time = self.law.change_median * exp(self.law.change_sigma * body.change_time)
-            body.change_time = min(max(time, self.law.change_low), self.law.change_high)
+            widest = 2.55 if odd.truck_share > 0.0 else odd.vehicle_width
+            room, usual = odd.lane_width - (body.width + widest) / 2.0, odd.lane_width - odd.vehicle_width
+            least = self.law.change_low * max(1.0, usual / room)
+            body.change_time = min(max(time, least), self.law.change_high)
         else:
             body.change_time = odd.lane_change_duration
         self.world.place(x, lane, speed, body)
@@ -393,7 +420,8 @@ class _Traffic:
     def fill_ahead(self, x: float, lane: int, speed: float, length: float, rear: Vehicle | None) -> None:
         """Vehicles ahead of one at x, which is `rear` if it is there, up to the end of the traffic."""
         while True:
-            gap, speed, quantile = self.neighbour(speed, ahead=True)
+            is_truck = rear is not None and rear.kind == TRUCK
+            gap, speed, quantile = self.neighbour(speed, ahead=True, is_truck=is_truck)
             if rear is not None:
                 rear.habit = self.habit(rear.habit, quantile)
             body = self.body()
@@ -407,7 +435,7 @@ class _Traffic:
         odd = self.world.odd
         own = min(self.speed(), odd.max_speed)
         self.place(odd.av_start, lane, own, self.body())
-        gap, speed, _ = self.neighbour(own, ahead=True)
+        gap, speed, _ = self.neighbour(own, ahead=True, is_truck=False)
         body = self.body()
         x = odd.av_start + (odd.vehicle_length + body.length) / 2.0 + max(gap, av.desired_gap(own, speed - own))
         if x <= odd.traffic_length:
@@ -415,8 +443,8 @@ class _Traffic:
             self.fill_ahead(x, lane, speed, body.length, self.world.vehicles[-1])
         x, speed, length = odd.av_start, own, odd.vehicle_length
         while True:
-            gap, speed, quantile = self.neighbour(speed, ahead=False)
             body = self.body()
+            gap, speed, quantile = self.neighbour(speed, ahead=False, is_truck=body.kind == TRUCK)
             body.habit = self.habit(body.habit, quantile)
             x -= (length + body.length) / 2.0 + gap
             if x < 0.0:
@@ -440,10 +468,12 @@ def start(odd: Odd, law: InitialState, av: AvDriver, stream: Stream) -> World:
     """The world at the start of a test."""
     traffic = _Traffic(World(odd), law, stream)
     av_lane = min(odd.n_lanes - 1, math.floor(unit(traffic.words()[0]) * odd.n_lanes))
-    traffic.choose_mean()
+    traffic.choose_stream()
+    traffic.choose_lane(av_lane)
     traffic.fill_av_lane(av_lane, av)
     for lane in range(odd.n_lanes):
         if lane != av_lane:
             x = -law.free_gap_low * unit(traffic.words()[0])
+            traffic.choose_lane(lane)
             traffic.fill_ahead(x, lane, traffic.speed(), odd.vehicle_length, None)
     return traffic.world

@@ -33,7 +33,9 @@ __all__ = [
     "lane_bits",
     "lane_centre",
     "lane_of",
+    "part_right",
     "road_numbers",
+    "truck_share_in",
 ]
 
 
@@ -44,6 +46,7 @@ class RoadNumbers(NamedTuple):
         length, width: Of a car [m].
         longest, widest: Of any class that may occur [m].
         one_size: Only cars may occur.
+        truck_lanes: Lanes that trucks change to, counted from the right: of three or more all but the leftmost.
         ramp_time: 1 / `Odd.max_jerk`: how long a change of the acceleration takes [s per m/s2], 0: no time.
     """
 
@@ -68,6 +71,8 @@ class RoadNumbers(NamedTuple):
     same_duration: bool
     max_jerk: float
     ramp_time: float
+    slower_right: float
+    truck_lanes: int
 
 
 def road_numbers(odd: Odd) -> RoadNumbers:
@@ -94,6 +99,8 @@ def road_numbers(odd: Odd) -> RoadNumbers:
         odd.same_duration,
         odd.max_jerk,
         1.0 / odd.max_jerk,
+        odd.slower_right,
+        odd.n_lanes - 1 if odd.truck_share > 0.0 and odd.n_lanes > 2 else odd.n_lanes,
     )
 
 
@@ -126,6 +133,22 @@ def lane_bits(y: float, half_width: float, target_lane: int, lane_width: float) 
     if high >= 0:
         bits |= 1 << high
     return bits
+
+
+@inlined_kernel
+def part_right(lane: int, road: RoadNumbers) -> float:
+    """Compute how far right a lane is: 1 for the rightmost, 0 for the leftmost, in even steps between them."""
+    return (road.n_lanes - 1 - lane) / (road.n_lanes - 1)
+
+
+@inlined_kernel
+def truck_share_in(lane: int, road: RoadNumbers) -> float:
+    """Compute the share of trucks in a lane at the start; its mean over all lanes is `Odd.truck_share`.
+
+    Of 2, 3, 4 lanes the rightmost has 100, 67, 50 % of the trucks; AASHTO (1993, Guide for Design of Pavement
+    Structures) reckons with 80-100, 60-80, 50-75 % of the truck axles in the design lane.
+    """
+    return 2.0 * part_right(lane, road) * road.truck_share
 
 
 # Along the road

@@ -25,6 +25,7 @@ from cornerforge.ndd.memory import away_chance, own_rank, remembered_share, word
 from cornerforge.road.straight import ahead_by, gap, lane_of
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane, sort_by_x
 from cornerforge.sim.sight import HUMAN
+from cornerforge.sim.trucks import possible_actions
 from cornerforge.types import (
     ACTION_HOLD,
     ACTION_LEFT,
@@ -33,6 +34,7 @@ from cornerforge.types import (
     IGNORED_FROM,
     N_ACCELERATIONS,
     N_ACTIONS,
+    TRUCK,
 )
 
 if TYPE_CHECKING:
@@ -113,9 +115,11 @@ def side_chance(
 ) -> float:
     """Compute P(change to `lane`) of slot i: base chance times acceptance of both neighbours there.
 
-    With `Odd.ignored_rear` even an attentive driver may ignore the one behind.
+    With `Odd.ignored_rear` even an attentive driver may ignore the one behind. Some lanes are closed to trucks.
     """
     v = w.vehicles
+    if lane >= road.truck_lanes and v[i].kind == TRUCK:
+        return 0.0
     lead, rear = neighbours_in_lane(w, i, lane, road.lane_width, HUMAN)
     chance = base
     if lead >= 0:
@@ -250,25 +254,26 @@ def _words_of(w: World, i: int, a: int, rounding: float, road: RoadNumbers, tabl
     """Find the random words of the table, from the first to the last, that give slot i acceleration index `a`."""
     low = 0.0
     high = 0.0
+    limits = possible_actions(w.vehicles, i, road)
     leads = _leads(w, i, road)
     for j in leads:
         if j >= 0:
             row = _row_behind(w.vehicles, i, j, rounding)
-            low = max(low, _cut(tables, row, a - 1))
-            high = max(high, _cut(tables, row, a))
+            low = max(low, _cut(tables, row, a - 1, limits))
+            high = max(high, _cut(tables, row, a, limits))
     if leads[0] < 0:
         row = free_row(w.vehicles[i].speed, w.vehicles[i].desired_speed)
-        low = _cut(tables, row, a - 1)
-        high = _cut(tables, row, a)
+        low = _cut(tables, row, a - 1, limits)
+        high = _cut(tables, row, a, limits)
     return low, high
 
 
 @inlined_kernel
-def _cut(tables: NddTables, row: int, a: int) -> float:
-    """Read how many of the 2^32 random words give acceleration index a or a smaller one."""
-    if a < 0:
+def _cut(tables: NddTables, row: int, a: int, limits: tuple[int, int]) -> float:
+    """Read how many of the 2^32 random words give acceleration index a or a smaller one; `limits`: possible actions."""
+    if FIRST_ACCELERATION + a < limits[0]:
         return 0.0
-    return 4294967295.0 if a == N_ACCELERATIONS - 1 else float(tables.cut[row, a])
+    return 4294967295.0 if FIRST_ACCELERATION + a >= limits[1] else float(tables.cut[row, a])
 
 
 @inlined_kernel
@@ -545,6 +550,12 @@ def action_probabilities(
     else:
         back = ACTION_LEFT if lane_of(v[i].y, road.lane_width) > v[i].target_lane else ACTION_RIGHT
         p[back] = return_chance(w, i, overlook, road, tables)
+    if not road.one_size:
+        hardest, strongest = possible_actions(v, i, road)
+        for a in range(FIRST_ACCELERATION, hardest):
+            p[a] = 0.0
+        for a in range(strongest, N_ACTIONS - 1):
+            p[a] = p[N_ACTIONS - 1]
     keep = (1.0 - p[ACTION_LEFT] - p[ACTION_RIGHT]) / p[N_ACTIONS - 1]
     for a in range(N_ACTIONS - 1, FIRST_ACCELERATION, -1):
         p[a] = keep * (p[a] - p[a - 1])

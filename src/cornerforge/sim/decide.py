@@ -29,6 +29,7 @@ from cornerforge.sim.chances import remember_action, return_chance, side_chance
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
 from cornerforge.sim.sight import HUMAN, lanes_seen
+from cornerforge.sim.trucks import cut_to_class
 from cornerforge.sim.world import NO_VEHICLE, moment_of
 from cornerforge.types import ACTION_HOLD, ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION
 
@@ -188,7 +189,7 @@ def _idm_action(w: World, rank: int, road: RoadNumbers, av: AvNumbers) -> int:
     order = w.order
     i = order[rank]
     command = lead_acceleration(w, i, v[i].lanes, HUMAN, road, av)
-    return nearest_action(command)
+    return cut_to_class(v, i, nearest_action(command), road)
 
 
 @kernel
@@ -274,6 +275,10 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
     for i in range(1, state.n_vehicles):
         v[i].action = _drawn(tables, v[i].action)
         v[i].quantile = uniform(s.words[1, i])
+    if not road.one_size:
+        for i in range(1, state.n_vehicles):
+            if i != controlled:
+                v[i].action = cut_to_class(v, i, v[i].action, road)
     return changes
 
 
@@ -310,4 +315,4 @@ def _resolve_conflicts(w: World, av_lane: int, setting: Setting, s: Scratch) -> 
         if _gives_way(w, i, target, av_lane, setting, s):
             word = s.words[1, i]
             action, _, _ = _worst_follow(w, rank, road, tables, word, word, uniform(s.words[3, i]))
-            v[i].action = _drawn(tables, action)
+            v[i].action = cut_to_class(v, i, _drawn(tables, action), road)

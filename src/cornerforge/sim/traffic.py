@@ -12,7 +12,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, block, normal_pair, uniform
 from cornerforge.drivers.idm import desired_gap
 from cornerforge.ndd.memory import reflected
-from cornerforge.road.straight import half_lengths, lane_centre
+from cornerforge.road.straight import half_lengths, lane_centre, part_right, truck_share_in
 from cornerforge.sim.setting import critical_of
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, all_current
 from cornerforge.types import CAR, CLASSES, MOTORCYCLE, TRUCK
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy import uint64
 
     from cornerforge.drivers.naturalistic import InitialNumbers
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
 
@@ -28,6 +29,9 @@ __all__ = ["clear_world", "reset_world"]
 
 _LENGTHS = np.array([user.length for user in CLASSES])
 _WIDTHS = np.array([user.width for user in CLASSES])
+_TRUCK_SPEED = CLASSES[TRUCK].top_speed
+_TIME_GAPS = np.array([user.time_gap for user in CLASSES])
+_LEAST_ROOM = 0.25
 _MAX_TRIES = 200
 """After so many refused draws of a neighbour, it is put at the largest free gap with the same speed."""
 _LOW_BITS = 2**10 - 1
@@ -44,6 +48,19 @@ def _next_words(w: World) -> tuple[uint64, uint64, uint64, uint64]:
     return block(state.seed, state.test, draw, 0, PURPOSE_INITIAL)
 
 
+@inlined_kernel
+def _lane_speed(stream: float, lane: int, setting: Setting) -> float:
+    """Compute the mean speed of a lane [m/s], given that of the test.
+
+    Lanes with trucks are on average no faster than trucks go.
+    """
+    road, initial = setting.road, setting.tables.initial
+    speed = stream + road.slower_right * (0.5 - part_right(lane, road))
+    if truck_share_in(lane, road) > 0.0:
+        speed = min(speed, _TRUCK_SPEED)
+    return max(initial.speed_low, min(initial.speed_high, speed))
+
+
 @kernel
 def _draw_speed(w: World, mean: float, initial: InitialNumbers) -> float:
     """Draw a speed from the truncated normal distribution about the test's mean speed [m/s]."""
@@ -56,18 +73,19 @@ def _draw_speed(w: World, mean: float, initial: InitialNumbers) -> float:
 
 @inlined_kernel
 def _draw_neighbour(
-    w: World, speed: float, mean: float, ahead: bool, initial: InitialNumbers
+    w: World, speed: float, mean: float, ahead: bool, kind: int, initial: InitialNumbers
 ) -> tuple[float, float, float]:
     """Draw the next vehicle ahead of (or behind) a vehicle that drives at `speed`: gap [m], speed [m/s], quantile.
 
-    The quantile is that of the follower's time gap among all followers', -1 where it does not follow. The chain of
-    speeds is reversible, so the same distribution serves both directions.
+    The follower is of class `kind`. The quantile is that of its time gap among all followers' of its class, -1 where it
+    does not follow. The chain of speeds is reversible, so the same distribution serves both directions.
     """
     for _ in range(_MAX_TRIES):
         words = _next_words(w)
         z_gap, z_speed = normal_pair(words[0], words[1])
         follows = uniform(words[2]) < initial.follow_share
         time_gap = initial.time_gap_shift + initial.time_gap_median * exp(initial.time_gap_sigma * z_gap)
+        time_gap *= _TIME_GAPS[kind]
         free_gap = initial.free_gap_low + (initial.free_gap_high - initial.free_gap_low) * uniform(words[3])
         gap = speed * time_gap if follows else free_gap
         scale = min(initial.rr_scale * exp(initial.rr_exponent * log(gap / 20.0)), initial.speed_sd)
@@ -104,7 +122,7 @@ def _give_habit(w: World, slot: int, quantile: float, initial: InitialNumbers) -
 
 
 @inlined_kernel
-def _join(w: World, setting: Setting) -> bool:
+def _join(w: World, lane: int, setting: Setting) -> bool:
     """Give the next free slot a class, a size and traits; False when no slot is left. `_place` puts it on the road."""
     state, road = w.state[0], setting.road
     slot = state.n_vehicles
@@ -113,9 +131,10 @@ def _join(w: World, setting: Setting) -> bool:
     kind = CAR
     if slot > 0 and road.truck_share + road.motorcycle_share > 0.0:
         draw = uniform(block(state.seed, state.test, slot, 0, PURPOSE_CLASS)[0])
-        if draw < road.truck_share:
+        trucks = truck_share_in(lane, road)
+        if draw < trucks:
             kind = TRUCK
-        elif draw < road.truck_share + road.motorcycle_share:
+        elif draw < trucks + road.motorcycle_share:
             kind = MOTORCYCLE
     v = w.vehicles[slot]
     v.kind = kind
@@ -132,11 +151,23 @@ def _join(w: World, setting: Setting) -> bool:
 
 
 @inlined_kernel
+def _narrowness(width: float, road: RoadNumbers) -> float:
+    """Compute how much less room than between two cars is beside a vehicle of a width [m]; at least 1.
+
+    The room is that to the widest vehicle in the middle of the next lane. Who begins a change beside somebody and turns
+    back a second later touches it if the change is too quick, and it is quicker by as much as the room is less.
+    """
+    room = road.lane_width - 0.5 * (width + road.widest)
+    return max(1.0, (road.lane_width - road.width) / max(room, _LEAST_ROOM))
+
+
+@inlined_kernel
 def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Setting) -> None:
     """Put the vehicle of the last `_join` on the road: centre at x [m] in a lane, at `speed` [m/s]; `mean`: the test's.
 
     Its desired speed is drawn given its speed, as both are in the long run (bivariate normal). The AV changes lanes in
-    the ODD's time, and so does everybody if the ODD says so or the model says nothing. The AV sets its indicator.
+    the ODD's time, and so does everybody if the ODD says so or the model says nothing; else nobody is quicker than the
+    room beside wide vehicles allows. The AV sets its indicator.
     """
     road, initial = setting.road, setting.tables.initial
     v = w.vehicles
@@ -145,11 +176,14 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
     share = initial.desire_share
     noise = math.sqrt(share * (1.0 - share)) * initial.speed_sd * v[slot].desired_speed
     v[slot].desired_speed = mean + share * (speed - mean) + noise
+    if v[slot].kind == TRUCK:
+        v[slot].desired_speed = min(v[slot].desired_speed, _TRUCK_SPEED)
     if slot == 0 or road.same_duration or initial.change_median == 0.0:
         v[slot].change_time = road.lane_change_duration
     else:
         time = initial.change_median * exp(initial.change_sigma * v[slot].change_time)
-        v[slot].change_time = min(max(time, initial.change_low), initial.change_high)
+        least = initial.change_low * _narrowness(v[slot].width, road)
+        v[slot].change_time = min(max(time, least), initial.change_high)
     announces = v[slot].signals < initial.signal_share * (_LOW_BITS + 1)
     v[slot].away = 0
     v[slot].signals = 1 if slot == 0 or announces else 0
@@ -181,10 +215,11 @@ def _fill_ahead(w: World, x: float, speed: float, lane: int, rear: int, mean: fl
     road, initial = setting.road, setting.tables.initial
     before = w.vehicles[rear].length if rear >= 0 else road.length
     while True:
-        gap, speed, quantile = _draw_neighbour(w, speed, mean, True, initial)
+        kind = w.vehicles[rear].kind if rear >= 0 else CAR
+        gap, speed, quantile = _draw_neighbour(w, speed, mean, True, kind, initial)
         if rear >= 0:
             _give_habit(w, rear, quantile, initial)
-        if not _join(w, setting):
+        if not _join(w, lane, setting):
             return
         rear = w.state[0].n_vehicles
         length = w.vehicles[rear].length
@@ -201,11 +236,12 @@ def _fill_behind(w: World, x: float, speed: float, lane: int, mean: float, setti
     road, initial = setting.road, setting.tables.initial
     before = road.length
     while True:
-        gap, speed, quantile = _draw_neighbour(w, speed, mean, False, initial)
-        if not _join(w, setting):
+        if not _join(w, lane, setting):
             return
-        _give_habit(w, w.state[0].n_vehicles, quantile, initial)
-        length = w.vehicles[w.state[0].n_vehicles].length
+        joined = w.state[0].n_vehicles
+        gap, speed, quantile = _draw_neighbour(w, speed, mean, False, w.vehicles[joined].kind, initial)
+        _give_habit(w, joined, quantile, initial)
+        length = w.vehicles[joined].length
         x -= 0.5 * (before + length) + gap
         if x < 0.0:
             return
@@ -259,14 +295,15 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     av_lane = min(road.n_lanes - 1, math.floor(uniform(_next_words(w)[0]) * road.n_lanes))
     words = _next_words(w)
     mean = initial.speed_mean + initial.stream_sd * normal_pair(words[0], words[1])[0]
-    mean = max(initial.speed_low, min(initial.speed_high, mean))
+    stream = max(initial.speed_low, min(initial.speed_high, mean))
+    mean = _lane_speed(stream, av_lane, setting)
     speed = min(_draw_speed(w, mean, initial), road.max_speed)
-    _join(w, setting)
+    _join(w, av_lane, setting)
     _place(w, road.av_start, av_lane, speed, mean, setting)
 
     # The lead's speed decides the AV's desired gap, so the first link of the AV's chain is drawn here.
-    gap, lead_speed, _ = _draw_neighbour(w, speed, mean, True, initial)
-    _join(w, setting)
+    gap, lead_speed, _ = _draw_neighbour(w, speed, mean, True, CAR, initial)
+    _join(w, av_lane, setting)
     gap = max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
     x = road.av_start + half_lengths(w.vehicles, 0, 1) + gap
     if x <= road.traffic_length:
@@ -276,6 +313,7 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     for lane in range(road.n_lanes):
         if lane != av_lane:
             start = uniform(_next_words(w)[0])
+            mean = _lane_speed(stream, lane, setting)
             _fill_ahead(
                 w, -initial.free_gap_low * start, _draw_speed(w, mean, initial), lane, NO_VEHICLE, mean, setting
             )
