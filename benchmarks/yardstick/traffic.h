@@ -31,9 +31,10 @@ static inline double normal_share(double z) {
 /* Returns the gap; the neighbour's speed goes to *other, the quantile of the time gap (-1: it does not follow) to
  * *quantile. */
 static double draw_neighbour(
-    int64_t seed, int64_t test, const Initial *initial, double mean, int64_t *draw, double speed, bool ahead,
+    int64_t seed, int64_t test, const Tables *tables, double mean, int64_t *draw, double speed, bool ahead,
     double *other, double *quantile
 ) {
+    const Initial *initial = &tables->initial;
     for (int k = 0; k < MAX_TRIES; k++) {
         Words words = block(seed, test, (*draw)++, 0, PURPOSE_INITIAL);
         double z_gap, z_speed;
@@ -54,7 +55,7 @@ static double draw_neighbour(
         bool legal = initial->speed_low <= drawn && drawn <= initial->speed_high && gap >= 1.0 && is_near;
         if (legal && gap >= initial->min_ttc * closing) {
             *other = drawn;
-            *quantile = follows ? normal_share(z_gap) : -1.0;
+            *quantile = follows && tables->memory.habit > 0.0 ? normal_share(z_gap) : -1.0;
             return gap;
         }
     }
@@ -73,7 +74,7 @@ static void draw_traits(World *w, int64_t slot, int64_t seed, int64_t test, cons
     w->v[slot].quantile = uniform(words.w[0]);
     w->v[slot].habit = uniform(words.w[1]);
     normal_pair(words.w[2], words.w[3], &w->v[slot].desired_speed, &w->v[slot].change_time);
-    w->v[slot].signals = (int64_t)(words.w[0] & 1023);
+    w->v[slot].signals = (int32_t)(words.w[0] & 1023);
     w->v[slot].noise = tables->noise[words.w[1] & 1023];
     w->v[slot].inattention = tables->inattention[words.w[1] >> 10 & 1023];
 }
@@ -120,7 +121,7 @@ static int64_t fill_ahead(
 ) {
     const Initial *initial = &tables->initial;
     for (;;) {
-        double quantile, gap = draw_neighbour(seed, test, initial, mean, draw, speed, true, &speed, &quantile);
+        double quantile, gap = draw_neighbour(seed, test, tables, mean, draw, speed, true, &speed, &quantile);
         if (rear >= 0) give_habit(&w->v[rear], quantile, initial);
         x += road->length + gap;
         if (x > road->traffic_length || n >= w->slots) return n;
@@ -152,7 +153,7 @@ static void reset_world(
     place(w, 0, road->av_start, av_lane, speed, mean, road, initial);
 
     double lead_speed, quantile;
-    double gap = draw_neighbour(seed, test, initial, mean, &draw, speed, true, &lead_speed, &quantile);
+    double gap = draw_neighbour(seed, test, tables, mean, &draw, speed, true, &lead_speed, &quantile);
     double wanted = desired_gap(speed, lead_speed - speed, &av->idm);
     double x = road->av_start + road->length + MAX(gap, wanted);
     int64_t n = 1;
@@ -163,7 +164,7 @@ static void reset_world(
     }
     x = road->av_start;
     for (;;) {
-        gap = draw_neighbour(seed, test, initial, mean, &draw, speed, false, &speed, &quantile);
+        gap = draw_neighbour(seed, test, tables, mean, &draw, speed, false, &speed, &quantile);
         x -= road->length + gap;
         if (x < 0.0 || n >= w->slots) break;
         draw_traits(w, n, seed, test, tables);

@@ -20,7 +20,7 @@ typedef struct {
     double length, width; /* of the kernels; all are cars here, of the road's size */
     int64_t kind;
     double quantile, habit, desired_speed, change_time;
-    int64_t signals, away;
+    int32_t signals, away;
     double commanded, acceleration_held, noise, inattention;
 } Vehicle;
 

@@ -61,7 +61,7 @@ class Simulator:
     def drive(self, seed: int, test: int) -> Drive:
         """One test, from its start to its end."""
         stream = Stream(seed, test)
-        return _Test(self, stream, start(self.odd, self.model.initial, self.av, stream)).run()
+        return _Test(self, stream, start(self.odd, self.model, self.av, stream)).run()
 
     # What a driver would do, seen from one world
 

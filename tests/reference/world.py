@@ -8,7 +8,7 @@ from functools import cache
 from statistics import NormalDist
 
 from cornerforge.drivers.sight import Sight
-from cornerforge.ndd.model import InitialState
+from cornerforge.ndd.model import InitialState, NddModel
 from cornerforge.types import Odd
 from reference.drivers import AvDriver, fold
 from reference.elementary import atan, exp, log
@@ -313,6 +313,7 @@ class _Traffic:
     world: World
     law: InitialState
     stream: Stream
+    habits: bool
     draws: int = 0
     stream_speed: float = 0.0
     mean: float = 0.0
@@ -371,7 +372,7 @@ class _Traffic:
             if not law.speed_low <= other <= law.speed_high or gap < 1.0 or (follows and gap > law.free_gap_low):
                 continue
             if gap >= law.min_ttc * closing:
-                return gap, other, _normal_share(z_gap) if follows else None
+                return gap, other, _normal_share(z_gap) if follows and self.habits else None
         return law.free_gap_high, speed, None
 
     def body(self) -> Body:
@@ -464,16 +465,16 @@ def _normal_share(z: float) -> float:
     return above if z < 0.0 else 1.0 - above
 
 
-def start(odd: Odd, law: InitialState, av: AvDriver, stream: Stream) -> World:
+def start(odd: Odd, model: NddModel, av: AvDriver, stream: Stream) -> World:
     """The world at the start of a test."""
-    traffic = _Traffic(World(odd), law, stream)
+    traffic = _Traffic(World(odd), model.initial, stream, model.memory.habit > 0.0)
     av_lane = min(odd.n_lanes - 1, math.floor(unit(traffic.words()[0]) * odd.n_lanes))
     traffic.choose_stream()
     traffic.choose_lane(av_lane)
     traffic.fill_av_lane(av_lane, av)
     for lane in range(odd.n_lanes):
         if lane != av_lane:
-            x = -law.free_gap_low * unit(traffic.words()[0])
+            x = -model.initial.free_gap_low * unit(traffic.words()[0])
             traffic.choose_lane(lane)
             traffic.fill_ahead(x, lane, traffic.speed(), odd.vehicle_length, None)
     return traffic.world

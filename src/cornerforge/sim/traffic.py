@@ -20,7 +20,7 @@ from cornerforge.types import CAR, CLASSES, MOTORCYCLE, TRUCK
 if TYPE_CHECKING:
     from numpy import uint64
 
-    from cornerforge.drivers.naturalistic import InitialNumbers
+    from cornerforge.drivers.naturalistic import InitialNumbers, NddTables
     from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
@@ -73,19 +73,22 @@ def _draw_speed(w: World, mean: float, initial: InitialNumbers) -> float:
 
 @inlined_kernel
 def _draw_neighbour(
-    w: World, speed: float, mean: float, ahead: bool, kind: int, initial: InitialNumbers
+    w: World, speed: float, mean: float, ahead: bool, kind: int, tables: NddTables
 ) -> tuple[float, float, float]:
     """Draw the next vehicle ahead of (or behind) a vehicle that drives at `speed`: gap [m], speed [m/s], quantile.
 
     The follower is of class `kind`. The quantile is that of its time gap among all followers' of its class, -1 where it
-    does not follow. The chain of speeds is reversible, so the same distribution serves both directions.
+    does not follow, or no driver has a habit. The chain of speeds is reversible, so the same distribution serves both
+    directions.
     """
+    initial = tables.initial
     for _ in range(_MAX_TRIES):
         words = _next_words(w)
         z_gap, z_speed = normal_pair(words[0], words[1])
         follows = uniform(words[2]) < initial.follow_share
         time_gap = initial.time_gap_shift + initial.time_gap_median * exp(initial.time_gap_sigma * z_gap)
-        time_gap *= _TIME_GAPS[kind]
+        if kind != CAR:
+            time_gap *= _TIME_GAPS[kind]
         free_gap = initial.free_gap_low + (initial.free_gap_high - initial.free_gap_low) * uniform(words[3])
         gap = speed * time_gap if follows else free_gap
         scale = min(initial.rr_scale * exp(initial.rr_exponent * log(gap / 20.0)), initial.speed_sd)
@@ -97,7 +100,7 @@ def _draw_neighbour(
         is_near = not follows or gap <= initial.free_gap_low
         legal = initial.speed_low <= other <= initial.speed_high and gap >= 1.0 and is_near
         if legal and gap >= initial.min_ttc * closing:
-            return gap, other, _normal_share(z_gap) if follows else -1.0
+            return gap, other, _normal_share(z_gap) if follows and tables.memory.habit > 0.0 else -1.0
     return initial.free_gap_high, speed, -1.0
 
 
@@ -182,7 +185,9 @@ def _place(w: World, x: float, lane: int, speed: float, mean: float, setting: Se
         v[slot].change_time = road.lane_change_duration
     else:
         time = initial.change_median * exp(initial.change_sigma * v[slot].change_time)
-        least = initial.change_low * _narrowness(v[slot].width, road)
+        least = initial.change_low
+        if not road.one_size:
+            least *= _narrowness(v[slot].width, road)
         v[slot].change_time = min(max(time, least), initial.change_high)
     announces = v[slot].signals < initial.signal_share * (_LOW_BITS + 1)
     v[slot].away = 0
@@ -216,7 +221,7 @@ def _fill_ahead(w: World, x: float, speed: float, lane: int, rear: int, mean: fl
     before = w.vehicles[rear].length if rear >= 0 else road.length
     while True:
         kind = w.vehicles[rear].kind if rear >= 0 else CAR
-        gap, speed, quantile = _draw_neighbour(w, speed, mean, True, kind, initial)
+        gap, speed, quantile = _draw_neighbour(w, speed, mean, True, kind, setting.tables)
         if rear >= 0:
             _give_habit(w, rear, quantile, initial)
         if not _join(w, lane, setting):
@@ -239,7 +244,7 @@ def _fill_behind(w: World, x: float, speed: float, lane: int, mean: float, setti
         if not _join(w, lane, setting):
             return
         joined = w.state[0].n_vehicles
-        gap, speed, quantile = _draw_neighbour(w, speed, mean, False, w.vehicles[joined].kind, initial)
+        gap, speed, quantile = _draw_neighbour(w, speed, mean, False, w.vehicles[joined].kind, setting.tables)
         _give_habit(w, joined, quantile, initial)
         length = w.vehicles[joined].length
         x -= 0.5 * (before + length) + gap
@@ -302,7 +307,7 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     _place(w, road.av_start, av_lane, speed, mean, setting)
 
     # The lead's speed decides the AV's desired gap, so the first link of the AV's chain is drawn here.
-    gap, lead_speed, _ = _draw_neighbour(w, speed, mean, True, CAR, initial)
+    gap, lead_speed, _ = _draw_neighbour(w, speed, mean, True, CAR, setting.tables)
     _join(w, av_lane, setting)
     gap = max(gap, desired_gap(speed, lead_speed - speed, setting.av.idm))
     x = road.av_start + half_lengths(w.vehicles, 0, 1) + gap
