@@ -121,17 +121,18 @@ def test_training_beats_uniform_actions_and_its_reverse_does_not(world: Experime
     assert crash_interval(reversed_, tests=4000, seed=seed)[0] < uniform[1]
 
 
-def test_preset_fast_crashes_four_in_five_after_600_000_decisions(world: Experiment, seed: int) -> None:
-    """About 15 s on two quiet cores. Unit: the test; n = 3000; the exact interval at 1 - 1e-6 must lie above 0.8.
+def test_preset_fast_crashes_three_in_four_after_600_000_decisions(world: Experiment, seed: int) -> None:
+    """About 15 s on two quiet cores. Unit: the test; n = 3000; the exact interval at 1 - 1e-6 must lie above 0.75.
 
-    At a yield of 0.85 it does, so that a loss of 0.06 of the 0.91 measured is seen. Negative control:
-    its first weights.
+    At a yield of 0.79 it does, so that a loss of 0.05 of the 0.84 measured is seen (seeds 3 and 4 of the training:
+    0.81; in the traffic before drivers took their time to change lanes it was 0.91). Negative control: its first
+    weights.
     """
-    assert binomial_interval(2550, 3000, 1.0 - 1e-6)[0] > 0.8
+    assert binomial_interval(2370, 3000, 1.0 - 1e-6)[0] > 0.75
     config = replace(PRESETS["fast"], decisions=600_000)
     weights = train_adversary(world.setting, world.slots, config, seed=2).weights
     trained = experiment(policy=Policy(weights, config.network, False, {}))
-    assert crash_interval(trained, tests=3000, seed=seed)[0] > 0.8
+    assert crash_interval(trained, tests=3000, seed=seed)[0] > 0.75
     first = train_adversary(world.setting, world.slots, replace(config, decisions=512), seed=2).weights
     untrained = experiment(policy=Policy(first, config.network, False, {}))
-    assert crash_interval(untrained, tests=3000, seed=seed)[1] < 0.8
+    assert crash_interval(untrained, tests=3000, seed=seed)[1] < 0.75

@@ -222,8 +222,12 @@ def slow_cut_ins(scenario: Scenario) -> list[tuple[float, float, float, float]]:
 
 
 def test_cut_ins_are_those_of_the_recordings(reckless: NddModel) -> None:
-    """Quantiles by the histograms and by NumPy on the frames: equal to 1 %, in spite of 1 s between the counts."""
-    tests = 1500  # with 600 one quantile in some hundred is off by more
+    """Quantiles by the histograms and by NumPy on the frames.
+
+    With 1 s between the counts one cut-in in a hundred is in one of them only, so each quantile lies between those of
+    1 % less and more.
+    """
+    tests = 1500
     odd = replace(ODD, time_limit=20.0, test_length=5e4)
     setting = setting_of(reckless, odd)
     recorder = Recorder(setting, odd)
@@ -233,9 +237,9 @@ def test_cut_ins_are_those_of_the_recordings(reckless: NddModel) -> None:
     assert len(slow) > 1000
     for grid, row, values in zip(statistics.CUT_INS, counts.cut_ins[2], slow.T, strict=True):
         for percent in (10.0, 25.0, 50.0, 75.0):
-            true = np.percentile(values, percent)
+            low, high = np.percentile(values, [percent - 1.0, percent + 1.0])
             found = statistics.histogram_quantile(grid, row, percent)
-            assert found == pytest.approx(true, rel=0.01, abs=grid.width), (grid.name, percent)
+            assert low - grid.width <= found <= high + grid.width, (grid.name, percent)
 
 
 def slow_counts(scenario: Scenario) -> tuple[int, int, int, int, list[int]]:

@@ -58,9 +58,8 @@ __all__ = [
 ]
 
 ALONE = -1
-"""Instead of the AV's lane: it only matters which actions are possible. Then nobody else starts into a lane at this
-moment, and nobody remembers: the same actions are possible where conflicts may be overlooked and not everybody wants to
-change lanes, and it takes less time."""
+"""Instead of the AV's lane: nobody else starts into a lane at this moment. Where conflicts may be overlooked, and
+not everybody wants to change lanes, the same actions are possible as with others, and it takes less time."""
 MAX_STARTERS = 32
 """Largest number of vehicles: a driver and the vehicles that may make it wait; see `StarterScratch.left_out`."""
 MAX_SETS = 256
@@ -176,13 +175,13 @@ def _rounding_limit(v: NDArray[np.void], i: int, lead: int, above: float) -> flo
 
 @inlined_kernel
 def _add_cumulative(
-    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float, remembers: bool,
+    v: NDArray[np.void], i: int, leads: tuple[int, int, int], rounding: float, weight: float,
     tables: NddTables, p: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Add `weight` times the distribution function of slot i's acceleration, for a given rounding, to `p`.
 
-    A follower remembers its last quantile, if it `remembers`; a driver without a lead does not; both have their own
-    noise level. The smallest of several look-ups with one random word has the largest of their distribution functions.
+    A follower remembers its last quantile; a driver without a lead does not; both have their own noise level. The
+    smallest of several look-ups with one random word has the largest of their distribution functions.
     """
     rows = (-1, -1, -1)
     if leads[0] < 0:
@@ -202,9 +201,7 @@ def _add_cumulative(
         c_total += tables.p[rows[2], a]
         total = own_rank(max(a_total, max(b_total, c_total)), v[i].noise)
         if leads[0] >= 0:
-            total = min(total, 1.0)
-            if remembers:
-                total = remembered_share(total, v[i].quantile, v[i].habit, tables.memory)
+            total = remembered_share(min(total, 1.0), v[i].quantile, v[i].habit, tables.memory)
         p[FIRST_ACCELERATION + a] += weight * total
 
 
@@ -528,15 +525,13 @@ def action_probabilities(
     leads = _leads(w, i, road)
     for a in range(N_ACTIONS):
         p[a] = 0.0
-    # Who does not always remember can do all that it could without memory.
-    remembers = av_lane != ALONE or tables.memory.near + tables.memory.far + tables.memory.habit >= 1.0
     low = 0.0
     while low < 1.0:  # the rounding of range rates is uniform in (0, 1); between two limits the rows stay the same
         high = min(
             _rounding_limit(v, i, leads[0], low),
             min(_rounding_limit(v, i, leads[1], low), _rounding_limit(v, i, leads[2], low)),
         )
-        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, remembers, tables, p)
+        _add_cumulative(v, i, leads, 0.5 * (low + high), high - low, tables, p)
         low = high
     if v[i].duration == 0.0:
         lane = v[i].target_lane
