@@ -65,7 +65,7 @@ class Setting:
     variation: Variation | None = None
 
 
-_TESTS = {("idm-mobil", 3): 300_000_000, ("idm-mobil-blind", 2): 10_000_000, ("idm-mobil-blind", 3): 10_000_000}
+_TESTS = {("idm-mobil", 3): 300_000_000}
 _BASE = tuple(
     Setting(f"{av}-{lanes}-lanes", av, lanes, _TESTS.get((av, lanes), 100_000_000))
     for av in ("idm-mobil", "idm-mobil-d2rl", "idm-mobil-blind")

@@ -27,7 +27,10 @@ from cornerforge.rates.monte_carlo import MonteCarlo
 __all__ = ["SCHEMA", "Entry", "agree", "furthest", "read_entry", "read_ledger", "simulation_hash", "write_ledger"]
 
 SCHEMA = 1
-_SIMULATION = ("_jit.py", "_philox.py", "geometry.py", "types.py", "drivers/*.py", "sim/*.py")
+_SIMULATION = (
+    "_jit.py", "_philox.py", "_elementary.py", "fields.py", "geometry.py", "types.py", "ndd/grids.py", "ndd/memory.py",
+    "drivers/*.py", "road/*.py", "sim/*.py",
+)  # fmt: skip
 _NOT_NATURAL = ("policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py")
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
 _CRASH_COLUMNS = (

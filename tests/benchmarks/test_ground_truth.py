@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cornerforge import _jit
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd.model import NddModel, default_model_path, load_model
 from cornerforge.pipeline.crashes import CrashStudy
@@ -22,6 +23,7 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 sys.path.insert(0, str(BENCHMARKS))
 
 import ground_truth  # noqa: E402
+import ledger  # noqa: E402
 from ground_truth import IN_DOCUMENT  # noqa: E402
 from ground_truth_settings import SETTINGS, Setting, Variation, varied_model  # noqa: E402
 from ground_truth_tables import render  # noqa: E402
@@ -132,6 +134,12 @@ def test_only_what_decides_outcomes_changes_the_simulation_hash(tmp_path: Path) 
     assert hashed("c", "X = 2\n\ndef f(a: int) -> int:\n    return a + X\n") != plain
     assert hashed("d", "X = 1\n\ndef f(a: int) -> int:\n    return a - X\n") != plain
     assert len(simulation_hash()) == 16
+
+
+def test_all_kernel_sources_count_but_for_those_that_drive_no_natural_traffic() -> None:
+    others = {"_kernel_*.py", "recordings.py", "counterfactual/*.py", "analysis/density_grid.py"}
+    assert set(_jit._SOURCES) - set(ledger._SIMULATION) == others
+    assert set(ledger._SIMULATION) - set(_jit._SOURCES) == set()
 
 
 # --- really counting ---
