@@ -79,6 +79,12 @@ CASES: dict[str, tuple[list[Driver], str, str]] = {
     "the AV aborts, back into a BV that has drawn level": (
         [Driver(0, 1, 25, ((0, 2), (2.4, 1))), Driver(-16, 1, 30)], "av-side", "side"
     ),
+    "the BV moves over into the AV beside it and turns back too late": (
+        [BESIDE, Driver(1, 0, 30, ((1, 1), (3, 0)))], "bv-side", "side"
+    ),
+    "the BV turns back too late behind": (
+        [Driver(0, 1, 22), Driver(-48, 0, 35, ((1, 1), (3.2, 0)))], "bv-rear-bv-change", "rear-end by BV"
+    ),
     "the AV drifts out of its lane": ([Driver(0, 1, 30, drift=0.5), Driver(1, 2, 30)], "other", "side"),
     "after a crash of two BVs ahead": (
         [Driver(0, 1, 30, braking=(2, 6, -4.0)), Driver(-15, 1, 30),

@@ -246,6 +246,10 @@ def test_rewritten_code_of_the_same_bits_takes_an_entry_over(
     assert after.identity == {**before.identity, "simulation": "rewritten"}
     assert after.earlier_simulations == (before.identity["simulation"],)
     assert run(tmp_path, "r") == 0, "it is an entry like any other now"
+    named = replace(before, crashes=tuple({**crash, "mechanism": "other"} for crash in before.crashes))
+    write_ledger(tmp_path / "named.json", {crashing.name: named})
+    assert run(tmp_path, "named", "--same-bits", "--tests", "5000") == 0
+    assert read_ledger(tmp_path / "named.json")[crashing.name] == after, "named by today's rules"
     assert untimed(read_ledger(tmp_path / "r.json")[crashing.name]) == untimed(whole.driven_by("rewritten"))
 
 

@@ -61,7 +61,7 @@ SPOT = st.tuples(
     st.integers(0, 3),
     st.integers(60, 160).map(lambda k: k / 4.0),
     st.sampled_from([-1, 0, 0, 1]),  # side of a running lane change
-    # Its substeps so far. After 20 of 40 its centre is on the line, which counts as the lane on the left: no mirror there.
+    # Its substeps so far. After 20 of 40 its centre is on the line, which counts as the left lane: no mirror there.
     st.integers(1, 35).filter(lambda substeps: substeps != 20),
 )
 Spots = list[tuple[float, int, float, int, int]]

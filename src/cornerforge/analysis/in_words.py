@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cornerforge.analysis.mechanism import MECHANISMS, crash_frame, lane_changes_before, mechanism_of
+from cornerforge.analysis.mechanism import (
+    MECHANISMS,
+    crash_frame,
+    entering_change,
+    lane_changes_before,
+    mechanism_of,
+)
 from cornerforge.recordings import bodies_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
@@ -37,7 +43,8 @@ def what_happened(scenario: Scenario) -> str:
 
 def _lane_change(scenario: Scenario, frame: int, mover: int, other: int) -> str:
     """The mover changes lanes towards the other."""
-    change = lane_changes_before(scenario, frame, mover)[0]
+    change = entering_change(scenario, frame, mover, other)
+    assert change is not None  # or the mechanism were another
     start = change.start
     ahead = float(along(scenario.x[start, other], scenario.x[start, mover]))
     length = bodies_of(scenario)["length"]
@@ -50,6 +57,8 @@ def _lane_change(scenario: Scenario, frame: int, mover: int, other: int) -> str:
         text = f"{who} cuts in from the {side} at {gap:.0f} m"
     else:
         text = f"{who} changes lanes from the {side}, {gap:.0f} m behind the {whom}"
+    if lane_changes_before(scenario, frame, mover)[0] != change:
+        text += ", turns back too late"
     hardest = _hardest(scenario, frame, mover, start)
     return f"{text} with {hardest:.1f} m/s2" if hardest <= -1.0 else text
 

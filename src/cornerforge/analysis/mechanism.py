@@ -12,8 +12,8 @@ lanes and accelerations only, so they hold for any AV and any traffic. In this o
    neither had.
 
 A lane change counts while it lasts and for 3 s after; "moved into the path" means that when it began the two did not
-overlap laterally and it went towards the other. Both at once under 3 or 4: the one that began later. Hard braking:
--3 m/s2 or less within 3 s.
+overlap laterally and it went towards the other. A driver who turned back, too late, had moved into the path too. Both
+at once under 3 or 4: the one that began later. Hard braking: -3 m/s2 or less within 3 s.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ __all__ = [
     "contact_pose",
     "crash_frame",
     "crash_types_of",
+    "entering_change",
     "lane_changes_before",
     "mechanism_of",
 ]
@@ -174,10 +175,11 @@ def mechanism_of(scenario: Scenario) -> Mechanism:
     contact = _contact_kind(scenario)
     name = "follow-up" if _follows_bv_crash(scenario, frame) else _of_two_changes(av_changes, bv_changes)
     if name is None:
-        entered_av = av is not None and _came_from_outside(scenario, av, 0, partner)
-        entered_bv = bv is not None and _came_from_outside(scenario, bv, partner, 0)
-        if entered_av and entered_bv and av is not None and bv is not None:
-            entered_av, entered_bv = av.start > bv.start, bv.start >= av.start
+        by_av = entering_change(scenario, frame, 0, partner)
+        by_bv = entering_change(scenario, frame, partner, 0)
+        entered_av, entered_bv = by_av is not None, by_bv is not None
+        if by_av is not None and by_bv is not None:
+            entered_av, entered_bv = by_av.start > by_bv.start, by_bv.start >= by_av.start
         name = _of_contact(scenario, contact, frame, partner, entered_av, entered_bv)
     difference = None if av is None or bv is None else round((bv.start - av.start) * FRAME_S, 1)
     at_start = scenario.crash is not None and scenario.crash.time < AT_START_S
@@ -212,6 +214,12 @@ def lane_changes_before(scenario: Scenario, frame: int, column: int) -> list[Lan
         if (frame - end) * FRAME_S <= _RECENT_S:
             changes.append(LaneChange(start, end, int(target[start]), 1 if away[start] > 0.0 else -1))
     return changes[::-1]
+
+
+def entering_change(scenario: Scenario, frame: int, mover: int, other: int) -> LaneChange | None:
+    """Find the newest lane change of `lane_changes_before` with which the mover moved into the other's path."""
+    changes = lane_changes_before(scenario, frame, mover)
+    return next((change for change in changes if _came_from_outside(scenario, change, mover, other)), None)
 
 
 def _of_two_changes(av_changes: list[LaneChange], bv_changes: list[LaneChange]) -> str | None:
