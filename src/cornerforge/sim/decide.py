@@ -29,6 +29,7 @@ from cornerforge.sim.chances import remember_action, return_chance, side_chance
 from cornerforge.sim.neighbours import SIGHT, sort_by_x
 from cornerforge.sim.setting import IDM_BVS
 from cornerforge.sim.sight import HUMAN, lanes_seen
+from cornerforge.sim.steering import steer
 from cornerforge.sim.trucks import cut_to_class
 from cornerforge.sim.world import NO_VEHICLE, moment_of
 from cornerforge.types import ACTION_HOLD, ACTION_LEFT, ACTION_RIGHT, ACTION_SIDES, FIRST_ACCELERATION
@@ -250,6 +251,8 @@ def _all_naturalistic(w: World, controlled_action: int, setting: Setting, s: Scr
     controlled = state.controlled
     changes = 0
     blocks(s.words, state.seed, state.test, moment_of(w), state.n_vehicles, PURPOSE_DECIDE)
+    if s.steering.on[0]:
+        steer(s.words, s.steering, state.n_vehicles)
     for lane in range(road.n_lanes):
         s.front[lane] = NO_VEHICLE
     for rank in range(state.n_vehicles - 1, -1, -1):

@@ -13,6 +13,7 @@ from cornerforge.sim.av_features import N_AV_FEATURES
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
 from cornerforge.sim.chances import MAX_SETS, MAX_STARTERS, StarterScratch, allocate_starter_scratch
 from cornerforge.sim.observe import N_OBSERVATION
+from cornerforge.sim.steering import Steering, allocate_steering
 from cornerforge.types import MAX_LANES, N_ACTIONS
 
 __all__ = ["LEARNED_WIDTH", "AvScratch", "ChoiceScratch", "Scratch", "allocate_scratch", "warn_of_left_out"]
@@ -52,6 +53,7 @@ class Scratch(NamedTuple):
 
     Attributes:
         words: The random words with which each slot decides (`_philox.blocks`), uint64 (4, N).
+        steering: To which words slots are held in the coming second; only what drives trees of tests fills it.
         front: In a walk from the front to the rear, slot of the last vehicle passed in each lane, (MAX_LANES,).
         least, most: How far a slot drives within the second at least and at most, (N,) [m].
         is_watched: Marks of `reach.choose_current`, (N,).
@@ -61,6 +63,7 @@ class Scratch(NamedTuple):
     """
 
     words: NDArray[np.uint64]
+    steering: Steering
     front: NDArray[np.int64]
     least: NDArray[np.float64]
     most: NDArray[np.float64]
@@ -76,6 +79,7 @@ def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
     widest = max(policy.width, policy.n_inputs, N_ACTIONS)
     return Scratch(
         words=np.zeros((4, slots), dtype=np.uint64),
+        steering=allocate_steering(slots),
         front=np.zeros(MAX_LANES, dtype=np.int64),
         least=np.zeros(slots),
         most=np.zeros(slots),
