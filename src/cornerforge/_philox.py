@@ -26,6 +26,7 @@ __all__ = [
     "PURPOSE_EXPLORE",
     "PURPOSE_GUIDE",
     "PURPOSE_INITIAL",
+    "PURPOSE_ROULETTE",
     "PURPOSE_TRAITS",
     "block",
     "blocks",
@@ -49,6 +50,8 @@ PURPOSE_CLASS = 6
 PURPOSE_TRAITS = 7
 """What stays with a driver: 4 words = its first quantile, its habit, its desired speed and change time (2). The lowest
 bits of the first two: whether it sets the indicator; its noise level and vigilance."""
+PURPOSE_ROULETTE = 8
+"""Which worlds of a tree of tests are driven on: 1 word used."""
 PURPOSE_GUIDE = 9
 """Whether and how a learning adversary is guided while it explores."""
 

@@ -52,6 +52,7 @@ __all__ = [
     "StarterScratch",
     "action_probabilities",
     "allocate_starter_scratch",
+    "lane_wishes",
     "remember_action",
     "return_chance",
     "side_chance",
@@ -320,6 +321,12 @@ def _wishes(
         if lane > 0:  # one random number decides on both sides, the left first
             right = min(side_chance(w, i, lane - 1, base, overlook, road, tables), 1.0 - left)
     return left, right
+
+
+@inlined_kernel
+def lane_wishes(w: World, i: int, road: RoadNumbers, tables: NddTables) -> tuple[float, float]:
+    """Compute P(slot i, which keeps its lane and looks at the road, wants to change left), and the same right."""
+    return _wishes(w, i, _leads(w, i, road), tables.overlook, road, tables)
 
 
 @inlined_kernel

@@ -1,0 +1,198 @@
+"""Teach a network how dangerous a BV near the AV is, from trees of tests: what was seen, and which crashes followed.
+
+The first lessons come from tests in which acts near the AV are followed by chance. Later ones come from trees that grow
+by what was learned so far, where the danger is; each of them is an unbiased estimate of the crash rate too, though a
+poor one. What the network says decides how fast a rate is found, never which (`sim.trees`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.errors import MissingExtraError
+from cornerforge.rates.trees import Grown, LessonTable, grow
+from cornerforge.sim import Setting, danger, lessons, trees
+
+try:
+    import torch
+except ImportError as error:
+    raise MissingExtraError("torch", "learn") from error
+
+__all__ = ["Taught", "plan_of", "teach"]
+
+Floats = NDArray[np.float64]
+
+_EXPLORING = 16_000
+_ROUNDS = (8_000, 16_000, 32_000, 64_000)
+_EXPLORE, _EXPLORE_LATER = 0.1, 0.05
+_FLOOR = 0.1
+_LEAST_RISE = 0.1
+_LOOK_AHEAD_S = 2.0
+_PILOT = 4_000
+_NOTHING = 1e-9
+_BATCH, _FASTEST = 2048, 3e-3
+_LOG_LIMITS = (-30.0, 0.0)
+_MOST_FOLLOWED = 2.0
+_LESSONS_OF_ONE_ROOT = 800.0
+_KEPT_TABLES = 4
+
+
+@dataclass(frozen=True)
+class Taught:
+    """What teaching came to.
+
+    Attributes:
+        network: The danger.
+        level: Mean danger at the start of a test; about the crash rate, if the network is right.
+        tests: Trees grown.
+        cpu_seconds: Of growing and learning.
+        rounds: The trees of each round.
+    """
+
+    network: danger.Network
+    level: float
+    tests: int
+    cpu_seconds: float
+    rounds: tuple[Grown, ...]
+
+
+def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LATER) -> trees.Plan:
+    """Make the plan by which trees grow with a network; `level`: what weight times danger should be."""
+    return trees.Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _LOOK_AHEAD_S, network)
+
+
+def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, threads: int) -> tuple[float, float]:
+    """Estimate the mean danger at the start of a test; returns it and the CPU seconds it took."""
+    nothing = plan_of(network, 1e30)._replace(floor=0.0)
+    pilot = grow(setting, slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads)
+    return float(pilot.roots["danger"].mean()), pilot.cpu_seconds
+
+
+def teach(
+    setting: Setting, slots: int, *, seed: int, threads: int, tell: Callable[[str, Grown], None] | None = None
+) -> Taught:
+    """Teach a network for an AV and its world, in about two minutes of CPU time.
+
+    Args:
+        setting, slots: The run, natural, with an AV of the kernels.
+        seed: Of the trees, and of the network's first weights.
+        threads: Pool size; does not change the result.
+        tell: Told each round's name and trees.
+    """
+
+    def say(name: str, grown: Grown) -> None:
+        if tell is not None:
+            tell(name, grown)
+
+    blind = trees.Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, 0.0, danger.untaught(_NOTHING))
+    first = grow(setting, slots, blind, seed=seed, first=0, tests=_EXPLORING, threads=threads, learning=True)
+    say("explore", first)
+    assert first.lessons is not None
+    rounds, tables, cpu = [first], [first.lessons], first.cpu_seconds
+    school = _School(seed)
+    cpu += school.learn(tables, trust=(1.0, 1.0), steps=2000)
+    begun = _EXPLORING
+    for tests in _ROUNDS:
+        network = school.network()
+        level, spent = level_of(network, setting, slots, seed, threads)
+        grown = grow(
+            setting, slots, plan_of(network, level), seed=seed, first=begun, tests=tests, threads=threads, learning=True
+        )
+        say(f"level {level:.2g}", grown)
+        begun += tests
+        assert grown.lessons is not None
+        rounds.append(grown)
+        tables.append(grown.lessons)
+        if len(tables) > _KEPT_TABLES:
+            tables.pop(1)
+        cpu += spent + grown.cpu_seconds + school.learn(tables, trust=(1.0,), steps=4000)
+    network = school.network()
+    level, spent = level_of(network, setting, slots, seed, threads)
+    return Taught(network, level, begun, cpu + spent, tuple(rounds))
+
+
+class _School:
+    """A network that learns."""
+
+    def __init__(self, seed: int) -> None:
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            width = danger.WIDTH
+            self._layers = [
+                torch.nn.Linear(danger.N_SEEN, width),
+                torch.nn.Linear(width, width),
+                torch.nn.Linear(width, 1),
+            ]
+        with torch.no_grad():
+            self._layers[-1].bias.fill_(-14.0)
+        first, second, last = self._layers
+        self._net = torch.nn.Sequential(first, torch.nn.ReLU(), second, torch.nn.ReLU(), last)
+        self._rng = np.random.Generator(np.random.Philox(seed))
+
+    def network(self) -> danger.Network:
+        """Give the network as kernels take it."""
+        first, second, last = self._layers
+        with torch.no_grad():
+            matrices = [np.ascontiguousarray(layer.weight.numpy().T, dtype=np.float32) for layer in (first, second)]
+            biases = [layer.bias.numpy().copy() for layer in (first, second, last)]
+            row = np.concatenate([last.weight.numpy()[0], biases[2]]).astype(np.float32)
+        return danger.Network(matrices[0], biases[0], matrices[1], biases[1], row)
+
+    def learn(self, tables: list[LessonTable], *, trust: tuple[float, ...], steps: int) -> float:
+        """Learn from lessons, once for each number of `trust` (`lessons.add_what_followed`); returns CPU seconds."""
+        begun = time.process_time()
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            for share in trust:
+                seen, followed, weight = zip(*(self._picked(table, share) for table in tables), strict=True)
+                self._fit(np.concatenate(seen), np.concatenate(followed), np.concatenate(weight), steps)
+        finally:
+            torch.set_num_threads(threads)
+        return time.process_time() - begun
+
+    def _danger(self, seen: NDArray[np.float32]) -> Floats:
+        with torch.no_grad():
+            return np.concatenate([
+                torch.exp(self._net(torch.from_numpy(part))[:, 0].clamp(*_LOG_LIMITS)).numpy()
+                for part in np.array_split(seen, max(1, len(seen) // 200_000))
+            ]).astype(np.float64)  # fmt: skip
+
+    def _picked(self, table: LessonTable, trust: float) -> tuple[NDArray[np.float32], Floats, Floats]:
+        """Pick lessons, mostly dangerous ones; returns what was seen, what followed, and the weight of each."""
+        now = self._danger(table.seen)
+        followed = np.empty(now.size)
+        lessons.add_what_followed(table.lessons, now, trust, followed)
+        followed = np.minimum(followed, _MOST_FOLLOWED)
+        score = np.sqrt(np.maximum(followed, now)) + 1e-4 + 1e-3 * (table.act > 0)
+        chance = np.minimum(1.0, score / np.quantile(score, 0.99) + 0.08)
+        _, family = np.unique(table.root, return_inverse=True)
+        share = np.minimum(1.0, _LESSONS_OF_ONE_ROOT / np.bincount(family, weights=chance))[family]
+        picked = self._rng.random(now.size) < chance * share
+        return table.seen[picked], followed[picked], 1.0 / chance[picked]
+
+    def _fit(self, seen: NDArray[np.float32], followed: Floats, weight: Floats, steps: int) -> None:
+        """Regress what followed on what was seen: Poisson deviance over the square root of the danger.
+
+        The root lies between absolute errors, in which only great dangers count, and relative ones, which are mostly
+        scatter.
+        """
+        optimiser = torch.optim.Adam(self._net.parameters(), lr=_FASTEST)
+        pace = torch.optim.lr_scheduler.OneCycleLR(optimiser, _FASTEST, total_steps=steps + 1)
+        x, y = torch.from_numpy(seen), torch.from_numpy(followed.astype(np.float32))
+        w = torch.from_numpy((weight / weight.mean()).astype(np.float32))
+        for _ in range(steps):
+            batch = torch.from_numpy(self._rng.integers(0, len(y), _BATCH))
+            log = self._net(x[batch])[:, 0].clamp(*_LOG_LIMITS)
+            mean = torch.exp(log)
+            loss = (w[batch] * (mean - y[batch] * log) / (mean.detach() + _NOTHING) ** 0.8).mean()
+            optimiser.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self._net.parameters(), 5.0)
+            optimiser.step()
+            pace.step()

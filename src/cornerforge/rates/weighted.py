@@ -1,0 +1,133 @@
+"""Rates as means of weights: interval, precision, and whether the weights can be trusted.
+
+A tree of tests gives a number whose mean is the crash rate; most are 0, few are large. While only few trees carry the
+sum, its interval is too narrow and its mean too low: what is missing sits in rare heavy trees. So a rate is given only
+if enough trees carry it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_number
+from cornerforge.errors import InputError
+
+__all__ = ["LARGEST_SHARE", "LEAST_EFFECTIVE", "WeightedRate", "always_valid_half_width", "weighted_rate"]
+
+LEAST_EFFECTIVE = 300.0
+"""Fewest trees, by `WeightedRate.effective`, that a rate may rest on."""
+LARGEST_SHARE = 0.05
+"""Largest share of the sum that one tree may have."""
+_HALVES_APART = 3.5
+_Z95, _Z90 = 1.959963984540054, 1.6448536269514722
+_LOOKS_AT = 300.0
+
+
+@dataclass(frozen=True)
+class WeightedRate:
+    """A rate from independent weights of mean `rate`.
+
+    Attributes:
+        n: Number of weights.
+        rate: Their mean.
+        error: Its standard error.
+        low, high: 95 % interval, normal; low is at least 0.
+        half_width, half_width_90: Half of the 95 % and of the 90 % interval over the rate; infinite without a crash.
+        effective: (sum)^2 / sum of squares: so many equal weights would be as exact, nearly; 0 without a crash.
+        largest: Largest share of the sum in one weight.
+        halves: Means of the first and the second half.
+        tail: Hill's estimate of the tail index from the largest twentieth of what is above 0, at least 10 of them; None
+            with fewer. Below 2 the variance is not finite, as far as they show it.
+    """
+
+    n: int
+    rate: float
+    error: float
+    low: float
+    high: float
+    half_width: float
+    half_width_90: float
+    effective: float
+    largest: float
+    halves: tuple[float, float]
+    tail: float | None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons not to trust the interval, in words; empty if there are none."""
+        found = []
+        if self.effective < LEAST_EFFECTIVE:
+            found.append(f"it rests on {self.effective:.0f} effective trees, fewer than {LEAST_EFFECTIVE:.0f}")
+        if self.largest > LARGEST_SHARE:
+            found.append(f"one tree has {100.0 * self.largest:.0f} % of it, more than {100.0 * LARGEST_SHARE:.0f} %")
+        apart = abs(self.halves[0] - self.halves[1]) / (2.0 * self.error) if self.error > 0.0 else 0.0
+        if apart > _HALVES_APART:
+            found.append(f"its halves are {apart:.1f} standard errors apart")
+        return tuple(found)
+
+
+def weighted_rate(weights: NDArray[np.float64]) -> WeightedRate:
+    """Take the mean of independent weights, at least 2, and judge it.
+
+    Raises:
+        InputError: There are fewer than 2 weights, or one is below 0 or not finite.
+
+    >>> found = weighted_rate(np.array([0.0, 1.0, 0.0, 1.0]))
+    >>> found.rate, found.effective, found.largest
+    (0.5, 2.0, 0.5)
+    """
+    n = weights.size
+    if n < 2 or not np.isfinite(weights).all() or (weights < 0.0).any():
+        raise InputError(f"weights: {n} of them; needed are at least 2, all finite and 0 or more.")
+    total = float(weights.sum())
+    rate = total / n
+    error = float(weights.std(ddof=1)) / math.sqrt(n)
+    relative = error / rate if rate > 0.0 else math.inf
+    return WeightedRate(
+        n=n,
+        rate=rate,
+        error=error,
+        low=max(0.0, rate - _Z95 * error),
+        high=rate + _Z95 * error,
+        half_width=_Z95 * relative,
+        half_width_90=_Z90 * relative,
+        effective=total * total / float((weights * weights).sum()) if total > 0.0 else 0.0,
+        largest=float(weights.max()) / total if total > 0.0 else 0.0,
+        halves=(float(weights[: n // 2].mean()), float(weights[n // 2 :].mean())),
+        tail=_tail_index(weights),
+    )
+
+
+def _tail_index(weights: NDArray[np.float64]) -> float | None:
+    """Estimate the index of the upper tail (Hill 1975)."""
+    above = np.sort(weights[weights > 0.0])
+    k = above.size // 20
+    if k < 10:
+        return None
+    spread = float(np.log(above[-k:] / above[-k - 1]).mean())
+    return 1.0 / spread if spread > 0.0 else math.inf
+
+
+def always_valid_half_width(found: WeightedRate, confidence: float = 0.95) -> float:
+    """Compute the half-width of an interval that holds at all n at once, so that one may stop when it is narrow.
+
+    Robbins' normal mixture with the estimated variance (Waudby-Smith, Arbour, Sinha, Kennedy and Ramdas 2021, "Time-
+    uniform central limit theory and asymptotic confidence sequences"), narrowest near 300 effective trees. Like the
+    central limit theorem it holds once n is large.
+
+    Raises:
+        InputError: The confidence is not in (0, 1).
+    """
+    check_number("confidence", confidence, low=1e-9, high=1.0 - 1e-9)
+    if found.effective == 0.0:
+        return math.inf
+    alpha = 1.0 - confidence
+    best = _LOOKS_AT * found.n / found.effective
+    scale = (-2.0 * math.log(alpha) + math.log(-2.0 * math.log(alpha) + 1.0)) / best
+    grown = found.n * scale + 1.0
+    radius = math.sqrt(2.0 * grown / (found.n**2 * scale) * math.log(math.sqrt(grown) / alpha))
+    return radius * found.error * math.sqrt(found.n)

@@ -1,0 +1,251 @@
+"""Trees of tests: acts have the chances that nature gives them, and no mean depends on what the network says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_built import setting_of
+
+from cornerforge._philox import PURPOSE_DECIDE, blocks
+from cornerforge.ndd.model import NddModel
+from cornerforge.pipeline.av_file import av_of
+from cornerforge.rates.trees import Grown, grow
+from cornerforge.sim import Script, ScriptDriver, simulate
+from cornerforge.sim.acts import (
+    BEGINS,
+    GOES_ON,
+    LOOKS_AWAY,
+    TURNS_BACK,
+    Survey,
+    allocate_survey,
+    last_of,
+    list_acts,
+    list_pairs,
+    look_around,
+)
+from cornerforge.sim.danger import N_SEEN, WIDTH, Network, untaught
+from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.loop import advance
+from cornerforge.sim.scratch import allocate_scratch
+from cornerforge.sim.setting import Setting
+from cornerforge.sim.snapshot import copy_of
+from cornerforge.sim.steering import LANE, hold_to, let_go
+from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.trees import Plan
+from cornerforge.sim.world import MAX_BRANCH, RUNNING, World, allocate_worlds, moment_of, n_slots, world_of
+from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, Odd
+
+ODD = Odd()
+SLOTS = n_slots(ODD)
+SIGMAS = 5.0
+"""A right sampler is further off with a chance of 6e-7."""
+
+
+@pytest.fixture(scope="module")
+def careless(reckless: NddModel) -> NddModel:
+    """Drivers that change lanes often, overlook what is beside them and often look away: the AV often crashes."""
+    memory = replace(reckless.memory, away=0.05, away_again=0.5)
+    return replace(reckless, memory=memory)
+
+
+def any_network(seed: int) -> Network:
+    """A network that was taught nothing: it finds some things dangerous, by chance."""
+    rng = np.random.default_rng(seed)
+    shapes = (N_SEEN, WIDTH), (WIDTH,), (WIDTH, WIDTH), (WIDTH,), (WIDTH + 1,)
+    weights = [rng.normal(0.0, 0.5, shape).astype(np.float32) for shape in shapes]
+    weights[-1][-1] = -6.0
+    return Network(*weights)
+
+
+def plan_of(network: Network, level: float, explore: float = 0.02) -> Plan:
+    return Plan(level, 0.3 * level, 0.1, explore, 1, 2.0, network)
+
+
+def setting(model: NddModel, av: str = "idm-mobil") -> Setting:
+    return setting_of(model, ODD, av=av_of(av))
+
+
+def trees(run: Setting, plan: Plan, tests: int, *, first: int = 0, threads: int = 2, learning: bool = False) -> Grown:
+    return grow(run, SLOTS, plan, seed=4, first=first, tests=tests, threads=threads, learning=learning)
+
+
+def fits(weights: np.ndarray, mean: float, error: float = 0.0) -> bool:
+    return bool(abs(weights.mean() - mean) < SIGMAS * np.hypot(standard_error(weights), error))
+
+
+def standard_error(weights: np.ndarray) -> float:
+    return float(weights.std(ddof=1) / np.sqrt(weights.size))
+
+
+# What may happen
+
+
+def surveyed(run: Setting, test: int, second: int) -> tuple[World, Survey]:
+    """A world of natural traffic at the begin of a second, and all acts that may happen there."""
+    world, survey, network = world_of(allocate_worlds(1, SLOTS)), allocate_survey(), untaught(1e-6)
+    reset_world(world, 4, test, run)
+    advance(world, run, allocate_scratch(SLOTS, run.who.policy), keep_nothing(SLOTS), second)
+    total, ahead = look_around(world, run, network, survey)
+    list_acts(world, total, -1.0, ahead, run, network, survey)
+    list_pairs(world, ahead, run, network, survey)
+    return world, survey
+
+
+def happened(world: World, act: np.void) -> bool:
+    """Did an act happen in the second that was just driven?"""
+    driver = world.vehicles[act["slot"]]
+    if act["kind"] == LOOKS_AWAY:
+        return bool(driver["away"] == 1)
+    if act["kind"] in (BEGINS, TURNS_BACK):
+        return bool(driver["action"] in (ACTION_LEFT, ACTION_RIGHT) and driver["target_lane"] == act["lane"])
+    return bool(driver["action"] >= FIRST_ACCELERATION)
+
+
+def can_be_hindered(world: World, act: np.void) -> bool:
+    """A driver that looks away begins no change and turns back in none; one that gives way begins none."""
+    driver = world.vehicles[act["slot"]]
+    return bool(driver["away"] == 1) or (act["kind"] == BEGINS and driver["action"] >= FIRST_ACCELERATION)
+
+
+def test_an_act_happens_with_its_words_and_with_no_others(careless: NddModel) -> None:
+    run = setting(careless)
+    scratch = allocate_scratch(SLOTS, run.who.policy)
+    seen: dict[tuple[int, bool], int] = {}
+    for test in range(400):
+        world, survey = surveyed(run, test, 1 + test % 9)
+        if world.state["outcome"][0] != RUNNING:
+            continue
+        n = int(world.state["n_vehicles"][0])
+        words = np.zeros((4, n), dtype=np.uint64)
+        blocks(words, 4, test, moment_of(world), n, PURPOSE_DECIDE)
+        low = np.uint64(0xFFFF)
+        away = (words[2] & low) | ((words[3] & low) << np.uint64(16))
+        advance(world, run, scratch, keep_nothing(SLOTS), int(world.state["decisions"][0]) + 1)
+        for act in survey.acts[: survey.n_acts[0]]:
+            word = int((words[0] if act["word"] == LANE else away)[act["slot"]])
+            within = act["first"] <= word < act["first"] + act["count"]
+            if not within and act["kind"] == GOES_ON and world.vehicles["away"][act["slot"]]:
+                continue
+            assert happened(world, act) == within or (within and can_be_hindered(world, act)), (test, act)
+            seen[int(act["kind"]), within] = seen.get((int(act["kind"]), within), 0) + 1
+    assert {(kind, True) for kind in (BEGINS, LOOKS_AWAY, GOES_ON)} <= set(seen), seen
+
+
+def test_an_act_that_is_held_to_happens_and_else_does_not(careless: NddModel) -> None:
+    run = setting(careless)
+    scratch, kinds = allocate_scratch(SLOTS, run.who.policy), set()
+    rng = np.random.default_rng(0)
+    for test in range(300):
+        world, survey = surveyed(run, test, 1 + test % 9)
+        if world.state["outcome"][0] != RUNNING or survey.n_acts[0] == 0:
+            continue
+        k = int(rng.integers(survey.n_acts[0]))
+        act = survey.acts[k].copy()
+        rest = survey.acts[last_of(k, survey)].copy()
+        for lets in (True, False):
+            copy = copy_of(world)
+            words = (act["first"], act["count"]) if lets else (rest["rest_first"], rest["rest_count"])
+            hold_to(scratch.steering, act["slot"], act["word"], *words)
+            advance(copy, run, scratch, keep_nothing(SLOTS), int(copy.state["decisions"][0]) + 1)
+            let_go(scratch.steering, SLOTS)
+            if lets:
+                assert happened(copy, act) or can_be_hindered(copy, act)
+            elif not (act["kind"] == GOES_ON and copy.vehicles["away"][act["slot"]]):
+                assert not happened(copy, act)
+        kinds.add(int(act["kind"]))
+    assert {BEGINS, LOOKS_AWAY} <= kinds
+
+
+def test_words_of_a_group_are_all_words(careless: NddModel) -> None:
+    for test in range(100):
+        _, survey = surveyed(setting(careless), test, 3)
+        groups: dict[tuple[int, int], list[np.void]] = {}
+        for act in survey.acts[: survey.n_acts[0]]:
+            groups.setdefault((int(act["slot"]), int(act["word"])), []).append(act)
+        for acts in groups.values():
+            assert [act["is_last"] for act in acts] == [0] * (len(acts) - 1) + [1]
+            parts = [(act["first"], act["count"]) for act in acts]
+            parts = sorted([*parts, (acts[-1]["rest_first"], acts[-1]["rest_count"])])
+            ends = [first + count for first, count in parts]
+            assert [first for first, _ in parts] == [0, *ends[:-1]]
+            assert ends[-1] == 2**32
+
+
+# Means
+
+
+@pytest.mark.parametrize("av", ["idm-mobil", "idm-mobil-blind"])
+def test_a_network_that_knows_nothing_changes_no_rate(careless: NddModel, av: str) -> None:
+    run = setting(careless, av)
+    plain = simulate(run, SLOTS, seed=9, tests=60_000, threads=2)
+    rate = plain.av_crashes / plain.tests
+    error = np.sqrt(rate * (1.0 - rate) / plain.tests)
+    for network in (untaught(1e-3), any_network(1), any_network(2)):
+        found = trees(run, plan_of(network, 0.02), 4000)
+        assert found.roots["lost"].sum() == 0
+        for what, mean, off in (("ended", 1.0, 0.0), ("weight", rate, error)):
+            weights = found.roots[what]
+            assert fits(weights, mean, off), (what, weights.mean(), standard_error(weights), mean)
+        assert SIGMAS * standard_error(found.roots["ended"]) < 0.25, "weights a quarter wrong would not be seen"
+
+
+def test_without_windows_nothing_is_dropped(careless: NddModel) -> None:
+    blind = Plan(1.0, 1e-9, -1.0, 0.01, 0, 0.0, untaught(1e-9))
+    found = trees(setting(careless), blind, 400)
+    assert fits(found.roots["ended"], 1.0)
+    assert (found.roots["seconds"] >= 10).mean() > 0.9
+
+
+def test_trees_do_not_depend_on_threads_or_chunks(careless: NddModel) -> None:
+    run, plan = setting(careless), plan_of(any_network(3), 0.01)
+    whole = trees(run, plan, 600, threads=2, learning=True)
+    alone = trees(run, plan, 600, threads=1)
+    later = trees(run, plan, 100, first=333)
+    for name in whole.roots.dtype.names or ():
+        assert np.array_equal(whole.roots[name], alone.roots[name])
+        assert np.array_equal(whole.roots[name][333:433], later.roots[name])
+    assert np.array_equal(whole.crashes, alone.crashes)
+
+
+def test_weights_of_crashes_sum_up_to_those_of_their_trees(careless: NddModel) -> None:
+    found = trees(setting(careless), plan_of(any_network(1), 0.02), 2000)
+    assert found.crashes.size == found.roots["crashes"].sum() > 20
+    sums = np.bincount(found.crashes["root"], weights=found.crashes["weight"], minlength=2000)
+    assert sums == pytest.approx(found.roots["weight"])
+
+
+def test_a_crash_of_a_tree_comes_again_from_its_actions(careless: NddModel) -> None:
+    run = setting(careless)
+    found = trees(run, plan_of(any_network(1), 0.02), 1500)
+    driver = ScriptDriver(run, ODD)
+    for crash, actions in list(zip(found.crashes, found.actions, strict=True))[:60]:
+        start = driver.start_of_test(4, int(crash["root"]))
+        script = Script(np.arange(start.size, dtype=np.int16), start, actions[: crash["begun"], : start.size])
+        ending = driver.drive(script)
+        assert (ending.partner, ending.frame) == (crash["partner"], round(crash["time"] / 0.1))
+
+
+def test_lessons_hang_together(careless: NddModel) -> None:
+    found = trees(setting(careless), plan_of(any_network(1), 0.02), 400, learning=True)
+    assert found.lessons is not None
+    lessons = found.lessons.lessons
+    before = lessons["before"]
+    later = np.flatnonzero(before >= 0)
+    assert later.size > 1000
+    assert (before[later] < later).all()
+    assert (lessons["slot"][later] == lessons["slot"][before[later]]).all()
+    assert (found.lessons.root[later] == found.lessons.root[before[later]]).all()
+    assert (lessons["share"][later] > 0.0).all()
+    assert np.isfinite(found.lessons.seen).all()
+    crashes = found.crashes.size
+    assert 0 < (lessons["crash"] > 0.0).sum() <= crashes
+
+
+def test_more_branches_than_random_words_are_told(careless: NddModel) -> None:
+    assert MAX_BRANCH == 2**16 - 1
+    greedy = Plan(1e-9, 1.0, -1.0, 1.0, 1, 2.0, any_network(1))
+    found = trees(setting(careless), greedy, 1)
+    assert (found.roots["lost"] > 0).all()
+    assert found.roots["seconds"] < 20 * MAX_BRANCH
