@@ -12,6 +12,7 @@ from cornerforge._philox import PURPOSE_DECIDE, blocks
 from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.trees import Grown, grow
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim import Script, ScriptDriver, simulate
 from cornerforge.sim.acts import (
     BEGINS,
@@ -27,18 +28,20 @@ from cornerforge.sim.acts import (
 )
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network, untaught
 from cornerforge.sim.keep import keep_nothing
+from cornerforge.sim.lessons import add_what_followed, allocate_lessons
 from cornerforge.sim.loop import advance
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.snapshot import copy_of
 from cornerforge.sim.steering import LANE, hold_to, let_go
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.trees import Plan
+from cornerforge.sim.trees import ROOT, Forest, Plan, allocate_leaves, allocate_nursery, grow_range
 from cornerforge.sim.world import MAX_BRANCH, RUNNING, World, allocate_worlds, moment_of, n_slots, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, Odd
 
 ODD = Odd()
 SLOTS = n_slots(ODD)
+ODD_DECISIONS = road_numbers(ODD).max_decisions
 SIGMAS = 5.0
 """A right sampler is further off with a chance of 6e-7."""
 
@@ -227,20 +230,43 @@ def test_a_crash_of_a_tree_comes_again_from_its_actions(careless: NddModel) -> N
         assert (ending.partner, ending.frame) == (crash["partner"], round(crash["time"] / 0.1))
 
 
-def test_lessons_hang_together(careless: NddModel) -> None:
+def test_lessons_say_what_followed(careless: NddModel) -> None:
+    """What followed the first lesson about a BV, times its weight, is the weight of the crashes with it."""
+    run, slots, decisions = setting(careless), SLOTS, ODD_DECISIONS
+    log, leaves = allocate_lessons(20_000, 400_000), allocate_leaves(2000, slots, decisions)
+    nursery, roots, checked = allocate_nursery(400, slots, decisions), np.zeros(1, dtype=ROOT), 0
+    plan, scratch = plan_of(any_network(1), 0.02), allocate_scratch(slots, run.who.policy)
+    for test in range(300):
+        log.used[:], leaves.used[:] = 0, 0
+        grow_range(4, test, Forest(plan, run, scratch, keep_nothing(slots), nursery, leaves, log), roots)
+        lessons, moments = log.lessons[: log.used[1]], log.moments[: log.used[0]]
+        if not moments.size:
+            continue
+        before = lessons["before"]
+        later = np.flatnonzero(before >= 0)
+        assert (before[later] < later).all()
+        assert (lessons["slot"][later] == lessons["slot"][before[later]]).all()
+        assert (lessons["share"][later] > 0.0).all()
+        followed = np.empty(lessons.size)
+        add_what_followed(log, followed)
+        crashes = leaves.crashes[: leaves.used[0]]
+        for p in range(moments["n"][0]):
+            slot, total = lessons["slot"][p], 0.0
+            if (lessons["slot"][(before < 0)] == slot).sum() == 1:  # seen without a break from the start on
+                total = crashes["weight"][crashes["partner"] == slot].sum()
+                assert followed[p] * moments["weight"][0] == pytest.approx(total)
+                checked += total > 0.0
+    assert checked > 5
+
+
+def test_kept_lessons_stand_for_all(careless: NddModel) -> None:
     found = trees(setting(careless), plan_of(any_network(1), 0.02), 400, learning=True)
-    assert found.lessons is not None
-    lessons = found.lessons.lessons
-    before = lessons["before"]
-    later = np.flatnonzero(before >= 0)
-    assert later.size > 1000
-    assert (before[later] < later).all()
-    assert (lessons["slot"][later] == lessons["slot"][before[later]]).all()
-    assert (found.lessons.root[later] == found.lessons.root[before[later]]).all()
-    assert (lessons["share"][later] > 0.0).all()
-    assert np.isfinite(found.lessons.seen).all()
-    crashes = found.crashes.size
-    assert 0 < (lessons["crash"] > 0.0).sum() <= crashes
+    table = found.lessons
+    assert table is not None
+    assert np.isfinite(table.seen).all()
+    assert (table.weight >= 1.0).all()
+    assert (table.weight[table.followed > 0.0] == 1.0).all()
+    assert 0 < (table.followed > 0.0).sum() < table.followed.size
 
 
 def test_more_branches_than_random_words_are_told(careless: NddModel) -> None:

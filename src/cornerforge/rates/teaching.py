@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import MissingExtraError
 from cornerforge.rates.trees import Grown, LessonTable, grow
-from cornerforge.sim import Setting, danger, lessons, trees
+from cornerforge.sim import Setting, danger, trees
 
 try:
     import torch
@@ -28,17 +28,19 @@ __all__ = ["Taught", "plan_of", "teach"]
 Floats = NDArray[np.float64]
 
 _EXPLORING = 16_000
-_ROUNDS = (8_000, 16_000, 32_000, 64_000)
+_ROUNDS = (16_000, 32_000, 64_000, 128_000, 128_000)
+_LEVEL = 3.0
 _EXPLORE, _EXPLORE_LATER = 0.1, 0.05
 _FLOOR = 0.1
 _LEAST_RISE = 0.1
 _LOOK_AHEAD_S = 2.0
 _PILOT = 4_000
 _NOTHING = 1e-9
-_BATCH, _FASTEST = 2048, 3e-3
+_BATCH, _FASTEST, _POWER = 2048, 3e-3, 0.8
 _LOG_LIMITS = (-30.0, 0.0)
 _MOST_FOLLOWED = 2.0
 _LESSONS_OF_ONE_ROOT = 800.0
+_DULL = 0.3
 _KEPT_TABLES = 4
 
 
@@ -95,14 +97,13 @@ def teach(
     assert first.lessons is not None
     rounds, tables, cpu = [first], [first.lessons], first.cpu_seconds
     school = _School(seed)
-    cpu += school.learn(tables, trust=(1.0, 1.0), steps=2000)
+    cpu += school.learn(tables, steps=4000)
     begun = _EXPLORING
     for tests in _ROUNDS:
         network = school.network()
         level, spent = level_of(network, setting, slots, seed, threads)
-        grown = grow(
-            setting, slots, plan_of(network, level), seed=seed, first=begun, tests=tests, threads=threads, learning=True
-        )
+        plan = plan_of(network, _LEVEL * level)
+        grown = grow(setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True)
         say(f"level {level:.2g}", grown)
         begun += tests
         assert grown.lessons is not None
@@ -110,7 +111,7 @@ def teach(
         tables.append(grown.lessons)
         if len(tables) > _KEPT_TABLES:
             tables.pop(1)
-        cpu += spent + grown.cpu_seconds + school.learn(tables, trust=(1.0,), steps=4000)
+        cpu += spent + grown.cpu_seconds + school.learn(tables, steps=4000)
     network = school.network()
     level, spent = level_of(network, setting, slots, seed, threads)
     return Taught(network, level, begun, cpu + spent, tuple(rounds))
@@ -143,43 +144,38 @@ class _School:
             row = np.concatenate([last.weight.numpy()[0], biases[2]]).astype(np.float32)
         return danger.Network(matrices[0], biases[0], matrices[1], biases[1], row)
 
-    def learn(self, tables: list[LessonTable], *, trust: tuple[float, ...], steps: int) -> float:
-        """Learn from lessons, once for each number of `trust` (`lessons.add_what_followed`); returns CPU seconds."""
+    def learn(self, tables: list[LessonTable], *, steps: int) -> float:
+        """Learn from lessons in so many steps; returns CPU seconds."""
         begun = time.process_time()
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            for share in trust:
-                seen, followed, weight = zip(*(self._picked(table, share) for table in tables), strict=True)
-                self._fit(np.concatenate(seen), np.concatenate(followed), np.concatenate(weight), steps)
+            seen, followed, weight = zip(*(self._picked(table) for table in tables), strict=True)
+            self._fit(np.concatenate(seen), np.concatenate(followed), np.concatenate(weight), steps)
         finally:
             torch.set_num_threads(threads)
         return time.process_time() - begun
 
     def _danger(self, seen: NDArray[np.float32]) -> Floats:
         with torch.no_grad():
-            return np.concatenate([
-                torch.exp(self._net(torch.from_numpy(part))[:, 0].clamp(*_LOG_LIMITS)).numpy()
-                for part in np.array_split(seen, max(1, len(seen) // 200_000))
-            ]).astype(np.float64)  # fmt: skip
+            parts = np.array_split(seen, max(1, len(seen) // 200_000))
+            logs = [self._net(torch.from_numpy(part))[:, 0].clamp(*_LOG_LIMITS) for part in parts]
+            return torch.exp(torch.cat(logs)).numpy().astype(np.float64)
 
-    def _picked(self, table: LessonTable, trust: float) -> tuple[NDArray[np.float32], Floats, Floats]:
+    def _picked(self, table: LessonTable) -> tuple[NDArray[np.float32], Floats, Floats]:
         """Pick lessons, mostly dangerous ones; returns what was seen, what followed, and the weight of each."""
-        now = self._danger(table.seen)
-        followed = np.empty(now.size)
-        lessons.add_what_followed(table.lessons, now, trust, followed)
-        followed = np.minimum(followed, _MOST_FOLLOWED)
-        score = np.sqrt(np.maximum(followed, now)) + 1e-4 + 1e-3 * (table.act > 0)
-        chance = np.minimum(1.0, score / np.quantile(score, 0.99) + 0.08)
+        followed = np.minimum(table.followed, _MOST_FOLLOWED)
+        score = np.sqrt(np.maximum(followed, self._danger(table.seen))) + 1e-4
+        chance = np.minimum(1.0, score / np.quantile(score, 0.99) + _DULL)
         _, family = np.unique(table.root, return_inverse=True)
         share = np.minimum(1.0, _LESSONS_OF_ONE_ROOT / np.bincount(family, weights=chance))[family]
-        picked = self._rng.random(now.size) < chance * share
-        return table.seen[picked], followed[picked], 1.0 / chance[picked]
+        picked = self._rng.random(followed.size) < chance * share
+        return table.seen[picked], followed[picked], (table.weight / chance)[picked]
 
     def _fit(self, seen: NDArray[np.float32], followed: Floats, weight: Floats, steps: int) -> None:
-        """Regress what followed on what was seen: Poisson deviance over the square root of the danger.
+        """Regress what followed on what was seen: Poisson deviance over the danger to a power below 1.
 
-        The root lies between absolute errors, in which only great dangers count, and relative ones, which are mostly
+        That lies between absolute errors, in which only great dangers count, and relative ones, which are mostly
         scatter.
         """
         optimiser = torch.optim.Adam(self._net.parameters(), lr=_FASTEST)
@@ -190,7 +186,7 @@ class _School:
             batch = torch.from_numpy(self._rng.integers(0, len(y), _BATCH))
             log = self._net(x[batch])[:, 0].clamp(*_LOG_LIMITS)
             mean = torch.exp(log)
-            loss = (w[batch] * (mean - y[batch] * log) / (mean.detach() + _NOTHING) ** 0.8).mean()
+            loss = (w[batch] * (mean - y[batch] * log) / (mean.detach() + _NOTHING) ** _POWER).mean()
             optimiser.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(self._net.parameters(), 5.0)

@@ -33,23 +33,24 @@ _ROWS = 400
 """Worlds that wait at once; the stack is as deep as acts and copies of one tree."""
 _LEAVES_PER_ROOT = 4
 _MOMENTS_PER_ROOT, _LESSONS_PER_ROOT = 400, 4000
+_LEAST_PICKED = 0.03
 
 
 @dataclass(frozen=True)
 class LessonTable:
-    """Lessons of many trees (`sim.lessons`).
+    """Lessons of many trees (`sim.lessons`): all that a crash followed, and of the others the nearer the more.
 
     Attributes:
-        lessons: (L,) of `sim.lessons.LESSON`, in the order in which they were met.
         seen: What was seen, float32 (L, N_SEEN).
+        followed: Weight of the crashes that followed, per weight of the lesson, (L,).
+        weight: For how many lessons each stands, (L,).
         root: Test of each, int64 (L,).
-        act: Kind of the act that is known to happen, 0 for none, int64 (L,).
     """
 
-    lessons: NDArray[np.void]
     seen: NDArray[np.float32]
+    followed: NDArray[np.float64]
+    weight: NDArray[np.float64]
     root: NDArray[np.int64]
-    act: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def grow(
         plan: How they grow.
         seed, first, tests: The tests.
         threads: Pool size; does not change the result.
-        learning: Keep lessons (about 100 kB a tree).
+        learning: Keep lessons (about 10 kB a tree).
         progress: Called with the number of trees done after each chunk.
 
     Raises:
@@ -115,11 +116,13 @@ def grow(
         with lent.lend() as (nursery, leaves, log, scratch):
             leaves.used[:] = 0
             log.used[:] = 0
-            trees.grow_range(seed, start, plan, setting, scratch, keep_nothing(slots), nursery, roots, leaves, log)
+            forest = trees.Forest(plan, setting, scratch, keep_nothing(slots), nursery, leaves, log)
+            trees.grow_range(seed, start, forest, roots)
             warn_of_left_out(scratch)
             found = leaves.used[0]
             crashes, actions = leaves.crashes[:found].copy(), leaves.actions[:found].copy()
-            table = _table(log) if learning else None
+            rng = np.random.Generator(np.random.Philox(key=[seed, start]))
+            table = _table(log, rng) if learning else None
         return Grown(roots, crashes, actions, table, time.thread_time() - begun)
 
     parts: list[Grown] = []
@@ -132,23 +135,23 @@ def grow(
     return _joined(parts)
 
 
-def _table(log: lessons.Lessons) -> LessonTable:
-    """Copy the lessons of a log."""
-    moments, used = log.moments[: log.used[0]], log.used[1]
-    root, act = (np.repeat(moments[name], moments["n"]) for name in ("root", "act"))
-    return LessonTable(log.lessons[:used].copy(), log.seen[:used].copy(), root, act)
+def _table(log: lessons.Lessons, rng: np.random.Generator) -> LessonTable:
+    """Pick lessons of a log."""
+    moments, used = log.moments[: log.used[0]], int(log.used[1])
+    seen, followed = log.seen[:used], np.empty(used)
+    lessons.add_what_followed(log, followed)
+    chance = np.where(followed > 0.0, 1.0, np.clip(seen[:, -1], _LEAST_PICKED, 1.0))
+    picked = rng.random(used) < chance
+    root = np.repeat(moments["root"], moments["n"])
+    return LessonTable(seen[picked], followed[picked], 1.0 / chance[picked], root[picked])
 
 
 def _joined(parts: list[Grown]) -> Grown:
-    """Join parts; lessons go on naming the ones that they continue."""
+    """Join parts."""
     tables = [part.lessons for part in parts if part.lessons is not None]
-    shift = 0
-    for table in tables:
-        table.lessons["before"][table.lessons["before"] >= 0] += shift
-        shift += table.lessons.size
     whole = None
     if tables:
-        names = ("lessons", "seen", "root", "act")
+        names = ("seen", "followed", "weight", "root")
         whole = LessonTable(*(np.concatenate([getattr(table, name) for table in tables]) for name in names))
     roots, crashes, actions = (np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS)
     return Grown(roots, crashes, actions, whole, sum(part.cpu_seconds for part in parts))

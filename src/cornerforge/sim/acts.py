@@ -84,6 +84,18 @@ which none of the group happens; lane, left: target lane and rest of the lane ch
 happens; danger: of all BVs together then."""
 
 
+class Choice(NamedTuple):
+    """What a near BV may do: its place in `Survey.near`, and fields of ACT; words: its count."""
+
+    near: int
+    kind: int
+    word: int
+    first: int
+    words: int
+    lane: int
+    left: float
+
+
 class Survey(NamedTuple):
     """What is found around the AV at the begin of a second.
 
@@ -235,21 +247,20 @@ def _danger_if(
 
 @inlined_kernel
 def _add_act(
-    w: World, total: float, ahead: Ahead, setting: Setting, network: Network, s: Survey,
-    near: int, kind: int, words: tuple[int, int, int], lane: int, left: float,
-) -> float:  # fmt: skip
-    """Put an act behind the last listed one, without counting it yet; return its chance times the danger it adds.
-
-    `words`: LANE or AWAY; the first word with which it happens; their number.
-    """
+    w: World, choice: Choice, total: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
+) -> float:
+    """Put an act behind the last listed one, without counting it yet; return its chance times the danger it adds."""
+    near = choice.near
     act = s.acts[s.n_acts[0]]
     act.slot = s.near[near].slot
     act.near = near
-    act.kind = kind
-    act.word, act.first, act.count = words
+    act.kind = choice.kind
+    act.word = choice.word
+    act.first = choice.first
+    act.count = choice.words
     act.is_last = 0
-    act.lane = lane
-    act.left = left
+    act.lane = choice.lane
+    act.left = choice.left
     act.danger = total - s.near[near].danger + _danger_if(w, near, intent_of(act, s), ahead, setting, network, s)
     f = s.follower[0]
     if f >= 0 and f != near and begins_ahead(w, act):
@@ -288,20 +299,20 @@ def list_acts(
         time = w.vehicles[near.slot].change_time
         away = words_below(near.away)
         if 0 < away < ALL_WORDS:
-            words = (AWAY, 0, away)
-            soon += _add_act(w, total, ahead, setting, network, s, n, LOOKS_AWAY, words, near.lane, near.left)
+            choice = Choice(n, LOOKS_AWAY, AWAY, 0, away, near.lane, near.left)
+            soon += _add_act(w, choice, total, ahead, setting, network, s)
             if s.acts[s.n_acts[0]].danger > least:
                 _close_group(s, away, ALL_WORDS - away)
         if near.left == 0.0 and near.high < ALL_WORDS:
             left_listed = False
             if near.low > 0:
-                words = (LANE, 0, near.low)
-                soon += _add_act(w, total, ahead, setting, network, s, n, BEGINS, words, near.lane + 1, time)
+                choice = Choice(n, BEGINS, LANE, 0, near.low, near.lane + 1, time)
+                soon += _add_act(w, choice, total, ahead, setting, network, s)
                 left_listed = s.acts[s.n_acts[0]].danger > least
             if near.high > near.low:  # the rest of both groups must be one stretch of words: with the right the left
                 s.n_acts[0] += 1 if near.low > 0 else 0
-                words = (LANE, near.low, near.high - near.low)
-                soon += _add_act(w, total, ahead, setting, network, s, n, BEGINS, words, near.lane - 1, time)
+                choice = Choice(n, BEGINS, LANE, near.low, near.high - near.low, near.lane - 1, time)
+                soon += _add_act(w, choice, total, ahead, setting, network, s)
                 if s.acts[s.n_acts[0]].danger > least:
                     _close_group(s, near.high, ALL_WORDS - near.high)
                     continue
@@ -310,12 +321,12 @@ def list_acts(
                 _close_group(s, near.low, ALL_WORDS - near.low)
         elif near.left > 0.0 and 0 < near.low < ALL_WORDS:
             if 2 * near.low < ALL_WORDS:
-                words = (LANE, 0, near.low)
-                soon += _add_act(w, total, ahead, setting, network, s, n, TURNS_BACK, words, near.old_lane, time)
+                choice = Choice(n, TURNS_BACK, LANE, 0, near.low, near.old_lane, time)
+                soon += _add_act(w, choice, total, ahead, setting, network, s)
                 rest = (near.low, ALL_WORDS - near.low)
             else:
-                words = (LANE, near.low, ALL_WORDS - near.low)
-                soon += _add_act(w, total, ahead, setting, network, s, n, GOES_ON, words, near.lane, near.left)
+                choice = Choice(n, GOES_ON, LANE, near.low, ALL_WORDS - near.low, near.lane, near.left)
+                soon += _add_act(w, choice, total, ahead, setting, network, s)
                 rest = (0, near.low)
             if s.acts[s.n_acts[0]].danger > least:
                 _close_group(s, rest[0], rest[1])

@@ -132,26 +132,25 @@ def _add_look(
 
 @kernel
 def note_act(
-    w: World, parent: int, weight: float, first: int, second: int, ahead: Ahead, setting: Setting, s: Survey,
-    log: Lessons,
-) -> int:  # fmt: skip
-    """Note a world of which it is known that act `first` happens, and `second` if that is not -1.
+    w: World, parent: int, weight: float, acts: tuple[int, int], ahead: Ahead, setting: Setting, s: Survey, log: Lessons
+) -> int:
+    """Note a world of which it is known that the first of `acts` happens, and the second if that is not -1.
 
     The lessons are about who acts, and about the AV's follower if somebody comes in ahead of the AV.
     """
     if parent == NO_MOMENT:
         return NO_MOMENT
-    number = _begin(w, parent, weight, s.acts[first].kind if second < 0 else TWO, 3, log)
+    number = _begin(w, parent, weight, s.acts[acts[0]].kind if acts[1] < 0 else TWO, 3, log)
     if number == NO_MOMENT:
         return number
     follower = s.follower[0]
     more = ahead
     comes_in = False
-    for act in (first, second):
+    for act in acts:
         if act >= 0 and begins_ahead(w, s.acts[act]):
             more = add_ahead(w, s.acts[act].slot, more)
             comes_in = True
-    for act in (first, second):
+    for act in acts:
         if act >= 0:
             one = s.acts[act]
             behind = ahead_by(w.vehicles, 0, one.slot) < 0.0
@@ -178,17 +177,12 @@ def crashed(slot: int, weight: float, number: int, log: Lessons) -> None:
 
 
 @kernel
-def add_what_followed(
-    lessons: NDArray[np.void], danger: NDArray[np.float64], trust: float, followed: NDArray[np.float64]
-) -> None:
-    """Write into `followed` (L,) the weight of crashes that followed each lesson, per weight of the lesson.
-
-    Of what came later than a second the share `trust` is what was seen, the rest is the `danger` (L,) of the lessons
-    there (a lambda-return, Sutton 1988): less exact, and with much less scatter.
-    """
-    for p in range(lessons.size):
-        followed[p] = lessons[p].crash
-    for p in range(lessons.size - 1, -1, -1):  # a lesson comes after the one that it continues
-        before = lessons[p].before
+def add_what_followed(log: Lessons, followed: NDArray[np.float64]) -> None:
+    """Write into `followed`, (L,) or more, the weight of crashes that followed each lesson, over that of the lesson."""
+    n = log.used[1]
+    for p in range(n):
+        followed[p] = log.lessons[p].crash
+    for p in range(n - 1, -1, -1):  # a lesson comes after the one that it continues
+        before = log.lessons[p].before
         if before >= 0:
-            followed[before] += lessons[p].share * ((1.0 - trust) * danger[p] + trust * followed[p])
+            followed[before] += log.lessons[p].share * followed[p]

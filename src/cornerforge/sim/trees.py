@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
 
-__all__ = ["LEAF", "ROOT", "Leaves", "Nursery", "Plan", "allocate_leaves", "allocate_nursery", "grow_range"]
+__all__ = ["LEAF", "ROOT", "Forest", "Leaves", "Nursery", "Plan", "allocate_leaves", "allocate_nursery", "grow_range"]
 
 ROOT = np.dtype(
     [("weight", "f8"), ("ended", "f8"), ("danger", "f8"), ("crashes", "i8"), ("seconds", "i8"), ("lost", "i8")]
@@ -130,6 +130,26 @@ class Nursery(NamedTuple):
     survey: Survey
 
 
+class Forest(NamedTuple):
+    """All that trees are grown with.
+
+    Attributes:
+        plan: How they grow.
+        setting: The run: an AV of the kernels, naturalistic BVs, no adversary.
+        scratch, keep: Scratch; keep nothing.
+        nursery: Room for worlds.
+        leaves, lessons: What is found.
+    """
+
+    plan: Plan
+    setting: Setting
+    scratch: Scratch
+    keep: Keep
+    nursery: Nursery
+    leaves: Leaves
+    lessons: Lessons
+
+
 def allocate_nursery(rows: int, slots: int, decisions: int) -> Nursery:
     """Allocate room for `rows` worlds of `slots` vehicles."""
     return Nursery(
@@ -197,21 +217,23 @@ def _copy(nursery: Nursery, a: int, b: int) -> None:
 
 
 @kernel
-def _drive_second(row: int, setting: Setting, s: Scratch, keep: Keep, nursery: Nursery) -> None:
-    """Drive a row one second on, held to what `s.steering` says, and note what its vehicles did."""
+def _drive_second(row: int, forest: Forest) -> None:
+    """Drive a row one second on, held to what its scratch says (`steering`), and note what its vehicles did."""
+    nursery = forest.nursery
     w = world_row(nursery.worlds, row)
     state = w.state[0]
     second = state.decisions
-    advance(w, setting, s, keep, second + 1)
-    let_go(s.steering, state.n_vehicles)
+    advance(w, forest.setting, forest.scratch, forest.keep, second + 1)
+    let_go(forest.scratch.steering, state.n_vehicles)
     nursery.tally[_SECONDS] += 1
     for i in range(state.n_vehicles):
         nursery.actions[row, second, i] = w.vehicles[i].action
 
 
 @kernel
-def _end(row: int, nursery: Nursery, root: Any, leaves: Leaves, log: Lessons) -> None:
+def _end(row: int, forest: Forest, root: Any) -> None:
     """Count a row whose test is over: in all its ends the AV crashed, arrived, or ran out of time."""
+    nursery, leaves = forest.nursery, forest.leaves
     w = world_row(nursery.worlds, row)
     state = w.state[0]
     weight = nursery.weight[row]
@@ -220,7 +242,7 @@ def _end(row: int, nursery: Nursery, root: Any, leaves: Leaves, log: Lessons) ->
         return
     root.weight += weight
     root.crashes += 1
-    crashed(state.slot_b, weight, nursery.moment[row], log)
+    crashed(state.slot_b, weight, nursery.moment[row], forest.lessons)
     k = leaves.used[0]
     if k >= leaves.crashes.size:
         return
@@ -277,32 +299,33 @@ def _is_paired(k: int, last: int, s: Survey) -> bool:
 
 
 @inlined_kernel
-def _hold_to_rest(last: int, s: Survey, scratch: Scratch) -> None:
+def _hold_to_rest(last: int, forest: Forest) -> None:
     """Let nothing of the group happen that ends with act `last`."""
-    act = s.acts[last]
-    hold_to(scratch.steering, act.slot, act.word, act.rest_first, act.rest_count)
+    act = forest.nursery.survey.acts[last]
+    hold_to(forest.scratch.steering, act.slot, act.word, act.rest_first, act.rest_count)
 
 
 @inlined_kernel
-def _hold_to_act(k: int, s: Survey, scratch: Scratch) -> None:
+def _hold_to_act(k: int, forest: Forest) -> None:
     """Let act k happen."""
-    act = s.acts[k]
-    hold_to(scratch.steering, act.slot, act.word, act.first, act.count)
+    act = forest.nursery.survey.acts[k]
+    hold_to(forest.scratch.steering, act.slot, act.word, act.first, act.count)
 
 
 @kernel
 def _follow(
-    row: int, top: int, weight: float, danger: float, first: int, second: int, ahead: Ahead, plan: Plan,
-    setting: Setting, s: Scratch, keep: Keep, nursery: Nursery, log: Lessons,
-) -> int:  # fmt: skip
-    """Drive copies of a row in which act `first` happens, and `second` if that is not -1, as many as that is worth.
+    row: int, top: int, weight: float, danger: float, acts: tuple[int, int], ahead: Ahead, forest: Forest
+) -> int:
+    """Drive copies of a row in which the first of `acts` happens, and the second if that is not -1.
 
-    Acts of groups before `first` do not happen; of the groups paired with it those before `second`, or with `second`
-    -1 all, do not happen. All others are left to nature. `weight` is the row's, times the chance of all this.
+    Acts of groups before the first do not happen; of the groups paired with it those before the second, or with -1
+    all, do not happen. All others are left to nature. `weight` is the row's, times the chance of all this.
 
     Returns:
         The new top of the stack.
     """
+    plan, nursery = forest.plan, forest.nursery
+    first, second = acts
     survey = nursery.survey
     share = weight * max(danger, plan.floor) / plan.target if plan.windows else weight / nursery.weight[row]
     if nursery.acts[row] < _EXPLORED_DEPTH:
@@ -317,7 +340,9 @@ def _follow(
         nursery.tally[_LOST] += copies
         return top
     w = world_row(nursery.worlds, row)
-    moment = note_act(w, nursery.moment[row], weight / share * copies, first, second, ahead, setting, survey, log)
+    moment = note_act(
+        w, nursery.moment[row], weight / share * copies, acts, ahead, forest.setting, survey, forest.lessons
+    )
     own = last_of(first, survey)
     until = survey.n_acts[0] if second < 0 else last_of(second, survey)
     kind = survey.acts[first].kind if second < 0 else TWO
@@ -329,21 +354,19 @@ def _follow(
             nursery.acts[top] = 10 * nursery.acts[top] + kind
         for m in range(until):
             if survey.acts[m].is_last and m != own and (m < first or _is_paired(first, m, survey)):
-                _hold_to_rest(m, survey, s)
-        _hold_to_act(first, survey, s)
+                _hold_to_rest(m, forest)
+        _hold_to_act(first, forest)
         if second >= 0:
-            _hold_to_act(second, survey, s)
-        _drive_second(top, setting, s, keep, nursery)
+            _hold_to_act(second, forest)
+        _drive_second(top, forest)
         top += 1
     return top
 
 
 @kernel
-def _branch(
-    row: int, top: int, ahead: Ahead, plan: Plan, setting: Setting, s: Scratch, keep: Keep, nursery: Nursery,
-    log: Lessons,
-) -> int:  # fmt: skip
+def _branch(row: int, top: int, ahead: Ahead, forest: Forest) -> int:
     """Drive a row one second on without any listed act, and copies in which they happen; return the new top."""
+    nursery = forest.nursery
     survey = nursery.survey
     n = survey.n_acts[0]
     rest = nursery.weight[row]
@@ -355,26 +378,24 @@ def _branch(
             if _is_paired(k, last_of(m, survey), survey):
                 danger = max(survey.pairs[k, m], act.danger)
                 both = weight * chance_of(other.count)
-                top = _follow(row, top, both, danger, k, m, ahead, plan, setting, s, keep, nursery, log)
+                top = _follow(row, top, both, danger, (k, m), ahead, forest)
                 if other.is_last:
                     weight *= chance_of(other.rest_count)
-        top = _follow(row, top, weight, act.danger, k, -1, ahead, plan, setting, s, keep, nursery, log)
+        top = _follow(row, top, weight, act.danger, (k, -1), ahead, forest)
         if act.is_last:
             rest *= chance_of(act.rest_count)
     nursery.weight[row] = rest
     for k in range(n):
         if survey.acts[k].is_last:
-            _hold_to_rest(k, survey, s)
-    _drive_second(row, setting, s, keep, nursery)
+            _hold_to_rest(k, forest)
+    _drive_second(row, forest)
     return top
 
 
 @kernel
-def _grow(
-    seed: int, test: int, plan: Plan, setting: Setting, s: Scratch, keep: Keep, nursery: Nursery,
-    root: Any, leaves: Leaves, log: Lessons,
-) -> None:  # fmt: skip
+def _grow(seed: int, test: int, forest: Forest, root: Any) -> None:
     """Grow the tree of one test."""
+    plan, setting, nursery = forest.plan, forest.setting, forest.nursery
     survey = nursery.survey
     reset_world(world_row(nursery.worlds, 0), seed, test, setting)
     nursery.weight[0] = 1.0
@@ -391,7 +412,7 @@ def _grow(
         row = top - 1
         w = world_row(nursery.worlds, row)
         if w.state[0].outcome != RUNNING:
-            _end(row, nursery, root, leaves, log)
+            _end(row, forest, root)
             top = row
             continue
         total, ahead = look_around(w, setting, plan.network, survey)
@@ -406,28 +427,16 @@ def _grow(
             if top == row:
                 continue
         copies = top - row
-        moment = note_moment(w, nursery.moment[row], nursery.weight[row] * copies, survey, log)
+        moment = note_moment(w, nursery.moment[row], nursery.weight[row] * copies, survey, forest.lessons)
         for copy in range(row + copies - 1, row - 1, -1):
             nursery.moment[copy] = moment
-            top = _branch(copy, top, ahead, plan, setting, s, keep, nursery, log)
+            top = _branch(copy, top, ahead, forest)
     root.seconds = nursery.tally[_SECONDS]
     root.lost = nursery.tally[_LOST] + survey.n_left_out[0]
 
 
 @kernel
-def grow_range(
-    seed: int, first: int, plan: Plan, setting: Setting, s: Scratch, keep: Keep, nursery: Nursery,
-    roots: NDArray[np.void], leaves: Leaves, log: Lessons,
-) -> None:  # fmt: skip
-    """Grow the trees of tests first, first + 1, ..., as many as there are `roots` (of ROOT).
-
-    Args:
-        seed, first: The tests.
-        plan: How they grow.
-        setting: The run: an AV of the kernels, naturalistic BVs, no adversary.
-        s, keep: Scratch; keep nothing.
-        nursery: Room for worlds.
-        roots, leaves, log: What is found.
-    """
+def grow_range(seed: int, first: int, forest: Forest, roots: NDArray[np.void]) -> None:
+    """Grow the trees of tests first, first + 1, ..., as many as there are `roots` (of ROOT)."""
     for k in range(roots.size):
-        _grow(seed, first + k, plan, setting, s, keep, nursery, roots[k], leaves, log)
+        _grow(seed, first + k, forest, roots[k])
