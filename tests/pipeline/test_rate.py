@@ -38,7 +38,9 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 def untimed(summary: NaturalRate) -> NaturalRate:
-    return replace(summary, seconds=0.0, cpu_seconds=0.0, tests_per_second=None)
+    plain = replace(summary.effort.plain, cpu_seconds=0.0)
+    effort = replace(summary.effort, plain=plain)
+    return replace(summary, seconds=0.0, cpu_seconds=0.0, tests_per_second=None, effort=effort)
 
 
 @pytest.fixture(autouse=True)
@@ -247,6 +249,6 @@ def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None
     text = "\n".join(rate_text(found))
     for part in ("all tests are done", "per BV-mile", "sideswipe", "[same-lane-opposite-sides]", "core-hours"):
         assert part in text
-    nothing = replace(found, av_crashes=0, relative_half_width=None, bv_crashes_per_bv_mile=None)
-    assert "no crash yet" in rate_text(nothing)[0]
+    nothing = replace(found, av_crashes=0, mechanism_rates={}, relative_half_width=None, bv_crashes_per_bv_mile=None)
+    assert "no crash yet" in "\n".join(rate_text(nothing))
     assert not [line for line in rate_text(nothing) if "Mechanisms" in line]

@@ -92,7 +92,9 @@ def simulate(
 @app.command()
 @takes_world("av", "odd", "lanes", "model", "av_timeout")
 def rate(
-    method: Annotated[str, typer.Option(help="mc: plain Monte Carlo.")] = "mc",
+    method: Annotated[
+        str, typer.Option(help="mc: plain Monte Carlo; splitting: trees of tests, for small rates; auto: chooses.")
+    ] = "auto",
     world: World = None,
     target_rhw: Annotated[
         float, typer.Option(help="Stop when half the 95 % interval is at most this share of the rate.")
@@ -108,12 +110,16 @@ def rate(
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Measure the AV's natural crash rate, without bias; stopped at any moment, it goes on with --resume."""
+    """Measure the AV's natural crash rate, without bias; stopped at any moment, it goes on with --resume.
+
+    Exit status 1 if the rate is in doubt.
+    """
+    from cornerforge.pipeline.rate_text import doubt_text
     from cornerforge.pipeline.rate_text import rate_text as crashes_text
 
     if out is None and max_tests > 10_000_000 and not quiet:
         typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)
-    run_command(
+    found = run_command(
         lambda bars: cornerforge.rate(
             method=method, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, seed=seed,
             threads=threads, progress=bars, **world,
@@ -123,6 +129,10 @@ def rate(
         ),
         as_json=as_json, quiet=quiet,
     )  # fmt: skip
+    doubt = doubt_text(found)
+    if doubt is not None:
+        typer.echo(doubt, err=True)
+        raise typer.Exit(EXIT_GATE)
 
 
 @app.command()

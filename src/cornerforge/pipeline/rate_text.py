@@ -3,33 +3,81 @@
 from __future__ import annotations
 
 from cornerforge.analysis.mechanism import MECHANISMS
+from cornerforge.rates.weighted import LEAST_EFFECTIVE
 from cornerforge.results import NaturalRate
 
-__all__ = ["rate_text"]
+__all__ = ["doubt_text", "rate_text"]
 
 _STOPPED = {"target": "the interval is narrow enough", "max_tests": "all tests are done"}
 
 
 def rate_text(found: NaturalRate) -> list[str]:
-    """Write the lines below the rate: precision, BV-BV crashes, crash types, the table of mechanisms, cost."""
-    width, crashes = found.relative_half_width, found.av_crashes
-    narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
-    lines = [f"{crashes:,} AV crashes, {narrow}; {_STOPPED.get(found.state, found.state)}"]
-    lines.append(_bv_line(found))
-    if crashes:
-        kinds = ", ".join(f"{name} {n:,}" for name, n in found.crash_types.items() if n)
-        lines += [f"Crash types: {kinds}", "Mechanisms:"]
-        common = sorted(found.mechanisms.items(), key=lambda item: -item[1])
-        lines += [f"{n:>8,} {100.0 * n / crashes:5.1f} %  {MECHANISMS[name]} [{name}]" for name, n in common if n]
-        seen = found.crash_circumstances
+    """Write the lines below the rate: miles, precision, doubts, BV-BV crashes, kinds of crash, cost."""
+    lines = [*_miles_line(found), _precision_line(found), _bv_line(found)]
+    if found.mechanism_rates:
+        lines += _kind_lines(found)
+    seen = found.crash_circumstances
+    if found.av_crashes and seen is not None:
         lines.append(
             f"{seen.at_start:,} within 4 s of the start; in {seen.rare_action:,} the partner did within 5 s what "
             f"an attentive driver does with a chance below 1e-3; in {seen.overlooked:,} it overlooked a neighbour, in "
             f"{seen.looked_away:,} it looked away"
         )
-    hours = found.cpu_seconds / 3600.0
-    lines.append(f"{found.seconds:,.0f} s, {hours:.3g} core-hours; digest {found.digest[:16]}")
+    return [*lines, *_cost_lines(found)]
+
+
+def doubt_text(found: NaturalRate) -> str | None:
+    """Say in one line why a rate cannot be trusted yet, and what would help; None if it can be."""
+    if not found.doubts:
+        return None
+    plain, taught = found.effort.plain.tests, found.effort.teaching.tests
+    more = plain + taught + found.tests * max(2.0, 1.5 * LEAST_EFFECTIVE / max(1, found.effective_sample_size))
+    return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: --max-tests {more:.1g}"
+
+
+def _miles_line(found: NaturalRate) -> list[str]:
+    """Say how far the AV drives between two crashes."""
+    if not found.crashes_per_mile or found.interval95_per_mile is None:
+        return []
+    low, high = found.interval95_per_mile
+    most = f"{1.0 / low:,.3g}" if low > 0.0 else "no bound"
+    return [f"Once in {1.0 / found.crashes_per_mile:,.3g} miles ({1.0 / high:,.3g} to {most})".replace("e+0", "e")]
+
+
+def _precision_line(found: NaturalRate) -> str:
+    width = found.relative_half_width
+    narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
+    stopped = _STOPPED.get(found.state, found.state)
+    if found.method == "mc":
+        return f"{found.av_crashes:,} AV crashes, {narrow}; {stopped}"
+    return (
+        f"{found.tests:,} trees of tests, {found.effective_sample_size:,} effective, {narrow}; {stopped}. Trees: "
+        f"{found.reason}"
+    )
+
+
+def _kind_lines(found: NaturalRate) -> list[str]:
+    """Write crash types and mechanisms, the most frequent first."""
+    counts = {name: kind.crashes for name, kind in found.crash_type_rates.items()}
+    lines = ["Crash types: " + ", ".join(f"{name} {n:,}" for name, n in counts.items()), "Mechanisms:"]
+    for name, kind in sorted(found.mechanism_rates.items(), key=lambda item: -item[1].crashes_per_test):
+        share = 100.0 * kind.crashes_per_test / found.crashes_per_test
+        lines.append(f"{kind.crashes:>8,} {share:5.1f} %  {MECHANISMS[name]} [{name}]")
     return lines
+
+
+def _cost_lines(found: NaturalRate) -> list[str]:
+    lines = []
+    if found.method != "mc":
+        parts = found.effort
+        lines.append(
+            f"CPU: {parts.plain.cpu_seconds:,.0f} s for {parts.plain.tests:,} plain tests, "
+            f"{parts.teaching.cpu_seconds:,.0f} s to learn from {parts.teaching.tests:,} trees, "
+            f"{parts.estimation.cpu_seconds:,.0f} s for {parts.estimation.tests:,} trees of the estimate; counting "
+            f"would take {found.acceleration:,.3g} times as long"
+        )
+    hours = found.cpu_seconds / 3600.0
+    return [*lines, f"{found.seconds:,.0f} s, {hours:.3g} core-hours; digest {found.digest[:16]}"]
 
 
 def _bv_line(found: NaturalRate) -> str:

@@ -23,19 +23,23 @@ try:
 except ImportError as error:
     raise MissingExtraError("torch", "learn") from error
 
-__all__ = ["Taught", "plan_of", "teach"]
+__all__ = ["TEACHING_TREES", "Taught", "plan_of", "teach"]
 
 Floats = NDArray[np.float64]
 
 _EXPLORING = 16_000
 _ROUNDS = (16_000, 32_000, 64_000, 128_000, 128_000)
+TEACHING_TREES = _EXPLORING + sum(_ROUNDS)
+"""So many trees are grown to teach a network."""
 _LEVEL = 3.0
 _EXPLORE, _EXPLORE_LATER = 0.1, 0.05
 _FLOOR = 0.1
 _LEAST_RISE = 0.1
 _LOOK_AHEAD_S = 2.0
 _PILOT = 4_000
+_STEPS = 4_000
 _NOTHING = 1e-9
+_LEAST_LEVEL = 1e-15
 _BATCH, _FASTEST, _POWER = 2048, 3e-3, 0.8
 _LOG_LIMITS = (-30.0, 0.0)
 _MOST_FOLLOWED = 2.0
@@ -72,11 +76,17 @@ def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, t
     """Estimate the mean danger at the start of a test; returns it and the CPU seconds it took."""
     nothing = plan_of(network, 1e30)._replace(floor=0.0)
     pilot = grow(setting, slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads)
-    return float(pilot.roots["danger"].mean()), pilot.cpu_seconds
+    return max(_LEAST_LEVEL, float(pilot.roots["danger"].mean())), pilot.cpu_seconds
 
 
 def teach(
-    setting: Setting, slots: int, *, seed: int, threads: int, tell: Callable[[str, Grown], None] | None = None
+    setting: Setting,
+    slots: int,
+    *,
+    seed: int,
+    threads: int,
+    tell: Callable[[str, Grown], None] | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Taught:
     """Teach a network for an AV and its world, in about two minutes of CPU time.
 
@@ -85,33 +95,35 @@ def teach(
         seed: Of the trees, and of the network's first weights.
         threads: Pool size; does not change the result.
         tell: Told each round's name and trees.
+        progress: Told how many of `TEACHING_TREES` are grown.
     """
+    rounds: list[Grown] = []
+    tables: list[LessonTable] = []
+    begun, cpu = 0, 0.0
+    school = _School(seed)
 
-    def say(name: str, grown: Grown) -> None:
+    def study(name: str, plan: trees.Plan, tests: int) -> float:
+        grown = grow(
+            setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True,
+            progress=None if progress is None else lambda done: progress(begun + done),
+        )  # fmt: skip
         if tell is not None:
             tell(name, grown)
-
-    blind = trees.Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, 0.0, danger.untaught(_NOTHING))
-    first = grow(setting, slots, blind, seed=seed, first=0, tests=_EXPLORING, threads=threads, learning=True)
-    say("explore", first)
-    assert first.lessons is not None
-    rounds, tables, cpu = [first], [first.lessons], first.cpu_seconds
-    school = _School(seed)
-    cpu += school.learn(tables, steps=4000)
-    begun = _EXPLORING
-    for tests in _ROUNDS:
-        network = school.network()
-        level, spent = level_of(network, setting, slots, seed, threads)
-        plan = plan_of(network, _LEVEL * level)
-        grown = grow(setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True)
-        say(f"level {level:.2g}", grown)
-        begun += tests
         assert grown.lessons is not None
         rounds.append(grown)
         tables.append(grown.lessons)
         if len(tables) > _KEPT_TABLES:
             tables.pop(1)
-        cpu += spent + grown.cpu_seconds + school.learn(tables, steps=4000)
+        return grown.cpu_seconds + school.learn(tables, steps=_STEPS)
+
+    blind = trees.Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, 0.0, danger.untaught(_NOTHING))
+    cpu += study("explore", blind, _EXPLORING)
+    begun += _EXPLORING
+    for tests in _ROUNDS:
+        network = school.network()
+        level, spent = level_of(network, setting, slots, seed, threads)
+        cpu += spent + study(f"level {level:.2g}", plan_of(network, _LEVEL * level), tests)
+        begun += tests
     network = school.network()
     level, spent = level_of(network, setting, slots, seed, threads)
     return Taught(network, level, begun, cpu + spent, tuple(rounds))

@@ -8,6 +8,7 @@ if enough trees carry it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,14 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_number
 from cornerforge.errors import InputError
 
-__all__ = ["LARGEST_SHARE", "LEAST_EFFECTIVE", "WeightedRate", "always_valid_half_width", "weighted_rate"]
+__all__ = [
+    "LARGEST_SHARE",
+    "LEAST_EFFECTIVE",
+    "WeightedRate",
+    "always_valid_half_width",
+    "plain_doubts",
+    "weighted_rate",
+]
 
 LEAST_EFFECTIVE = 300.0
 """Fewest trees, by `WeightedRate.effective`, that a rate may rest on."""
@@ -25,6 +33,7 @@ LARGEST_SHARE = 0.05
 _HALVES_APART = 3.5
 _Z95, _Z90 = 1.959963984540054, 1.6448536269514722
 _LOOKS_AT = 300.0
+_CHANCE_OF_PLAIN = 0.01
 
 
 @dataclass(frozen=True)
@@ -131,3 +140,28 @@ def always_valid_half_width(found: WeightedRate, confidence: float = 0.95) -> fl
     grown = found.n * scale + 1.0
     radius = math.sqrt(2.0 * grown / (found.n**2 * scale) * math.log(math.sqrt(grown) / alpha))
     return radius * found.error * math.sqrt(found.n)
+
+
+def plain_doubts(most: Mapping[str, float], plain: Mapping[str, int], tests: int) -> tuple[str, ...]:
+    """Compare rates with what plain tests came to, which no network chose: kinds of crash that it does not know.
+
+    Args:
+        most: Upper bound of the rate of each kind of crash, by name.
+        plain: Crashes of each in plain tests, by the same names.
+        tests: Number of plain tests.
+
+    Returns:
+        What plain tests have more of than they would with a chance of 1 %, all kinds together; in words.
+
+    >>> plain_doubts({"side": 1e-3, "rear": 1e-3}, {"side": 2, "rear": 9}, 1000)
+    ('1,000 plain tests had 9 crashes of rear, the trees allow 1',)
+    """
+    from scipy.special import bdtrc  # here, because it takes long to load
+
+    told = []
+    for name, crashes in plain.items():
+        if crashes > 0 and float(bdtrc(crashes - 1, tests, min(1.0, most[name]))) < _CHANCE_OF_PLAIN / len(plain):
+            told.append(
+                f"{tests:,} plain tests had {crashes} crashes of {name}, the trees allow {most[name] * tests:.2g}"
+            )
+    return tuple(told)

@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval, Rate
 from cornerforge.results.stating import meant
 
-__all__ = ["BvMilesEstimate", "CrashCircumstances", "Distributions", "Filled", "NaturalRate", "Quantity", "Simulated"]
+__all__ = [
+    "BvMilesEstimate", "Cost", "CrashCircumstances", "Distributions", "Effort", "Filled", "KindRate", "NaturalRate",
+    "Quantity", "Simulated",
+]  # fmt: skip
 
 _AV_CRASHES = meant("Tests that ended in a crash of the AV.")
 _AV_FAULTS = meant("Tests left out, because an AV from outside raised, hung or gave no usable answer; 0 if built in.")
@@ -109,23 +112,64 @@ class CrashCircumstances:
 class _RatedAv:
     """Whose rate it is, and how it was found."""
 
-    method: str = field(metadata=meant('"mc", plain Monte Carlo.'))
+    method: str = field(metadata=meant('How it was found: "mc", plain Monte Carlo, or "splitting", trees of tests.'))
+    reason: str = field(metadata=meant("Why by this method, in words."))
     av: str = field(metadata=meant("Name of the AV."))
     odd: str = field(metadata=meant("Name of the ODD."))
     lanes: int = field(metadata=meant("Lanes of the road, 2 to 6."))
 
 
 @dataclass(frozen=True, kw_only=True)
+class Cost:
+    """What a part of the work took."""
+
+    tests: int = field(metadata=meant("Tests, or trees of tests."))
+    cpu_seconds: float = field(metadata=meant("Time on processors, over all threads and sessions.", "s"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """What a rate took, part by part; for mc all of it is plain."""
+
+    plain: Cost = field(metadata=meant("Tests as nature has them."))
+    teaching: Cost = field(metadata=meant("Trees that a network learned from: which moments are dangerous."))
+    estimation: Cost = field(metadata=meant("Trees that the rate comes from."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindRate:
+    """How often one kind of crash happens in nature."""
+
+    crashes: int = field(metadata=meant("Crashes of this kind that were looked at."))
+    crashes_per_test: float = field(metadata=meant("How often it happens.", "per test"))
+    interval95: Interval = field(
+        metadata=meant("Exact for mc; for splitting the normal one at this number of trees.", "per test")
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class NaturalRate(Rate, _RatedAv):
-    """The AV's natural crash rate, with what kinds of crash it is made of."""
+    """The AV's natural crash rate, with what kinds of crash it is made of.
+
+    Of splitting, `tests` are the trees of the estimate, each begun from one test; `interval95` holds however often one
+    looks and stops (`rates.weighted`); miles and crashes between BVs are those of the plain tests.
+    """
 
     relative_half_width: float | None = field(
         metadata=meant("Half the width of `interval95` over `crashes_per_test`; null: no crash.")
     )
-    av_crashes: int = field(metadata=_AV_CRASHES)
+    relative_half_width_90: float | None = field(
+        metadata=meant("The same of the 90 % interval at this number of tests or trees; null: no crash.")
+    )
+    doubts: tuple[str, ...] = field(
+        metadata=meant("Why the rate cannot be trusted yet, in words; empty: it can. Exit status 1 if there are any.")
+    )
+    effort: Effort = field(metadata=meant("What it took, part by part."))
+    plain_tests: int = field(metadata=meant("Tests as nature has them, of which `bv_crashes` are; `tests` for mc."))
+    av_crashes: int = field(metadata=meant("Tests that ended in a crash of the AV; of splitting, branches of trees."))
     av_faults: int = field(metadata=_AV_FAULTS)
     bv_crashes: int = field(metadata=_BV_CRASHES)
-    bv_crashes_per_test: float = field(metadata=meant("`bv_crashes` over `tests`.", "per test"))
+    bv_crashes_per_test: float = field(metadata=meant("`bv_crashes` over `plain_tests`.", "per test"))
     bv_crashes_per_bv_mile: float | None = field(
         metadata=meant("`bv_crashes` over `bv_miles`; null: BVs drove none.", "per BV-mile")
     )
@@ -134,9 +178,23 @@ class NaturalRate(Rate, _RatedAv):
     )
     bv_miles: float = field(metadata=meant("Distance that all BVs drove, from the mean of a sample.", "miles"))
     bv_miles_estimate: BvMilesEstimate = field(metadata=meant("The sample."))
-    effective_sample_size: int = field(metadata=meant("Tests of plain Monte Carlo that tell as much; `tests` for mc."))
+    effective_sample_size: int = field(
+        metadata=meant("Trees with a crash that would tell as much if all weighed the same; `tests` for mc.")
+    )
+    largest_share: float | None = field(
+        metadata=meant("Largest share of the rate in one tree; null for mc, and without a crash.")
+    )
+    halves: tuple[float, float] | None = field(
+        metadata=meant("Rate of the first and of the second half of the trees; null for mc.", "per test")
+    )
+    tail_index: float | None = field(
+        metadata=meant("Hill's index of the largest weights: below 2 no finite variance shows; null: mc, or too few.")
+    )
     acceleration: float = field(
-        metadata=meant("Tests that plain Monte Carlo would need for the same half-width over `tests`; 1 for mc.")
+        metadata=meant(
+            "CPU time that plain Monte Carlo would need for the same half-width over that of all that was done here, "
+            "plain tests and teaching included; 1 for mc, 0 without a crash. Not to be trusted while there are doubts."
+        )
     )
     seconds: float = field(metadata=meant("Wall-clock of driving, over all sessions.", "s"))
     cpu_seconds: float = field(metadata=meant("Time on processors, over all threads and sessions.", "s"))
@@ -144,9 +202,14 @@ class NaturalRate(Rate, _RatedAv):
     digest: str = field(metadata=meant("Chain of SHA-256 over blocks of tests; the same for any threads and resumes."))
     state: str = field(
         metadata=meant(
-            'Why it ends: "target" (narrow enough) or "max_tests"; in `rate.json` also "running" and "interrupted".'
+            'Why it ends: "target" (narrow enough), "max_tests", or "no crash"; in `rate.json` also "running" and '
+            '"interrupted".'
         )
     )
     crash_types: dict[str, int] = field(metadata=meant("Crashes of the AV by type, zeros included."))
     mechanisms: dict[str, int] = field(metadata=meant("Crashes of the AV by what led to them, zeros included."))
-    crash_circumstances: CrashCircumstances = field(metadata=meant("Crashes with circumstances that matter."))
+    crash_type_rates: dict[str, KindRate] = field(metadata=meant("How often each type that was seen happens."))
+    mechanism_rates: dict[str, KindRate] = field(metadata=meant("How often what led to them happens, where seen."))
+    crash_circumstances: CrashCircumstances | None = field(
+        metadata=meant("Crashes with circumstances that matter; null for splitting.")
+    )

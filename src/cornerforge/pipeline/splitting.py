@@ -1,0 +1,359 @@
+"""`rate --method splitting`: a natural crash rate from trees of tests, kept block by block.
+
+First a network is taught what is dangerous for this AV (`rates.teaching`), then trees of tests grow by it until the
+interval is narrow enough (`rates.trees`). The output folder holds `taught.npz` and `trees/`, one file for each block of
+trees; at the end `library/` gets crashes, picked by their weights: nearly a sample of what happens.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._files import writing
+from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
+from cornerforge.errors import FileFormatError
+from cornerforge.library import CaseLibrary, CaseRecord, case_record
+from cornerforge.library.schema import SCRIPTED
+from cornerforge.ndd.model import save_model
+from cornerforge.pipeline.generate import MODEL_FILE
+from cornerforge.pipeline.output import code_hash, version
+from cornerforge.pipeline.progress import Progress
+from cornerforge.pipeline.setting import Experiment
+from cornerforge.rates import poisson_interval
+from cornerforge.rates.monte_carlo import MonteCarlo
+from cornerforge.rates.trees import grow
+from cornerforge.rates.weighted import (
+    LEAST_EFFECTIVE,
+    WeightedRate,
+    always_valid_half_width,
+    plain_doubts,
+    weighted_rate,
+)
+from cornerforge.results.driving import Cost, KindRate
+from cornerforge.sim import Script, ScriptDriver, danger, trees
+
+__all__ = ["ALL_CRASHES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
+
+TREES = 10_000
+"""Trees between two saved states."""
+ALL_CRASHES = "any kind"
+_TEACH, _ESTIMATE, _PICK = range(3)
+_MOST_CASES = 1000
+_SHARD_CASES = 500
+_BLOCK_FIELDS = ("weight", "crashes", "lost", "cpu_seconds", "seconds")
+
+
+@dataclass(frozen=True)
+class PickedCrash:
+    """One crash of a tree, standing for others.
+
+    Attributes:
+        test: Root of the tree.
+        weight: For how much of the sum over all trees it stands.
+        crash_type, mechanism: What it is.
+    """
+
+    test: int
+    weight: float
+    crash_type: str
+    mechanism: str
+
+
+class Splitting:
+    """A rate by trees of tests: it teaches, grows blocks, and keeps them, so that only the block in progress is lost.
+
+    Args:
+        run: Natural traffic with an AV of the kernels.
+        seed: Of the user; teaching and trees have seeds of their own made from it.
+        out: The output folder, or None.
+    """
+
+    def __init__(self, run: Experiment, seed: int, out: Path | None, *, threads: int, progress: Progress) -> None:
+        self._run, self._seed, self._out = run, seed, out
+        self._threads, self._progress = threads, progress
+        self._blocks: list[dict[str, Any]] = []
+        self._plan: trees.Plan
+        self.taught = Cost(tests=0, cpu_seconds=0.0)
+        """What teaching took."""
+        self._level = 0.0
+        self._teaching_seconds = 0.0
+
+    # Teaching and growing
+
+    def start(self) -> None:
+        """Teach a network, or take up what the folder holds."""
+        from cornerforge.rates.teaching import plan_of  # needs the extra "learn"
+
+        place = None if self._out is None else self._out / "taught.npz"
+        network = self._read_taught(place) if place is not None and place.exists() else self._teach(place)
+        self._plan = plan_of(network, self._level)
+        if self._out is not None:
+            self._blocks = list(_read_blocks(self._out / "trees"))
+
+    def _teach(self, place: Path | None) -> danger.Network:
+        from cornerforge.rates.teaching import TEACHING_TREES, teach
+
+        begun = time.perf_counter()
+        taught = teach(
+            self._run.setting,
+            self._run.slots,
+            seed=_independent(self._seed, _TEACH),
+            threads=self._threads,
+            progress=lambda done: self._progress("learn what is dangerous", done, TEACHING_TREES),
+        )
+        self.taught = Cost(tests=taught.tests, cpu_seconds=taught.cpu_seconds)
+        self._level, self._teaching_seconds = taught.level, time.perf_counter() - begun
+        if place is not None:
+            numbers = np.array([self._level, taught.tests, taught.cpu_seconds, self._teaching_seconds])
+            with writing(place) as part, part.open("wb") as file:
+                np.savez(file, allow_pickle=False, numbers=numbers, **taught.network._asdict())
+        return taught.network
+
+    def _read_taught(self, place: Path) -> danger.Network:
+        found = _read(place, ("numbers", *danger.Network._fields))
+        self._level, tests, cpu, self._teaching_seconds = (float(x) for x in found.pop("numbers"))
+        self.taught = Cost(tests=int(tests), cpu_seconds=cpu)
+        return danger.Network(**found)
+
+    def drive(self, target: float, most: int) -> str:
+        """Grow trees until the rate is exact enough and not in doubt ("target"), or there are `most` ("max_tests")."""
+        while self.trees < most:
+            if self.trees and self.is_enough(target):
+                return "target"
+            self._tell(target, most, 0)
+            self._blocks.append(self._block(min(TREES, most - self.trees), target, most))
+            if self._out is not None and self.trees % TREES == 0:
+                place = self._out / "trees" / f"{len(self._blocks) - 1:06}.npz"
+                with writing(place) as part, part.open("wb") as file:
+                    np.savez_compressed(file, allow_pickle=False, **self._blocks[-1])
+        return "target" if self.is_enough(target) else "max_tests"
+
+    def _block(self, tests: int, target: float, most: int) -> dict[str, Any]:
+        begun = time.perf_counter()
+        grown = grow(
+            self._run.setting,
+            self._run.slots,
+            self._plan,
+            seed=self._tree_seed,
+            first=self.trees,
+            tests=tests,
+            threads=self._threads,
+            progress=lambda done: self._tell(target, most, done),
+        )
+        return {
+            "weight": grown.roots["weight"].copy(),
+            "crashes": grown.roots["crashes"].sum(),
+            "lost": grown.roots["lost"].sum(),
+            "cpu_seconds": grown.cpu_seconds,
+            "seconds": time.perf_counter() - begun,
+        }
+
+    @property
+    def _tree_seed(self) -> int:
+        return _independent(self._seed, _ESTIMATE)
+
+    def _tell(self, target: float, most: int, done: int) -> None:
+        """Report trees, with what they say so far."""
+        total, text = most, ""
+        if self.trees:
+            found = self.rate
+            needed = max((self.half_width / target) ** 2, LEAST_EFFECTIVE / max(found.effective, 1.0))
+            total = min(most, round(self.trees * needed)) if found.effective > 1.0 else most
+            doubted = ", in doubt" if found.doubts else ""
+            text = f" ({found.rate:.2g} +- {100.0 * min(self.half_width, 9.99):.0f} %{doubted})"
+        self._progress(f"grow trees{text}", self.trees + done, max(total, self.trees + done))
+
+    # What it comes to
+
+    @property
+    def trees(self) -> int:
+        """Trees of the estimate so far."""
+        return sum(block["weight"].size for block in self._blocks)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weight of each tree."""
+        return np.concatenate([block["weight"] for block in self._blocks])
+
+    @property
+    def rate(self) -> WeightedRate:
+        """The rate, judged as if this number of trees had been fixed."""
+        return weighted_rate(self.weights)
+
+    @property
+    def half_width(self) -> float:
+        """Relative half-width of the interval that holds however often one looks; infinite without a crash."""
+        found = self.rate
+        return always_valid_half_width(found) / found.rate if found.rate > 0.0 else np.inf
+
+    def is_enough(self, target: float) -> bool:
+        """Is the rate exact enough, and not in doubt?"""
+        return self.half_width <= target and not self.rate.doubts
+
+    def doubts(
+        self, plain: MonteCarlo, plain_kinds: Mapping[str, int], kinds: Mapping[str, KindRate]
+    ) -> tuple[str, ...]:
+        """Say why the rate cannot be trusted, in words.
+
+        `plain_kinds`: crashes of the plain tests by mechanism; `kinds`: rates of the picked crashes by mechanism.
+        """
+        found = self.rate
+        told = list(found.doubts)
+        if lost := sum(int(block["lost"]) for block in self._blocks):
+            told.append(f"{lost} copies of worlds found no room")
+        each = found.rate / max(1, sum(kind.crashes for kind in kinds.values()))  # what one picked crash stands for
+        most = {ALL_CRASHES: found.high}
+        for name in plain_kinds:
+            seen = kinds.get(name)
+            by_picks = each * poisson_interval(0 if seen is None else seen.crashes)[1]
+            most[name] = by_picks if seen is None else max(by_picks, seen.interval95[1])
+        told += plain_doubts(most, {ALL_CRASHES: plain.av_crashes, **plain_kinds}, plain.valid_tests)
+        return tuple(told)
+
+    @property
+    def crashes(self) -> int:
+        """Branches that ended in a crash."""
+        return sum(int(block["crashes"]) for block in self._blocks)
+
+    @property
+    def cost(self) -> Cost:
+        """What growing took, without teaching."""
+        return Cost(tests=self.trees, cpu_seconds=float(sum(float(block["cpu_seconds"]) for block in self._blocks)))
+
+    @property
+    def seconds(self) -> float:
+        """Wall-clock of teaching and growing [s]."""
+        return self._teaching_seconds + sum(float(block["seconds"]) for block in self._blocks)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the plan's level and all weights."""
+        return hashlib.sha256(np.float64(self._level).tobytes() + self.weights.tobytes()).hexdigest()
+
+    # Crashes
+
+    def picked(self) -> list[PickedCrash]:
+        """Pick crashes by weight, one a tree at most; drive them again, and store them if there is a folder."""
+        weights = self.weights
+        rng = np.random.default_rng(_independent(self._seed, _PICK))
+        roots, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
+        driver = ScriptDriver(self._run.setting, self._run.odd)
+        picked: list[PickedCrash] = []
+        records: list[CaseRecord] = []
+        for done, (test, weight) in enumerate(zip(roots.tolist(), stands_for.tolist(), strict=True)):
+            self._progress("record crashes", done, roots.size)
+            script = self._script(driver, test, rng)
+            scenario, _ = driver.record(script, seed=self._tree_seed, test=test)
+            mechanism = mechanism_of(scenario)
+            kind = crash_types_of([scenario]).names[0]
+            picked.append(PickedCrash(test, weight, kind, mechanism.name))
+            extra = {
+                "crash_type": kind,
+                "mechanism": mechanism.name,
+                "at_start": mechanism.at_start,
+                "weight": weight / weights.size,
+            }
+            records.append(case_record(scenario, extra=extra, start=script.start))
+        self._progress("record crashes", roots.size, roots.size)
+        if self._out is not None:
+            self._store(self._out / "library", records)
+        return picked
+
+    def _script(self, driver: ScriptDriver, test: int, rng: np.random.Generator) -> Script:
+        """Grow a tree again and take one of its crashes, by weight, as a script."""
+        grown = grow(
+            self._run.setting, self._run.slots, self._plan, seed=self._tree_seed, first=test, tests=1, threads=1
+        )
+        k = int(rng.choice(grown.crashes.size, p=grown.crashes["weight"] / grown.crashes["weight"].sum()))
+        start = driver.start_of_test(self._tree_seed, test)
+        actions = grown.actions[k, : grown.crashes["begun"][k], : start.size]
+        return Script(np.arange(start.size, dtype=np.int16), start, actions)
+
+    def _store(self, place: Path, records: list[CaseRecord]) -> None:
+        """Write the library anew: with more trees other crashes are picked."""
+        if place.exists():
+            shutil.rmtree(place)
+        seed = self._tree_seed
+        identity = {**self._run.identity(seed), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}
+        library = CaseLibrary.create(place, identity, self._run.odd)
+        save_model(self._run.model, place / MODEL_FILE)
+        for begin in range(0, len(records), _SHARD_CASES):
+            part = records[begin : begin + _SHARD_CASES]
+            after = int(str(part[-1].case["test"])) + 1
+            library.append(part, next_test=after, tests=after, crashes=begin + len(part))
+        library.finish()
+
+
+def pick(
+    weights: NDArray[np.float64], most: int, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Pick about `most` of the weights above 0 so that every sum stays true in the mean.
+
+    A weight above a threshold is kept as it is. A smaller one is kept with a chance, its share of the threshold; if it
+    is kept, it stands for the threshold.
+
+    Returns:
+        Which are picked, rising, and what each stands for.
+
+    >>> pick(np.array([0.0, 2.0, 1.0]), 5, np.random.default_rng(0))
+    (array([1, 2]), array([2., 1.]))
+    """
+    above = np.flatnonzero(weights > 0.0)
+    if above.size <= most:
+        return above, weights[above]
+    own = np.sort(weights[above])[::-1]
+    rest = np.cumsum(own[::-1])[::-1]  # of all from each place on
+    thresholds = rest / np.maximum(1.0, most - np.arange(own.size))
+    whole = int(np.argmax(own <= thresholds))  # so many are above the threshold
+    threshold = float(thresholds[whole])
+    kept = rng.random(above.size) * threshold < weights[above]
+    return above[kept], np.maximum(weights[above][kept], threshold)
+
+
+def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> dict[str, KindRate]:
+    """Split a rate by kinds of crash that were picked, "crash_type" or "mechanism"; they sum up to the whole rate."""
+    names = [getattr(crash, of) for crash in picked]
+    scale = found.rate * found.n / sum(crash.weight for crash in picked)
+    rates = {}
+    for name, crashes in sorted(Counter(names).items()):
+        weights = np.zeros(found.n)
+        weights[:crashes] = [crash.weight * scale for crash, kind in zip(picked, names, strict=True) if kind == name]
+        own = weighted_rate(weights)
+        rates[name] = KindRate(crashes=crashes, crashes_per_test=own.rate, interval95=(own.low, own.high))
+    return rates
+
+
+def _independent(seed: int, use: int) -> int:
+    """Make a seed for one use, of which tests are independent of those of the user's seed."""
+    return int(np.random.SeedSequence([seed, use]).generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def _read_blocks(folder: Path) -> Iterator[dict[str, Any]]:
+    """Read the blocks that were kept, in order."""
+    number = 0
+    while (place := folder / f"{number:06}.npz").exists():
+        yield _read(place, _BLOCK_FIELDS)
+        number += 1
+
+
+def _read(place: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Read arrays of a file of ours.
+
+    Raises:
+        FileFormatError: It is damaged.
+    """
+    try:
+        with np.load(place, allow_pickle=False) as content:
+            return {name: content[name] for name in names}
+    except (OSError, ValueError, KeyError) as error:
+        raise FileFormatError(f"{place} is damaged ({error}); remove it, or choose another place.") from error
