@@ -31,7 +31,10 @@ _SIMULATION = (
     "_jit.py", "_philox.py", "_elementary.py", "fields.py", "geometry.py", "types.py", "ndd/grids.py", "ndd/memory.py",
     "drivers/*.py", "road/*.py", "sim/*.py",
 )  # fmt: skip
-_NOT_NATURAL = ("policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py")
+_NOT_NATURAL = (
+    "policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py", "acts.py",
+    "danger.py", "lessons.py", "trees.py",
+)  # fmt: skip
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
 _CRASH_COLUMNS = (
     "test", "time", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked",

@@ -1,0 +1,211 @@
+"""Natural rates of the ground truth's settings by trees of tests, beside their counts, and how far numbers move them.
+
+    .venv/bin/python benchmarks/tree_rates.py --only "idm-mobil-*-lanes" --write docs/results.md
+
+An AV on a road is taught once and driven until its interval is narrow enough. A setting that varies the model uses the
+network that the shipped model taught, and has so many trees: what the network says changes no rate (`sim.trees`), and
+doubts tell if it served badly. Results go into a ledger, one entry a setting; a setting that is there is not run again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+from document import MarkedBlock
+from ground_truth import LEDGER
+from ground_truth_settings import SETTINGS, Setting, varied_model
+from ledger import read_ledger, simulation_hash
+from measuring import table
+
+from cornerforge.ndd import default_model_path, load_model, save_model
+from cornerforge.pipeline.output import read_json_file, write_json, write_text
+from cornerforge.pipeline.progress import NO_PROGRESS
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.splitting import Splitting, kind_rates
+from cornerforge.rates import binomial_interval
+from cornerforge.rates.weighted import always_valid_half_width
+
+OURS = Path(__file__).with_name("tree_rates.json")
+IN_DOCUMENT = MarkedBlock("benchmarks/tree_rates.py")
+SEED = 1
+_VARIED_TREES = 300_000
+_COUNTED_TESTS = 60_000
+_Z95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Rated:
+    """A setting's rate by trees. rate, error: per test; radius: of the interval that holds however often one looks."""
+
+    rate: float
+    error: float
+    radius: float
+    trees: int
+    effective: float
+    largest: float
+    doubts: list[str]
+    teaching_cpu_seconds: float
+    cpu_seconds: float
+    mechanisms: dict[str, float]
+    identity: dict[str, str]
+
+
+def rated(setting: Setting, out: Path, data: list[Path], *, threads: int, target: float, most: int) -> Rated:
+    """Drive the trees of a setting."""
+    run = _run(setting, out, data)
+    place = out / "trees" / setting.name
+    if setting.variation is not None:
+        taught = out / "trees" / f"{setting.av}-{setting.lanes}-lanes" / "taught.npz"
+        if taught.exists() and not (place / "taught.npz").exists():
+            place.mkdir(parents=True, exist_ok=True)
+            shutil.copy(taught, place)
+    split = Splitting(run, SEED, place, threads=threads, progress=NO_PROGRESS)
+    split.start()
+    if setting.variation is None:
+        split.drive(target, most)
+    else:
+        split.drive(1e-9, _VARIED_TREES)
+    found = split.rate
+    picked = split.picked() if found.rate > 0.0 and setting.variation is None else []
+    kinds = kind_rates(picked, "mechanism", found) if picked else {}
+    return Rated(
+        rate=found.rate,
+        error=found.error,
+        radius=always_valid_half_width(found) if found.rate > 0.0 else 0.0,
+        trees=found.n,
+        effective=found.effective,
+        largest=found.largest,
+        doubts=list(found.doubts),
+        teaching_cpu_seconds=round(split.taught.cpu_seconds, 1),
+        cpu_seconds=round(split.cost.cpu_seconds, 1),
+        mechanisms={name: kind.crashes_per_test / found.rate for name, kind in kinds.items()},
+        identity=_identity(run),
+    )
+
+
+def _run(setting: Setting, out: Path, data: list[Path]) -> Experiment:
+    model = None
+    if setting.variation is not None:
+        model = out / "models" / f"{setting.name}.npz"
+        save_model(varied_model(load_model(default_model_path()), setting.variation, data), model)
+    return experiment(av=setting.av, lanes=setting.lanes, model=model)
+
+
+def _identity(run: Experiment) -> dict[str, str]:
+    names = run.identity(SEED)
+    return {**{key: str(names[key]) for key in ("av_hash", "model_hash")}, "simulation": simulation_hash()}
+
+
+def render(found: Mapping[str, Rated], plain_cpu_seconds: float) -> str:
+    """All tables."""
+    counted = read_ledger(LEDGER)
+    base = [setting for setting in SETTINGS if setting.variation is None and setting.name in found]
+    varied = [setting for setting in SETTINGS if setting.variation is not None and setting.name in found]
+    rows = []
+    for setting in base:
+        ours = found[setting.name]
+        low, high = ours.rate - ours.radius, ours.rate + ours.radius
+        counts = counted[setting.name].counts if setting.name in counted else None
+        if counts is None or counts.tests == 0:
+            by_counting, apart = "not counted yet", ""
+        else:
+            rate, interval = counts.av_crashes / counts.tests, binomial_interval(counts.av_crashes, counts.tests)
+            by_counting = f"{rate:.3g} ({interval[0]:.2e} to {interval[1]:.2e}), {counts.av_crashes} crashes"
+            apart = f"{(ours.rate - rate) / math.hypot(ours.error, math.sqrt(rate / counts.tests)):+.1f}"
+        by_counting_s = plain_cpu_seconds * ours.rate / (ours.error * ours.error)
+        faster = by_counting_s / (ours.teaching_cpu_seconds + ours.cpu_seconds)
+        without = by_counting_s / ours.cpu_seconds
+        rows.append(
+            [
+                f"{setting.av}, {setting.lanes} lanes", f"{ours.rate:.3g} ({low:.2e} to {high:.2e})", f"{ours.trees:,}",
+                f"{ours.effective:,.0f}", f"{ours.largest:.3f}", by_counting, apart,
+                f"{ours.teaching_cpu_seconds:.0f} + {ours.cpu_seconds:.0f}", f"{faster:,.0f}", f"{without:,.0f}",
+                "; ".join(ours.doubts) or "none",
+            ]
+        )  # fmt: skip
+    head = [
+        "AV", "per test by trees (95 %)", "trees", "effective", "largest", "by counting (95 %)", "sd apart",
+        "CPU [s]: teaching + trees", "counting takes x", "without teaching x", "doubts",
+    ]  # fmt: skip
+    parts = [
+        "### The same by trees",
+        table(head, rows),
+        f"A plain test is taken to cost {1e6 * plain_cpu_seconds:.0f} us of CPU, as measured beside it.",
+    ]
+    if varied:
+        whole = found[f"{varied[0].av}-{varied[0].lanes}-lanes"]
+        rows = []
+        for setting in varied:
+            ours = found[setting.name]
+            times = ours.rate / whole.rate
+            off = _Z95 * times * math.hypot(ours.error / max(ours.rate, 1e-300), whole.error / whole.rate)
+            assert setting.variation is not None
+            rows.append(
+                [
+                    setting.variation.text, f"{ours.rate:.3g} +- {_Z95 * ours.error:.1g}",
+                    f"{times:.2f} ({max(0.0, times - off):.2f} to {times + off:.2f})", f"{ours.effective:,.0f}",
+                    "; ".join(ours.doubts) or "none",
+                ]
+            )  # fmt: skip
+        parts += [
+            "### How far each number of the model moves the rate, by trees",
+            table(["changed", "per test (95 %)", "times the shipped model's (95 %)", "effective", "doubts"], rows),
+        ]
+    return "\n\n".join(parts)
+
+
+def _plain_cost() -> float:
+    """Measure the CPU time of a plain test of idm-mobil on 3 lanes [s]."""
+    from time import process_time
+
+    from cornerforge.sim import simulate
+
+    run = experiment(av="idm-mobil", lanes=3)
+    run.warm_up()
+    begun = process_time()
+    simulate(run.setting, run.slots, seed=SEED, tests=_COUNTED_TESTS, threads=1)
+    return (process_time() - begun) / _COUNTED_TESTS
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Natural rates of the ground truth's settings by trees of tests.")
+    parser.add_argument("--only", action="append", metavar="NAME", help="this setting; * stands for any text")
+    parser.add_argument("--target", type=float, default=0.15, help="relative half-width of the settings without change")
+    parser.add_argument("--most", type=int, default=2_000_000, help="trees of one setting at most")
+    parser.add_argument("--data", nargs="+", type=Path, default=[], help="trajectory files, for variations of the fit")
+    parser.add_argument("--threads", type=int)
+    parser.add_argument("--out", type=Path, default=Path("out/tree-rates"), help="working folder")
+    parser.add_argument("--write", type=Path, metavar="PATH", help="replace the marked block of this document")
+    given = parser.parse_args()
+    if given.write and (fault := IN_DOCUMENT.missing_in(given.write)):
+        parser.error(fault)
+    kept: dict[str, Any] = read_json_file(OURS) if OURS.exists() else {"plain_cpu_seconds": _plain_cost(), "found": {}}
+    for setting in SETTINGS:
+        wanted = any(fnmatch(setting.name, pattern) for pattern in given.only or ["*"])
+        needs_data = setting.variation is not None and setting.variation.part == "fit" and not given.data
+        if not wanted or needs_data or setting.name in kept["found"]:
+            continue
+        ours = rated(
+            setting, given.out, given.data, threads=check_threads(given.threads), target=given.target, most=given.most
+        )
+        kept["found"][setting.name] = asdict(ours)
+        write_json(OURS, kept)
+        print(json.dumps({"setting": setting.name, **asdict(ours)}), file=sys.stderr, flush=True)
+    block = render({name: Rated(**values) for name, values in kept["found"].items()}, kept["plain_cpu_seconds"])
+    print(block)
+    if given.write:
+        write_text(given.write, IN_DOCUMENT.replace_in(given.write.read_text("utf-8"), block))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
