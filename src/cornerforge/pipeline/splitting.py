@@ -50,7 +50,7 @@ ALL_CRASHES = "any kind"
 _TEACH, _ESTIMATE, _PICK = range(3)
 _MOST_CASES = 1000
 _SHARD_CASES = 500
-_BLOCK_FIELDS = ("weight", "crashes", "lost", "cpu_seconds", "seconds")
+_BLOCK_FIELDS = ("weight", "crashes", "lost", "cpu_seconds", "seconds", "root", "begun", "actions")
 
 
 @dataclass(frozen=True)
@@ -150,12 +150,17 @@ class Splitting:
             threads=self._threads,
             progress=lambda done: self._tell(target, most, done),
         )
+        rng = np.random.default_rng([_independent(self._seed, _PICK), self.trees])
+        one = _one_a_root(grown.crashes, rng)
         return {
             "weight": grown.roots["weight"].copy(),
             "crashes": grown.roots["crashes"].sum(),
-            "lost": grown.roots["lost"].sum(),
+            "lost": grown.roots["lost"].sum() + grown.roots["crashes"].sum() - grown.crashes.size,
             "cpu_seconds": grown.cpu_seconds,
             "seconds": time.perf_counter() - begun,
+            "root": grown.crashes["root"][one],
+            "begun": grown.crashes["begun"][one],
+            "actions": grown.actions[one],
         }
 
     @property
@@ -210,7 +215,7 @@ class Splitting:
         found = self.rate
         told = list(found.doubts)
         if lost := sum(int(block["lost"]) for block in self._blocks):
-            told.append(f"{lost} copies of worlds found no room")
+            told.append(f"{lost} copies of worlds or crashes found no room")
         each = found.rate / max(1, sum(kind.crashes for kind in kinds.values()))  # what one picked crash stands for
         most = {ALL_CRASHES: found.high}
         for name in plain_kinds:
@@ -247,12 +252,18 @@ class Splitting:
         weights = self.weights
         rng = np.random.default_rng(_independent(self._seed, _PICK))
         roots, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
+        kept = {int(root): (block, k) for block in self._blocks for k, root in enumerate(block["root"])}
         driver = ScriptDriver(self._run.setting, self._run.odd)
         picked: list[PickedCrash] = []
         records: list[CaseRecord] = []
         for done, (test, weight) in enumerate(zip(roots.tolist(), stands_for.tolist(), strict=True)):
             self._progress("record crashes", done, roots.size)
-            script = self._script(driver, test, rng)
+            if test not in kept:  # its crashes found no room, which is a doubt
+                continue
+            block, k = kept[test]
+            start = driver.start_of_test(self._tree_seed, test)
+            actions = block["actions"][k, : block["begun"][k], : start.size]
+            script = Script(np.arange(start.size, dtype=np.int16), start, actions)
             scenario, _ = driver.record(script, seed=self._tree_seed, test=test)
             mechanism = mechanism_of(scenario)
             kind = crash_types_of([scenario]).names[0]
@@ -268,16 +279,6 @@ class Splitting:
         if self._out is not None:
             self._store(self._out / "library", records)
         return picked
-
-    def _script(self, driver: ScriptDriver, test: int, rng: np.random.Generator) -> Script:
-        """Grow a tree again and take one of its crashes, by weight, as a script."""
-        grown = grow(
-            self._run.setting, self._run.slots, self._plan, seed=self._tree_seed, first=test, tests=1, threads=1
-        )
-        k = int(rng.choice(grown.crashes.size, p=grown.crashes["weight"] / grown.crashes["weight"].sum()))
-        start = driver.start_of_test(self._tree_seed, test)
-        actions = grown.actions[k, : grown.crashes["begun"][k], : start.size]
-        return Script(np.arange(start.size, dtype=np.int16), start, actions)
 
     def _store(self, place: Path, records: list[CaseRecord]) -> None:
         """Write the library anew: with more trees other crashes are picked."""
@@ -331,6 +332,13 @@ def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> d
         own = weighted_rate(weights)
         rates[name] = KindRate(crashes=crashes, crashes_per_test=own.rate, interval95=(own.low, own.high))
     return rates
+
+
+def _one_a_root(crashes: NDArray[np.void], rng: np.random.Generator) -> NDArray[np.intp]:
+    """Pick one crash of each tree, by weight."""
+    first_to_ring = rng.exponential(size=crashes.size) / crashes["weight"]
+    in_order = np.lexsort((first_to_ring, crashes["root"]))
+    return in_order[np.unique(crashes["root"][in_order], return_index=True)[1]]
 
 
 def _independent(seed: int, use: int) -> int:
