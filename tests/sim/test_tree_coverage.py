@@ -25,13 +25,14 @@ ODD = Odd(n_lanes=2)
 @pytest.mark.slow
 @pytest.mark.parametrize("av", ["idm-mobil", "idm-mobil-blind"])
 def test_95_percent_intervals_hold_in_92_to_98_percent(
-    av: str, reckless: NddModel, monkeypatch: pytest.MonkeyPatch
+    av: str, model: NddModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     teaching = importlib.import_module("cornerforge.rates.teaching")
     for name, value in {"_EXPLORING": 1_000, "_ROUNDS": (2_000, 4_000), "_STEPS": 1_000}.items():
         monkeypatch.setattr(teaching, name, value)
-    memory = replace(reckless.memory, away=0.02, away_again=0.5)
-    run = setting_of(replace(reckless, memory=memory), ODD, av=av_of(av))
+    memory, often = replace(model.memory, away=0.02, away_again=0.5), np.full(21, 0.05, dtype=np.float32)
+    careless = replace(model, memory=memory, lc_base=often, overlook=0.1, overlook_conflict=0.1)
+    run = setting_of(careless, ODD, av=av_of(av))
     slots = n_slots(ODD)
     plain = simulate(run, slots, seed=9, tests=PLAIN, threads=2)
     truth = plain.av_crashes / plain.tests
