@@ -45,7 +45,7 @@ def untimed(summary: NaturalRate) -> NaturalRate:
 
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_BLOCK", 2_000)
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 2_000)
 
 
 def test_rate_counts_what_simulate_counts(world: dict[str, Any], tmp_path: Path) -> None:
@@ -143,8 +143,8 @@ def test_types_mechanisms_and_bv_miles_are_told(world: dict[str, Any], tmp_path:
 def test_many_crashes_go_into_several_shards(
     world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_SHARD_CASES", 1)
-    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_STORE_SECONDS", 0.0)
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_SHARD_CASES", 1)
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_STORE_SECONDS", 0.0)
     found = cornerforge.rate(**world, max_tests=6_000, target_rhw=0.001, out=tmp_path / "r")
     library = CaseLibrary.open(tmp_path / "r" / "library")
     assert len(list((tmp_path / "r" / "library").glob("cases-*.parquet"))) == len(library) == found.av_crashes
@@ -154,7 +154,7 @@ def test_many_crashes_go_into_several_shards(
 def test_the_librarys_files_do_not_depend_on_when_it_is_saved(
     world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = importlib.import_module("cornerforge.pipeline.rate")
+    module = importlib.import_module("cornerforge.pipeline.plain")
     monkeypatch.setattr(module, "_SHARD_CASES", 4)
     monkeypatch.setattr(module, "_BLOCK", 1_000)
     for name, seconds in (("often", 0.0), ("once", 1e9)):
@@ -178,7 +178,7 @@ def test_progress_tells_crashes_and_ends_at_the_total(world: dict[str, Any]) -> 
 
 SCRIPT = """
 import importlib, sys
-module = importlib.import_module("cornerforge.pipeline.rate")
+module = importlib.import_module("cornerforge.pipeline.plain")
 module._BLOCK, module._STORE_SECONDS = 500, 1.0
 from cornerforge.cli import main
 sys.exit(main(sys.argv[1:]))
@@ -207,7 +207,7 @@ def stopped(model: Path, out: Path, how: signal.Signals, blocks: int) -> tuple[i
 def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
     world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.rate"), "_BLOCK", 500)
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 500)
     out = tmp_path / "r"
     assert stopped(world["model"], out, signal.SIGKILL, 3)[0] == -signal.SIGKILL
     kept = json.loads((out / "counts.json").read_text())["tests"]
@@ -225,7 +225,7 @@ def test_a_kill_and_an_interrupt_lose_only_the_block_in_progress(
 def test_an_interrupt_before_a_finished_block_is_saved_loses_nothing(
     world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = importlib.import_module("cornerforge.pipeline.rate")
+    module = importlib.import_module("cornerforge.pipeline.plain")
     monkeypatch.setattr(module, "_BLOCK", 500)
     write, asked = module.write_json, []
 

@@ -44,7 +44,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(teaching, "_PILOT", 200)
     monkeypatch.setattr(teaching, "_STEPS", 150)
     rate = importlib.import_module("cornerforge.pipeline.rate")
-    monkeypatch.setattr(rate, "_BLOCK", 2_000)
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 2_000)
     monkeypatch.setattr(rate, "PLAIN_TESTS", 4_000)
     for module in (rate, importlib.import_module("cornerforge.pipeline.splitting")):
         monkeypatch.setattr(module, "TREES", 500)
