@@ -32,7 +32,8 @@ def doubt_text(found: NaturalRate) -> str | None:
         return None
     plain, taught = found.effort.plain.tests, found.effort.teaching.tests
     more = plain + taught + found.tests * max(2.0, 1.5 * LEAST_EFFECTIVE / max(1, found.effective_sample_size))
-    return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: --max-tests {more:.1g}"
+    rounded = int(float(f"{more:.1e}"))
+    return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: --max-tests {rounded}"
 
 
 def _miles_line(found: NaturalRate) -> list[str]:

@@ -82,6 +82,7 @@ class Splitting:
         self._run, self._seed, self._out = run, seed, out
         self._threads, self._progress = threads, progress
         self._blocks: list[dict[str, Any]] = []
+        self._judged: WeightedRate | None = None
         self._plan: trees.Plan
         self.taught = Cost(tests=0, cpu_seconds=0.0)
         """What teaching took."""
@@ -193,7 +194,9 @@ class Splitting:
     @property
     def rate(self) -> WeightedRate:
         """The rate, judged as if this number of trees had been fixed."""
-        return weighted_rate(self.weights)
+        if self._judged is None or self._judged.n != self.trees:  # it is asked for often, and takes a while
+            self._judged = weighted_rate(self.weights)
+        return self._judged
 
     @property
     def half_width(self) -> float:
