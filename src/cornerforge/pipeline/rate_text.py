@@ -38,9 +38,11 @@ def doubt_text(found: NaturalRate) -> str | None:
 
 def _miles_line(found: NaturalRate) -> list[str]:
     """Say how far the AV drives between two crashes."""
-    if not found.crashes_per_mile or found.interval95_per_mile is None:
+    if found.interval95_per_mile is None:
         return []
     low, high = found.interval95_per_mile
+    if not found.crashes_per_mile:
+        return [f"No crash; at most once in {1.0 / high:,.3g} miles (95 %)".replace("e+0", "e")]
     most = f"{1.0 / low:,.3g}" if low > 0.0 else "no bound"
     return [f"Once in {1.0 / found.crashes_per_mile:,.3g} miles ({1.0 / high:,.3g} to {most})".replace("e+0", "e")]
 
@@ -50,10 +52,11 @@ def _precision_line(found: NaturalRate) -> str:
     narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
     stopped = _STOPPED.get(found.state, found.state)
     if found.method == "mc":
-        return f"{found.av_crashes:,} AV crashes, {narrow}; {stopped}"
+        why = "" if found.reason == "asked for" else f" Counted: {found.reason.rstrip('.')}."
+        return f"{found.av_crashes:,} AV crashes, {narrow}; {stopped}.{why}"
     return (
         f"{found.tests:,} trees of tests, {found.effective_sample_size:,} effective, {narrow}; {stopped}. Trees: "
-        f"{found.reason}"
+        f"{found.reason}."
     )
 
 
