@@ -1,7 +1,7 @@
 # `make` lists what there is. Every target first sets up what it needs in .venv: you need Python >= 3.11 and make, nothing else.
 
 PYTHON ?= python3
-DATA ?= ../shared/data/*.gz
+DATA ?= ../shared/data/ngsim*.gz
 OUT ?= out/demo
 
 BIN := .venv/bin
