@@ -4,7 +4,8 @@
 
 An AV on a road is taught once and driven until its interval is narrow enough. A setting that varies the model uses the
 network that the shipped model taught, and has so many trees: what the network says changes no rate (`sim.trees`), and
-doubts tell if it served badly. Results go into a ledger, one entry a setting; a setting that is there is not run again.
+doubts tell if it served badly. Results go into a ledger, one entry a setting; what is there of the same simulation code
+is not run again.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatch
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 from document import MarkedBlock
@@ -32,7 +34,8 @@ from cornerforge.pipeline.progress import NO_PROGRESS
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.splitting import Splitting, kind_rates
 from cornerforge.rates import binomial_interval
-from cornerforge.rates.weighted import always_valid_half_width
+from cornerforge.rates.weighted import LARGEST_SHARE, LEAST_EFFECTIVE, always_valid_half_width
+from cornerforge.sim import simulate
 
 OURS = Path(__file__).with_name("tree_rates.json")
 IN_DOCUMENT = MarkedBlock("benchmarks/tree_rates.py")
@@ -105,8 +108,8 @@ def _identity(run: Experiment) -> dict[str, str]:
     return {**{key: str(names[key]) for key in ("av_hash", "model_hash")}, "simulation": simulation_hash()}
 
 
-def render(found: Mapping[str, Rated], plain_cpu_seconds: float) -> str:
-    """All tables."""
+def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -> str:
+    """All tables; `plain_cpu_seconds`: of a plain test, by setting."""
     counted = read_ledger(LEDGER)
     base = [setting for setting in SETTINGS if setting.variation is None and setting.name in found]
     varied = [setting for setting in SETTINGS if setting.variation is not None and setting.name in found]
@@ -121,7 +124,7 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: float) -> str:
             rate, interval = counts.av_crashes / counts.tests, binomial_interval(counts.av_crashes, counts.tests)
             by_counting = f"{rate:.3g} ({interval[0]:.2e} to {interval[1]:.2e}), {counts.av_crashes} crashes"
             apart = f"{(ours.rate - rate) / math.hypot(ours.error, math.sqrt(rate / counts.tests)):+.1f}"
-        by_counting_s = plain_cpu_seconds * ours.rate / (ours.error * ours.error)
+        by_counting_s = plain_cpu_seconds[setting.name] * ours.rate / (ours.error * ours.error)
         faster = by_counting_s / (ours.teaching_cpu_seconds + ours.cpu_seconds)
         without = by_counting_s / ours.cpu_seconds
         rows.append(
@@ -139,7 +142,9 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: float) -> str:
     parts = [
         "### The same by trees",
         table(head, rows),
-        f"A plain test is taken to cost {1e6 * plain_cpu_seconds:.0f} us of CPU, as measured beside it.",
+        "A plain test costs "
+        + ", ".join(f"{1e6 * plain_cpu_seconds[setting.name]:.0f}" for setting in base)
+        + " us of CPU, in the order of the rows.",
     ]
     if varied:
         whole = found[f"{varied[0].av}-{varied[0].lanes}-lanes"]
@@ -153,27 +158,28 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: float) -> str:
                 [
                     setting.variation.text, f"{ours.rate:.3g} +- {_Z95 * ours.error:.1g}",
                     f"{times:.2f} ({max(0.0, times - off):.2f} to {times + off:.2f})", f"{ours.effective:,.0f}",
-                    "; ".join(ours.doubts) or "none",
+                    f"{ours.largest:.2f}",
                 ]
             )  # fmt: skip
         parts += [
             "### How far each number of the model moves the rate, by trees",
-            table(["changed", "per test (95 %)", "times the shipped model's (95 %)", "effective", "doubts"], rows),
+            table(["changed", "per test (95 %)", "times the shipped model's (95 %)", "effective", "largest"], rows),
+            f"{_VARIED_TREES:,} trees each, of the same tests. Rows with fewer than {LEAST_EFFECTIVE:.0f} effective "
+            f"trees, or one of more than {LARGEST_SHARE:g} of the sum, are in doubt (too narrow).",
         ]
     return "\n\n".join(parts)
 
 
-def _plain_cost() -> float:
-    """Measure the CPU time of a plain test of idm-mobil on 3 lanes [s]."""
-    from time import process_time
-
-    from cornerforge.sim import simulate
-
-    run = experiment(av="idm-mobil", lanes=3)
+def _plain_cost(setting: Setting) -> float:
+    """Measure the CPU time of a plain test [s], the least of three; alone on the machine."""
+    run = experiment(av=setting.av, lanes=setting.lanes)
     run.warm_up()
-    begun = process_time()
-    simulate(run.setting, run.slots, seed=SEED, tests=_COUNTED_TESTS, threads=1)
-    return (process_time() - begun) / _COUNTED_TESTS
+    taken = []
+    for _ in range(3):
+        begun = process_time()
+        simulate(run.setting, run.slots, seed=SEED, tests=_COUNTED_TESTS, threads=1)
+        taken.append((process_time() - begun) / _COUNTED_TESTS)
+    return min(taken)
 
 
 def main() -> int:
@@ -188,7 +194,9 @@ def main() -> int:
     given = parser.parse_args()
     if given.write and (fault := IN_DOCUMENT.missing_in(given.write)):
         parser.error(fault)
-    kept: dict[str, Any] = read_json_file(OURS) if OURS.exists() else {"plain_cpu_seconds": _plain_cost(), "found": {}}
+    kept: dict[str, Any] = read_json_file(OURS) if OURS.exists() else {"found": {}}
+    now = simulation_hash()
+    kept["found"] = {name: entry for name, entry in kept["found"].items() if entry["identity"]["simulation"] == now}
     for setting in SETTINGS:
         wanted = any(fnmatch(setting.name, pattern) for pattern in given.only or ["*"])
         needs_data = setting.variation is not None and setting.variation.part == "fit" and not given.data
@@ -200,7 +208,13 @@ def main() -> int:
         kept["found"][setting.name] = asdict(ours)
         write_json(OURS, kept)
         print(json.dumps({"setting": setting.name, **asdict(ours)}), file=sys.stderr, flush=True)
-    block = render({name: Rated(**values) for name, values in kept["found"].items()}, kept["plain_cpu_seconds"])
+    found = {name: Rated(**values) for name, values in kept["found"].items()}
+    plain = kept.setdefault("plain_cpu_seconds", {})
+    for setting in SETTINGS:
+        if setting.variation is None and setting.name in found and setting.name not in plain:
+            plain[setting.name] = _plain_cost(setting)
+    write_json(OURS, kept)
+    block = render(found, plain)
     print(block)
     if given.write:
         write_text(given.write, IN_DOCUMENT.replace_in(given.write.read_text("utf-8"), block))
