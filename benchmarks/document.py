@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from cornerforge.pipeline.output import write_text
+
 __all__ = ["MarkedBlock"]
 
 
@@ -40,3 +42,9 @@ class MarkedBlock:
         before, rest = document.split(self.begin, 1)
         _, after = rest.split(self.end, 1)
         return f"{before}{self.begin}\n{content.strip()}\n{self.end}{after}"
+
+    def publish(self, content: str, path: Path | None) -> None:
+        """Print the text, and write it between the marks of a document if one is named."""
+        print(content)
+        if path is not None:
+            write_text(path, self.replace_in(path.read_text("utf-8"), content))

@@ -291,9 +291,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finally:
             write_ledger(given.ledger, entries)
         block = render(entries, SETTINGS)
-        print(block)
-        if given.write:
-            write_text(given.write, IN_DOCUMENT.replace_in(given.write.read_text("utf-8"), block))
+        IN_DOCUMENT.publish(block, given.write)
         return status
     except CornerForgeError as error:
         print(f"ground_truth: {error}", file=sys.stderr)

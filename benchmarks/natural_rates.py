@@ -40,7 +40,7 @@ def main() -> None:
     def tell(name: str, grown: Grown) -> None:
         found = weighted_rate(grown.roots["weight"])
         each = grown.cpu_seconds / found.n
-        worth = found.rate * plain / (found.error**2 * found.n * each) if found.error > 0.0 else 0.0
+        worth = found.counted_tests * plain / (found.n * each)
         print(
             f"| {name} | {found.n:,} | {found.rate:.3g} | {found.high - found.rate:.2g} | {found.effective:.0f} | "
             f"{found.largest:.3f} | {1e6 * each:.0f} | {grown.roots['lost'].sum()} | {worth:,.0f} | "

@@ -21,7 +21,6 @@ from document import MarkedBlock
 from measuring import table
 
 from cornerforge.paper.reproduce import REPRODUCE_EFFORTS
-from cornerforge.pipeline.output import write_text
 
 IN_DOCUMENT = MarkedBlock("benchmarks/reproduction.py")
 Json = Mapping[str, Any]
@@ -132,9 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, ValueError) as error:
         parser.error(f"{given.folder} is no finished reproduction ({error}); run: cornerforge reproduce --out OUT")
     block = render(items, provenance, rows=given.rows)
-    print(block)
-    if given.write:
-        write_text(given.write, IN_DOCUMENT.replace_in(given.write.read_text("utf-8"), block))
+    IN_DOCUMENT.publish(block, given.write)
     return 0
 
 

@@ -29,7 +29,7 @@ from ledger import read_ledger, simulation_hash
 from measuring import table
 
 from cornerforge.ndd import default_model_path, load_model, save_model
-from cornerforge.pipeline.output import read_json_file, write_json, write_text
+from cornerforge.pipeline.output import read_json_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.splitting import Splitting, kind_rates
@@ -47,10 +47,20 @@ _Z95 = 1.959963984540054
 
 @dataclass(frozen=True)
 class Rated:
-    """A setting's rate by trees. rate, error: per test; radius: of the interval that holds however often one looks."""
+    """A setting's rate by trees, per test.
+
+    Attributes:
+        rate, error, counted_tests, effective, largest, doubts: As of `WeightedRate`.
+        radius: Half-width of the interval that holds however often one looks.
+        trees, cpu_seconds: Of the estimate.
+        teaching_cpu_seconds: Of the network, shared by all variations.
+        mechanisms: Shares of the rate.
+        identity: What was driven.
+    """
 
     rate: float
     error: float
+    counted_tests: float
     radius: float
     trees: int
     effective: float
@@ -83,6 +93,7 @@ def rated(setting: Setting, out: Path, data: list[Path], *, threads: int, target
     return Rated(
         rate=found.rate,
         error=found.error,
+        counted_tests=found.counted_tests,
         radius=always_valid_half_width(found) if found.rate > 0.0 else 0.0,
         trees=found.n,
         effective=found.effective,
@@ -124,7 +135,7 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -
             rate, interval = counts.av_crashes / counts.tests, binomial_interval(counts.av_crashes, counts.tests)
             by_counting = f"{rate:.3g} ({interval[0]:.2e} to {interval[1]:.2e}), {counts.av_crashes} crashes"
             apart = f"{(ours.rate - rate) / math.hypot(ours.error, math.sqrt(rate / counts.tests)):+.1f}"
-        by_counting_s = plain_cpu_seconds[setting.name] * ours.rate / (ours.error * ours.error)
+        by_counting_s = plain_cpu_seconds[setting.name] * ours.counted_tests
         faster = by_counting_s / (ours.teaching_cpu_seconds + ours.cpu_seconds)
         without = by_counting_s / ours.cpu_seconds
         rows.append(
@@ -215,9 +226,7 @@ def main() -> int:
             plain[setting.name] = _plain_cost(setting)
     write_json(OURS, kept)
     block = render(found, plain)
-    print(block)
-    if given.write:
-        write_text(given.write, IN_DOCUMENT.replace_in(given.write.read_text("utf-8"), block))
+    IN_DOCUMENT.publish(block, given.write)
     return 0
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import cornerforge
 from cornerforge.cli import main
-from cornerforge.errors import InputError
+from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library import CaseLibrary
 from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.pipeline.splitting import pick
@@ -84,9 +84,9 @@ def test_trees_and_counting_agree(world: dict[str, Any], tmp_path: Path) -> None
             assert apart < SIGMAS * np.hypot(width, own) / (2 * 1.96), name
 
     # The library holds cases that replay, and whose weights sum up to the rate.
-    library = CaseLibrary.open(tmp_path / "r" / "library")
+    library = CaseLibrary.open(tmp_path / "r" / "weighted")
     assert len(library) == sum(found.crash_types.values()) > 50
-    assert cornerforge.replay(tmp_path / "r" / "library", "all", check=True).identical
+    assert cornerforge.replay(tmp_path / "r" / "weighted", "all", check=True).identical
     weight = library.scalars(["weight"])["weight"].to_numpy()
     assert weight.sum() == pytest.approx(found.crashes_per_test, rel=SIGMAS / np.sqrt(len(weight)))
 
@@ -108,8 +108,24 @@ def test_resuming_gives_what_an_unbroken_run_gives(world: dict[str, Any], tmp_pa
     assert [path.name for path in sorted((tmp_path / "parts" / "trees").iterdir())] == ["000000.npz"]
     parts = cornerforge.rate(**given, max_tests=6_500, out=tmp_path / "parts", resume=True)
     assert untimed(parts) == untimed(whole)
-    ids = [CaseLibrary.open(tmp_path / name / "library").scalars(["case_id"]) for name in ("whole", "parts")]
+    ids = [CaseLibrary.open(tmp_path / name / "weighted").scalars(["case_id"]) for name in ("whole", "parts")]
     assert ids[0] == ids[1]
+
+
+def test_damaged_files_are_told_and_counted_crashes_stay(world: dict[str, Any], tmp_path: Path) -> None:
+    given, out = {**world, "target_rhw": 0.001, "out": tmp_path / "r"}, tmp_path / "r"
+    cornerforge.rate(**given, max_tests=2_000)
+    counted = len(CaseLibrary.open(out / "library"))
+    cornerforge.rate(**given, max_tests=5_000, resume=True)
+    assert len(CaseLibrary.open(out / "library")) == counted
+    for name in ("taught.npz", "trees/000000.npz"):
+        whole = (out / name).read_bytes()
+        for content in (whole[: len(whole) // 2], b"", b"nothing of ours"):
+            (out / name).write_bytes(content)
+            with pytest.raises(FileFormatError, match=f"{name} is damaged"):
+                cornerforge.rate(**given, max_tests=5_500, resume=True)
+        (out / name).write_bytes(whole)
+    cornerforge.rate(**given, max_tests=5_500, resume=True)
 
 
 def test_few_trees_are_in_doubt_and_the_exit_status_says_so(
@@ -130,7 +146,7 @@ def test_no_crash_leaves_the_bound_of_the_plain_tests(monkeypatch: pytest.Monkey
     monkeypatch.setattr(teaching, "_EXPLORE_LATER", 0.0)
     found = cornerforge.rate(method="splitting", max_tests=5_000, seed=1)
     assert (found.state, found.crashes_per_test, found.crash_types["sideswipe"]) == ("no crash", 0.0, 0)
-    assert found.interval95 == binomial_interval(0, 4_000)
+    assert (found.interval95, found.tests) == (binomial_interval(0, 4_000), 4_000)
     assert len(found.doubts) == 1
 
 

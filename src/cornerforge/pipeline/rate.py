@@ -1,6 +1,6 @@
 """`rate` measures the AV's natural crash rate with its interval; it keeps every finished block of tests or trees.
 
-The output folder holds `rate.json` and `library/`, and what `plain` (counting) and `splitting` (trees) keep.
+The output folder holds `rate.json`, and what `plain` (counting) and `splitting` (trees) keep.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from cornerforge.pipeline.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cos
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.splitting import TREES, PickedCrash, Splitting, kind_rates
-from cornerforge.rates import binomial_interval
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo
 from cornerforge.rates.weighted import always_valid_half_width
 from cornerforge.results import NaturalRate, as_json
@@ -32,7 +31,7 @@ __all__ = ["rate"]
 PLAIN_TESTS = 4 * BLOCK
 """Plain tests that trees begin with: kinds of crash that a network does not know show there, if they are frequent."""
 _TREES_TAKE_S = 300.0
-_Z95 = 1.959963984540054
+_NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
 
 
 def rate(
@@ -51,11 +50,12 @@ def rate(
 
     Args:
         method: "mc", plain Monte Carlo; "splitting", trees of tests (`sim.trees`), for rates below 1e-5; "auto" begins
-            with plain tests and goes on with trees if those would take longer.
+            with plain tests and goes on with trees if more of them would take longer.
         target_rhw: Stop when half the 95 % interval is at most this share of the rate, 0.001 to 10. The interval is
             exact for "mc", and holds however often one looks for "splitting", which moreover stops only without doubts.
         max_tests: Largest number of tests; trees, those of teaching too, count as one each.
-        out: Folder for `rate.json`, the counts so far, and `library/` with crashes; None keeps nothing.
+        out: Folder for `rate.json`, the counts so far, and a library of crashes: `library/` if they are counted, else
+            `weighted/`. None keeps nothing.
         resume: Go on with that folder, after an end, an interrupt or a kill.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
@@ -147,56 +147,55 @@ def _count(session: PlainTests, target: float, max_tests: int) -> NaturalRate:
 
 
 def _split(session: PlainTests, split: Splitting, reason: str, target: float, max_tests: int) -> NaturalRate:
-    """Find the rate by trees of tests."""
+    """Find the rate by trees of tests; if they find no crash, the plain tests' rate and interval stand, in doubt."""
     plain = session.counts
     split.start()
-    most = max(TREES, max_tests - plain.tests - split.taught.tests)
-    state = split.drive(target, most)
+    state = split.drive(target, max(TREES, max_tests - plain.tests - split.taught.tests))
     found = split.rate
     picked = split.picked() if found.rate > 0.0 else []
-    types = kind_rates(picked, "crash_type", found) if picked else {}
     mechanisms = kind_rates(picked, "mechanism", found) if picked else {}
-    doubts = split.doubts(plain, session.kinds(), mechanisms)
-    if not picked:
-        doubts, state = ("no crash was found, so the interval is that of the plain tests",), "no crash"
-    radius = always_valid_half_width(found) if picked else math.nan
-    interval = (max(0.0, found.rate - radius), found.rate + radius)
-    if not picked:
-        interval = binomial_interval(plain.av_crashes, plain.valid_tests)
-    per_test = plain.miles / plain.valid_tests
     cost = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
-    counted_s = 0.0
-    if picked:  # relative half-width z/sqrt(crashes)
-        counted_s = (_Z95 / found.half_width) ** 2 / found.rate * plain.cpu_seconds / plain.valid_tests
-    own = {
+    fields = {
+        **session.plain_part(),
         "method": "splitting",
         "reason": reason,
-        "tests": found.n,
-        "crashes_per_test": found.rate,
-        "interval95": interval,
-        "crashes_per_mile": found.rate / per_test if per_test > 0.0 else None,
-        "interval95_per_mile": (interval[0] / per_test, interval[1] / per_test) if per_test > 0.0 else None,
-        "relative_half_width": split.half_width if picked else None,
-        "relative_half_width_90": found.half_width_90 if picked else None,
-        "doubts": doubts,
+        "relative_half_width": None,
+        "relative_half_width_90": None,
+        "doubts": (_NO_CRASH,),
         "effort": Effort(plain=cost_of(plain), teaching=split.taught, estimation=split.cost),
         "av_crashes": split.crashes,
         "effective_sample_size": round(found.effective),
-        "largest_share": found.largest if picked else None,
+        "largest_share": None,
         "halves": found.halves,
         "tail_index": found.tail if found.tail is None or math.isfinite(found.tail) else None,
-        "acceleration": counted_s / cost,
+        "acceleration": found.counted_tests * plain.cpu_seconds / plain.valid_tests / cost,
         "seconds": round(plain.seconds + split.seconds, 3),
         "cpu_seconds": round(cost, 3),
         "tests_per_second": round(found.n / split.seconds, 1),
         "digest": split.digest,
-        "state": state,
+        "state": "no crash",
         **_kind_counts(picked),
-        "crash_type_rates": types,
+        "crash_type_rates": kind_rates(picked, "crash_type", found) if picked else {},
         "mechanism_rates": mechanisms,
         "crash_circumstances": None,
     }
-    return NaturalRate(**{**session.plain_part(), **own})
+    if picked:
+        per_mile = None if plain.miles == 0.0 else plain.valid_tests / plain.miles
+        radius = always_valid_half_width(found)
+        low, high = max(0.0, found.rate - radius), found.rate + radius
+        fields |= {
+            "tests": found.n,
+            "crashes_per_test": found.rate,
+            "interval95": (low, high),
+            "crashes_per_mile": None if per_mile is None else found.rate * per_mile,
+            "interval95_per_mile": None if per_mile is None else (low * per_mile, high * per_mile),
+            "relative_half_width": split.half_width,
+            "relative_half_width_90": found.half_width_90,
+            "doubts": split.doubts(plain, session.kinds(), mechanisms),
+            "largest_share": found.largest,
+            "state": state,
+        }
+    return NaturalRate(**fields)
 
 
 def _kind_counts(picked: list[PickedCrash]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cornerforge.analysis.mechanism import MECHANISMS
+from cornerforge.pipeline.plain import ASKED
 from cornerforge.rates.weighted import LEAST_EFFECTIVE
 from cornerforge.results import NaturalRate
 
@@ -31,7 +32,8 @@ def doubt_text(found: NaturalRate) -> str | None:
     if not found.doubts:
         return None
     plain, taught = found.effort.plain.tests, found.effort.teaching.tests
-    more = plain + taught + found.tests * max(2.0, 1.5 * LEAST_EFFECTIVE / max(1, found.effective_sample_size))
+    times = min(20.0, max(2.0, 1.5 * LEAST_EFFECTIVE / max(1, found.effective_sample_size)))
+    more = plain + taught + found.effort.estimation.tests * times
     rounded = int(float(f"{more:.1e}"))
     return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: --max-tests {rounded}"
 
@@ -52,7 +54,7 @@ def _precision_line(found: NaturalRate) -> str:
     narrow = "no crash yet" if width is None else f"relative half-width {width:.2f}"
     stopped = _STOPPED.get(found.state, found.state)
     if found.method == "mc":
-        why = "" if found.reason == "asked for" else f" Counted: {found.reason.rstrip('.')}."
+        why = "" if found.reason == ASKED else f" Counted: {found.reason.rstrip('.')}."
         return f"{found.av_crashes:,} AV crashes, {narrow}; {stopped}.{why}"
     return (
         f"{found.tests:,} trees of tests, {found.effective_sample_size:,} effective, {narrow}; {stopped}. Trees: "

@@ -2,14 +2,17 @@
 
 First a network is taught what is dangerous for this AV (`rates.teaching`), then trees of tests grow by it until the
 interval is narrow enough (`rates.trees`). The output folder holds `taught.npz` and `trees/`, one file for each block of
-trees; at the end `library/` gets crashes, picked by their weights: nearly a sample of what happens.
+trees; at the end `weighted/` is made (anew, if it is there), a library of crashes picked by their weights: nearly a
+sample of what happens.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import shutil
 import time
+import zipfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._files import writing
+from cornerforge._files import reason, writing
 from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
-from cornerforge.errors import FileFormatError
+from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
@@ -49,6 +52,7 @@ TREES = 10_000
 ALL_CRASHES = "any kind"
 _TEACH, _ESTIMATE, _PICK = range(3)
 _MOST_CASES = 1000
+_MOST_UNSEEN = 0.01
 _SHARD_CASES = 500
 _BLOCK_FIELDS = ("weight", "crashes", "lost", "cpu_seconds", "seconds", "root", "begun", "actions")
 
@@ -58,12 +62,10 @@ class PickedCrash:
     """One crash of a tree, standing for others.
 
     Attributes:
-        test: Root of the tree.
         weight: For how much of the sum over all trees it stands.
         crash_type, mechanism: What it is.
     """
 
-    test: int
     weight: float
     crash_type: str
     mechanism: str
@@ -83,6 +85,7 @@ class Splitting:
         self._threads, self._progress = threads, progress
         self._blocks: list[dict[str, Any]] = []
         self._judged: WeightedRate | None = None
+        self._unseen = 0.0
         self._plan: trees.Plan
         self.taught = Cost(tests=0, cpu_seconds=0.0)
         """What teaching took."""
@@ -122,9 +125,13 @@ class Splitting:
 
     def _read_taught(self, place: Path) -> danger.Network:
         found = _read(place, ("numbers", *danger.Network._fields))
-        self._level, tests, cpu, self._teaching_seconds = (float(x) for x in found.pop("numbers"))
+        numbers, network = found.pop("numbers"), danger.Network(**found)
+        like = danger.untaught(1.0)
+        if numbers.shape != (4,) or any(a.shape != b.shape for a, b in zip(network, like, strict=True)):
+            raise FileFormatError(f"{place} is damaged (other shapes); remove it, or choose another place.")
+        self._level, tests, cpu, self._teaching_seconds = (float(x) for x in numbers)
         self.taught = Cost(tests=int(tests), cpu_seconds=cpu)
-        return danger.Network(**found)
+        return network
 
     def drive(self, target: float, most: int) -> str:
         """Grow trees until the rate is exact enough and not in doubt ("target"), or there are `most` ("max_tests")."""
@@ -156,7 +163,7 @@ class Splitting:
         return {
             "weight": grown.roots["weight"].copy(),
             "crashes": grown.roots["crashes"].sum(),
-            "lost": grown.roots["lost"].sum() + grown.roots["crashes"].sum() - grown.crashes.size,
+            "lost": grown.roots["lost"].sum(),
             "cpu_seconds": grown.cpu_seconds,
             "seconds": time.perf_counter() - begun,
             "root": grown.crashes["root"][one],
@@ -218,7 +225,9 @@ class Splitting:
         found = self.rate
         told = list(found.doubts)
         if lost := sum(int(block["lost"]) for block in self._blocks):
-            told.append(f"{lost} copies of worlds or crashes found no room")
+            told.append(f"{lost} copies of worlds found no room")
+        if self._unseen > _MOST_UNSEEN:
+            told.append(f"crashes with {100.0 * self._unseen:.0f} % of it found no room, so their kinds are not known")
         each = found.rate / max(1, sum(kind.crashes for kind in kinds.values()))  # what one picked crash stands for
         most = {ALL_CRASHES: found.high}
         for name in plain_kinds:
@@ -257,11 +266,13 @@ class Splitting:
         roots, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
         kept = {int(root): (block, k) for block in self._blocks for k, root in enumerate(block["root"])}
         driver = ScriptDriver(self._run.setting, self._run.odd)
+        unseen = 0.0
         picked: list[PickedCrash] = []
         records: list[CaseRecord] = []
         for done, (test, weight) in enumerate(zip(roots.tolist(), stands_for.tolist(), strict=True)):
             self._progress("record crashes", done, roots.size)
-            if test not in kept:  # its crashes found no room, which is a doubt
+            if test not in kept:  # its crashes found no room
+                unseen += weight
                 continue
             block, k = kept[test]
             start = driver.start_of_test(self._tree_seed, test)
@@ -270,7 +281,7 @@ class Splitting:
             scenario, _ = driver.record(script, seed=self._tree_seed, test=test)
             mechanism = mechanism_of(scenario)
             kind = crash_types_of([scenario]).names[0]
-            picked.append(PickedCrash(test, weight, kind, mechanism.name))
+            picked.append(PickedCrash(weight, kind, mechanism.name))
             extra = {
                 "crash_type": kind,
                 "mechanism": mechanism.name,
@@ -279,14 +290,18 @@ class Splitting:
             }
             records.append(case_record(scenario, extra=extra, start=script.start))
         self._progress("record crashes", roots.size, roots.size)
+        self._unseen = unseen / float(stands_for.sum())
         if self._out is not None:
-            self._store(self._out / "library", records)
+            self._store(self._out / "weighted", records)
         return picked
 
     def _store(self, place: Path, records: list[CaseRecord]) -> None:
         """Write the library anew: with more trees other crashes are picked."""
         if place.exists():
-            shutil.rmtree(place)
+            try:
+                shutil.rmtree(place)
+            except OSError as error:
+                raise OutputError(f"Cannot replace {place}: {reason(error)}; make it writable.") from error
         seed = self._tree_seed
         identity = {**self._run.identity(seed), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}
         library = CaseLibrary.create(place, identity, self._run.odd)
@@ -364,7 +379,8 @@ def _read(place: Path, names: Sequence[str]) -> dict[str, Any]:
         FileFormatError: It is damaged.
     """
     try:
-        with np.load(place, allow_pickle=False) as content:
+        # From memory: of a cut-off file np.load would leave the handle open.
+        with np.load(io.BytesIO(place.read_bytes()), allow_pickle=False) as content:
             return {name: content[name] for name in names}
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise FileFormatError(f"{place} is damaged ({error}); remove it, or choose another place.") from error

@@ -57,14 +57,12 @@ class Taught:
         level: Mean danger at the start of a test; about the crash rate, if the network is right.
         tests: Trees grown.
         cpu_seconds: Of growing and learning.
-        rounds: The trees of each round.
     """
 
     network: danger.Network
     level: float
     tests: int
     cpu_seconds: float
-    rounds: tuple[Grown, ...]
 
 
 def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LATER) -> trees.Plan:
@@ -97,7 +95,6 @@ def teach(
         tell: Told each round's name and trees.
         progress: Told how many of `TEACHING_TREES` are grown.
     """
-    rounds: list[Grown] = []
     tables: list[LessonTable] = []
     begun, cpu = 0, 0.0
     school = _School(seed)
@@ -110,7 +107,6 @@ def teach(
         if tell is not None:
             tell(name, grown)
         assert grown.lessons is not None
-        rounds.append(grown)
         tables.append(grown.lessons)
         if len(tables) > _KEPT_TABLES:
             tables.pop(1)
@@ -126,7 +122,7 @@ def teach(
         begun += tests
     network = school.network()
     level, spent = level_of(network, setting, slots, seed, threads)
-    return Taught(network, level, begun, cpu + spent, tuple(rounds))
+    return Taught(network, level, begun, cpu + spent)
 
 
 class _School:

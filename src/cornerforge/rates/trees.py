@@ -31,7 +31,7 @@ _ARRAYS = ("roots", "crashes", "actions")
 _CHUNK = 250
 _ROWS = 400
 """Worlds that wait at once; the stack is as deep as acts and copies of one tree."""
-_LEAVES_PER_ROOT = 4
+_LEAVES_PER_ROOT = 16
 _MOMENTS_PER_ROOT, _LESSONS_PER_ROOT = 400, 4000
 _LEAST_PICKED = 0.03
 

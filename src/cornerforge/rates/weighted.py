@@ -66,6 +66,11 @@ class WeightedRate:
     tail: float | None
 
     @property
+    def counted_tests(self) -> float:
+        """Tests that counting would need for the same error, for a rate far below 1; 0 without a crash."""
+        return self.rate / (self.error * self.error) if self.error > 0.0 else 0.0
+
+    @property
     def doubts(self) -> tuple[str, ...]:
         """Reasons not to trust the interval, in words; empty if there are none."""
         found = []
