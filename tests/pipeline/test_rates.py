@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from cornerforge.errors import InputError
-from cornerforge.rates import binomial_interval, poisson_interval, rate_ratio_interval
+from cornerforge.rates import binomial_interval, poisson_interval, rate_ratio_interval, weighted_interval
 
 
 @given(st.integers(1, 10**7), st.floats(0.0, 1.0), st.floats(0.5, 1.0 - 1e-6))
@@ -116,3 +116,47 @@ def test_negative_counts_and_exposures_are_refused() -> None:
         poisson_interval(-1)
     with pytest.raises(InputError, match="exposure"):
         rate_ratio_interval(1, 0.0, 1, 1.0)
+
+
+# --- Sums of weights ---
+
+BIRTHS_5 = (327, 30_666, 123_419, 149_919, 104_088, 34_392)
+CASES_5 = (0, 8, 63, 112, 262, 295)
+BIRTHS = (319_933, 931_318, 786_511, 488_235, 237_863, 61_313)
+"""Births and cases of Down's syndrome of fifth and later children by the mother's age, and all births; Michigan, 1950
+to 1964 (Stark and Mantel 1966, table 14.4 of Fleiss 1981)."""
+
+
+def test_weighted_interval_is_the_one_that_others_compute() -> None:
+    # Package dsrTest of R, in its introduction, prints 75.52901 (67.70212, 188.30017).
+    weights = [1e5 * births / sum(BIRTHS) / of_fifth for births, of_fifth in zip(BIRTHS, BIRTHS_5, strict=True)]
+    each = np.repeat(weights, CASES_5)
+    assert each.sum() == pytest.approx(75.52901, abs=5e-6)
+    assert weighted_interval(each, max(weights)) == pytest.approx((67.70212, 188.30017), abs=5e-6)
+
+
+@given(st.integers(0, 1000), st.floats(1e-9, 10.0), st.floats(0.5, 1.0 - 1e-6))
+def test_with_equal_weights_it_is_that_of_the_count(count: int, weight: float, confidence: float) -> None:
+    expected = [weight * end for end in poisson_interval(count, confidence)]
+    assert weighted_interval(np.full(count, weight), weight, confidence) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("mean", [0.5, 6.0, 60.0])
+def test_weighted_interval_covers_the_mean_at_least_as_often_as_it_says(mean: float) -> None:
+    rng = np.random.default_rng(5)
+    tries, held, wald = 2_000, 0, 0
+    for _ in range(tries):
+        each = rng.choice([0.1, 0.5, 2.0], rng.poisson(mean), p=[0.6, 0.3, 0.1])
+        low, high = weighted_interval(each, 2.0)
+        held += low <= mean * 0.41 <= high
+        half = 1.96 * (each * each).sum() ** 0.5
+        wald += each.sum() - half <= mean * 0.41 <= each.sum() + half
+    assert held >= 0.95 * tries - 5.0 * (0.95 * 0.05 * tries) ** 0.5
+    if mean < 10.0:
+        assert wald < 0.9 * tries  # negative control
+
+
+@pytest.mark.parametrize("wrong", [([-0.1], 1.0), ([2.0], 1.0), ([float("nan")], 1.0), ([], 0.0)])
+def test_weights_out_of_range_are_refused(wrong: tuple[list[float], float]) -> None:
+    with pytest.raises(InputError, match=r"weights|largest"):
+        weighted_interval(*wrong)

@@ -24,7 +24,7 @@ from cornerforge.cli.options import (
     flag,
     takes_world,
 )
-from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, rate_text, run_command
+from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, natural_text, rate_text, run_command
 from cornerforge.cli.program import app
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
@@ -80,6 +80,15 @@ def analyse(
         str, typer.Option(help="For how many cases, drawn at random, a way out is searched for; all or none.")
     ] = "2000",
     reaction: Annotated[float, typer.Option(help="Seconds that the AV needs to react, 0 to 5.")] = 0.0,
+    purpose: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="road|attack",
+            help="What comes first: what happens most on the road, for natural cases; or what is of most value.",
+            show_default="road for natural cases, else attack",
+        ),
+    ] = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -95,6 +104,7 @@ def analyse(
             f"majority {r.majority:,}, minority {r.minority:,}",
             "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r.crash_types.items()),
         ]
+        lines += natural_text(r)
         lines += [f"Cluster {c.id} ({c.group}, {c.size:,} cases): typical {', '.join(c.typical)}" for c in r.clusters]
         lines.append("Rare: " + (", ".join(r.rare) or "none"))
         lines += judgement_text(r)
@@ -102,8 +112,8 @@ def analyse(
 
     run_command(
         lambda bars: cornerforge.analyse(
-            library, steps=steps, out=out, avoidability=avoidability, reaction=reaction, seed=seed, threads=threads,
-            progress=bars,
+            library, steps=steps, out=out, avoidability=avoidability, reaction=reaction, purpose=purpose, seed=seed,
+            threads=threads, progress=bars,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

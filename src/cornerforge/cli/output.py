@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from cornerforge.results import Analysed, Filled
+    from cornerforge.results.analysis import NaturalKind
     from cornerforge.results.rates import Rate, Yield
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "compiling_text",
     "fault_text",
     "judgement_text",
+    "natural_text",
     "rate_text",
     "run_command",
     "speed_text",
@@ -164,6 +166,29 @@ def yield_text(r: Yield, what: str) -> str:
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
 
 
+def natural_text(r: Analysed) -> list[str]:
+    """How often natural cases happen, kind by kind; nothing for cases of an adversary."""
+    if r.natural is None:
+        return []
+    found = r.natural
+    lines = [f"In natural traffic a crash {_miles(found.all)}; from {found.effective_cases:,.0f} effective cases:"]
+    for what, kinds in (("cluster", found.clusters), ("type", found.crash_types), ("mechanism", found.mechanisms)):
+        lines += [
+            f"  {100.0 * kind.share:5.1f} %  {what} {name}: {_miles(kind)}, {kind.cases:,} cases"
+            for name, kind in kinds.items()
+        ]
+    if found.avoidable is not None:
+        lines.append(f"  {100.0 * found.avoidable.share:5.1f} %  avoidable by the AV: {_miles(found.avoidable)}")
+    lines.append(f"  A serious injury in the AV (MAIS 3 or more) {_miles(found.serious_injuries)}")
+    return lines
+
+
+def _miles(kind: NaturalKind) -> str:
+    low, high = kind.interval95_miles
+    text = f"once in {kind.miles_between:.3g} miles ({low:.3g} to {high:.3g})"
+    return text.replace("e+0", "e").replace("e+", "e")
+
+
 def judgement_text(r: Analysed) -> list[str]:
     """Fault, avoidability, coverage and the most valuable cases of an analysis."""
     lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
@@ -182,7 +207,8 @@ def judgement_text(r: Analysed) -> list[str]:
         f"kind {cover.unseen_kind_chance:.2g} (95 % interval {low:.2g} to {high:.2g})"
     )
     if r.value.top:
-        lines.append("Worth a look first (value: case: what happened):")
+        frequent = "typical of what happens most, " if r.purpose == "road" else ""
+        lines.append(f"Worth a look first ({frequent}value: case: what happened):")
         lines += [f"  {one.value:.2f}: {one.case_id}: {one.text}" for one in r.value.top]
     return lines
 

@@ -152,6 +152,16 @@ class CaseLibrary:
         return self._manifest.odd
 
     @property
+    def extra(self) -> tuple[str, ...]:
+        """Names of the caller's own columns."""
+        return tuple(self._manifest.extra or ())
+
+    @property
+    def scripted(self) -> bool:
+        """Whether its cases are scripted, not tests of a seed."""
+        return self._manifest.scripted
+
+    @property
     def next_test(self) -> int:
         """Next test to drive: all tests below it are done."""
         return self._manifest.next_test

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer, check_number
+from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.natural import natural_shares, natural_weights
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
 from cornerforge.rates.intervals import binomial_interval
 from cornerforge.results import Analysed, as_json, from_json
+from cornerforge.results.analysis import Natural
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -40,6 +43,7 @@ def analyse(
     out: Path | str | None = None,
     avoidability: int | str = DEFAULT_LOOKS,
     reaction: float = 0.0,
+    purpose: str | None = None,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
@@ -55,12 +59,15 @@ def analyse(
             rare cases are searched too, unless it is "none".
         reaction: Time that the AV needs to react [s], 0 to 5: an avoiding manoeuvre begins at the earliest this long
             after the begin of the manoeuvre that led to the crash.
+        purpose: What comes first. "road": what happens most in natural traffic, for natural cases only; "attack": what
+            is of most value. None: "road" for natural cases, else "attack".
         seed: Seed of the starts of K-means and of the draw.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
 
     Returns:
-        What `cornerforge analyse --json` prints: clusters, typical and rare cases, ways out, faults, values.
+        What `cornerforge analyse --json` prints: clusters, typical and rare cases, ways out, faults, values; of
+        natural cases how often each kind happens, too.
 
     Raises:
         CornerForgeError: The library cannot be read or is empty, or an argument is out of range.
@@ -77,9 +84,17 @@ def analyse(
         raise InputError(
             f"The library {library} holds no cases yet; fill it with: cornerforge generate --out {library} --resume"
         )
+    weights = natural_weights(cases)
+    if purpose is None:
+        purpose = "attack" if weights is None else "road"
+    if check_in("purpose", purpose, ("attack", "road")) == "road" and weights is None:
+        raise InputError(
+            f"The cases of {library} come from an adversary, so nothing says how often they happen on the road; use "
+            "purpose attack, or a library that rate or generate makes from natural traffic."
+        )
     identity = {
         **cases.identity, "cases": len(cases), "steps": steps, "analysis_seed": seed,
-        "avoidability": str(avoidability), "reaction": float(reaction),
+        "avoidability": str(avoidability), "reaction": float(reaction), "purpose": purpose,
     }  # fmt: skip
     if out is not None:
         open_output(Path(out), identity, resume=True)
@@ -91,7 +106,14 @@ def analyse(
     drawn = _draw(found.case_ids, looks, seed)
     chosen = drawn | _outstanding(found) if looks != 0 else drawn
     table, witnesses, value = _judge(cases, found, chosen, reaction, n_threads, progress, told["seconds"])
-    analysed = from_json(Analysed, told | _judged(cases, found, table, drawn, value, reaction))
+    natural = None
+    if weights is not None:
+        natural = _natural(cases, found, table, drawn, np.array([weights[case] for case in found.case_ids]))
+    first = value.best(_TOP).tolist() if purpose == "attack" or natural is None else _most_frequent(found, natural)
+    told |= _judged(found, table, drawn, reaction) | {
+        "value": {"weights": value.weights, "top": _top(cases, found, table, value, first)}, "purpose": purpose,
+    }  # fmt: skip
+    analysed = replace(from_json(Analysed, told), natural=natural)
     if out is not None:
         _write(Path(out), analysed, found, table, witnesses)
         write_json(Path(out) / "provenance.json", provenance(identity, round(analysed.seconds["total"], 3)))
@@ -169,9 +191,7 @@ def _judge(
     return table, pa.concat_tables([part.witnesses for part in parts]), value
 
 
-def _judged(
-    cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], value: Value, reaction: float
-) -> dict[str, Any]:
+def _judged(found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float) -> dict[str, Any]:
     """Return the keys that judging adds to an analysis."""
     from cornerforge.analysis.coverage import coverage_of
 
@@ -188,7 +208,6 @@ def _judged(
             for name in ("impact_speed_mps", "av_delta_v_mps", "av_injury_probability")
         },
         "avoidability": _avoidability(table, is_drawn, reaction),
-        "value": {"weights": value.weights, "top": _top(cases, found, table, value)},
         "coverage": grid.to_json(),
     }
 
@@ -241,13 +260,48 @@ def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float)
     }
 
 
-def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value) -> list[dict[str, Any]]:
-    """Return the most valuable cases, each with a sentence."""
+def _natural(
+    cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], weights: NDArray[np.float64]
+) -> Natural:
+    """Compute how often each kind happens in natural traffic; `weights`: of the cases, in the order of the analysis."""
+    labels = _strings(table, "avoidability")
+    without = (None, "unavoidable", "undecided")
+    mechanisms: list[str | None] = [None] * len(labels)
+    if "mechanism" in cases.extra:
+        rows = cases.scalars(["case_id", "mechanism"])
+        known = dict(zip(rows["case_id"].to_pylist(), rows["mechanism"].to_pylist(), strict=True))
+        mechanisms = [known[case] for case in found.case_ids]
+    return natural_shares(
+        weights,
+        cases.odd,
+        kinds={
+            "clusters": [str(number) for number in found.cluster_index.tolist()],
+            "crash_types": found.crash_types.names,
+            "mechanisms": mechanisms,
+            "fault": _strings(table, "fault"),
+        },
+        avoidable=np.array([label not in without for label in labels], np.bool_),
+        looked_at=np.array([case in drawn for case in found.case_ids], np.bool_),
+        injury=_column(table, "av_injury_probability"),
+    )
+
+
+def _most_frequent(found: Analysis, natural: Natural) -> list[int]:
+    """Return the rows of the cases to show first: typical ones, of the most frequent cluster first, then the next."""
+    typical = {str(cluster.id): cluster.typical for cluster in found.clusters}
+    most = max(len(cases) for cases in typical.values())
+    first = [typical[name][k] for k in range(most) for name in natural.clusters if k < len(typical[name])]
+    place = {case: row for row, case in enumerate(found.case_ids)}
+    return [place[case] for case in first[:_TOP]]
+
+
+def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, rows: list[int]) -> list[dict[str, Any]]:
+    """Return the cases of some rows, those with a value, each with a sentence."""
     import pyarrow as pa
 
     from cornerforge.analysis.in_words import avoidance_in_words, case_in_words
 
-    rows = [int(row) for row in value.best(_TOP)]
+    rows = [row for row in rows if np.isfinite(value.score[row])]
     avoidance = table.take(pa.array(rows, pa.int64())).to_pylist()
     top = []
     for row, known in zip(rows, avoidance, strict=True):

@@ -13,7 +13,6 @@ import io
 import shutil
 import time
 import zipfile
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +31,7 @@ from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, version
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment
-from cornerforge.rates import poisson_interval
+from cornerforge.rates import poisson_interval, weighted_interval
 from cornerforge.rates.monte_carlo import MonteCarlo
 from cornerforge.rates.trees import grow
 from cornerforge.rates.weighted import (
@@ -62,7 +61,7 @@ class PickedCrash:
     """One crash of a tree, standing for others.
 
     Attributes:
-        weight: For how much of the sum over all trees it stands.
+        weight: For how much of the sum over all trees it stands; with the others' that sum.
         crash_type, mechanism: What it is.
     """
 
@@ -231,9 +230,7 @@ class Splitting:
         each = found.rate / max(1, sum(kind.crashes for kind in kinds.values()))  # what one picked crash stands for
         most = {ALL_CRASHES: found.high}
         for name in plain_kinds:
-            seen = kinds.get(name)
-            by_picks = each * poisson_interval(0 if seen is None else seen.crashes)[1]
-            most[name] = by_picks if seen is None else max(by_picks, seen.interval95[1])
+            most[name] = kinds[name].interval95[1] if name in kinds else each * poisson_interval(0)[1]
         told += plain_doubts(most, {ALL_CRASHES: plain.av_crashes, **plain_kinds}, plain.valid_tests)
         return tuple(told)
 
@@ -266,14 +263,13 @@ class Splitting:
         roots, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
         kept = {int(root): (block, k) for block in self._blocks for k, root in enumerate(block["root"])}
         driver = ScriptDriver(self._run.setting, self._run.odd)
-        unseen = 0.0
+        seen = [test in kept for test in roots.tolist()]  # of others the crashes found no room
+        self._unseen = 1.0 - float(stands_for[seen].sum() / stands_for.sum())
+        roots, stands_for = roots[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
         picked: list[PickedCrash] = []
         records: list[CaseRecord] = []
         for done, (test, weight) in enumerate(zip(roots.tolist(), stands_for.tolist(), strict=True)):
             self._progress("record crashes", done, roots.size)
-            if test not in kept:  # its crashes found no room
-                unseen += weight
-                continue
             block, k = kept[test]
             start = driver.start_of_test(self._tree_seed, test)
             actions = block["actions"][k, : block["begun"][k], : start.size]
@@ -290,7 +286,6 @@ class Splitting:
             }
             records.append(case_record(scenario, extra=extra, start=script.start))
         self._progress("record crashes", roots.size, roots.size)
-        self._unseen = unseen / float(stands_for.sum())
         if self._out is not None:
             self._store(self._out / "weighted", records)
         return picked
@@ -341,14 +336,18 @@ def pick(
 
 def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> dict[str, KindRate]:
     """Split a rate by kinds of crash that were picked, "crash_type" or "mechanism"; they sum up to the whole rate."""
-    names = [getattr(crash, of) for crash in picked]
-    scale = found.rate * found.n / sum(crash.weight for crash in picked)
+    largest = max(crash.weight for crash in picked)
+    by_kind: dict[str, list[float]] = {}
+    for crash in picked:
+        by_kind.setdefault(getattr(crash, of), []).append(crash.weight)
     rates = {}
-    for name, crashes in sorted(Counter(names).items()):
-        weights = np.zeros(found.n)
-        weights[:crashes] = [crash.weight * scale for crash, kind in zip(picked, names, strict=True) if kind == name]
-        own = weighted_rate(weights)
-        rates[name] = KindRate(crashes=crashes, crashes_per_test=own.rate, interval95=(own.low, own.high))
+    for name, weights in sorted(by_kind.items()):
+        low, high = weighted_interval(weights, largest)
+        rates[name] = KindRate(
+            crashes=len(weights),
+            crashes_per_test=sum(weights) / found.n,
+            interval95=(low / found.n, high / found.n),
+        )
     return rates
 
 

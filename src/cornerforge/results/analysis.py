@@ -17,6 +17,8 @@ __all__ = [
     "Cluster",
     "ClusterChoice",
     "Coverage",
+    "Natural",
+    "NaturalKind",
     "TopCase",
     "ValueFound",
 ]
@@ -112,6 +114,38 @@ class Coverage:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NaturalKind:
+    """How often crashes of one kind happen in natural traffic."""
+
+    cases: int = field(metadata=meant("Cases of this kind."))
+    share: float = field(metadata=share("Share of all natural crashes, 0 to 1."))
+    crashes_per_test: float = field(metadata=meant("How often it happens.", "per test"))
+    interval95: Interval = field(metadata=meant("Its interval (Fay and Feuer); it covers chance only.", "per test"))
+    miles_between: float = field(metadata=meant("Miles of the AV from one to the next, at full test length.", "miles"))
+    interval95_miles: Interval = field(metadata=meant("Interval of `miles_between`.", "miles"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Natural:
+    """How often the crashes of a library happen in natural traffic; each dictionary begins with the most frequent."""
+
+    effective_cases: float = field(metadata=meant("Cases that would tell as much if all weighed the same."))
+    all: NaturalKind = field(metadata=meant("All crashes of the AV."))
+    clusters: dict[str, NaturalKind] = field(metadata=meant("By `id` of the cluster."))
+    crash_types: dict[str, NaturalKind] = field(metadata=meant("By crash type."))
+    mechanisms: dict[str, NaturalKind] = field(
+        metadata=meant("By what led to it; empty if the library does not say so.")
+    )
+    fault: dict[str, NaturalKind] = field(metadata=meant("By who is at fault (RSS)."))
+    avoidable: NaturalKind | None = field(
+        metadata=meant("Those with a way out, from the cases drawn for it; null: none was, or none had one.")
+    )
+    serious_injuries: NaturalKind = field(
+        metadata=meant("Crashes in which somebody in the AV is seriously injured (MAIS 3 or more), from its chance.")
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Analysed:
     """Kinds of crash in a library, typical and rare cases, and what each is worth."""
 
@@ -145,3 +179,9 @@ class Analysed:
     avoidability: Avoidability | None = field(metadata=meant("Ways out; null: none was searched."))
     value: ValueFound = field(metadata=meant("Cases that are worth a look."))
     coverage: Coverage = field(metadata=meant("Kinds that were seen."))
+    natural: Natural | None = field(
+        default=None, metadata=meant("Natural rates; null: the cases come from an adversary, which has none.")
+    )
+    purpose: str = field(
+        default="attack", metadata=meant('What comes first: "road", what happens most; "attack", most valued.')
+    )

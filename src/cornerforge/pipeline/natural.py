@@ -1,0 +1,112 @@
+"""How often the cases of a library happen in natural traffic, kind by kind.
+
+Cases of natural traffic have a weight: the crashes per test that each stands for. Counted ones all have the same; those
+of trees (`splitting`) carry theirs in the column `weight`. Cases that an adversary made have none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.rates import weighted_interval
+from cornerforge.results.analysis import Natural, NaturalKind
+
+if TYPE_CHECKING:
+    from cornerforge.library import CaseLibrary
+    from cornerforge.types import Odd
+
+__all__ = ["WEIGHT", "Kinds", "natural_shares", "natural_weights"]
+
+WEIGHT = "weight"
+"""Column of a library: crashes per test that the case stands for."""
+_METRES_PER_MILE = 1609.344
+_TRAFFIC = "nde"
+
+Kinds = Sequence[str | None]
+"""What kind each case is, None: not known."""
+
+
+def natural_weights(cases: CaseLibrary) -> dict[str, float] | None:
+    """Give each case's weight, by its id; None if they are not natural.
+
+    Returns:
+        Crashes per test that the case stands for; the sum is the rate.
+    """
+    if cases.identity.get("bv") != _TRAFFIC or len(cases) == 0:
+        return None
+    if WEIGHT in cases.extra:
+        rows = cases.scalars(["case_id", WEIGHT])
+        return dict(zip(rows["case_id"].to_pylist(), rows[WEIGHT].to_pylist(), strict=True))
+    if cases.scripted or cases.tests == 0:
+        return None
+    each = cases.crashes / cases.tests / len(cases)  # not all crashes need be stored
+    return dict.fromkeys(cases.scalars(["case_id"])["case_id"].to_pylist(), each)
+
+
+class _Rates:
+    """Rates of kinds in a library with weights (S,)."""
+
+    def __init__(self, weights: NDArray[np.float64], odd: Odd) -> None:
+        self.weights = weights
+        self._largest = float(weights.max())
+        self._whole = float(weights.sum())
+        self._miles = odd.test_length / _METRES_PER_MILE
+
+    def of(self, weights: NDArray[np.float64], largest: float | None = None) -> NaturalKind:
+        """Give the rate of some cases, with their weights; `largest`: of any such case, None: of any of the library."""
+        rate = float(weights.sum())
+        low, high = weighted_interval(weights, self._largest if largest is None else largest)
+        return NaturalKind(
+            cases=weights.size,
+            share=min(1.0, rate / self._whole),
+            crashes_per_test=rate,
+            interval95=(low, high),
+            miles_between=self._miles / rate,
+            interval95_miles=(self._miles / high, self._miles / low),
+        )
+
+    def by(self, kinds: Kinds) -> dict[str, NaturalKind]:
+        """Give the rate of each kind, the most frequent first."""
+        names = np.array([name or "" for name in kinds], np.str_)
+        found = {str(name): self.of(self.weights[names == name]) for name in np.unique(names[names != ""])}
+        return dict(sorted(found.items(), key=lambda item: -item[1].crashes_per_test))
+
+
+def natural_shares(
+    weights: NDArray[np.float64],
+    odd: Odd,
+    *,
+    kinds: Mapping[str, Kinds],
+    avoidable: NDArray[np.bool_],
+    looked_at: NDArray[np.bool_],
+    injury: NDArray[np.float64],
+) -> Natural:
+    """Compute natural rates of all kinds.
+
+    Args:
+        weights: Of the cases, above 0, shape (S,).
+        odd: Of the library.
+        kinds: "clusters", "crash_types", "mechanisms" and "fault": what each case is.
+        avoidable: Whether a way out was found, shape (S,).
+        looked_at: Whether the case was drawn for that, shape (S,).
+        injury: Chance of a serious injury in the AV, shape (S,).
+    """
+    rates = _Rates(weights, odd)
+    ways: NaturalKind | None = None
+    if (avoidable & looked_at).any():  # those that were drawn stand for all
+        drawn = weights * weights.sum() / weights[looked_at].sum()
+        ways = rates.of(drawn[avoidable & looked_at], float(drawn.max()))
+    return Natural(
+        effective_cases=float(weights.sum() ** 2 / (weights * weights).sum()),
+        all=rates.of(weights),
+        clusters=rates.by(kinds["clusters"]),
+        crash_types=rates.by(kinds["crash_types"]),
+        mechanisms=rates.by(kinds["mechanisms"]),
+        fault=rates.by(kinds["fault"]),
+        avoidable=ways,
+        serious_injuries=rates.of(weights * injury, float((weights * injury).max())),
+    )
