@@ -93,8 +93,11 @@ def test_trees_and_counting_agree(world: dict[str, Any], tmp_path: Path) -> None
     # An analysis of it gives each kind the rate that the run gave it.
     natural = cornerforge.analyse(tmp_path / "r" / "weighted", avoidability="none").natural
     assert natural is not None
-    for own, of_run in ((natural.crash_types, found.crash_type_rates), (natural.mechanisms, found.mechanism_rates)):
-        assert {name: kind.crashes_per_test for name, kind in own.items()} == pytest.approx(
+    for by_cases, of_run in (
+        (natural.crash_types, found.crash_type_rates),
+        (natural.mechanisms, found.mechanism_rates),
+    ):
+        assert {name: kind.crashes_per_test for name, kind in by_cases.items()} == pytest.approx(
             {name: kind.crashes_per_test for name, kind in of_run.items()}
         )
 
