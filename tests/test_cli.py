@@ -248,7 +248,15 @@ def test_analysis_names_clusters_and_cases(files: Path, capsys: Capture) -> None
 
 
 def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    tiny = run_module.Effort(nde_tests=200, decisions=120_000, evaluation_tests=200, exposure_tests=100, cases=12)
+    tiny = run_module.Effort(
+        nde_tests=200,
+        natural_tests=200,
+        natural_rhw=0.3,
+        decisions=120_000,
+        evaluation_tests=200,
+        exposure_tests=100,
+        cases=12,
+    )
     monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
     command = ["run", "--effort", "quick", "--out", tmp_path / "out", "--seed", "2", "--json"]
     status, out, err = call(capsys, *command)
@@ -272,7 +280,15 @@ def test_run_makes_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, c
 def test_the_old_name_of_effort_goes_on_working_with_a_hint(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
-    tiny = run_module.Effort(nde_tests=200, decisions=60_000, evaluation_tests=200, exposure_tests=100, cases=8)
+    tiny = run_module.Effort(
+        nde_tests=200,
+        natural_tests=200,
+        natural_rhw=0.3,
+        decisions=60_000,
+        evaluation_tests=200,
+        exposure_tests=100,
+        cases=8,
+    )
     monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
     monkeypatch.setattr("warnings.filters", [])  # as outside of tests, where warnings are no errors
     status, _, err = call(capsys, *command.split(), "--out", tmp_path / "out", "--quiet")
@@ -682,7 +698,15 @@ def test_a_path_means_the_same_to_all_who_write(
 
 
 def test_a_run_into_a_place_with_a_colon_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    tiny = run_module.Effort(nde_tests=200, decisions=60_000, evaluation_tests=200, exposure_tests=100, cases=8)
+    tiny = run_module.Effort(
+        nde_tests=200,
+        natural_tests=200,
+        natural_rhw=0.3,
+        decisions=60_000,
+        evaluation_tests=200,
+        exposure_tests=100,
+        cases=8,
+    )
     monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)
     monkeypatch.chdir(tmp_path)
     assert call(capsys, "run", "--out", "run-2026-11-22T10:30", "--quiet") == (0, "", "")

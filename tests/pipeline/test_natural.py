@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import InputError
-from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.pipeline.natural import natural_shares
 from cornerforge.rates import poisson_interval
 from cornerforge.results import Analysed
@@ -23,16 +21,14 @@ MILES = 400.0 / 1609.344
 
 
 @pytest.fixture(scope="module")
-def counted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, cornerforge.results.NaturalRate]:
+def counted(
+    reckless_model: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, cornerforge.results.NaturalRate]:
     """Crashes of counted natural tests, in a world in which they are frequent."""
-    folder = tmp_path_factory.mktemp("counted")
-    model = load_model(default_model_path())
-    often = np.full(21, 0.05, dtype=np.float32)
-    save_model(replace(model, overlook=0.2, overlook_conflict=0.2, lc_base=often), folder / "reckless.npz")
-    return folder / "rate" / "library", cornerforge.rate(
-        odd="paper", lanes=2, model=folder / "reckless.npz",
-        method="mc", max_tests=40_000, target_rhw=0.001, seed=3, out=folder / "rate",
-    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("counted") / "rate"
+    return folder / "library", cornerforge.rate(
+        odd="paper", lanes=2, model=reckless_model, method="mc", max_tests=40_000, target_rhw=0.001, seed=3, out=folder
+    )
 
 
 @pytest.fixture(scope="module")

@@ -25,11 +25,19 @@ from cornerforge.results import RunDone, as_json
 run_module = importlib.import_module("cornerforge.pipeline.run")
 
 # Beyond replay_start of preset `fast`, so that it learns a little; enough to crash now and then.
-TINY = run_module.Effort(nde_tests=600, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
-STAGES = ("nde", "train", "evaluate", "baselines", "exposure", "generate", "analyse")
+TINY = run_module.Effort(
+    nde_tests=600,
+    natural_tests=600,
+    natural_rhw=0.3,
+    decisions=120_000,
+    evaluation_tests=300,
+    exposure_tests=200,
+    cases=25,
+)
+STAGES = ("nde", "natural", "natural_cases", "train", "evaluate", "baselines", "exposure", "generate", "analyse")
 ARTEFACTS = {
-    "policy.safetensors", "training.json", "library", "analysis", "exposure.json", "summary.json", "report.html",
-    "provenance.json", "stages",
+    "policy.safetensors", "training.json", "library", "analysis", "natural", "exposure.json", "summary.json",
+    "report.html", "provenance.json", "stages",
 }  # fmt: skip
 
 
@@ -56,7 +64,7 @@ def same_result(summary: RunDone) -> str:
 
     def cut(value: Any) -> Any:
         if isinstance(value, dict):
-            gone = ("out", "library", "report", "seconds", "world_steps_per_second", "tests_per_second")
+            gone = ("out", "library", "report", "seconds", "cpu_seconds", "world_steps_per_second", "tests_per_second")
             return {key: cut(item) for key, item in value.items() if key not in gone}
         return [cut(item) for item in value] if isinstance(value, list) else value
 
@@ -157,7 +165,10 @@ def test_a_second_resume_does_nothing_again(finished: tuple[Path, RunDone]) -> N
     assert changed <= {"summary.json", "provenance.json", "report.html"}
 
 
-@pytest.mark.parametrize("stage", ["train", "exposure", "generate"])
+RATE = "rate (0 crashes)"
+
+
+@pytest.mark.parametrize("stage", [RATE, "train", "exposure", "generate"])
 def test_a_run_that_was_stopped_goes_on_to_the_same_result(
     stage: str, finished: tuple[Path, RunDone], tmp_path: Path
 ) -> None:
@@ -170,7 +181,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_result(
     with pytest.raises(KeyboardInterrupt):
         cornerforge.run(effort="quick", out=tmp_path / "out", seed=2, progress=stop)
     before = {entry.name: entry.read_bytes() for entry in (tmp_path / "out" / "stages").iterdir()}
-    assert f"{stage}.json" not in before
+    assert f"{'natural' if stage == RATE else stage}.json" not in before
     assert before
     resumed = cornerforge.run(effort="quick", out=tmp_path / "out", seed=2, resume=True)
     assert same_result(resumed) == same_result(finished[1])
@@ -195,7 +206,15 @@ def test_a_folder_of_another_run_is_refused_by_name(
 def test_another_size_under_the_same_name_is_refused(
     finished: tuple[Path, RunDone], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    larger = run_module.Effort(nde_tests=700, decisions=120_000, evaluation_tests=300, exposure_tests=200, cases=25)
+    larger = run_module.Effort(
+        nde_tests=700,
+        natural_tests=700,
+        natural_rhw=0.3,
+        decisions=120_000,
+        evaluation_tests=300,
+        exposure_tests=200,
+        cases=25,
+    )
     monkeypatch.setitem(run_module.EFFORTS, "quick", larger)
     with pytest.raises(InputError, match="config_hash"):
         cornerforge.run(effort="quick", out=finished[0], seed=2, resume=True)
@@ -235,3 +254,19 @@ def test_wrong_arguments_make_no_folder(arguments: dict[str, Any], kind: type[Ex
     with pytest.raises(kind):
         cornerforge.run(out=tmp_path / "out", **{"effort": "quick"} | arguments)
     assert not list(tmp_path.iterdir())
+
+
+def test_natural_crashes_are_analysed_and_stand_first_on_the_page(
+    reckless_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(run_module.EFFORTS, "quick", replace(TINY, natural_tests=20_000))
+    found = cornerforge.run(effort="quick", out=tmp_path / "out", seed=2, odd="paper", lanes=2, model=reckless_model)
+    assert found.natural.crashes_per_test > 0.0
+    assert found.natural_cases is not None
+    assert found.natural_cases.natural is not None
+    assert found.natural_cases.purpose == "road"
+    assert found.natural_cases.natural.all.crashes_per_test == pytest.approx(found.natural.crashes_per_test)
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    first = found.natural_cases.value.top[0].case_id
+    assert f'data-case="natural/{first}"' in page
+    assert page.index("<h2>On real roads</h2>") < page.index("Worth a look first, of what the adversary found</h2>")

@@ -14,7 +14,6 @@ import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library import CaseLibrary
-from cornerforge.ndd import default_model_path, load_model, save_model
 from cornerforge.pipeline.splitting import pick
 from cornerforge.rates import binomial_interval
 from cornerforge.results import NaturalRate
@@ -24,14 +23,9 @@ SIGMAS = 5.0
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def world(reckless_model: Path) -> dict[str, Any]:
     """A world in which the AV often crashes, in several ways."""
-    path = tmp_path_factory.mktemp("reckless") / "reckless.npz"
-    model = load_model(default_model_path())
-    memory = replace(model.memory, away=0.02, away_again=0.5)
-    often = np.full(21, 0.05, dtype=np.float32)
-    save_model(replace(model, overlook=0.1, overlook_conflict=0.1, lc_base=often, memory=memory), path)
-    return {"av": "idm-mobil", "odd": "paper", "seed": 3, "model": path, "lanes": 2}
+    return {"av": "idm-mobil", "odd": "paper", "seed": 3, "model": reckless_model, "lanes": 2}
 
 
 @pytest.fixture(autouse=True)

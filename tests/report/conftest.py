@@ -137,6 +137,28 @@ def write_run(out: Path, tests: int) -> Path:
     return out
 
 
+def write_natural(out: Path) -> None:
+    """Give a run natural crashes that trees of tests found."""
+    library = CaseLibrary.create(out / "natural" / "weighted", IDENTITY | {"bv": "nde"}, ODD)
+    kinds = {"side": "bv-side", "cut-in": "av-rear-bv-cut-in", "rear": "av-rear"}
+    records = []
+    for test in range(100, 130):
+        kind = ("side", "side", "cut-in", "rear")[test % 4]
+        extra: dict[str, str | float] = {"weight": 1e-8, "mechanism": kinds[kind]}
+        records.append(case_record(crash_scenario(test, kind), trajectory_digest=f"{test:08x}", extra=extra))
+    library.append(records, next_test=130, tests=130, crashes=30)
+    file = out / "summary.json"
+    summary = json.loads(file.read_text(encoding="utf-8"))
+    summary["natural"] = {
+        "method": "splitting", "tests": 150_000, "plain_tests": 262_144, "crashes_per_test": 3e-7,
+        "interval95": [1e-7, 5e-7], "crashes_per_mile": 1.2e-6, "interval95_per_mile": [4e-7, 2e-6],
+        "doubts": ["it rests on 30 effective trees, fewer than 300"], "effective_sample_size": 30, "av_crashes": 90,
+        "cpu_seconds": 160.0, "acceleration": 900.0,
+    }  # fmt: skip
+    summary["natural_cases"] = as_json(analyse(library.path, out=out / "natural" / "analysis"))
+    write_json(file, summary)
+
+
 def write_json(file: Path, values: Any) -> None:
     file.write_text(json.dumps(values), encoding="utf-8")
 
@@ -226,6 +248,13 @@ def _finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run_folder(_finished_run: Path, tmp_path: Path) -> Path:
     """The artefacts of a run, a copy that the test may change."""
     return Path(shutil.copytree(_finished_run, tmp_path / "out"))
+
+
+@pytest.fixture
+def natural_run_folder(run_folder: Path) -> Path:
+    """The same, with natural crashes."""
+    write_natural(run_folder)
+    return run_folder
 
 
 @pytest.fixture

@@ -26,10 +26,10 @@ from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
 from cornerforge.report import page, write_report
-from cornerforge.report.artefacts import Rate, Summary
+from cornerforge.report.artefacts import OnRoads, Rate, Summary
 from cornerforge.report.judged import CaseJudgement, read_case_judgements
 from cornerforge.report.text import share
-from cornerforge.results import Filled, RunDone, Simulated
+from cornerforge.results import Filled, NaturalRate, RunDone, Simulated
 from cornerforge.results.analysis import PARTS
 from cornerforge.results.learning import Baseline
 from cornerforge.types import FRAME_S
@@ -354,6 +354,45 @@ def test_no_natural_crash_is_a_bound(run_folder: Path) -> None:
     assert bound["marker"]["symbol"] == "triangle-left"
 
 
+def test_the_front_says_how_often_on_real_roads(natural_run_folder: Path) -> None:
+    text = " ".join(Page(write_report(natural_run_folder)).text.split())
+    assert "once in 830 thousand miles" in text  # 1 / 1.2e-6
+    assert "95 % interval 500 thousand miles to 2.5 million miles" in text
+    assert "n = 150 000 trees of tests (30 effective)" in text
+    assert text.count("it rests on 30 effective trees, fewer than 300") == 2
+    assert text.index("On real roads") < text.index("Worth a look first, of what the adversary found")
+    assert "Rate in natural traffic (NDE)" not in text
+
+
+def test_natural_kinds_and_cases_come_first(natural_run_folder: Path) -> None:
+    found = Page(write_report(natural_run_folder))
+    told = json.loads((natural_run_folder / "summary.json").read_text(encoding="utf-8"))["natural_cases"]
+    natural = [case for case in found.data("cases") if case["id"].startswith("natural/")]
+    assert [case["id"] for case in natural] == [f"natural/{top['case_id']}" for top in told["value"]["top"]]
+    assert [case["order"] for case in natural] == list(range(len(natural)))
+    linked = [attrs["data-case"] for _, attrs in found.tags if "data-case" in attrs]
+    assert linked[: len(natural)] == [case["id"] for case in natural]
+    share = told["natural"]["mechanisms"]["bv-side"]["share"]
+    assert share == pytest.approx(16 / 30)
+    text = " ".join(found.text.split())
+    assert "BV changes lanes into the side of the AV53.3 %" in text
+    assert "a serious injury in the AV (MAIS 3 or more)" in text
+
+
+def test_no_natural_crash_says_how_far_at_least(natural_run_folder: Path) -> None:
+    file = natural_run_folder / "summary.json"
+    told = json.loads(file.read_text(encoding="utf-8"))
+    told["natural"] |= {
+        "method": "mc", "crashes_per_test": 0.0, "interval95": [0.0, 1e-5], "crashes_per_mile": 0.0, "doubts": [],
+        "interval95_per_mile": [0.0, 4e-5],
+    }  # fmt: skip
+    del told["natural_cases"]
+    file.write_text(json.dumps(told), encoding="utf-8")
+    text = " ".join(Page(write_report(natural_run_folder)).text.split())
+    assert "> 25 thousand miles from one crash of the AV to the next: none was seen" in text
+    assert "What led to it" not in text
+
+
 def test_names_cannot_break_out(run_folder: Path) -> None:
     nasty = "</script><img src=x onerror=alert(1)>"
     baseline = {"name": nasty, "tests": 10, "crashes_per_test": 0.1, "interval95": [0.0, 0.4]}
@@ -423,7 +462,10 @@ def test_a_wrong_value_is_named(run_folder: Path, name: str, values: dict[str, A
         write_report(run_folder)
 
 
-@pytest.mark.parametrize(("shown", "whole"), [(Summary, (RunDone,)), (Rate, (Simulated, Filled, Baseline))])
+@pytest.mark.parametrize(
+    ("shown", "whole"),
+    [(Summary, (RunDone,)), (Rate, (Simulated, Filled, Baseline)), (OnRoads, (NaturalRate, Baseline))],
+)
 def test_what_the_page_shows_of_a_result_are_its_fields(shown: type, whole: tuple[type, ...]) -> None:
     """A rate's fields are of one result at least, and of the same type and range; its own are read as a rate."""
     known = [one for kind in whole for one in dataclasses.fields(kind)]

@@ -22,7 +22,7 @@ __all__ = ["reproduce", "run"]
 @takes_world("av", "odd", "lanes", "model", "bounded")
 def run(
     effort: Annotated[
-        str | None, typer.Option(help="quick (2 minutes on 2 cores), standard (15) or paper.", show_default="quick")
+        str | None, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.", show_default="quick")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
@@ -37,12 +37,16 @@ def run(
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Do the whole job: natural baseline, training, cases, analysis, report."""
+    """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report."""
+    from cornerforge.pipeline.rate_text import doubt_text, miles_text
 
     def text(r: RunDone) -> str:
+        doubt = doubt_text(r.natural, f"cornerforge rate --out {r.out}/natural --resume, in the same world, ")
         return "\n".join(
             [
-                rate_text(r.nde, "Natural traffic"),
+                rate_text(r.natural, "Natural traffic"),
+                *miles_text(r.natural),
+                *([] if doubt is None else [doubt]),
                 rate_text(r.train, "Adversary"),
                 f"{r.generate.cases:,} cases in {r.generate.library}; "
                 f"{len(r.analyse.clusters)} clusters, {len(r.analyse.rare)} rare cases; "

@@ -7,14 +7,14 @@ from cornerforge.pipeline.plain import ASKED
 from cornerforge.rates.weighted import LEAST_EFFECTIVE
 from cornerforge.results import NaturalRate
 
-__all__ = ["doubt_text", "rate_text"]
+__all__ = ["doubt_text", "miles_text", "rate_text"]
 
 _STOPPED = {"target": "the interval is narrow enough", "max_tests": "all tests are done"}
 
 
 def rate_text(found: NaturalRate) -> list[str]:
     """Write the lines below the rate: miles, precision, doubts, BV-BV crashes, kinds of crash, cost."""
-    lines = [*_miles_line(found), _precision_line(found), _bv_line(found)]
+    lines = [*miles_text(found), _precision_line(found), _bv_line(found)]
     if found.mechanism_rates:
         lines += _kind_lines(found)
     seen = found.crash_circumstances
@@ -27,26 +27,35 @@ def rate_text(found: NaturalRate) -> list[str]:
     return [*lines, *_cost_lines(found)]
 
 
-def doubt_text(found: NaturalRate) -> str | None:
-    """Say in one line why a rate cannot be trusted yet, and what would help; None if it can be."""
+def doubt_text(found: NaturalRate, command: str = "") -> str | None:
+    """Say in one line why a rate cannot be trusted yet, and what would help; None if it can be.
+
+    Args:
+        found: The rate.
+        command: With which to go on, up to `--max-tests`.
+    """
     if not found.doubts:
         return None
     plain, taught = found.effort.plain.tests, found.effort.teaching.tests
     times = min(20.0, max(2.0, 1.5 * LEAST_EFFECTIVE / max(1, found.effective_sample_size)))
     more = plain + taught + found.effort.estimation.tests * times
     rounded = int(float(f"{more:.1e}"))
-    return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: --max-tests {rounded}"
+    return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: {command}--max-tests {rounded}"
 
 
-def _miles_line(found: NaturalRate) -> list[str]:
-    """Say how far the AV drives between two crashes."""
+def miles_text(found: NaturalRate) -> list[str]:
+    """Say how far the AV drives between two crashes, in one line; none if it drove no mile."""
     if found.interval95_per_mile is None:
         return []
     low, high = found.interval95_per_mile
     if not found.crashes_per_mile:
-        return [f"No crash; at most once in {1.0 / high:,.3g} miles (95 %)".replace("e+0", "e")]
-    most = f"{1.0 / low:,.3g}" if low > 0.0 else "no bound"
-    return [f"Once in {1.0 / found.crashes_per_mile:,.3g} miles ({1.0 / high:,.3g} to {most})".replace("e+0", "e")]
+        return [f"No crash; at most once in {_short(1.0 / high)} miles (95 %)"]
+    most = _short(1.0 / low) if low > 0.0 else "no bound"
+    return [f"Once in {_short(1.0 / found.crashes_per_mile)} miles ({_short(1.0 / high)} to {most})"]
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}".replace("e+0", "e").replace("e+", "e")
 
 
 def _precision_line(found: NaturalRate) -> str:

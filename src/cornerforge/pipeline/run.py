@@ -27,6 +27,7 @@ from cornerforge.pipeline.output import (
     write_json,
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.rate import rate
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.train import (
     canonical_curve,
@@ -36,7 +37,7 @@ from cornerforge.pipeline.train import (
     measure_baselines,
     point_seconds,
 )
-from cornerforge.results import Analysed, Filled, RunDone, Simulated, as_json, from_json
+from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, Simulated, as_json, from_json
 from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
 from cornerforge.results.rates import Yield
 from cornerforge.results.whole import Exposed, Exposure, ExposureMiles, RunTrained
@@ -53,9 +54,14 @@ EXPOSURE_TESTS_START = 1 << 42
 
 @dataclass(frozen=True)
 class Effort:
-    """The amount of work in a run, as counts, never as seconds, so that results do not depend on speed."""
+    """The amount of work in a run, as counts, never as seconds, so that results do not depend on speed.
+
+    The natural rate ends at a relative half-width of `natural_rhw`, at the latest after `natural_tests` tests.
+    """
 
     nde_tests: int
+    natural_tests: int
+    natural_rhw: float
     decisions: int
     evaluation_tests: int
     exposure_tests: int
@@ -63,14 +69,19 @@ class Effort:
 
 
 EFFORTS = {
-    "quick": Effort(nde_tests=200_000, decisions=2_500_000, evaluation_tests=2_048, exposure_tests=1_024, cases=1_500),
+    "quick": Effort(
+        nde_tests=200_000, natural_tests=800_000, natural_rhw=0.3, decisions=2_500_000, evaluation_tests=2_048,
+        exposure_tests=1_024, cases=1_500,
+    ),
     "standard": Effort(
-        nde_tests=1_000_000, decisions=6_000_000, evaluation_tests=8_192, exposure_tests=4_096, cases=10_000
+        nde_tests=1_000_000, natural_tests=3_000_000, natural_rhw=0.15, decisions=6_000_000, evaluation_tests=8_192,
+        exposure_tests=4_096, cases=10_000,
     ),
     "paper": Effort(
-        nde_tests=10_000_000, decisions=20_000_000, evaluation_tests=8_192, exposure_tests=8_192, cases=50_000
+        nde_tests=10_000_000, natural_tests=10_000_000, natural_rhw=0.1, decisions=20_000_000, evaluation_tests=8_192,
+        exposure_tests=8_192, cases=50_000,
     ),
-}
+}  # fmt: skip
 """quick: within 3 minutes on two cores; standard: within 15; paper: as many cases as the paper had (about 50,000)."""
 
 
@@ -111,6 +122,13 @@ class _Trained:
 @dataclass(frozen=True)
 class _PlainRates:
     rates: tuple[Baseline, ...]
+
+
+@dataclass(frozen=True)
+class _NaturalCases:
+    """What is in the library of natural crashes; None: nothing."""
+
+    analysed: Analysed | None
 
 
 def _exposure_counts(tally: Tally) -> dict[str, tuple[int, ...]]:
@@ -177,6 +195,14 @@ def _plain_rates(plain: Experiment, tests: int, seed: int, threads: int | None, 
     return _PlainRates(tuple(rate for rate in rates if rate.name != "nobody"))
 
 
+def _natural_cases(found: NaturalRate, folder: Path, seed: int, progress: Progress) -> _NaturalCases:
+    """Analyse the crashes that a natural rate left in its folder."""
+    if found.crashes_per_test == 0.0:
+        return _NaturalCases(None)
+    cases = folder / ("weighted" if found.method == "splitting" else "library")
+    return _NaturalCases(analyse(cases, out=folder / "analysis", seed=seed, progress=progress))
+
+
 def _train_config(size: Effort) -> TrainConfig:
     return replace(preset_named("fast"), decisions=size.decisions)
 
@@ -208,7 +234,7 @@ def run(
     progress: Progress = NO_PROGRESS,
     **world: Unpack[AvKeywords],
 ) -> RunDone:
-    """Do the whole job: natural baseline, training, cases, analysis, report.
+    """Do the whole job: natural traffic, natural crash rate, training, cases, analyses, report.
 
     Args:
         effort: "quick", "standard" or "paper" (see `EFFORTS`); None: "quick".
@@ -241,6 +267,17 @@ def run(
     open_output(folder, identity, resume=resume)
     once = _Stages(folder).do
     nde = once("nde", _Counted, lambda: _count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
+    often = once(
+        "natural",
+        NaturalRate,
+        lambda: rate(
+            target_rhw=size.natural_rhw, max_tests=size.natural_tests, out=folder / "natural", resume=True, seed=seed,
+            threads=threads, progress=progress, **world,
+        ),
+    )  # fmt: skip
+    natural_cases = once(
+        "natural_cases", _NaturalCases, lambda: _natural_cases(often, folder / "natural", seed, progress)
+    )
     checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, _train_config(size), seed)
     trained = once("train", _Trained, lambda: _train(plain, size, checkpoint, folder, seed, threads, progress))
     checkpoint.remove()
@@ -278,6 +315,8 @@ def run(
         bounded=plain.bounded,
         budget=plain.budget,
         nde=nde.rate,
+        natural=often,
+        natural_cases=natural_cases.analysed,
         train=RunTrained(**vars(trained.policy), **vars(evaluation)),
         baselines=baselines.rates,
         generate=filled,

@@ -61,6 +61,35 @@ class FilledRate(Rate):
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnRoads(Rate):
+    """What the page shows of the natural rate (`NaturalRate`)."""
+
+    method: str
+    plain_tests: int
+    interval95_per_mile: Interval | None = None
+    doubts: tuple[str, ...] = ()
+    effective_sample_size: int
+    cpu_seconds: float
+    acceleration: float
+
+    @property
+    def digits(self) -> int:
+        """Number of significant digits to show: the third is noise unless there are hundreds of crashes."""
+        return 3 if self.method == "mc" and super().digits == 3 else 2
+
+    @property
+    def miles(self) -> float | None:
+        """Miles of the AV from one crash to the next; None if no crash was seen."""
+        return 1.0 / self.crashes_per_mile if self.crashes_per_mile else None
+
+    @property
+    def miles_interval(self) -> tuple[float, float | None]:
+        """Interval of `miles`; None: no upper bound."""
+        low, high = (0.0, 0.0) if self.interval95_per_mile is None else self.interval95_per_mile
+        return (1.0 / high if high > 0.0 else 0.0), (1.0 / low if low > 0.0 else None)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Summary:
     """What the page shows of `RunDone`; early files may lack what has a default."""
 
@@ -71,8 +100,15 @@ class Summary:
     bounded: bool = False
     seconds: float | None = None
     nde: Rate
+    natural: OnRoads | None = None
+    natural_cases: Analysed | None = None
     generate: FilledRate
     baselines: tuple[Rate, ...] = ()
+
+    @property
+    def natural_rate(self) -> Rate:
+        """The best that is known of the AV's rate in natural traffic."""
+        return self.nde if self.natural is None or self.natural.is_bound else self.natural
 
 
 @dataclass(frozen=True)
@@ -98,6 +134,14 @@ class Artefacts:
     analysis: Analysed
     points: Points
     provenance: Mapping[str, Any]
+
+    @property
+    def natural_library(self) -> Path | None:
+        """Where natural crashes are, weighted or counted; None if there is none."""
+        natural = self.summary.natural
+        if natural is None:
+            return None
+        return self.out / "natural" / ("weighted" if natural.method == "splitting" else "library")
 
 
 def read_artefacts(out: Path) -> Artefacts:
@@ -126,6 +170,8 @@ def read_artefacts(out: Path) -> Artefacts:
     for name, quantity in found.exposure.quantities.items():
         _check_exposed(exposure, f"quantities.{name}", quantity)
     check_analysis(analysis, found.analysis)
+    if found.summary.natural_cases is not None:
+        check_analysis(summary, found.summary.natural_cases)
     return found
 
 
@@ -135,13 +181,16 @@ def analyse_command(out: Path) -> str:
 
 
 def _named(found: Summary) -> Summary:
-    nde, generate = replace(found.nde, name="natural traffic (NDE)"), replace(found.generate, name="adversary")
-    return replace(found, nde=nde, generate=generate)
+    name = "natural traffic (NDE)"
+    natural = found.natural if found.natural is None else replace(found.natural, name=name)
+    nde, generate = replace(found.nde, name=name), replace(found.generate, name="adversary")
+    return replace(found, nde=nde, natural=natural, generate=generate)
 
 
 def _check_summary(file: JsonFile, found: Summary) -> None:
     plain = {f"baselines[{i}]": rate for i, rate in enumerate(found.baselines)}
-    for key, rate in {"nde": found.nde, "generate": found.generate, **plain}.items():
+    natural: dict[str, Rate] = {} if found.natural is None else {"natural": found.natural}
+    for key, rate in {"nde": found.nde, "generate": found.generate, **natural, **plain}.items():
         if not rate.name:
             raise file.fault(f"{key}.name", "is missing")
         if rate.tests == 0:

@@ -18,6 +18,7 @@ from cornerforge.results.rates import Interval
 from cornerforge.results.reading import JsonFile
 
 __all__ = [
+    "FAULT_WORDS",
     "CaseJudgement",
     "WayOut",
     "avoided_kinds",
@@ -28,6 +29,10 @@ __all__ = [
     "read_case_judgements",
     "read_table",
 ]
+
+
+FAULT_WORDS = dict(zip(FAULTS, ("AV", "BV", "both", "nobody"), strict=True))
+"""Who is at fault, by names for people."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ def kind_counts(found: Coverage) -> NDArray[np.int64]:
 
 def faults_in_words(found: Analysed) -> dict[str, int]:
     """Cases by who is at fault, zeros included, by names for people."""
-    return {name: found.fault.get(who, 0) for who, name in zip(FAULTS, ("AV", "BV", "both", "nobody"), strict=True)}
+    return {name: found.fault.get(who, 0) for who, name in FAULT_WORDS.items()}
 
 
 def avoided_kinds(found: Avoidability) -> dict[str, int]:

@@ -5,22 +5,26 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from cornerforge._files import writing
+from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import Artefacts, Rate, analyse_command, read_artefacts
 from cornerforge.report.cases import case_data, load_scenarios
 from cornerforge.report.judged import (
+    FAULT_WORDS,
     CaseJudgement,
     avoided_kinds,
     faults_in_words,
     kind_counts,
     read_case_judgements,
 )
+from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS
 
 __all__ = ["write_report"]
@@ -63,35 +67,87 @@ def _plotly_script() -> str:
     return str(get_plotlyjs())
 
 
+NATURAL = "natural/"
+"""Begins the names of natural cases on the page, so that they are not taken for those of the adversary."""
+
+
+@dataclass(frozen=True)
+class _Shelf:
+    """Cases to show from one library: why each is shown, by its name there, in reading order."""
+
+    library: Path
+    analysis: Path
+    roles: dict[str, dict[str, Any]]
+    crash_type: dict[str, str]
+    command: str
+    prefix: str = ""
+
+
+def _shelves(artefacts: Artefacts) -> list[_Shelf]:
+    """The libraries that cases are shown from, natural crashes first."""
+    points = artefacts.points
+    attack = _Shelf(
+        artefacts.out / "library",
+        artefacts.out / "analysis",
+        _roles(artefacts),
+        dict(zip(points.case_id, points.crash_type, strict=True)),
+        analyse_command(artefacts.out),
+    )
+    found, place = artefacts.summary.natural_cases, artefacts.natural_library
+    if found is None or place is None:
+        return [attack]
+    kinds = {top.case_id: top.crash_type for top in found.value.top}
+    command = f"cornerforge run --out {artefacts.out}"
+    return [_Shelf(place, place.parent / "analysis", _natural_roles(found), kinds, command, NATURAL), attack]
+
+
 def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
-    """The top, typical and rare cases that fit on the page, in reading order, and notes on those that do not."""
-    roles = _roles(artefacts)
-    judged = read_case_judgements(artefacts.out / "analysis", roles, analyse_command(artefacts.out))
-    kind = dict(zip(artefacts.points.case_id, artefacts.points.crash_type, strict=True))
+    """The natural, top, typical and rare cases that fit on the page, in reading order, and notes on those that do not.
+
+    The most telling come first, should room run out: natural ones, the top, the best typical case of each cluster, the
+    rare, the others.
+    """
     kept: dict[str, dict[str, Any]] = {}
-    lost, left, size = [], [], 0
-    # The most telling first, should room run out: the top, the best typical case of each cluster, the rare, the others.
-    ranked = sorted(roles, key=lambda case: roles[case]["rank"])
-    for case_id, scenario in load_scenarios(artefacts.out / "library", ranked):
-        if scenario is None:
-            lost.append(case_id)
-            continue
-        known = judged.get(case_id)
-        data = case_data(case_id, scenario, known.way_out if known else None)
-        data |= roles[case_id] | {"type": kind.get(case_id, ""), "verdict": _verdict(known) if known else ""}
-        data["title"] = f"Case {case_id}: {data['role']}" + (f"; {data['type']}" if data["type"] else "")
-        size += len(json.dumps(data, separators=(",", ":")))
-        if size > CASE_BYTES and kept:
-            left.append(case_id)
-        else:
-            kept[case_id] = data
+    lost, left, size, shown = [], [], 0, []
+    for shelf in _shelves(artefacts):
+        judged = read_case_judgements(shelf.analysis, shelf.roles, shelf.command)
+        ranked = sorted(shelf.roles, key=lambda case: shelf.roles[case]["rank"])
+        for case_id, scenario in load_scenarios(shelf.library, ranked):
+            name = shelf.prefix + case_id
+            if scenario is None:
+                lost.append(name)
+                continue
+            known = judged.get(case_id)
+            data = case_data(name, scenario, known.way_out if known else None)
+            role, kind = shelf.roles[case_id], shelf.crash_type.get(case_id, "")
+            data |= role | {"type": kind, "verdict": _verdict(known) if known else ""}
+            data["title"] = f"Case {name}: {role['role']}" + (f"; {kind}" if kind else "")
+            size += len(json.dumps(data, separators=(",", ":")))
+            if size > CASE_BYTES and kept:
+                left.append(name)
+            else:
+                kept[name] = data
+        shown += [kept[shelf.prefix + case] for case in shelf.roles if shelf.prefix + case in kept]
     notes = []
     if lost:
         notes.append(f"Not in the library, so not shown: {', '.join(lost)}.")
     if left:
         notes.append(f"Left out to keep the page small: {', '.join(left)}. Play them with cornerforge replay.")
-    shown = [kept[case] for case in roles if case in kept]
     return [case | {"order": i} for i, case in enumerate(shown)], notes
+
+
+def _natural_roles(found: Analysed) -> dict[str, dict[str, Any]]:
+    """Say why each natural case is shown: typical of what happens most."""
+    of = {case: str(cluster.id) for cluster in found.clusters for case in cluster.typical}
+    shares = {} if found.natural is None else {name: kind.share for name, kind in found.natural.clusters.items()}
+    roles = {}
+    for top in found.value.top:
+        name = of.get(top.case_id, "")
+        role = f"natural, typical of {text.share(shares[name])} of them" if name in shares else "natural"
+        roles[top.case_id] = {
+            "group": "Natural crashes, typical of what happens most", "role": role, "rank": -2, "rare": False, "top": 0,
+        }  # fmt: skip
+    return roles
 
 
 def _verdict(known: CaseJudgement) -> str:
@@ -184,10 +240,10 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
         "fault": figures.share_figure(faults_in_words(analysis), cases, "share of all cases"),
         "rules": figures.share_figure(analysis.fault_rules, cases, "share of all cases"),
         "discovery": figures.discovery_figure(analysis.coverage),
-        "rates": figures.rate_figure([summary.generate, *summary.baselines], summary.nde),
+        "rates": figures.rate_figure([summary.generate, *summary.baselines], summary.natural_rate),
         "types": figures.crash_type_figure(analysis),
         "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in analysis.value.top], animated),
-        "training": figures.training_figure(artefacts.training, summary.nde),
+        "training": figures.training_figure(artefacts.training, summary.natural_rate),
     }
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
@@ -203,13 +259,15 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
         "rules": tables.share_table("Cases by the rule that was broken first", "rule", analysis.fault_rules, cases),
         "severity": tables.severity_table(analysis),
         "discovery": tables.discovery_table(analysis.coverage),
-        "rates": tables.rate_table([summary.generate, *summary.baselines, summary.nde]),
+        "rates": tables.rate_table([summary.generate, *summary.baselines, summary.natural_rate]),
         "types": tables.crash_type_table(analysis),
         "clusters": tables.cluster_table(analysis),
         "loadings": tables.loading_table(analysis),
         "training": tables.training_table(artefacts.training),
         "provenance": tables.provenance_table(artefacts.provenance),
     }
+    if summary.natural_cases is not None and summary.natural_cases.natural is not None:
+        made["natural"] = tables.natural_table(summary.natural_cases.natural)
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = tables.share_table("Cases looked at", "avoidability", kinds, n)
@@ -231,7 +289,7 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False, "ensure_ascii": False}
-    environment.filters |= {"rate": text.rate, "count": text.count, "duration": text.duration}
+    environment.filters |= {"rate": text.rate, "miles": text.miles, "count": text.count, "duration": text.duration}
     environment.filters |= {"share": text.share, "sentence": text.sentence}
     kinds = kind_counts(artefacts.analysis.coverage)
     scripts = [plotly, *(_template(name) for name in SCRIPTS)]
@@ -240,11 +298,17 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
         preset=artefacts.training.preset,
+        natural=None if artefacts.summary.natural_cases is None else artefacts.summary.natural_cases.natural,
+        natural_library=artefacts.natural_library,
+        folder=artefacts.out,
+        prefix=NATURAL,
+        mechanisms=MECHANISMS,
+        fault_words=FAULT_WORDS,
         parts=PARTS,
         played={case["id"] for case in cases},
         kinds=kinds,
         coverage=tables.coverage_rows(artefacts.analysis.coverage.axes, kinds),
-        ratio=_ratio(artefacts.summary.generate, artefacts.summary.nde),
+        ratio=_ratio(artefacts.summary.generate, artefacts.summary.natural_rate),
         figures=_figures(artefacts, {case["id"] for case in cases}),
         tables=_tables(artefacts),
         cases=cases,

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
+from cornerforge.report.judged import FAULT_WORDS
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import Coverage
+from cornerforge.results.analysis import Coverage, Natural
 from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.whole import Exposed
 
@@ -29,6 +31,7 @@ __all__ = [
     "discovery_table",
     "exposure_table",
     "loading_table",
+    "natural_table",
     "provenance_table",
     "rate_table",
     "severity_table",
@@ -61,6 +64,36 @@ def rate_table(rates: list[Rate]) -> Table:
         for r in rates
     ]
     return Table("Crashes of the AV; the sampling unit is the test", head, rows)
+
+
+def natural_table(found: Natural) -> Table:
+    """How often each kind of natural crash happens, kind by kind."""
+    kinds = {"all crashes": found.all}
+    kinds |= {MECHANISMS.get(name, name): kind for name, kind in found.mechanisms.items()}
+    kinds |= {f"crash type: {name}": kind for name, kind in found.crash_types.items()}
+    kinds |= {f"at fault (RSS): {_who(name)}": kind for name, kind in found.fault.items()}
+    if found.avoidable is not None:
+        kinds["avoidable by the AV"] = found.avoidable
+    kinds["a serious injury in the AV (MAIS 3 or more)"] = found.serious_injuries
+    rows = [
+        [
+            name,
+            text.count(kind.cases),
+            text.share(kind.share),
+            text.miles(kind.miles_between),
+            f"{text.miles(kind.interval95_miles[0])} to {text.miles(kind.interval95_miles[1])}",
+        ]
+        for name, kind in kinds.items()
+    ]
+    return Table(
+        "Crashes of the AV in natural traffic",
+        ["what", "cases", "share", "once in", "95 % interval (chance only)"],
+        rows,
+    )
+
+
+def _who(fault: str) -> str:
+    return {str(key): word for key, word in FAULT_WORDS.items()}.get(fault, fault)
 
 
 def training_table(training: TrainingCurve) -> Table:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["count", "duration", "interval", "rate", "sentence", "share", "times"]
+__all__ = ["count", "duration", "interval", "miles", "rate", "sentence", "share", "times"]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -34,6 +34,19 @@ def rate(value: float, digits: int = 3) -> str:
         return count(round(value, digits - 1 - exponent))
     mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
     return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPTS)}"
+
+
+def miles(value: float, digits: int = 2) -> str:
+    """A distance to `digits` significant digits, in words from a thousand on.
+
+    >>> miles(776000.0), miles(1.234e9), miles(12.0)
+    ('780 thousand miles', '1.2 billion miles', '12 miles')
+    """
+    for size, word in ((1e9, " billion"), (1e6, " million"), (1e3, " thousand")):
+        shown = float(f"{value:.{digits - 1}e}") / size
+        if shown >= 1.0:
+            return f"{rate(shown, digits)}{word} miles"
+    return f"{rate(value, digits)} miles"
 
 
 def interval(low: float, high: float, digits: int = 3) -> str:

@@ -143,7 +143,9 @@ class KindRate:
     crashes: int = field(metadata=meant("Crashes of this kind that were looked at."))
     crashes_per_test: float = field(metadata=meant("How often it happens.", "per test"))
     interval95: Interval = field(
-        metadata=meant("Exact for mc; for splitting the normal one at this number of trees.", "per test")
+        metadata=meant(
+            "Exact (Garwood) for mc; for splitting that of Fay and Feuer, at this number of trees.", "per test"
+        )
     )
 
 

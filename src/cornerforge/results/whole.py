@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from cornerforge.results.analysis import Analysed
-from cornerforge.results.driving import Filled, Simulated
+from cornerforge.results.driving import Filled, NaturalRate, Simulated
 from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolicy
 from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
@@ -30,6 +30,10 @@ class RunDone:
     bounded: bool = field(metadata=BOUNDED)
     budget: float | None = field(metadata=BUDGET)
     nde: Simulated = field(metadata=meant("Natural traffic."))
+    natural: NaturalRate = field(metadata=meant("How often the AV crashes in it."))
+    natural_cases: Analysed | None = field(
+        metadata=meant("What its crashes in natural traffic are; null: none was seen.")
+    )
     train: RunTrained = field(metadata=meant("The adversary."))
     baselines: tuple[Baseline, ...] = field(metadata=meant("Plain adversaries on the same tests as the adversary."))
     generate: Filled = field(metadata=meant("The case library."))
