@@ -117,6 +117,12 @@ def test_without_a_drawn_way_out_nothing_is_said_of_avoidable() -> None:
     assert found.avoidable is None
 
 
+def test_a_rate_without_crashes_says_how_to_get_some(tmp_path: Path) -> None:
+    assert cornerforge.rate(max_tests=50, out=tmp_path / "r").crashes_per_test == 0.0
+    with pytest.raises(InputError, match=r"cornerforge rate --out .*/r --resume, and more tests"):
+        cornerforge.analyse(tmp_path / "r" / "library")
+
+
 def test_cases_of_an_adversary_have_no_natural_rate(swerve_library: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plain = cornerforge.analyse(swerve_library, avoidability="none")
     assert (plain.natural, plain.purpose) == (None, "attack")

@@ -147,15 +147,17 @@ def speed_text(per_second: float) -> str:
 
 
 def rate_text(r: Rate | Filled, what: str) -> str:
-    """A rate with its interval and its tests, per test and, where it is known, per mile."""
+    """A rate with its interval and its tests (or trees of them), per test and, where it is known, per mile."""
+    from cornerforge.results import NaturalRate
     from cornerforge.results.rates import Rate
 
     low, high = r.interval95
-    interval = f"95 % interval {low:.3g} to {high:.3g}, {r.tests:,} tests"
-    line = f"{what}: {r.crashes_per_test:.4g} crashes per test ({interval}"
+    trees = isinstance(r, NaturalRate) and r.method == "splitting"
+    tests = f"{r.tests:,} {'trees of tests' if trees else 'tests'}"
+    line = f"{what}: {r.crashes_per_test:.4g} crashes per test (95 % interval {low:.3g} to {high:.3g}, {tests})"
     if isinstance(r, Rate) and r.crashes_per_mile is not None:
-        line += f"), {r.crashes_per_mile:.4g} per mile ({r.miles:,.0f} miles"
-    return line + ")"
+        line += f", {r.crashes_per_mile:.4g} per mile" + ("" if trees else f" ({r.miles:,.0f} miles)")
+    return line
 
 
 def yield_text(r: Yield, what: str) -> str:

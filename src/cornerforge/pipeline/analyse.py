@@ -15,7 +15,7 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.natural import natural_shares, natural_weights
+from cornerforge.pipeline.natural import is_natural, natural_shares, natural_weights
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
@@ -81,9 +81,10 @@ def analyse(
     n_threads = check_threads(threads)
     cases = CaseLibrary.open(Path(library))
     if len(cases) == 0:
-        raise InputError(
-            f"The library {library} holds no cases yet; fill it with: cornerforge generate --out {library} --resume"
-        )
+        fill = f"cornerforge generate --out {library} --resume"
+        if is_natural(cases):
+            fill += f"; if rate made it, with: cornerforge rate --out {Path(library).parent} --resume, and more tests"
+        raise InputError(f"The library {library} holds no cases yet; fill it with: {fill}")
     weights = natural_weights(cases)
     if purpose is None:
         purpose = "attack" if weights is None else "road"

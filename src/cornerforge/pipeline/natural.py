@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cornerforge.library import CaseLibrary
     from cornerforge.types import Odd
 
-__all__ = ["WEIGHT", "Kinds", "natural_shares", "natural_weights"]
+__all__ = ["WEIGHT", "Kinds", "is_natural", "natural_shares", "natural_weights"]
 
 WEIGHT = "weight"
 """Column of a library: crashes per test that the case stands for."""
@@ -30,13 +30,18 @@ Kinds = Sequence[str | None]
 """What kind each case is, None: not known."""
 
 
+def is_natural(cases: CaseLibrary) -> bool:
+    """Say whether a library's cases come from natural traffic."""
+    return cases.identity.get("bv") == _TRAFFIC
+
+
 def natural_weights(cases: CaseLibrary) -> dict[str, float] | None:
     """Give each case's weight, by its id; None if they are not natural.
 
     Returns:
         Crashes per test that the case stands for; the sum is the rate.
     """
-    if cases.identity.get("bv") != _TRAFFIC or len(cases) == 0:
+    if not is_natural(cases) or len(cases) == 0:
         return None
     if WEIGHT in cases.extra:
         rows = cases.scalars(["case_id", WEIGHT])

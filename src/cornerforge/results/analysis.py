@@ -180,8 +180,11 @@ class Analysed:
     value: ValueFound = field(metadata=meant("Cases that are worth a look."))
     coverage: Coverage = field(metadata=meant("Kinds that were seen."))
     natural: Natural | None = field(
-        default=None, metadata=meant("Natural rates; null: the cases come from an adversary, which has none.")
+        default=None, metadata=meant("Natural rates; missing if the cases come from an adversary, which has none.")
     )
-    purpose: str = field(
-        default="attack", metadata=meant('What comes first: "road", what happens most; "attack", most valued.')
+    purpose: str | None = field(
+        default=None,
+        metadata=meant(
+            'What comes first: "road", what happens most; "attack", most valued. Missing in files of earlier versions.'
+        ),
     )
