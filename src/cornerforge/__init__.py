@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
+    from cornerforge.execution import engine
     from cornerforge.paper.reproduce import reproduce
     from cornerforge.pipeline.analyse import analyse
     from cornerforge.pipeline.avs import avs
@@ -34,6 +35,7 @@ __all__ = [
     "analyse",
     "avs",
     "check_av",
+    "engine",
     "generate",
     "ndd_fit",
     "ndd_import",
@@ -60,6 +62,7 @@ __getattr__ = door(
         "analyse": "pipeline.analyse",
         "avs": "pipeline.avs",
         "check_av": "pipeline.check_av",
+        "engine": "execution",
         "generate": "pipeline.generate",
         "ndd_fit": "pipeline.naturalistic",
         "ndd_import": "pipeline.naturalistic",

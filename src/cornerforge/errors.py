@@ -8,6 +8,7 @@ CornerForgeError                     everything the user can mend; the command l
 ├── DataError (ValueError)           a trajectory file holds something that cannot be used
 ├── FileFormatError (ValueError)     a model, policy or library file is damaged, foreign, or of another schema
 ├── OutputError (OSError)            the output place cannot be written or holds something else
+├── EngineError (RuntimeError)        a cluster is not there, broke down, or has other versions
 ├── MissingExtraError (ImportError)  an optional dependency is not installed
 ├── ReplayError (RuntimeError)       a stored case did not happen again
 └── AvFaultError (RuntimeError)      an AV from outside raised, hung, ended, or gave no usable answer
@@ -24,6 +25,7 @@ __all__ = [
     "AvFaultError",
     "CornerForgeError",
     "DataError",
+    "EngineError",
     "FileFormatError",
     "InputError",
     "MissingExtraError",
@@ -88,6 +90,10 @@ class FileFormatError(CornerForgeError, ValueError):
 
 class OutputError(CornerForgeError, OSError):
     """The output place cannot be written, or holds something that is not ours."""
+
+
+class EngineError(CornerForgeError, RuntimeError):
+    """A cluster of machines is not there, broke down, or has other versions than this machine."""
 
 
 class MissingExtraError(CornerForgeError, ImportError):

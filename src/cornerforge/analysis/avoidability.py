@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from cornerforge.counterfactual import (
     BRAKING,
     COMBINED,
     STEERING,
+    CaseScratch,
     Manoeuvres,
     WaysOut,
     allocate_case_scratch,
@@ -294,16 +296,19 @@ def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int)
     """Search all cases in a pool of threads, each of which takes a few cases at a time."""
     manoeuvres = _manoeuvres(odd, params)
     n = recordings.n_cases
-    out = allocate_ways_out(manoeuvres, n)
     frames, vehicles = int(recordings.frames.max()), int(recordings.vehicles.max())
-    rooms = Rooms(lambda: allocate_case_scratch(manoeuvres, frames, vehicles))
+    rooms = Rooms(partial(allocate_case_scratch, manoeuvres, frames, vehicles))
+    search = partial(_search_range, recordings, manoeuvres, rooms)
+    parts = list(in_order(search, 0, n, chunk=_CHUNK, threads=threads))
+    return WaysOut(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
-    def search(first: int, count: int) -> None:
-        with rooms.lend() as scratch:
-            search_cases(recordings, first, first + count, manoeuvres, scratch, out)
 
-    for _ in in_order(search, 0, n, chunk=_CHUNK, threads=threads):
-        pass
+def _search_range(
+    recordings: Recordings, manoeuvres: Manoeuvres, rooms: Rooms[CaseScratch], first: int, count: int
+) -> WaysOut:
+    out = allocate_ways_out(manoeuvres, count)
+    with rooms.lend() as scratch:
+        search_cases(recordings, first, first + count, manoeuvres, scratch, out)
     return out
 
 

@@ -10,7 +10,9 @@ import typer
 import cornerforge
 from cornerforge.cli.options import (
     Acting,
+    Address,
     Debug,
+    Engine,
     IdleSeed,
     IdleThreads,
     Json,
@@ -51,6 +53,8 @@ def generate(
     acting: Acting = "greedy",
     seed: Seed = 0,
     threads: Threads = None,
+    engine: Engine = "threads",
+    address: Address = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -62,7 +66,7 @@ def generate(
             progress=bars, **world,
         ),
         lambda r: "\n".join([rate_text(r, f"{r.cases:,} cases in {r.library}"), *fault_text(r.av_faults)]),
-        as_json=as_json, quiet=quiet,
+        as_json=as_json, quiet=quiet, at=(engine, address, threads),
     )  # fmt: skip
 
 
@@ -91,6 +95,8 @@ def analyse(
     ] = None,
     seed: Seed = 0,
     threads: Threads = None,
+    engine: Engine = "threads",
+    address: Address = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -115,7 +121,7 @@ def analyse(
             library, steps=steps, out=out, avoidability=avoidability, reaction=reaction, purpose=purpose, seed=seed,
             threads=threads, progress=bars,
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, at=(engine, address, threads),
     )  # fmt: skip
 
 
@@ -253,6 +259,8 @@ def plausibility(
     resume: Resume = False,
     seed: Seed = 0,
     threads: Threads = None,
+    engine: Engine = "threads",
+    address: Address = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -265,5 +273,5 @@ def plausibility(
             out=out, budgets=budget or BUDGETS_NATS, seeds=seeds, decisions=decisions, tests=tests, resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),
-        plausibility_text, as_json=as_json, quiet=quiet,
+        plausibility_text, as_json=as_json, quiet=quiet, at=(engine, address, threads),
     )  # fmt: skip

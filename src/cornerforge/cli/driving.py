@@ -10,7 +10,9 @@ import typer
 import cornerforge
 from cornerforge.cli.options import (
     Acting,
+    Address,
     Debug,
+    Engine,
     IdleSeed,
     IdleThreads,
     Json,
@@ -55,6 +57,8 @@ def simulate(
     resume: Resume = False,
     seed: Seed = 0,
     threads: Threads = None,
+    engine: Engine = "threads",
+    address: Address = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -85,7 +89,7 @@ def simulate(
             tests=tests, bv=drivers, acting=acting, stats=stats, out=out, resume=resume, seed=seed, threads=threads,
             progress=bars, **world,
         ),
-        text, as_json=as_json, quiet=quiet,
+        text, as_json=as_json, quiet=quiet, at=(engine, address, threads),
     )  # fmt: skip
 
 
@@ -106,6 +110,8 @@ def rate(
     resume: Resume = False,
     seed: Seed = 0,
     threads: Threads = None,
+    engine: Engine = "threads",
+    address: Address = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -127,7 +133,7 @@ def rate(
         lambda r: "\n".join(
             [rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r.av_faults), *crashes_text(r)]
         ),
-        as_json=as_json, quiet=quiet,
+        as_json=as_json, quiet=quiet, at=(engine, address, threads),
     )  # fmt: skip
     doubt = doubt_text(found)
     if doubt is not None:

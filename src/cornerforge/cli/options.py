@@ -13,8 +13,8 @@ import typer
 from cornerforge.world_options import WorldOptions
 
 __all__ = [
-    "Acting", "DataFormat", "Debug", "IdleSeed", "IdleThreads", "Json", "JsonFile", "Library", "Quiet", "Resume",
-    "Seed", "Threads", "World", "flag", "takes_world",
+    "Acting", "Address", "DataFormat", "Debug", "Engine", "IdleSeed", "IdleThreads", "Json", "JsonFile",
+    "Library", "Quiet", "Resume", "Seed", "Threads", "World", "flag", "takes_world",
 ]  # fmt: skip
 
 
@@ -38,6 +38,13 @@ def _check_idle_threads(value: int | None) -> int | None:
 Seed = Annotated[int, typer.Option(help="Names the random numbers; same seed, same results.")]
 Threads = Annotated[
     int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)
+]
+Engine = Annotated[
+    str, typer.Option(help="Where it is computed: threads of this machine, or ray, a cluster. Does not change results.")
+]
+Address = Annotated[
+    str | None,
+    typer.Option(help="Of a Ray cluster, HOST:PORT or auto; without it one is started here.", show_default=False),
 ]
 # Every command takes --seed and --threads, so that scripts need not know which ones draw or compute.
 IdleSeed = Annotated[int, typer.Option("--seed", help="No effect here: nothing is drawn.", callback=_check_idle_seed)]

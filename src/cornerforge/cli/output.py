@@ -90,6 +90,7 @@ def run_command(
     as_json: bool,
     quiet: bool,
     out: Path | None = None,
+    at: tuple[str, str | None, int | None] = ("threads", None, None),
 ) -> T:
     """Do the work with progress bars, then print its result as JSON or the text made of it.
 
@@ -99,8 +100,10 @@ def run_command(
         as_json: Print JSON.
         quiet: Print no text.
         out: New file that the JSON goes to as well; for commands without output of their own.
+        at: Where it is done: engine, address and workers of `cornerforge.engine`.
     """
     from cornerforge._jit import announce_compiling
+    from cornerforge.execution import engine
     from cornerforge.results import as_json as result_as_json
 
     if out is not None:
@@ -109,7 +112,8 @@ def run_command(
         check_new_file(out)
     bars = Bars(quiet)
     try:
-        with announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True)):
+        announced = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
+        with engine(at[0], address=at[1], workers=at[2]), announced:
             result = work(bars)
     finally:
         bars.stop()

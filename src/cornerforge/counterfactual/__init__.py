@@ -12,13 +12,20 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.counterfactual.cases import WaysOut, allocate_case_scratch, allocate_ways_out, search_cases
+    from cornerforge.counterfactual.cases import (
+        CaseScratch,
+        WaysOut,
+        allocate_case_scratch,
+        allocate_ways_out,
+        search_cases,
+    )
     from cornerforge.counterfactual.search import BRAKING, COMBINED, STEERING, Manoeuvres
 
 __all__ = [
     "BRAKING",
     "COMBINED",
     "STEERING",
+    "CaseScratch",
     "Manoeuvres",
     "WaysOut",
     "allocate_case_scratch",
@@ -39,6 +46,7 @@ __getattr__ = door(
         "WaysOut": "cases",
         "allocate_case_scratch": "cases",
         "allocate_ways_out": "cases",
+        "CaseScratch": "cases",
         "search_cases": "cases",
     },
 )

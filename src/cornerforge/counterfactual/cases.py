@@ -116,38 +116,39 @@ def search_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: CaseScr
         first, stop: Range of cases.
         m: What the AV may do.
         s: Scratch.
-        out: Rows first .. stop - 1 are written.
+        out: Holds stop - first rows, for the cases in order.
     """
     road = m.road
     for c in range(first, stop):
+        row = c - first
         if r.partner[c] == 0:
             continue
         n = r.vehicles[c]
         last = r.last[c]
         unpack(r, c, s.frames, s.bodies)
         test = Trajectories(s.frames, s.bodies, n)
-        out.begin[c] = manoeuvre_begin(s.frames, r.partner[c], last, road)
+        out.begin[row] = manoeuvre_begin(s.frames, r.partner[c], last, road)
         until = last + m.horizon + m.every + s.tail
         continue_recording(test, last, until, r.partner[c], m.only_partner, road, s.search.rows)
         earliest = max(0, last - m.lookback)
         s.search.counts[2] = 0
-        since = max(earliest, out.begin[c])
-        out.gave_up[c] = latest_ways_out(test, last, since, earliest, m, s.search, s.plans)
-        out.states[c] = s.search.counts[2]
+        since = max(earliest, out.begin[row])
+        out.gave_up[row] = latest_ways_out(test, last, since, earliest, m, s.search, s.plans)
+        out.states[row] = s.search.counts[2]
         for kind in range(KINDS):
             moment = s.plans.moment[kind]
             steps = s.plans.steps[kind]
-            out.moment[c, kind] = moment
+            out.moment[row, kind] = moment
             if moment < 0:
                 continue
-            out.touched[c, kind] = drive_way_out(
+            out.touched[row, kind] = drive_way_out(
                 test, moment, s.plans.acceleration[kind, :steps], s.plans.lane[kind, :steps], m, s.search.rows, s.track,
             )  # fmt: skip
             if kind == COMBINED:
-                out.steps[c] = steps
+                out.steps[row] = steps
                 for k in range(steps):
-                    out.acceleration[c, k] = s.plans.acceleration[kind, k]
-                    out.lane[c, k] = s.plans.lane[kind, k]
+                    out.acceleration[row, k] = s.plans.acceleration[kind, k]
+                    out.lane[row, k] = s.plans.lane[kind, k]
                 for f in range(steps * m.every + 1):
                     for q in range(4):
-                        out.track[c, f, q] = s.track[f, q]
+                        out.track[row, f, q] = s.track[f, q]

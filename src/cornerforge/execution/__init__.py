@@ -1,9 +1,11 @@
 """The spreading of work: ranges of tests, cases or worlds go in, their results come out in order.
 
-A pool of threads computes them, since kernels release the interpreter's lock. A function for more machines or another
-processor would take the same arguments as `in_order`, so that its callers need not change.
+A pool of threads computes them, since kernels release the interpreter's lock; or the workers of a cluster do
+(`engine`). The results are the same.
 """
 
-from cornerforge.execution.threads import Rooms, default_threads, in_order
+from cornerforge.execution.code import code_hash
+from cornerforge.execution.spread import ENGINES, cpu_seconds, engine, in_order, is_spread
+from cornerforge.execution.threads import Rooms, default_threads
 
-__all__ = ["Rooms", "default_threads", "in_order"]
+__all__ = ["ENGINES", "Rooms", "code_hash", "cpu_seconds", "default_threads", "engine", "in_order", "is_spread"]

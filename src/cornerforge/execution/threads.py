@@ -1,4 +1,4 @@
-"""A pool of threads that yields results in order, and buffers lent to its threads."""
+"""A pool of threads that yields results in order, and buffers lent to those who work."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
-from cornerforge._checks import check_integer
-
-__all__ = ["Rooms", "default_threads", "in_order"]
+__all__ = ["Rooms", "default_threads", "in_threads"]
 
 T = TypeVar("T")
 
@@ -23,7 +21,7 @@ def default_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_order(
+def in_threads(
     work: Callable[[int, int], T],
     first: int,
     total: int,
@@ -32,24 +30,7 @@ def in_order(
     threads: int,
     pool: ThreadPoolExecutor | None = None,
 ) -> Generator[T, None, None]:
-    """Work on first .. first + total - 1 in ranges, and yield the ranges' results in order.
-
-    At most two ranges a thread are begun and not yet yielded, so memory does not grow with the total. Closing the
-    iterator early, or an exception out of it, drops the ranges not yet begun.
-
-    Args:
-        work: Takes the first number and the size of a range; called from several threads.
-        first: The first number.
-        total: Number of numbers, 0 or more.
-        chunk: Size of a range; the last may be smaller.
-        threads: 1 to 1,024. The results do not depend on it if `work` depends on its range alone.
-        pool: A pool of `threads` threads to work in; None: one is made for this call.
-
-    Raises:
-        InputError: `threads` or `chunk` is out of range.
-    """
-    check_integer("threads", threads, low=1, high=1024)
-    check_integer("chunk", chunk, low=1)
+    """Do what `spread.in_order` does, in threads; at most two ranges a thread are begun and not yet yielded."""
     starts = iter(range(first, first + total, chunk))
     pending: deque[Future[T]] = deque()
     with contextlib.nullcontext(pool) if pool is not None else ThreadPoolExecutor(threads) as at:
@@ -66,7 +47,9 @@ def in_order(
 
 
 class Rooms(Generic[T]):
-    """Buffers for work in threads: each is lent to one thread at a time, made when none is free, and used again.
+    """Buffers for work: each is lent to one thread at a time, made when none is free, and used again.
+
+    Rooms that are sent to another process are empty there.
 
     Args:
         make: Makes a buffer.
@@ -75,6 +58,9 @@ class Rooms(Generic[T]):
     def __init__(self, make: Callable[[], T]) -> None:
         self._make = make
         self._idle: SimpleQueue[T] = SimpleQueue()
+
+    def __reduce__(self) -> tuple[type[Rooms[T]], tuple[Callable[[], T]]]:
+        return Rooms, (self._make,)
 
     @contextmanager
     def lend(self) -> Iterator[T]:

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -62,23 +63,25 @@ def _open_library(run: Experiment, out: Path, seed: int, *, resume: bool) -> Cas
     return library
 
 
-class _Harvest:
-    """A thread pool that drives tests, gives them in test order, and packs shards."""
+class _Driving:
+    """Drives ranges of tests, and gives them with their cases; it can be sent to other processes.
 
-    def __init__(self, run: Experiment, seed: int, threads: int, *, counting: bool = False) -> None:
-        self._run = run
-        self._counting = counting
-        self._seed = seed
-        self._threads = threads
-        self._policies = [policy_hash(policy) for policy in run.policies]
-        self._harvesters = Rooms(lambda: Harvester(run.setting, run.slots, self._policies))
-        self._recorders = Rooms(self._recorder)
-        self.pool = ThreadPoolExecutor(threads)
-        self.extra = extra_columns(with_policy=bool(self._policies))
+    Args:
+        run, seed: The tests.
+        policies: Hashes of its policies.
+        counting: Count the traffic too.
+    """
 
-    def _recorder(self) -> tuple[Recorder, CaseRoom]:
-        cases = CaseRoom(self._run.slots, int(self._run.setting.road.max_decisions), self._policies)
-        return self._run.recorder(), cases
+    def __init__(self, run: Experiment, seed: int, policies: list[str], *, counting: bool) -> None:
+        self._run, self._seed, self._counting = run, seed, counting
+        self._harvesters = Rooms(partial(Harvester, run.setting, run.slots, policies))
+        self._recorders = Rooms(partial(_recording_room, run, policies))
+
+    def __call__(self, first: int, count: int) -> Harvested:
+        if self._run.foreign is not None:
+            return self._foreign(first, count)
+        with self._harvesters.lend() as harvester:
+            return harvester.harvest(self._seed, first, count, counting=self._counting)
 
     def _foreign(self, first: int, count: int) -> Harvested:
         """Drive a range of tests of a foreign AV; drive each crashed test again, alone, with the AV's first answers."""
@@ -90,17 +93,26 @@ class _Harvest:
                 recorder.keep(self._seed, test, cases.room())
             return harvested_of(first, outcomes, counts, cases)
 
-    def _one(self, first: int, count: int) -> Harvested:
-        if self._run.foreign is not None:
-            return self._foreign(first, count)
-        with self._harvesters.lend() as harvester:
-            return harvester.harvest(self._seed, first, count, counting=self._counting)
+
+def _recording_room(run: Experiment, policies: list[str]) -> tuple[Recorder, CaseRoom]:
+    return run.recorder(), CaseRoom(run.slots, int(run.setting.road.max_decisions), policies)
+
+
+class _Harvest:
+    """Tests that are driven, given in test order with their cases; and a pool of threads, which packs shards too."""
+
+    def __init__(self, run: Experiment, seed: int, threads: int, *, counting: bool = False) -> None:
+        policies = [policy_hash(policy) for policy in run.policies]
+        self._drive = _Driving(run, seed, policies, counting=counting)
+        self._run, self._threads = run, threads
+        self.pool = ThreadPoolExecutor(threads)
+        self.extra = extra_columns(with_policy=bool(policies))
 
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Yield ranges of tests with their cases; the number of threads and the ranges' size change no result."""
         # With an adversary most tests are cases, and cases fill memory; natural crashes are rare.
         chunk = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
-        return in_order(self._one, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
+        return in_order(self._drive, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
 
     def __enter__(self) -> _Harvest:
         return self

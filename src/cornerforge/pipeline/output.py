@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import importlib.metadata
 import json
@@ -17,6 +16,7 @@ from typing import Any
 
 from cornerforge._files import part_of, reason, writing
 from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.execution import code_hash
 
 __all__ = [
     "check_new_file",
@@ -38,16 +38,6 @@ IDENTITY = "provenance.json"
 def version() -> str:
     """Return the installed version of cornerforge."""
     return importlib.metadata.version("cornerforge")
-
-
-@functools.cache
-def code_hash() -> str:
-    """Hash the package's Python sources (SHA-256, first 16 hex digits); results of different code are never mixed."""
-    package = Path(__file__).parent.parent
-    digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        digest.update(str(path.relative_to(package)).encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def config_hash(config: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from cornerforge.drivers.avs import AvModel, av_hash, av_named, numbers_of_av
 from cornerforge.drivers.naturalistic import tables_of
 from cornerforge.drivers.policy import NO_POLICY
 from cornerforge.errors import InputError, UnknownNameError
-from cornerforge.execution import default_threads
+from cornerforge.execution import default_threads, is_spread
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.recorder import ForeignRecorder
@@ -264,6 +264,8 @@ def experiment(
             f"The AV {av} is not built in, and this command takes built-in ones only. What you can do: train on a "
             f"built-in AV, then: cornerforge generate --policy P.safetensors --av {av}"
         )
+    if is_foreign(av) and is_spread():
+        raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
     av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
     ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else Path(model))
     bounded = bounded or budget is not None

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from cornerforge.errors import FileFormatError
+from cornerforge.execution import cpu_seconds
 from cornerforge.rates.intervals import binomial_interval
 from cornerforge.sim import DriveChunk, Setting, Tally, crashed_tests, drive_chunk, simulate_chunks
 from cornerforge.types import METRES_PER_MILE
@@ -37,7 +38,7 @@ class Block:
     Attributes:
         tests, bv_crashes, world_steps: Counts; `bv_crashes` counts contacts between two BVs.
         millimetres: Distance that the AV drove [mm].
-        seconds, cpu_seconds: Wall-clock, and time on processors over all threads of this process [s].
+        seconds, cpu_seconds: Wall-clock, and time on processors over all threads and workers [s].
         crashed: Numbers of the tests in which the AV crashed, rising.
         digest: SHA-256 over the outcomes.
         av_faults: Number of `tests` that a foreign AV spoiled.
@@ -74,7 +75,7 @@ def drive_block(
         tell: Called with the tests done and the AV crashes so far, about ten times a second.
         drive: Function that drives a chunk (`sim.runner.simulate`).
     """
-    start, cpu_start = time.perf_counter(), time.process_time()
+    start, cpu_start = time.perf_counter(), cpu_seconds()
     tally = Tally()
     crashed: list[int] = []
     chunks = simulate_chunks(
@@ -92,7 +93,7 @@ def drive_block(
         world_steps=tally.decisions,
         millimetres=tally.millimetres,
         seconds=time.perf_counter() - start,
-        cpu_seconds=time.process_time() - cpu_start,
+        cpu_seconds=cpu_seconds() - cpu_start,
         crashed=tuple(crashed),
         digest=tally.digest.hexdigest(),
         av_faults=tally.av_faults,
