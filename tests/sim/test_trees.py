@@ -63,7 +63,7 @@ def any_network(seed: int) -> Network:
 
 
 def plan_of(network: Network, level: float, explore: float = 0.02) -> Plan:
-    return Plan(level, 0.3 * level, 0.1, explore, 1, 2.0, network)
+    return Plan(level, 0.3 * level, 0.1, explore, 1, 30.0, 2.0, network)
 
 
 def setting(model: NddModel, av: str = "idm-mobil") -> Setting:
@@ -195,7 +195,7 @@ def test_a_network_that_knows_nothing_changes_no_rate(careless: NddModel, av: st
 
 
 def test_without_windows_nothing_is_dropped(careless: NddModel) -> None:
-    blind = Plan(1.0, 1e-9, -1.0, 0.01, 0, 0.0, untaught(1e-9))
+    blind = Plan(1.0, 1e-9, -1.0, 0.01, 0, 30.0, 0.0, untaught(1e-9))
     found = trees(setting(careless), blind, 100)
     assert fits(found.roots["ended"], 1.0)
     assert (found.roots["seconds"] >= 10).mean() > 0.9
@@ -271,7 +271,7 @@ def test_kept_lessons_stand_for_all(careless: NddModel) -> None:
 
 def test_more_branches_than_random_words_are_told(careless: NddModel) -> None:
     assert MAX_BRANCH == 2**16 - 1
-    greedy = Plan(1e-9, 1.0, -1.0, 1.0, 1, 2.0, any_network(1))
+    greedy = Plan(1e-9, 1.0, -1.0, 1.0, 1, 30.0, 2.0, any_network(1))
     found = trees(setting(careless), greedy, 1)
     assert (found.roots["lost"] > 0).all()
     assert found.roots["seconds"] < 20 * MAX_BRANCH

@@ -35,6 +35,7 @@ _LEVEL = 3.0
 _EXPLORE, _EXPLORE_LATER = 0.1, 0.05
 _FLOOR = 0.1
 _LEAST_RISE = 0.1
+_FORGET = 10.0
 _LOOK_AHEAD_S = 2.0
 _PILOT = 4_000
 _STEPS = 4_000
@@ -67,7 +68,7 @@ class Taught:
 
 def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LATER) -> trees.Plan:
     """Make the plan by which trees grow with a network; `level`: what weight times danger should be."""
-    return trees.Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _LOOK_AHEAD_S, network)
+    return trees.Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _FORGET, _LOOK_AHEAD_S, network)
 
 
 def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, threads: int) -> tuple[float, float]:
@@ -112,7 +113,7 @@ def teach(
             tables.pop(1)
         return grown.cpu_seconds + school.learn(tables, steps=_STEPS)
 
-    blind = trees.Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, 0.0, danger.untaught(_NOTHING))
+    blind = trees.Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, _FORGET, 0.0, danger.untaught(_NOTHING))
     cpu += study("explore", blind, _EXPLORING)
     begun += _EXPLORING
     for tests in _ROUNDS:

@@ -80,6 +80,8 @@ class Plan(NamedTuple):
         least_rise: An act is listed if it raises the danger by more than this share.
         explore: Largest chance with which an act is followed that does not look dangerous.
         windows: 0: no windows and no roulette but for acts: to learn.
+        forget: A world's danger falls at most by this factor in a second: of a world that was dangerous just now nothing
+            is believed that would let roulette make its weight large at once.
         look_ahead: For how many seconds the mean rise of the danger by acts counts as danger [s].
         network: Of the danger.
     """
@@ -89,6 +91,7 @@ class Plan(NamedTuple):
     least_rise: float
     explore: float
     windows: int
+    forget: float
     look_ahead: float
     network: Network
 
@@ -114,6 +117,7 @@ class Nursery(NamedTuple):
     Attributes:
         worlds: A batch of R worlds.
         weight: Of each, (R,).
+        danger: Of each a second ago, (R,).
         moment: When it was last noted (`lessons`), int64 (R,).
         acts: Acts that led there, as `LEAF.acts`, int64 (R,).
         actions: Actions so far, int8 (R, decisions, N).
@@ -123,6 +127,7 @@ class Nursery(NamedTuple):
 
     worlds: World
     weight: NDArray[np.float64]
+    danger: NDArray[np.float64]
     moment: NDArray[np.int64]
     acts: NDArray[np.int64]
     actions: NDArray[np.int8]
@@ -155,6 +160,7 @@ def allocate_nursery(rows: int, slots: int, decisions: int) -> Nursery:
     return Nursery(
         worlds=allocate_worlds(rows, slots),
         weight=np.zeros(rows),
+        danger=np.zeros(rows),
         moment=np.zeros(rows, dtype=np.int64),
         acts=np.zeros(rows, dtype=np.int64),
         actions=np.zeros((rows, decisions, slots), dtype=np.int8),
@@ -210,6 +216,7 @@ def _copy(nursery: Nursery, a: int, b: int) -> None:
         for i in range(n):
             nursery.actions[b, second, i] = nursery.actions[a, second, i]
     nursery.weight[b] = nursery.weight[a]
+    nursery.danger[b] = nursery.danger[a]
     nursery.moment[b] = nursery.moment[a]
     nursery.acts[b] = nursery.acts[a]
     nursery.tally[_BRANCHES] += 1
@@ -262,7 +269,8 @@ def _end(row: int, forest: Forest, root: Any) -> None:
 @kernel
 def _pass_window(row: int, top: int, value: float, plan: Plan, nursery: Nursery) -> int:
     """Drop a world or copy it, by what it is worth; return the new top of the stack, `row` if it is dropped."""
-    worth = nursery.weight[row] * max(value, plan.floor) / plan.target
+    nursery.danger[row] = max(value, plan.floor, nursery.danger[row] / plan.forget)
+    worth = nursery.weight[row] * nursery.danger[row] / plan.target
     if worth < _ROULETTE_BELOW:
         if _draw(world_row(nursery.worlds, row), nursery) >= worth:
             return row
@@ -349,6 +357,7 @@ def _follow(
     for _ in range(copies):
         _copy(nursery, row, top)
         nursery.weight[top] = weight / share
+        nursery.danger[top] = danger
         nursery.moment[top] = moment
         if nursery.acts[top] < _MOST_DIGITS:
             nursery.acts[top] = 10 * nursery.acts[top] + kind
@@ -399,6 +408,7 @@ def _grow(seed: int, test: int, forest: Forest, root: Any) -> None:
     survey = nursery.survey
     reset_world(world_row(nursery.worlds, 0), seed, test, setting)
     nursery.weight[0] = 1.0
+    nursery.danger[0] = 0.0
     nursery.moment[0] = NO_MOMENT
     nursery.acts[0] = 0
     nursery.tally[:] = 0
