@@ -50,7 +50,7 @@ class Rated:
     """A setting's rate by trees, per test.
 
     Attributes:
-        rate, error, counted_tests, effective, largest, doubts: As of `WeightedRate`.
+        rate, error, counted_tests, effective, largest, tail, doubts: As of `WeightedRate`.
         radius: Half-width of the interval that holds however often one looks.
         trees, cpu_seconds: Of the estimate.
         teaching_cpu_seconds: Of the network, shared by all variations.
@@ -65,6 +65,7 @@ class Rated:
     trees: int
     effective: float
     largest: float
+    tail: float | None
     doubts: list[str]
     teaching_cpu_seconds: float
     cpu_seconds: float
@@ -98,6 +99,7 @@ def rated(setting: Setting, out: Path, data: list[Path], *, threads: int, target
         trees=found.n,
         effective=found.effective,
         largest=found.largest,
+        tail=found.tail,
         doubts=list(found.doubts),
         teaching_cpu_seconds=round(split.taught.cpu_seconds, 1),
         cpu_seconds=round(split.cost.cpu_seconds, 1),
@@ -134,20 +136,22 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -
         else:
             rate, interval = counts.av_crashes / counts.tests, binomial_interval(counts.av_crashes, counts.tests)
             by_counting = f"{rate:.3g} ({interval[0]:.2e} to {interval[1]:.2e}), {counts.av_crashes} crashes"
-            apart = f"{(ours.rate - rate) / math.hypot(ours.error, math.sqrt(rate / counts.tests)):+.1f}"
+            apart = f"{(ours.rate - rate) / math.hypot(ours.error, math.sqrt(ours.rate / counts.tests)):+.1f}"
         by_counting_s = plain_cpu_seconds[setting.name] * ours.counted_tests
         faster = by_counting_s / (ours.teaching_cpu_seconds + ours.cpu_seconds)
         without = by_counting_s / ours.cpu_seconds
         rows.append(
             [
                 f"{setting.av}, {setting.lanes} lanes", f"{ours.rate:.3g} ({low:.2e} to {high:.2e})", f"{ours.trees:,}",
-                f"{ours.effective:,.0f}", f"{ours.largest:.3f}", by_counting, apart,
+                f"{ours.effective:,.0f}", f"{ours.largest:.3f}", "" if ours.tail is None else f"{ours.tail:.2f}",
+                by_counting, apart,
                 f"{ours.teaching_cpu_seconds:.0f} + {ours.cpu_seconds:.0f}", f"{faster:,.0f}", f"{without:,.0f}",
                 "; ".join(ours.doubts) or "none",
             ]
         )  # fmt: skip
     head = [
-        "AV", "per test by trees (95 %)", "trees", "effective", "largest", "by counting (95 %)", "sd apart",
+        "AV", "per test by trees (95 %)", "trees", "effective", "largest", "tail index", "by counting (95 %)",
+        "sd apart",
         "CPU [s]: teaching + trees", "counting takes x", "without teaching x", "doubts",
     ]  # fmt: skip
     parts = [

@@ -25,7 +25,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import binomial_interval, poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
-from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_block, relative_half_width
+from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_blocks, relative_half_width
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import BvMilesEstimate, Cost, Effort, KindRate
 
@@ -122,24 +122,25 @@ class PlainTests:
     def drive(self, target: float, max_tests: int) -> str:
         """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""
         stored = time.monotonic()
-        while not (enough := self.counts.is_enough(target)) and self.counts.tests < max_tests:
-            tests = min(_BLOCK, max_tests - self.counts.tests)
-            self._tell(target, max_tests, 0, 0)
-            block = drive_block(
-                self._run.setting,
-                self._run.slots,
-                seed=self._seed,
-                first=self.counts.tests,
-                tests=tests,
-                threads=self._threads,
-                tell=lambda done, crashes: self._tell(target, max_tests, done, crashes),
-                drive=self._run.drive,
-            )
-            self.counts = self.counts.plus(block)
-            self._save()
-            if self.out is not None and time.monotonic() - stored >= _STORE_SECONDS:
-                self.store("running")
-                stored = time.monotonic()
+        blocks = drive_blocks(
+            self._run.setting,
+            self._run.slots,
+            seed=self._seed,
+            first=self.counts.tests,
+            tests=max_tests - self.counts.tests,
+            threads=self._threads,
+            block=_BLOCK,
+            tell=lambda done, crashes: self._tell(target, max_tests, done, crashes),
+            drive=self._run.drive,
+        )
+        with contextlib.closing(blocks):
+            while not (enough := self.counts.is_enough(target)) and self.counts.tests < max_tests:
+                self._tell(target, max_tests, 0, 0)
+                self.counts = self.counts.plus(next(blocks))
+                self._save()
+                if self.out is not None and time.monotonic() - stored >= _STORE_SECONDS:
+                    self.store("running")
+                    stored = time.monotonic()
         return "target" if enough else "max_tests"
 
     def _save(self) -> None:

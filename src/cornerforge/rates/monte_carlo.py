@@ -5,17 +5,17 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from cornerforge.errors import FileFormatError
 from cornerforge.execution import cpu_seconds
 from cornerforge.rates.intervals import binomial_interval
-from cornerforge.sim import DriveChunk, Setting, Tally, crashed_tests, drive_chunk, simulate_chunks
+from cornerforge.sim import Counts, DriveChunk, Outcomes, Setting, Tally, crashed_tests, drive_chunk, simulate_chunks
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "relative_half_width"]
+__all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "drive_blocks", "relative_half_width"]
 
 BLOCK = 65_536
 """Tests between two saved states. The digest is a chain over blocks of this size, so the size must not change."""
@@ -55,7 +55,7 @@ class Block:
     av_faults: int = 0
 
 
-def drive_block(
+def drive_blocks(
     setting: Setting,
     slots: int,
     *,
@@ -63,30 +63,47 @@ def drive_block(
     first: int,
     tests: int,
     threads: int,
+    block: int = BLOCK,
     tell: Callable[[int, int], None] | None = None,
     drive: DriveChunk = drive_chunk,
-) -> Block:
-    """Drive tests `first` .. `first` + `tests` - 1 of a seed.
+) -> Generator[Block, None, None]:
+    """Drive tests `first` .. `first` + `tests` - 1 of a seed, and yield them block by block; the last may be smaller.
+
+    Nobody waits at the end of a block: the next one's tests are driven while this one's are added up.
 
     Args:
         setting, slots: The run and its vehicle slots per world.
         seed, first, tests: Which tests.
         threads: Pool size; does not change the result.
-        tell: Called with the tests done and the AV crashes so far, about ten times a second.
+        block: Tests in a block.
+        tell: Called with the tests and the AV crashes of the present block so far, about ten times a second.
         drive: Function that drives a chunk (`sim.runner.simulate`).
     """
+    chunk = min(_CHUNK, block)
+    while block % chunk:  # a block ends where a chunk does
+        chunk -= 1
+    chunks = simulate_chunks(
+        setting, slots, seed=seed, first=first, tests=tests, threads=threads, chunk=chunk, drive=drive
+    )
+    with contextlib.closing(chunks):  # an interrupt between two chunks must not leave the pool at work
+        for begun in range(first, first + tests, block):
+            yield _block(chunks, begun, min(block, first + tests - begun), tell)
+
+
+def _block(
+    chunks: Iterator[tuple[int, Outcomes, Counts]], first: int, tests: int, tell: Callable[[int, int], None] | None
+) -> Block:
+    """Add up the chunks of a block."""
     start, cpu_start = time.perf_counter(), cpu_seconds()
     tally = Tally()
     crashed: list[int] = []
-    chunks = simulate_chunks(
-        setting, slots, seed=seed, first=first, tests=tests, threads=threads, chunk=min(_CHUNK, tests), drive=drive
-    )
-    with contextlib.closing(chunks):  # an interrupt between two chunks must not leave the pool at work
-        for begin, outcomes, counts in chunks:
-            tally.add(outcomes, counts)
-            crashed += crashed_tests(begin, outcomes)
-            if tell is not None:
-                tell(tally.tests + tally.av_faults, len(crashed))
+    while (done := tally.tests + tally.av_faults) < tests:
+        begin, outcomes, counts = next(chunks)
+        assert begin == first + done
+        tally.add(outcomes, counts)
+        crashed += crashed_tests(begin, outcomes)
+        if tell is not None:
+            tell(tally.tests + tally.av_faults, len(crashed))
     return Block(
         tests=tests,
         bv_crashes=tally.bv_crashes,
@@ -98,6 +115,24 @@ def drive_block(
         digest=tally.digest.hexdigest(),
         av_faults=tally.av_faults,
     )
+
+
+def drive_block(
+    setting: Setting,
+    slots: int,
+    *,
+    seed: int,
+    first: int,
+    tests: int,
+    threads: int,
+    tell: Callable[[int, int], None] | None = None,
+    drive: DriveChunk = drive_chunk,
+) -> Block:
+    """Drive tests `first` .. `first` + `tests` - 1 of a seed as one block; arguments as of `drive_blocks`."""
+    (only,) = drive_blocks(
+        setting, slots, seed=seed, first=first, tests=tests, threads=threads, block=tests, tell=tell, drive=drive
+    )
+    return only
 
 
 @dataclass(frozen=True)

@@ -80,8 +80,8 @@ class Plan(NamedTuple):
         least_rise: An act is listed if it raises the danger by more than this share.
         explore: Largest chance with which an act is followed that does not look dangerous.
         windows: 0: no windows and no roulette but for acts: to learn.
-        forget: A world's danger falls at most by this factor in a second: of a world that was dangerous just now nothing
-            is believed that would let roulette make its weight large at once.
+        forget: A world's danger falls at most by this factor in a second: if the network misjudges a world that was
+            dangerous just now, roulette does not make its weight large at once.
         look_ahead: For how many seconds the mean rise of the danger by acts counts as danger [s].
         network: Of the danger.
     """
