@@ -12,7 +12,16 @@ from typing import Any
 from cornerforge.errors import FileFormatError
 from cornerforge.execution import cpu_seconds
 from cornerforge.rates.intervals import binomial_interval
-from cornerforge.sim import Counts, DriveChunk, Outcomes, Setting, Tally, crashed_tests, drive_chunk, simulate_chunks
+from cornerforge.sim import (
+    DriveChunk,
+    Outcomes,
+    Setting,
+    Tally,
+    crashed_tests,
+    drive_chunk,
+    simulate_chunks,
+    statistics,
+)
 from cornerforge.types import METRES_PER_MILE
 
 __all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "drive_blocks", "relative_half_width"]
@@ -91,7 +100,10 @@ def drive_blocks(
 
 
 def _block(
-    chunks: Iterator[tuple[int, Outcomes, Counts]], first: int, tests: int, tell: Callable[[int, int], None] | None
+    chunks: Iterator[tuple[int, Outcomes, statistics.Counts]],
+    first: int,
+    tests: int,
+    tell: Callable[[int, int], None] | None,
 ) -> Block:
     """Add up the chunks of a block."""
     start, cpu_start = time.perf_counter(), cpu_seconds()
