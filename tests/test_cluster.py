@@ -39,7 +39,7 @@ def machines() -> Iterator[Any]:
     from ray.cluster_utils import Cluster
 
     ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])  # workers do not know the tests
-    one = {"num_cpus": 1, "object_store_memory": _STORE}
+    one: dict[str, Any] = {"num_cpus": 1, "object_store_memory": _STORE}
     made = Cluster(initialize_head=True, head_node_args={**one, "include_dashboard": False})
     made.add_node(**one)
     made.wait_for_nodes()
@@ -146,7 +146,7 @@ def test_work_goes_on_after_a_worker_and_a_machine_died(machines: Any) -> None:
     here = cornerforge.simulate(tests=150_000, seed=8)
     killed: list[int] = []
 
-    def kill(_: str, done: float, total: float) -> None:
+    def kill(stage: str, done: float, total: float) -> None:  # noqa: ARG001
         if not killed and done > 0.1 * total:
             killed.extend(workers_at_work()[:1])
             os.kill(killed[0], signal.SIGKILL)
