@@ -339,6 +339,7 @@ def test_one_bar_serves_a_stage_whose_note_changes_and_old_work_is_no_speed() ->
 
 def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line on standard error, whatever is compiled; none with --quiet; another where nothing can be kept."""
+    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "")
 
     @kernel
     def two(values: Any) -> float:
@@ -352,7 +353,6 @@ def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: 
         return Sum(two(np.ones(2, kinds.pop())))
 
     kinds = [np.int64, np.int32, np.int16, np.int8]
-    monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "")
     run_command(work, str, as_json=True, quiet=False)
     run_command(work, str, as_json=True, quiet=True)
     captured = capsys.readouterr()

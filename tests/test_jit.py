@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.caching import NullCache
 
 import cornerforge._jit
 from cornerforge import _kernel_cache
@@ -78,6 +79,10 @@ _by_code = kernel_by_code(_CODES, {"seldom": _seldom, "second": _second, "double
 @kernel
 def _asked(values, code):
     return _by_code(code, values)
+
+
+for _each in (_doubled, _first, _chosen, _all, _seldom, _often, _both, _second, _asked):
+    _each._cache = NullCache()  # compiled anew in every session, also in the second one of a checkout
 
 
 def _versions(function: Any) -> tuple[int, int]:
