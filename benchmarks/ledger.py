@@ -11,7 +11,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,10 @@ from cornerforge.pipeline.output import read_json_file, write_text
 from cornerforge.rates.exposure import BvTravel
 from cornerforge.rates.monte_carlo import MonteCarlo
 
-__all__ = ["SCHEMA", "Entry", "agree", "furthest", "read_entry", "read_ledger", "simulation_hash", "write_ledger"]
+__all__ = [
+    "SCHEMA", "Entry", "agree", "furthest", "read_entry", "read_ledger", "simulation_hash", "trees_hash",
+    "write_ledger",
+]  # fmt: skip
 
 SCHEMA = 1
 _SIMULATION = (
@@ -36,6 +39,7 @@ _NOT_NATURAL = (
     "danger.py", "lessons.py", "trees.py",
 )  # fmt: skip
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
+_TREES = ("sim/acts.py", "sim/danger.py", "sim/lessons.py", "sim/trees.py", "rates/teaching.py", "rates/trees.py")
 _CRASH_COLUMNS = (
     "test", "time", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked",
     "looked_away",
@@ -70,11 +74,20 @@ def _is_text(statement: ast.AST) -> bool:
 
 def simulation_hash(package: Path | None = None) -> str:
     """SHA-256 (first 16 hex digits) over the code that decides how natural traffic drives; comments do not count."""
+    return _hash(_SIMULATION, _NOT_NATURAL, package)
+
+
+def trees_hash(package: Path | None = None) -> str:
+    """The same over the code that decides how trees of tests grow, beside that."""
+    return _hash(_TREES, (), package)
+
+
+def _hash(patterns: Sequence[str], but: Sequence[str], package: Path | None) -> str:
     package = package or Path(cornerforge.__file__).parent
     digest = hashlib.sha256()
-    for pattern in _SIMULATION:
+    for pattern in patterns:
         for path in sorted(package.glob(pattern)):
-            if path.name not in _NOT_NATURAL:
+            if path.name not in but:
                 digest.update(f"{path.relative_to(package).as_posix()}\n".encode())
                 digest.update(" ".join(_skeleton(ast.parse(path.read_text(encoding="utf-8")))).encode())
     return digest.hexdigest()[:16]

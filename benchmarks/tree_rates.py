@@ -4,8 +4,8 @@
 
 An AV on a road is taught once and driven until its interval is narrow enough. A setting that varies the model uses the
 network that the shipped model taught, and has so many trees: what the network says changes no rate (`sim.trees`), and
-doubts tell if it served badly. Results go into a ledger, one entry a setting; what is there of the same simulation code
-is not run again.
+doubts tell if it served badly. Results go into a ledger, one entry a setting; what is there of the same code is not run
+again. Entries of trees that grew otherwise stay, marked, until their setting is asked for.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 from document import MarkedBlock
 from ground_truth import LEDGER
 from ground_truth_settings import SETTINGS, Setting, varied_model
-from ledger import read_ledger, simulation_hash
+from ledger import read_ledger, simulation_hash, trees_hash
 from measuring import table
 
 from cornerforge.ndd import default_model_path, load_model, save_model
@@ -76,9 +76,10 @@ class Rated:
 def rated(setting: Setting, out: Path, data: list[Path], *, threads: int, target: float, most: int) -> Rated:
     """Drive the trees of a setting."""
     run = _run(setting, out, data)
-    place = out / "trees" / setting.name
+    trees = out / f"trees-{trees_hash()}"
+    place = trees / setting.name
     if setting.variation is not None:
-        taught = out / "trees" / f"{setting.av}-{setting.lanes}-lanes" / "taught.npz"
+        taught = trees / f"{setting.av}-{setting.lanes}-lanes" / "taught.npz"
         if taught.exists() and not (place / "taught.npz").exists():
             place.mkdir(parents=True, exist_ok=True)
             shutil.copy(taught, place)
@@ -118,7 +119,17 @@ def _run(setting: Setting, out: Path, data: list[Path]) -> Experiment:
 
 def _identity(run: Experiment) -> dict[str, str]:
     names = run.identity(SEED)
-    return {**{key: str(names[key]) for key in ("av_hash", "model_hash")}, "simulation": simulation_hash()}
+    own = {key: str(names[key]) for key in ("av_hash", "model_hash")}
+    return {**own, "simulation": simulation_hash(), "trees": trees_hash()}
+
+
+def _is_of_today(entry: Mapping[str, Any] | None) -> bool:
+    """Did an entry's trees grow as they grow now?"""
+    return entry is not None and entry["identity"].get("trees") == trees_hash()
+
+
+def _mark(ours: Rated) -> str:
+    return "" if _is_of_today(asdict(ours)) else " \\*"
 
 
 def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -> str:
@@ -142,9 +153,9 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -
         without = by_counting_s / ours.cpu_seconds
         rows.append(
             [
-                f"{setting.av}, {setting.lanes} lanes", f"{ours.rate:.3g} ({low:.2e} to {high:.2e})", f"{ours.trees:,}",
-                f"{ours.effective:,.0f}", f"{ours.largest:.3f}", "" if ours.tail is None else f"{ours.tail:.2f}",
-                by_counting, apart,
+                f"{setting.av}, {setting.lanes} lanes{_mark(ours)}", f"{ours.rate:.3g} ({low:.2e} to {high:.2e})",
+                f"{ours.trees:,}", f"{ours.effective:,.0f}", f"{ours.largest:.3f}",
+                "" if ours.tail is None else f"{ours.tail:.2f}", by_counting, apart,
                 f"{ours.teaching_cpu_seconds:.0f} + {ours.cpu_seconds:.0f}", f"{faster:,.0f}", f"{without:,.0f}",
                 "; ".join(ours.doubts) or "none",
             ]
@@ -159,7 +170,7 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -
         table(head, rows),
         "A plain test costs "
         + ", ".join(f"{1e6 * plain_cpu_seconds[setting.name]:.0f}" for setting in base)
-        + " us of CPU, in the order of the rows.",
+        + " us of CPU, in the order of the rows. \\*: of trees that grew otherwise, before their last change.",
     ]
     if varied:
         whole = found[f"{varied[0].av}-{varied[0].lanes}-lanes"]
@@ -171,7 +182,7 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -
             assert setting.variation is not None
             rows.append(
                 [
-                    setting.variation.text, f"{ours.rate:.3g} +- {_Z95 * ours.error:.1g}",
+                    f"{setting.variation.text}{_mark(ours)}", f"{ours.rate:.3g} +- {_Z95 * ours.error:.1g}",
                     f"{times:.2f} ({max(0.0, times - off):.2f} to {times + off:.2f})", f"{ours.effective:,.0f}",
                     f"{ours.largest:.2f}",
                 ]
@@ -215,7 +226,7 @@ def main() -> int:
     for setting in SETTINGS:
         wanted = any(fnmatch(setting.name, pattern) for pattern in given.only or ["*"])
         needs_data = setting.variation is not None and setting.variation.part == "fit" and not given.data
-        if not wanted or needs_data or setting.name in kept["found"]:
+        if not wanted or needs_data or _is_of_today(kept["found"].get(setting.name)):
             continue
         ours = rated(
             setting, given.out, given.data, threads=check_threads(given.threads), target=given.target, most=given.most

@@ -62,6 +62,20 @@ def any_network(seed: int) -> Network:
     return Network(*weights)
 
 
+def wary_of_pairs() -> Network:
+    """It finds it bad if a BV enters the AV's lane from behind, and worse if the AV must brake; all else is harmless."""
+    first, second, last = (untaught(1e-6)[k] for k in (0, 2, 4))
+    for unit in (0, 1):
+        first[7, unit] = first[9, unit] = 1.0  # in the AV's lane; in a change
+        first[2, unit] = -1.0  # behind the AV
+        second[unit, unit] = 1.0
+    first[25, 1] = 1.0  # how hard the AV will brake
+    last[:2] = 2.0, 8.0
+    return Network(
+        first, np.array([-2.5, -3.0] + [0.0] * (WIDTH - 2), dtype=np.float32), second, untaught(1e-6)[3], last
+    )
+
+
 def plan_of(network: Network, level: float, explore: float = 0.02) -> Plan:
     return Plan(level, 0.3 * level, 0.1, explore, 1, 30.0, 2.0, network)
 
@@ -94,6 +108,30 @@ def surveyed(run: Setting, test: int, second: int) -> tuple[World, Survey]:
     list_acts(world, total, -1.0, ahead, run, network, survey)
     list_pairs(world, ahead, run, network, survey)
     return world, survey
+
+
+def test_one_who_enters_ahead_is_listed_for_the_sake_of_one_behind(careless: NddModel) -> None:
+    """Alone too harmless to be listed, together dangerous: one enters ahead of the AV, one behind it."""
+    run, network, survey, found = setting(careless), wary_of_pairs(), allocate_survey(), 0
+    for test in range(300):
+        world = surveyed(run, test, 1 + test % 9)[0]
+        if world.state["outcome"][0] != RUNNING:
+            continue
+        total, ahead = look_around(world, run, network, survey)
+        list_acts(world, total, 1.1 * total, ahead, run, network, survey)
+        list_pairs(world, ahead, run, network, survey)
+        n = int(survey.n_acts[0])
+        pairs = survey.pairs[:n, :n] + survey.pairs[:n, :n].T
+        groups = [(int(act["slot"]), int(act["word"])) for act in survey.acts[:n]]
+        for k, act in enumerate(survey.acts[:n]):
+            if act["danger"] > 1.1 * total or groups.count(groups[k]) > 1:
+                continue
+            others = survey.acts["danger"][:n]
+            assert act["kind"] == BEGINS
+            assert world.vehicles["x"][act["slot"]] > world.vehicles["x"][0]
+            assert (pairs[k] > 2.0 * np.maximum(others, 1.1 * total)).any()
+            found += 1
+    assert found > 10, "so few that this test shows nothing"
 
 
 def happened(world: World, act: np.void) -> bool:

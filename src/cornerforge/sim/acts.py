@@ -43,6 +43,8 @@ MOST_ACTS = 60
 """So many acts are listed in one second; further ones are left to chance."""
 _PER_WORD = 1.0 / ALL_WORDS
 _ACTS_OF_ONE = 3
+_PAIRS_RISE = 2.0
+_NEAR_BEHIND = 2.0  # 40 m, as `danger.look_at` writes gaps
 
 NEAR = np.dtype(
     [
@@ -246,6 +248,12 @@ def _danger_if(
 
 
 @inlined_kernel
+def _minds_what_is_ahead(seen: NDArray[np.float32]) -> bool:
+    """Is a BV behind the AV, in its lane or the next one, near enough that the AV's braking may endanger both?"""
+    return seen[2] < 0.0 and seen[0] < _NEAR_BEHIND and seen[7] + seen[8] > 0.0
+
+
+@inlined_kernel
 def _add_act(
     w: World, choice: Choice, total: float, ahead: Ahead, setting: Setting, network: Network, s: Survey
 ) -> float:
@@ -262,12 +270,55 @@ def _add_act(
     act.lane = choice.lane
     act.left = choice.left
     act.danger = total - s.near[near].danger + _danger_if(w, near, intent_of(act, s), ahead, setting, network, s)
-    f = s.follower[0]
-    if f >= 0 and f != near and begins_ahead(w, act):
+    if begins_ahead(w, act):
         more = add_ahead(w, act.slot, ahead)
-        act.danger += _danger_if(w, f, intent_now(s.near[f]), more, setting, network, s) - s.near[f].danger
+        for m in range(s.n_near[0]):
+            if m != near and _minds_what_is_ahead(s.seen[m]):
+                act.danger += _danger_if(w, m, intent_now(s.near[m]), more, setting, network, s) - s.near[m].danger
     rise: float = max(0.0, act.danger - total) * act.count * _PER_WORD
     return rise
+
+
+@inlined_kernel
+def _is_pair(w: World, front: Any, rear: Any) -> bool:
+    """Does `front` bring a BV in ahead of the AV, and make what `rear`, of another BV behind the AV, does dangerous?
+
+    That one begins a change into the AV's lanes, or its driver, in the AV's lanes or coming there, looks away.
+    """
+    v = w.vehicles
+    if (
+        front.kind != BEGINS
+        or front.slot == rear.slot
+        or ahead_by(v, 0, rear.slot) >= 0.0
+        or not begins_ahead(w, front)
+    ):
+        return False
+    return (rear.kind == BEGINS or rear.kind == LOOKS_AWAY) and (1 << rear.lane) & v[0].lanes != 0
+
+
+@inlined_kernel
+def _danger_of_pair(
+    w: World, front: Any, rear: Any, ahead: Ahead, setting: Setting, network: Network, s: Survey
+) -> float:
+    """Compute the danger of all BVs together if both acts of a pair happen."""
+    more = add_ahead(w, front.slot, ahead)
+    then = _danger_if(w, rear.near, intent_of(rear, s), more, setting, network, s)
+    pair: float = front.danger + max(0.0, then - s.near[rear.near].danger)
+    return pair
+
+
+@kernel
+def _is_listed(w: World, least: float, ahead: Ahead, setting: Setting, network: Network, s: Survey) -> bool:
+    """Is the act behind the last listed one dangerous enough, alone or in a pair with a listed one?"""
+    act = s.acts[s.n_acts[0]]
+    if act.danger > least:
+        return True
+    for m in range(s.n_acts[0]):
+        rear = s.acts[m]
+        much = _PAIRS_RISE * max(rear.danger, least)
+        if _is_pair(w, act, rear) and _danger_of_pair(w, act, rear, ahead, setting, network, s) > much:
+            return True
+    return False
 
 
 @inlined_kernel
@@ -286,12 +337,17 @@ def list_acts(
 ) -> None:
     """List what near BVs may do in the coming second that would raise the danger of all together above `least`.
 
-    What is left out is drawn as nature does, and so is what happens for sure. Call `look_around` first; `total` and
-    `ahead` are what it returned.
+    What brings a BV in ahead of the AV is listed too where it at least doubles the danger of an act behind the AV;
+    so BVs behind come first. What is left out is drawn as nature does, and so is what happens for sure. Call
+    `look_around` first; `total` and `ahead` are what it returned.
     """
     s.n_acts[0] = 0
     soon = 0.0
-    for n in range(s.n_near[0]):
+    for turn in range(2 * s.n_near[0]):
+        n = turn % s.n_near[0]
+        is_ahead = s.seen[n, 2] > 0.0
+        if is_ahead != (turn >= s.n_near[0]):
+            continue
         if s.n_acts[0] > MOST_ACTS - _ACTS_OF_ONE:
             s.n_left_out[0] += 1
             break
@@ -301,19 +357,19 @@ def list_acts(
         if 0 < away < ALL_WORDS:
             choice = Choice(n, LOOKS_AWAY, AWAY, 0, away, near.lane, near.left)
             soon += _add_act(w, choice, total, ahead, setting, network, s)
-            if s.acts[s.n_acts[0]].danger > least:
+            if _is_listed(w, least, ahead, setting, network, s):
                 _close_group(s, away, ALL_WORDS - away)
         if near.left == 0.0 and near.high < ALL_WORDS:
             left_listed = False
             if near.low > 0:
                 choice = Choice(n, BEGINS, LANE, 0, near.low, near.lane + 1, time)
                 soon += _add_act(w, choice, total, ahead, setting, network, s)
-                left_listed = s.acts[s.n_acts[0]].danger > least
+                left_listed = _is_listed(w, least, ahead, setting, network, s)
             if near.high > near.low:  # the rest of both groups must be one stretch of words: with the right the left
                 s.n_acts[0] += 1 if near.low > 0 else 0
                 choice = Choice(n, BEGINS, LANE, near.low, near.high - near.low, near.lane - 1, time)
                 soon += _add_act(w, choice, total, ahead, setting, network, s)
-                if s.acts[s.n_acts[0]].danger > least:
+                if _is_listed(w, least, ahead, setting, network, s):
                     _close_group(s, near.high, ALL_WORDS - near.high)
                     continue
                 s.n_acts[0] -= 1 if near.low > 0 else 0
@@ -328,28 +384,22 @@ def list_acts(
                 choice = Choice(n, GOES_ON, LANE, near.low, ALL_WORDS - near.low, near.lane, near.left)
                 soon += _add_act(w, choice, total, ahead, setting, network, s)
                 rest = (0, near.low)
-            if s.acts[s.n_acts[0]].danger > least:
+            if _is_listed(w, least, ahead, setting, network, s):
                 _close_group(s, rest[0], rest[1])
     s.soon[0] = soon
 
 
 @kernel
 def list_pairs(w: World, ahead: Ahead, setting: Setting, network: Network, s: Survey) -> None:
-    """Note how dangerous two acts of one second are where one brings a BV in ahead of the AV and one a BV behind it."""
-    v = w.vehicles
+    """Note how dangerous two acts of one second are that make a pair (`_is_pair`)."""
     n = s.n_acts[0]
     for k in range(n):
         for m in range(k + 1, n):
             s.pairs[k, m] = 0.0
-            one, other = s.acts[k], s.acts[m]
-            if one.kind != BEGINS or other.kind != BEGINS or one.slot == other.slot:
-                continue
-            if ahead_by(v, 0, one.slot) < 0.0:
-                one, other = s.acts[m], s.acts[k]
-            if begins_ahead(w, one) and ahead_by(v, 0, other.slot) < 0.0 and (1 << other.lane) & v[0].lanes:
-                more = add_ahead(w, one.slot, ahead)
-                entering = _danger_if(w, other.near, intent_of(other, s), more, setting, network, s)
-                s.pairs[k, m] = one.danger - s.near[other.near].danger + entering
+            if _is_pair(w, s.acts[k], s.acts[m]):
+                s.pairs[k, m] = _danger_of_pair(w, s.acts[k], s.acts[m], ahead, setting, network, s)
+            elif _is_pair(w, s.acts[m], s.acts[k]):
+                s.pairs[k, m] = _danger_of_pair(w, s.acts[m], s.acts[k], ahead, setting, network, s)
 
 
 @inlined_kernel

@@ -34,14 +34,14 @@ __all__ = [
     "untaught",
 ]
 
-N_SEEN = 26
+N_SEEN = 29
 """Numbers that are seen of a BV and the AV."""
 WIDTH = 24
 """Of both hidden layers."""
 REACH = 90.0
 """BVs further from the AV than this are not looked at [m, centre to centre]."""
 _LEAST_CHANCE = 1e-9
-_SOON, _AV_BRAKES = 2.5, 6.0
+_SOON, _AV_BRAKES, _AV_BRAKES_MOST = 2.5, 6.0, 4.0
 
 
 class Network(NamedTuple):
@@ -127,6 +127,13 @@ def look_ahead(w: World) -> Ahead:
 
 
 @inlined_kernel
+def _braking_for(ahead: Ahead) -> float:
+    """Guess how hard the AV will brake for what is ahead [m/s2]: as needed, or to get back to a time gap of 1 s."""
+    short = 1.0 / max(ahead.time_gap, 0.1)
+    return min(_AV_BRAKES_MOST, max(ahead.braking, 1.5 * (short * short - 1.0)))
+
+
+@inlined_kernel
 def _log10(x: float) -> float:
     return 0.4342944819032518 * log(max(x, _LEAST_CHANCE))
 
@@ -182,7 +189,12 @@ def look_at(
     seen[23] = seen[4] * sign
     soon = gap - _SOON * closing
     seen[24] = min(max(soon, -10.0), 60.0) * 0.05
-    seen[25] = 1.0 / (1.0 + max(soon - (_AV_BRAKES if sign < 0.0 else 0.0), 0.0) * 0.3)
+    slows = _braking_for(ahead)
+    left = soon - (0.5 * slows * _SOON * _SOON if sign < 0.0 else 0.0)
+    seen[25] = slows * 0.25
+    seen[26] = min(max(left, -10.0), 60.0) * 0.05
+    seen[27] = 1.0 / (1.0 + max(left, 0.0) * 0.3)
+    seen[28] = 1.0 / (1.0 + max(soon - (_AV_BRAKES if sign < 0.0 else 0.0), 0.0) * 0.3)
 
 
 @kernel
