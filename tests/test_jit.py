@@ -81,6 +81,7 @@ def _asked(values, code):
     return _by_code(code, values)
 
 
+_each: Any
 for _each in (_doubled, _first, _chosen, _all, _seldom, _often, _both, _second, _asked):
     _each._cache = NullCache()  # compiled anew in every session, also in the second one of a checkout
 

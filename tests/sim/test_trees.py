@@ -63,7 +63,7 @@ def any_network(seed: int) -> Network:
 
 
 def wary_of_pairs() -> Network:
-    """It finds it bad if a BV enters the AV's lane from behind, and worse if the AV must brake; all else is harmless."""
+    """Bad: a BV enters the AV's lane from behind; worse: and the AV will brake. All else is harmless."""
     first, second, last = (untaught(1e-6)[k] for k in (0, 2, 4))
     for unit in (0, 1):
         first[7, unit] = first[9, unit] = 1.0  # in the AV's lane; in a change

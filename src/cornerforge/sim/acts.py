@@ -250,7 +250,8 @@ def _danger_if(
 @inlined_kernel
 def _minds_what_is_ahead(seen: NDArray[np.float32]) -> bool:
     """Is a BV behind the AV, in its lane or the next one, near enough that the AV's braking may endanger both?"""
-    return seen[2] < 0.0 and seen[0] < _NEAR_BEHIND and seen[7] + seen[8] > 0.0
+    minds: bool = seen[2] < 0.0 and seen[0] < _NEAR_BEHIND and seen[7] + seen[8] > 0.0
+    return minds
 
 
 @inlined_kernel
@@ -293,7 +294,8 @@ def _is_pair(w: World, front: Any, rear: Any) -> bool:
         or not begins_ahead(w, front)
     ):
         return False
-    return (rear.kind == BEGINS or rear.kind == LOOKS_AWAY) and (1 << rear.lane) & v[0].lanes != 0
+    comes: bool = (rear.kind == BEGINS or rear.kind == LOOKS_AWAY) and (1 << rear.lane) & v[0].lanes != 0
+    return comes
 
 
 @inlined_kernel
