@@ -112,14 +112,18 @@ def test_sectors_of_both_vehicles_and_their_mirror_images(name: str) -> None:
         assert contact.relative_heading[0] == pytest.approx(abs(pose[0, 1, 3] - pose[0, 0, 3]))
 
 
+# Straight, or turned by more than 1e-6 degrees: at less, rounding breaks a tie of two faces.
+HEADINGS = st.one_of(st.just(0.0), st.floats(1e-6, 60.0), st.floats(-60.0, -1e-6))
+
+
 @st.composite
 def contacts(draw: st.DrawFn) -> np.ndarray:
+    """Draw an AV and a BV that overlap: one drawn too far away comes nearer until it touches, so none is lost."""
     number = lambda low, high: draw(st.floats(low, high))  # noqa: E731
-    av = [number(0, 500), number(0, 12), number(0, 40), number(-60, 60)]
-    bv = [av[0] + number(-5, 5), av[1] + number(-5, 5), number(0, 40), number(-60, 60)]
-    assume(all(angle == 0.0 or abs(angle) > 1e-6 for angle in (av[3], bv[3])))  # less: rounding breaks a tie of faces
-    pose = as_pose(av, bv)
-    assume(overlap(pose))
+    av = [number(0, 500), number(0, 12), number(0, 40), draw(HEADINGS)]
+    ahead, left, speed, heading = number(-5, 5), number(-5, 5), number(0, 40), draw(HEADINGS)
+    while not overlap(pose := as_pose(av, [av[0] + ahead, av[1] + left, speed, heading])):
+        ahead, left = 0.95 * ahead, 0.95 * left
     return pose
 
 
