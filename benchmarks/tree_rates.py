@@ -34,7 +34,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.splitting import Splitting, kind_rates
 from cornerforge.rates import binomial_interval
-from cornerforge.rates.weighted import LARGEST_SHARE, LEAST_EFFECTIVE, always_valid_half_width
+from cornerforge.rates.weighted import LARGEST_SHARE, LEAST_EFFECTIVE
 from cornerforge.sim import simulate
 
 OURS = Path(__file__).with_name("tree_rates.json")
@@ -51,7 +51,7 @@ class Rated:
 
     Attributes:
         rate, error, counted_tests, effective, largest, tail, doubts: As of `WeightedRate`.
-        radius: Half-width of the interval that holds however often one looks.
+        interval: The one that holds however often one looks; (0, 0) without a crash.
         trees, cpu_seconds: Of the estimate.
         teaching_cpu_seconds: Of the network, shared by all variations.
         mechanisms: Shares of the rate.
@@ -61,7 +61,7 @@ class Rated:
     rate: float
     error: float
     counted_tests: float
-    radius: float
+    interval: tuple[float, float]
     trees: int
     effective: float
     largest: float
@@ -96,7 +96,7 @@ def rated(setting: Setting, out: Path, data: list[Path], *, threads: int, target
         rate=found.rate,
         error=found.error,
         counted_tests=found.counted_tests,
-        radius=always_valid_half_width(found) if found.rate > 0.0 else 0.0,
+        interval=split.interval if found.rate > 0.0 else (0.0, 0.0),
         trees=found.n,
         effective=found.effective,
         largest=found.largest,
@@ -140,7 +140,7 @@ def render(found: Mapping[str, Rated], plain_cpu_seconds: Mapping[str, float]) -
     rows = []
     for setting in base:
         ours = found[setting.name]
-        low, high = ours.rate - ours.radius, ours.rate + ours.radius
+        low, high = ours.interval
         counts = counted[setting.name].counts if setting.name in counted else None
         if counts is None or counts.tests == 0:
             by_counting, apart = "not counted yet", ""

@@ -13,7 +13,7 @@ from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.teaching import plan_of, teach
 from cornerforge.rates.trees import grow
-from cornerforge.rates.weighted import always_valid_half_width, weighted_rate
+from cornerforge.rates.weighted import always_valid_interval, weighted_rate
 from cornerforge.sim import n_slots, simulate
 from cornerforge.types import Odd
 
@@ -24,12 +24,13 @@ SIGMAS = 5.0
 
 
 def stopped(weights: np.ndarray) -> list[tuple[float, float]]:
-    """Rates and half-widths of runs one after the other, each stopped after a block without doubts at the target."""
+    """Intervals of runs one after the other, each stopped after a block without doubts at the target."""
     found, first, end = [], 0, BLOCK
     while end <= weights.size:
         rate = weighted_rate(weights[first:end])
-        if rate.rate > 0.0 and not rate.doubts and always_valid_half_width(rate) <= TARGET * rate.rate:
-            found.append((rate.rate, always_valid_half_width(rate)))
+        low, high = always_valid_interval(rate)
+        if not rate.doubts and 0.5 * (high - low) <= TARGET * rate.rate:
+            found.append((low, high))
             first = end
         end += BLOCK
     return found
@@ -58,13 +59,13 @@ def test_intervals_of_stopped_runs_hold(model: NddModel, monkeypatch: pytest.Mon
 
     # All trees together know the rate much better than one stopped run.
     runs = stopped(weights)
-    n, holds = len(runs), np.mean([abs(r - whole.rate) <= width for r, width in runs])
+    n, holds = len(runs), np.mean([low <= whole.rate <= high for low, high in runs])
     print(
         f"{n} runs of {TREES // n} trees: {holds:.3f} hold; {whole.rate:.3g} +- {whole.error:.1g}, counted {rate:.3g}"
     )
-    assert whole.error < 0.1 * np.mean([width for _, width in runs])
+    assert whole.error < 0.1 * np.mean([0.5 * (high - low) for low, high in runs])
     assert n >= 50
     assert holds >= 0.95 - 3.0 * (0.95 * 0.05 / n) ** 0.5
 
     # Weights 30 % wrong do not hold.
-    assert np.mean([abs(1.3 * r - whole.rate) <= 1.3 * width for r, width in runs]) < 0.75
+    assert np.mean([1.3 * low <= whole.rate <= 1.3 * high for low, high in runs]) < 0.75

@@ -21,7 +21,6 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.splitting import TREES, PickedCrash, Splitting, kind_rates
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo
-from cornerforge.rates.weighted import always_valid_half_width
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
 from cornerforge.world_options import AvKeywords, WorldOptions
@@ -181,8 +180,7 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     }
     if picked:
         per_mile = None if plain.miles == 0.0 else plain.valid_tests / plain.miles
-        radius = always_valid_half_width(found)
-        low, high = max(0.0, found.rate - radius), found.rate + radius
+        low, high = split.interval
         fields |= {
             "tests": found.n,
             "crashes_per_test": found.rate,

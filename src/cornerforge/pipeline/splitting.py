@@ -37,7 +37,7 @@ from cornerforge.rates.trees import grow
 from cornerforge.rates.weighted import (
     LEAST_EFFECTIVE,
     WeightedRate,
-    always_valid_half_width,
+    always_valid_interval,
     plain_doubts,
     weighted_rate,
 )
@@ -205,10 +205,15 @@ class Splitting:
         return self._judged
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval that holds however often one looks; (0, inf) without a crash."""
+        return always_valid_interval(self.rate)
+
+    @property
     def half_width(self) -> float:
         """Relative half-width of the interval that holds however often one looks; infinite without a crash."""
-        found = self.rate
-        return always_valid_half_width(found) / found.rate if found.rate > 0.0 else np.inf
+        low, high = self.interval
+        return 0.5 * (high - low) / self.rate.rate if self.rate.rate > 0.0 else np.inf
 
     def is_enough(self, target: float) -> bool:
         """Is the rate exact enough, and not in doubt?"""

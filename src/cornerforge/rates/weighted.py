@@ -1,8 +1,9 @@
 """Rates as means of weights: interval, precision, and whether the weights can be trusted.
 
-A tree of tests gives a number whose mean is the crash rate; most are 0, few are large. While only few trees carry the
-sum, its interval is too narrow and its mean too low: what is missing sits in rare heavy trees. So a rate is given only
-if enough trees carry it.
+A tree of tests gives a number whose mean is the crash rate; most are 0, few are large. Such means are skewed: most are
+a little too low, few far too high. So intervals reach further up than down (Hall 1992, "On the removal of skewness by
+transformation"). While only few trees carry the sum, even they are too narrow, since what is missing sits in rare heavy
+trees. So a rate is given only if enough trees carry it.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ __all__ = [
     "LARGEST_SHARE",
     "LEAST_EFFECTIVE",
     "WeightedRate",
-    "always_valid_half_width",
+    "always_valid_interval",
     "plain_doubts",
     "weighted_rate",
 ]
@@ -44,7 +45,8 @@ class WeightedRate:
         n: Number of weights.
         rate: Their mean.
         error: Its standard error.
-        low, high: 95 % interval, normal; low is at least 0.
+        skewness: Of the mean: that of the weights over the root of n; 0 if all are equal.
+        low, high: 95 % interval, corrected for skewness; low is at least 0.
         half_width, half_width_90: Half of the 95 % and of the 90 % interval over the rate; infinite without a crash.
         effective: (sum)^2 / sum of squares: so many equal weights would be as exact, nearly; 0 without a crash.
         largest: Largest share of the sum in one weight.
@@ -56,6 +58,7 @@ class WeightedRate:
     n: int
     rate: float
     error: float
+    skewness: float
     low: float
     high: float
     half_width: float
@@ -67,8 +70,8 @@ class WeightedRate:
 
     @property
     def counted_tests(self) -> float:
-        """Tests that counting would need for the same error, for a rate far below 1; 0 without a crash."""
-        return self.rate / (self.error * self.error) if self.error > 0.0 else 0.0
+        """Tests that counting would need for the same half-width, for a rate far below 1; 0 without a crash."""
+        return (_Z95 / self.half_width) ** 2 / self.rate if self.rate > 0.0 and self.half_width > 0.0 else 0.0
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -99,21 +102,40 @@ def weighted_rate(weights: NDArray[np.float64]) -> WeightedRate:
         raise InputError(f"weights: {n} of them; needed are at least 2, all finite and 0 or more.")
     total = float(weights.sum())
     rate = total / n
-    error = float(weights.std(ddof=1)) / math.sqrt(n)
-    relative = error / rate if rate > 0.0 else math.inf
+    spread = float(weights.std(ddof=1))
+    error = spread / math.sqrt(n)
+    apart = weights - rate
+    skewness = float(np.dot(apart * apart, apart)) / n / spread**3 / math.sqrt(n) if spread > 0.0 else 0.0
+    (low, high), (low90, high90) = (_interval(rate, error, skewness, z) for z in (_Z95, _Z90))
     return WeightedRate(
         n=n,
         rate=rate,
         error=error,
-        low=max(0.0, rate - _Z95 * error),
-        high=rate + _Z95 * error,
-        half_width=_Z95 * relative,
-        half_width_90=_Z90 * relative,
+        skewness=skewness,
+        low=low,
+        high=high,
+        half_width=0.5 * (high - low) / rate if rate > 0.0 else math.inf,
+        half_width_90=0.5 * (high90 - low90) / rate if rate > 0.0 else math.inf,
         effective=total * total / float((weights * weights).sum()) if total > 0.0 else 0.0,
         largest=float(weights.max()) / total if total > 0.0 else 0.0,
         halves=(float(weights[: n // 2].mean()), float(weights[n // 2 :].mean())),
         tail=_tail_index(weights),
     )
+
+
+def _interval(mean: float, error: float, skewness: float, z: float) -> tuple[float, float]:
+    """Compute the interval of a mean of values that are not negative: z standard errors, corrected for skewness.
+
+    Hall's cubic transformation of the t-statistic; for skewness 0 the normal interval.
+    """
+    return max(0.0, mean - error * _untransformed(z, skewness)), mean - error * _untransformed(-z, skewness)
+
+
+def _untransformed(y: float, skewness: float) -> float:
+    """Solve t + g t^2 / 3 + g^2 t^3 / 27 + g / 6 = y for t; g is the skewness."""
+    if abs(skewness) < 1e-6:
+        return y
+    return 3.0 / skewness * (float(np.cbrt(1.0 + skewness * (y - skewness / 6.0))) - 1.0)
 
 
 def _tail_index(weights: NDArray[np.float64]) -> float | None:
@@ -126,25 +148,25 @@ def _tail_index(weights: NDArray[np.float64]) -> float | None:
     return 1.0 / spread if spread > 0.0 else math.inf
 
 
-def always_valid_half_width(found: WeightedRate, confidence: float = 0.95) -> float:
-    """Compute the half-width of an interval that holds at all n at once, so that one may stop when it is narrow.
+def always_valid_interval(found: WeightedRate, confidence: float = 0.95) -> tuple[float, float]:
+    """Compute an interval for all n at once, so that one may stop when it is narrow; (0, inf) without a crash.
 
     Robbins' normal mixture with the estimated variance (Waudby-Smith, Arbour, Sinha, Kennedy and Ramdas 2021, "Time-
-    uniform central limit theory and asymptotic confidence sequences"), narrowest near 300 effective trees. Like the
-    central limit theorem it holds once n is large.
+    uniform central limit theory and asymptotic confidence sequences"), narrowest near 300 effective trees, says how
+    many standard errors; they are corrected for skewness. Like the central limit theorem it holds once n is large.
 
     Raises:
         InputError: The confidence is not in (0, 1).
     """
     check_number("confidence", confidence, low=1e-9, high=1.0 - 1e-9)
     if found.effective == 0.0:
-        return math.inf
+        return 0.0, math.inf
     alpha = 1.0 - confidence
     best = _LOOKS_AT * found.n / found.effective
     scale = (-2.0 * math.log(alpha) + math.log(-2.0 * math.log(alpha) + 1.0)) / best
     grown = found.n * scale + 1.0
     radius = math.sqrt(2.0 * grown / (found.n**2 * scale) * math.log(math.sqrt(grown) / alpha))
-    return radius * found.error * math.sqrt(found.n)
+    return _interval(found.rate, found.error, found.skewness, radius * math.sqrt(found.n))
 
 
 def plain_doubts(most: Mapping[str, float], plain: Mapping[str, int], tests: int) -> tuple[str, ...]:
