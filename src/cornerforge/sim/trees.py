@@ -37,8 +37,8 @@ from cornerforge.sim.acts import (
 )
 from cornerforge.sim.danger import Network
 from cornerforge.sim.lessons import NO_MOMENT, Lessons, crashed, note_act, note_moment
-from cornerforge.sim.loop import advance
-from cornerforge.sim.steering import hold_to, let_go
+from cornerforge.sim.loop import AV_MUST_ANSWER, advance
+from cornerforge.sim.steering import Steering, allocate_steering, hold_to, let_go, take_over
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import AV_CRASH, MAX_BRANCH, RUNNING, World, allocate_worlds, world_row
 from cornerforge.types import FRAME_S
@@ -49,7 +49,20 @@ if TYPE_CHECKING:
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
 
-__all__ = ["LEAF", "ROOT", "Forest", "Leaves", "Nursery", "Plan", "allocate_leaves", "allocate_nursery", "grow_range"]
+__all__ = [
+    "LEAF",
+    "ROOT",
+    "Forest",
+    "Leaves",
+    "Nursery",
+    "Plan",
+    "allocate_leaves",
+    "allocate_nursery",
+    "branch_out",
+    "drive_on",
+    "grow_range",
+    "plant",
+]
 
 ROOT = np.dtype(
     [("weight", "f8"), ("ended", "f8"), ("danger", "f8"), ("crashes", "i8"), ("seconds", "i8"), ("lost", "i8")]
@@ -58,9 +71,19 @@ ROOT = np.dtype(
 mean 1; danger: at its start; crashes: how many; seconds: world-seconds driven; lost: copies or acts for which there was
 no room: must be 0."""
 
-LEAF = np.dtype([("root", "i8"), ("weight", "f8"), ("time", "f8"), ("partner", "i8"), ("acts", "i8"), ("begun", "i8")])
+LEAF = np.dtype(
+    [
+        ("root", "i8"),
+        ("weight", "f8"),
+        ("time", "f8"),
+        ("partner", "i8"),
+        ("acts", "i8"),
+        ("begun", "i8"),
+        ("memory", "i8"),
+    ]
+)
 """A crash at the end of a branch. root: its test; weight; time into the test [s]; partner: slot; acts: the kinds of
-the acts that led there, as decimal digits; begun: decisions taken."""
+the acts that led there, as decimal digits; begun: decisions taken; memory: as of `Nursery`."""
 
 MOST_COPIES = 10
 """A window makes at most so many copies of a world in a second."""
@@ -112,25 +135,35 @@ class Leaves(NamedTuple):
 
 
 class Nursery(NamedTuple):
-    """Worlds that wait to be driven, a stack, with what is known of each; and scratch.
+    """Worlds of trees that grow side by side, T trees of a stack of R / T rows each, and what is known of each world.
 
     Attributes:
+        depth: Rows of a tree: tree t has those from t * depth on.
         worlds: A batch of R worlds.
         weight: Of each, (R,).
         danger: Of each a second ago, (R,).
         moment: When it was last noted (`lessons`), int64 (R,).
         acts: Acts that led there, as `LEAF.acts`, int64 (R,).
         actions: Actions so far, int8 (R, decisions, N).
-        tally: Seconds driven, copies lost, branches and roulette draws of the present tree, int64 (4,).
+        waits: 1 if it must be driven a second on before it is looked at again, int64 (R,).
+        steering: To what it is held in that second, (R, ...).
+        memory: For a driver of AVs outside: what its AV remembers, -1 for nothing, int64 (R,).
+        top: Rows in use of each tree, int64 (T,).
+        tally: Seconds driven, copies lost, branches and roulette draws of each tree, int64 (T, 4).
         survey: What is around the AV.
     """
 
+    depth: int
     worlds: World
     weight: NDArray[np.float64]
     danger: NDArray[np.float64]
     moment: NDArray[np.int64]
     acts: NDArray[np.int64]
     actions: NDArray[np.int8]
+    waits: NDArray[np.int64]
+    steering: Steering
+    memory: NDArray[np.int64]
+    top: NDArray[np.int64]
     tally: NDArray[np.int64]
     survey: Survey
 
@@ -155,16 +188,22 @@ class Forest(NamedTuple):
     lessons: Lessons
 
 
-def allocate_nursery(rows: int, slots: int, decisions: int) -> Nursery:
-    """Allocate room for `rows` worlds of `slots` vehicles."""
+def allocate_nursery(depth: int, slots: int, decisions: int, places: int = 1) -> Nursery:
+    """Allocate room for `places` trees of `depth` worlds each, of `slots` vehicles; it takes memory when it is used."""
+    rows = places * depth
     return Nursery(
+        depth=depth,
         worlds=allocate_worlds(rows, slots),
         weight=np.zeros(rows),
         danger=np.zeros(rows),
         moment=np.zeros(rows, dtype=np.int64),
         acts=np.zeros(rows, dtype=np.int64),
         actions=np.zeros((rows, decisions, slots), dtype=np.int8),
-        tally=np.zeros(4, dtype=np.int64),
+        waits=np.zeros(rows, dtype=np.int64),
+        steering=allocate_steering(slots, rows),
+        memory=np.zeros(rows, dtype=np.int64),
+        top=np.zeros(places, dtype=np.int64),
+        tally=np.zeros((places, 4), dtype=np.int64),
         survey=allocate_survey(),
     )
 
@@ -179,18 +218,27 @@ def allocate_leaves(crashes: int, slots: int, decisions: int) -> Leaves:
 
 
 @inlined_kernel
-def _draw(w: World, nursery: Nursery) -> float:
+def _draw(row: int, nursery: Nursery) -> float:
     """Draw a number in (0, 1) for roulette."""
-    state = w.state[0]
-    nursery.tally[_DRAWS] += 1
-    return uniform(block(state.seed, state.test, nursery.tally[_DRAWS], 0, PURPOSE_ROULETTE)[0])
+    state = nursery.worlds.state[row, 0]
+    tally = nursery.tally[row // nursery.depth]
+    tally[_DRAWS] += 1
+    return uniform(block(state.seed, state.test, tally[_DRAWS], 0, PURPOSE_ROULETTE)[0])
 
 
 @inlined_kernel
-def _room(top: int, nursery: Nursery) -> int:
-    """Count for how many more copies there is room, and a branch with random words of its own."""
-    room: int = min(nursery.weight.size - top, MAX_BRANCH - nursery.tally[_BRANCHES])
+def _room(row: int, top: int, nursery: Nursery) -> int:
+    """Count for how many more copies the tree of a row has room, and a branch with random words of its own."""
+    place = row // nursery.depth
+    room: int = min((place + 1) * nursery.depth - top, MAX_BRANCH - nursery.tally[place, _BRANCHES])
     return room
+
+
+@inlined_kernel
+def _steering_of(row: int, nursery: Nursery) -> Steering:
+    """To what a row is held in the second that it waits for."""
+    held = nursery.steering
+    return Steering(held.on[row], held.first[row], held.words[row])
 
 
 @inlined_kernel
@@ -219,22 +267,42 @@ def _copy(nursery: Nursery, a: int, b: int) -> None:
     nursery.danger[b] = nursery.danger[a]
     nursery.moment[b] = nursery.moment[a]
     nursery.acts[b] = nursery.acts[a]
-    nursery.tally[_BRANCHES] += 1
-    worlds.state[b, 0].branch = nursery.tally[_BRANCHES]
+    nursery.waits[b] = 0
+    nursery.memory[b] = nursery.memory[a]
+    tally = nursery.tally[b // nursery.depth]
+    tally[_BRANCHES] += 1
+    worlds.state[b, 0].branch = tally[_BRANCHES]
+
+
+@inlined_kernel
+def _wait(row: int, nursery: Nursery) -> Steering:
+    """Let a row wait for its next second, held to nothing; returns its steering, to hold it to something."""
+    nursery.waits[row] = 1
+    steering = _steering_of(row, nursery)
+    let_go(steering, nursery.worlds.state[row, 0].n_vehicles)
+    return steering
 
 
 @kernel
-def _drive_second(row: int, forest: Forest) -> None:
-    """Drive a row one second on, held to what its scratch says (`steering`), and note what its vehicles did."""
-    nursery = forest.nursery
+def drive_on(row: int, forest: Forest) -> int:
+    """Drive a row that waits to the end of its second, or until its AV outside must answer.
+
+    Returns:
+        As `loop.advance`: MILESTONE or OVER, and then the row does not wait any more; or AV_MUST_ANSWER.
+    """
+    nursery, steering = forest.nursery, forest.scratch.steering
     w = world_row(nursery.worlds, row)
     state = w.state[0]
-    second = state.decisions
-    advance(w, forest.setting, forest.scratch, forest.keep, second + 1)
-    let_go(forest.scratch.steering, state.n_vehicles)
-    nursery.tally[_SECONDS] += 1
-    for i in range(state.n_vehicles):
-        nursery.actions[row, second, i] = w.vehicles[i].action
+    until = state.decisions + 1 if state.substep == 0 else state.decisions
+    take_over(_steering_of(row, nursery), steering, state.n_vehicles)
+    why = advance(w, forest.setting, forest.scratch, forest.keep, until)
+    let_go(steering, state.n_vehicles)
+    if why != AV_MUST_ANSWER:
+        nursery.waits[row] = 0
+        nursery.tally[row // nursery.depth, _SECONDS] += 1
+        for i in range(state.n_vehicles):
+            nursery.actions[row, until - 1, i] = w.vehicles[i].action
+    return why
 
 
 @kernel
@@ -261,6 +329,7 @@ def _end(row: int, forest: Forest, root: Any) -> None:
     leaf.partner = state.slot_b
     leaf.acts = nursery.acts[row]
     leaf.begun = state.decisions
+    leaf.memory = nursery.memory[row]
     for second in range(state.decisions):
         for i in range(state.n_vehicles):
             leaves.actions[k, second, i] = nursery.actions[row, second, i]
@@ -272,11 +341,11 @@ def _pass_window(row: int, top: int, value: float, plan: Plan, nursery: Nursery)
     nursery.danger[row] = max(value, plan.floor, nursery.danger[row] / plan.forget)
     worth = nursery.weight[row] * nursery.danger[row] / plan.target
     if worth < _ROULETTE_BELOW:
-        if _draw(world_row(nursery.worlds, row), nursery) >= worth:
+        if _draw(row, nursery) >= worth:
             return row
         nursery.weight[row] /= worth
     elif worth > _SPLIT_ABOVE:
-        copies = max(1, min(_copies(worth), _room(top, nursery)))
+        copies = max(1, min(_copies(worth), _room(row, top, nursery)))
         nursery.weight[row] /= copies
         for _ in range(1, copies):
             _copy(nursery, row, top)
@@ -307,24 +376,24 @@ def _is_paired(k: int, last: int, s: Survey) -> bool:
 
 
 @inlined_kernel
-def _hold_to_rest(last: int, forest: Forest) -> None:
+def _hold_to_rest(last: int, steering: Steering, s: Survey) -> None:
     """Let nothing of the group happen that ends with act `last`."""
-    act = forest.nursery.survey.acts[last]
-    hold_to(forest.scratch.steering, act.slot, act.word, act.rest_first, act.rest_count)
+    act = s.acts[last]
+    hold_to(steering, act.slot, act.word, act.rest_first, act.rest_count)
 
 
 @inlined_kernel
-def _hold_to_act(k: int, forest: Forest) -> None:
+def _hold_to_act(k: int, steering: Steering, s: Survey) -> None:
     """Let act k happen."""
-    act = forest.nursery.survey.acts[k]
-    hold_to(forest.scratch.steering, act.slot, act.word, act.first, act.count)
+    act = s.acts[k]
+    hold_to(steering, act.slot, act.word, act.first, act.count)
 
 
 @kernel
 def _follow(
     row: int, top: int, weight: float, danger: float, acts: tuple[int, int], ahead: Ahead, forest: Forest
 ) -> int:
-    """Drive copies of a row in which the first of `acts` happens, and the second if that is not -1.
+    """Make copies of a row in whose next second the first of `acts` happens, and the second if that is not -1.
 
     Acts of groups before the first do not happen; of the groups paired with it those before the second, or with -1
     all, do not happen. All others are left to nature. `weight` is the row's, times the chance of all this.
@@ -342,10 +411,10 @@ def _follow(
     if share > _SEVERAL_ABOVE:
         copies = _copies(share)
     share = copies if share > 1.0 else share
-    if share < 1.0 and _draw(world_row(nursery.worlds, row), nursery) >= share:
+    if share < 1.0 and _draw(row, nursery) >= share:
         return top
-    if copies > _room(top, nursery):
-        nursery.tally[_LOST] += copies
+    if copies > _room(row, top, nursery):
+        nursery.tally[row // nursery.depth, _LOST] += copies
         return top
     w = world_row(nursery.worlds, row)
     moment = note_act(
@@ -361,20 +430,20 @@ def _follow(
         nursery.moment[top] = moment
         if nursery.acts[top] < _MOST_DIGITS:
             nursery.acts[top] = 10 * nursery.acts[top] + kind
+        steering = _wait(top, nursery)
         for m in range(until):
             if survey.acts[m].is_last and m != own and (m < first or _is_paired(first, m, survey)):
-                _hold_to_rest(m, forest)
-        _hold_to_act(first, forest)
+                _hold_to_rest(m, steering, survey)
+        _hold_to_act(first, steering, survey)
         if second >= 0:
-            _hold_to_act(second, forest)
-        _drive_second(top, forest)
+            _hold_to_act(second, steering, survey)
         top += 1
     return top
 
 
 @kernel
 def _branch(row: int, top: int, ahead: Ahead, forest: Forest) -> int:
-    """Drive a row one second on without any listed act, and copies in which they happen; return the new top."""
+    """Let a row go on without any listed act, and copies in which they happen; return the new top."""
     nursery = forest.nursery
     survey = nursery.survey
     n = survey.n_acts[0]
@@ -394,41 +463,60 @@ def _branch(row: int, top: int, ahead: Ahead, forest: Forest) -> int:
         if act.is_last:
             rest *= chance_of(act.rest_count)
     nursery.weight[row] = rest
+    steering = _wait(row, nursery)
     for k in range(n):
         if survey.acts[k].is_last:
-            _hold_to_rest(k, forest)
-    _drive_second(row, forest)
+            _hold_to_rest(k, steering, survey)
     return top
 
 
 @kernel
-def _grow(seed: int, test: int, forest: Forest, root: Any) -> None:
-    """Grow the tree of one test."""
-    plan, setting, nursery = forest.plan, forest.setting, forest.nursery
-    survey = nursery.survey
-    reset_world(world_row(nursery.worlds, 0), seed, test, setting)
-    nursery.weight[0] = 1.0
-    nursery.danger[0] = 0.0
-    nursery.moment[0] = NO_MOMENT
-    nursery.acts[0] = 0
-    nursery.tally[:] = 0
-    survey.n_left_out[0] = 0
+def plant(seed: int, test: int, place: int, forest: Forest, root: Any) -> None:
+    """Begin the tree of a test at a place: its first world, to be looked at."""
+    nursery = forest.nursery
+    row = place * nursery.depth
+    reset_world(world_row(nursery.worlds, row), seed, test, forest.setting)
+    nursery.weight[row] = 1.0
+    nursery.danger[row] = 0.0
+    nursery.moment[row] = NO_MOMENT
+    nursery.acts[row] = 0
+    nursery.waits[row] = 0
+    nursery.memory[row] = -1
+    nursery.top[place] = 1
+    nursery.tally[place] = 0
     root.weight = 0.0
     root.ended = 0.0
     root.crashes = 0
     root.danger = -1.0
-    top = 1
-    while top > 0:
+
+
+@kernel
+def branch_out(place: int, forest: Forest, root: Any) -> int:
+    """End and branch out the topmost worlds of a tree, until the topmost one waits for its second.
+
+    Returns:
+        Its row; -1 if none is left: then `root` is complete.
+    """
+    plan, setting, nursery = forest.plan, forest.setting, forest.nursery
+    survey, tally = nursery.survey, nursery.tally[place]
+    bottom = place * nursery.depth
+    top: int = bottom + nursery.top[place]
+    while top > bottom:
         row = top - 1
+        if nursery.waits[row]:
+            nursery.top[place] = top - bottom
+            return row
         w = world_row(nursery.worlds, row)
         if w.state[0].outcome != RUNNING:
             _end(row, forest, root)
             top = row
             continue
+        survey.n_left_out[0] = 0
         total, ahead = look_around(w, setting, plan.network, survey)
         least = total + plan.least_rise * max(total, plan.floor)
         list_acts(w, total, least, ahead, setting, plan.network, survey)
         list_pairs(w, ahead, setting, plan.network, survey)
+        tally[_LOST] += survey.n_left_out[0]
         value = total + plan.look_ahead * survey.soon[0]
         if root.danger < 0.0:
             root.danger = value
@@ -441,12 +529,18 @@ def _grow(seed: int, test: int, forest: Forest, root: Any) -> None:
         for copy in range(row + copies - 1, row - 1, -1):
             nursery.moment[copy] = moment
             top = _branch(copy, top, ahead, forest)
-    root.seconds = nursery.tally[_SECONDS]
-    root.lost = nursery.tally[_LOST] + survey.n_left_out[0]
+    nursery.top[place] = 0
+    root.seconds = tally[_SECONDS]
+    root.lost = tally[_LOST]
+    return -1
 
 
 @kernel
 def grow_range(seed: int, first: int, forest: Forest, roots: NDArray[np.void]) -> None:
-    """Grow the trees of tests first, first + 1, ..., as many as there are `roots` (of ROOT)."""
+    """Grow the trees of tests first, first + 1, ..., as many as there are `roots` (of ROOT), one after the other."""
     for k in range(roots.size):
-        _grow(seed, first + k, forest, roots[k])
+        plant(seed, first + k, 0, forest, roots[k])
+        row = branch_out(0, forest, roots[k])
+        while row >= 0:
+            drive_on(row, forest)
+            row = branch_out(0, forest, roots[k])
