@@ -19,18 +19,7 @@ if TYPE_CHECKING:
     from numpy import uint64
     from numpy.typing import NDArray
 
-__all__ = [
-    "ALL_WORDS",
-    "AWAY",
-    "LANE",
-    "Steering",
-    "allocate_steering",
-    "hold_to",
-    "let_go",
-    "steer",
-    "take_over",
-    "words_below",
-]
+__all__ = ["ALL_WORDS", "AWAY", "LANE", "Steering", "allocate_steering", "hold_to", "let_go", "steer", "words_below"]
 
 ALL_WORDS = 2**32
 """So many random words there are."""
@@ -45,8 +34,6 @@ class Steering(NamedTuple):
     Attributes:
         on: 1 if any slot is held, int64 (1,).
         first, words: First word and number of words of LANE and AWAY, uint64 (2, N).
-
-    For R worlds each has one more dimension, (R, ...).
     """
 
     on: NDArray[np.int64]
@@ -54,11 +41,12 @@ class Steering(NamedTuple):
     words: NDArray[np.uint64]
 
 
-def allocate_steering(slots: int, *rows: int) -> Steering:
-    """Steering that holds nobody; for rows of worlds it is not set yet, so `let_go` of each comes first."""
-    zeros = np.zeros((*rows, 2, slots), dtype=np.uint64)
+def allocate_steering(slots: int) -> Steering:
+    """Steering that holds nobody."""
     return Steering(
-        np.zeros((*rows, 1), dtype=np.int64), zeros, zeros.copy() if rows else np.full_like(zeros, ALL_WORDS)
+        np.zeros(1, dtype=np.int64),
+        np.zeros((2, slots), dtype=np.uint64),
+        np.full((2, slots), ALL_WORDS, dtype=np.uint64),
     )
 
 
@@ -76,17 +64,6 @@ def let_go(steering: Steering, slots: int) -> None:
         for what in range(2):
             steering.first[what, i] = np.uint64(0)
             steering.words[what, i] = np.uint64(ALL_WORDS)
-
-
-@inlined_kernel
-def take_over(source: Steering, steering: Steering, slots: int) -> None:
-    """Hold the first `slots` slots to what `source` holds them to."""
-    steering.on[0] = source.on[0]
-    if source.on[0]:
-        for what in range(2):
-            for i in range(slots):
-                steering.first[what, i] = source.first[what, i]
-                steering.words[what, i] = source.words[what, i]
 
 
 @inlined_kernel

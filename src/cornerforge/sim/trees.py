@@ -38,7 +38,7 @@ from cornerforge.sim.acts import (
 from cornerforge.sim.danger import Network
 from cornerforge.sim.lessons import NO_MOMENT, Lessons, crashed, note_act, note_moment
 from cornerforge.sim.loop import AV_MUST_ANSWER, advance
-from cornerforge.sim.steering import Steering, allocate_steering, hold_to, let_go, take_over
+from cornerforge.sim.steering import Steering, hold_to, let_go
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import AV_CRASH, MAX_BRANCH, RUNNING, World, allocate_worlds, world_row
 from cornerforge.types import FRAME_S
@@ -146,7 +146,7 @@ class Nursery(NamedTuple):
         acts: Acts that led there, as `LEAF.acts`, int64 (R,).
         actions: Actions so far, int8 (R, decisions, N).
         waits: 1 if it must be driven a second on before it is looked at again, int64 (R,).
-        steering: To what it is held in that second, (R, ...).
+        steering: To what it is held in that second, (R, ...); of no meaning where it does not wait.
         memory: For a driver of AVs outside: what its AV remembers, -1 for nothing, int64 (R,).
         top: Rows in use of each tree, int64 (T,).
         tally: Seconds driven, copies lost, branches and roulette draws of each tree, int64 (T, 4).
@@ -200,7 +200,11 @@ def allocate_nursery(depth: int, slots: int, decisions: int, places: int = 1) ->
         acts=np.zeros(rows, dtype=np.int64),
         actions=np.zeros((rows, decisions, slots), dtype=np.int8),
         waits=np.zeros(rows, dtype=np.int64),
-        steering=allocate_steering(slots, rows),
+        steering=Steering(
+            np.zeros((rows, 1), dtype=np.int64),
+            np.zeros((rows, 2, slots), dtype=np.uint64),
+            np.zeros((rows, 2, slots), dtype=np.uint64),
+        ),
         memory=np.zeros(rows, dtype=np.int64),
         top=np.zeros(places, dtype=np.int64),
         tally=np.zeros((places, 4), dtype=np.int64),
@@ -283,6 +287,17 @@ def _wait(row: int, nursery: Nursery) -> Steering:
     return steering
 
 
+@inlined_kernel
+def _take_over(source: Steering, steering: Steering, slots: int) -> None:
+    """Hold the first `slots` slots to what `source` holds them to."""
+    steering.on[0] = source.on[0]
+    if source.on[0]:
+        for what in range(2):
+            for i in range(slots):
+                steering.first[what, i] = source.first[what, i]
+                steering.words[what, i] = source.words[what, i]
+
+
 @kernel
 def drive_on(row: int, forest: Forest) -> int:
     """Drive a row that waits to the end of its second, or until its AV outside must answer.
@@ -294,7 +309,7 @@ def drive_on(row: int, forest: Forest) -> int:
     w = world_row(nursery.worlds, row)
     state = w.state[0]
     until = state.decisions + 1 if state.substep == 0 else state.decisions
-    take_over(_steering_of(row, nursery), steering, state.n_vehicles)
+    _take_over(_steering_of(row, nursery), steering, state.n_vehicles)
     why = advance(w, forest.setting, forest.scratch, forest.keep, until)
     let_go(steering, state.n_vehicles)
     if why != AV_MUST_ANSWER:
