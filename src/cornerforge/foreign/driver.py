@@ -34,7 +34,7 @@ from cornerforge.sim import (
 )
 from cornerforge.types import Odd
 
-__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "seeds_of"]
+__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "seeds_of", "usable"]
 
 BATCH = 256
 """Worlds driven side by side."""
@@ -168,7 +168,7 @@ class ForeignAv:
             self._free.get().drop()
 
     @contextmanager
-    def _session(self) -> Iterator[AvSession]:
+    def lend_session(self) -> Iterator[AvSession]:
         """Lend this thread a session, with an AV process of its own."""
         try:
             session = self._free.get_nowait()
@@ -195,7 +195,7 @@ class ForeignAv:
         census = statistics.census_of(counting)
         out, total = allocate_outcomes(count), statistics.allocate_counts()
         groups = [list(range(first, first + count))] if count else []
-        with self._session() as session:
+        with self.lend_session() as session:
             while groups:
                 group = groups.pop()
                 is_fresh = session.is_fresh
@@ -286,7 +286,7 @@ class ForeignAv:
                 again = () if census.on else finished
                 left = [test for test in group if test not in again and test not in suspects]
                 raise _SpoiledError(failure.what, str(failure), suspects, left, certain=False) from failure
-            bad = driving[~_usable(answers[driving])]
+            bad = driving[~usable(answers[driving])]
             if bad.size:
                 answers = answers.copy()
                 answers[bad] = 0.0
@@ -346,7 +346,17 @@ class ForeignAv:
         with self._lock:
             if (seed, test) in self._scripts:
                 return self._scripts[seed, test]
-        with self._session() as session:
+        script = self.ask(setting, slots, seed, test)
+        self._keep_script(seed, test, script)
+        return script
+
+    def ask(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
+        """Let the AV drive one test of a setting, and give its answers, (number of answers, 2).
+
+        Raises:
+            AvFaultError: The AV fails in this test.
+        """
+        with self.lend_session() as session:
             batch = session.batch(slots)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
             steps = Steps(setting, slots, batch)
@@ -359,13 +369,11 @@ class ForeignAv:
                 except AvFailureError as failure:
                     raise AvFaultError(f"The AV {self.spec} {failure} in test {test}.") from failure
                 fresh, seeds = fresh[:0], seeds[:0]
-                if not _usable(given[:1]).all():
+                if not usable(given[:1]).all():
                     raise AvFaultError(f"The AV {self.spec} gave no usable answer in test {test}: {given[0]}.")
                 answers.append(given[0])
                 steps.act(given)
-        script = np.array(answers)
-        self._keep_script(seed, test, script)
-        return script
+        return np.array(answers)
 
     def repeats(self, setting: Setting, slots: int, seed: int, test: int) -> bool:
         """Does the AV give the same answers when it drives the test twice more?
@@ -381,7 +389,7 @@ class ForeignAv:
         return np.array_equal(scripts[0], scripts[1])
 
 
-def _usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
+def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Check answers (K, 2) row by row: is the acceleration finite and the lane order -1, 0 or 1?"""
     usable: NDArray[np.bool_] = np.isfinite(answers).all(axis=1) & np.isin(answers[:, 1], (-1.0, 0.0, 1.0))
     return usable

@@ -61,6 +61,8 @@ class Av(ABC):
     def reset(self, worlds: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:  # noqa: B027 - see setup
         """Forget the past of some worlds; called when new tests begin there.
 
+        An AV without this method is taken to answer by what it sees at the moment alone.
+
         Args:
             worlds: Rows in which a test begins, (K,).
             seeds: For each row a number, 0 or more, that depends on the test alone, (K,): the seed for an AV that draws

@@ -62,7 +62,7 @@ class AvProcess:
         first_timeout: Longest time for loading, for setting up, and for the first answer [s], each.
 
     Attributes:
-        about: The AV's `kind` and `hash`.
+        about: The AV's `kind` and `hash`, and whether it `remembers` what it saw before in a test ("yes" or "no").
 
     Raises:
         InputError, FileFormatError: `spec` names no AV.

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge.foreign.session import Steps
-from cornerforge.sim import SUBSTEPS, Recorder, World, lockstep, ordered_lane
+from cornerforge.sim import NATURAL, SCRIPTED, SUBSTEPS, Recorder, World, lockstep, ordered_lane
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from cornerforge.foreign.driver import ForeignAv
     from cornerforge.sim import Setting
-    from cornerforge.types import Odd
+    from cornerforge.types import Odd, Scenario
 
 __all__ = ["ForeignRecorder", "ScriptedSeconds"]
 
@@ -36,11 +36,36 @@ class ForeignRecorder(Recorder):
 
     def _drive(self, seed: int, test: int) -> None:
         slots = self._world.vehicles.size
+        self._answer(seed, test, self._setting, self._av.script(self._setting, slots, seed, test))
+
+    def _answer(self, seed: int, test: int, setting: Setting, answers: NDArray[np.float64]) -> None:
         batch = batch_of(self._world)
-        lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), self._setting, batch)
-        steps = Steps(self._setting, slots, batch, self._keep)
-        for answer in self._av.script(self._setting, slots, seed, test):
+        lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
+        steps = Steps(setting, self._world.vehicles.size, batch, self._keep)
+        for answer in answers:
             steps.act(answer[None])
+
+    def record_branch(
+        self, seed: int, test: int, actions: NDArray[np.int8], answers: NDArray[np.float64] | None = None
+    ) -> Scenario:
+        """Record a branch of a test's tree: the test from its start on, with other actions of its BVs.
+
+        Args:
+            seed, test: Names of the test.
+            actions: Of all vehicles at each decision, int8 (K, N); after them BVs do what is likeliest.
+            answers: Of the AV, (A, 2); None: it is asked.
+
+        Raises:
+            AvFaultError: The AV fails.
+        """
+        script = np.full((int(self._setting.road.max_decisions), actions.shape[1]), NATURAL, dtype=np.int8)
+        script[: len(actions)] = actions
+        setting = self._setting.with_drivers(others=SCRIPTED, script=script)
+        if answers is None:
+            answers = self._av.ask(setting, self._world.vehicles.size, seed, test)
+        self._keep.recording["present"] = 0
+        self._answer(seed, test, setting, answers)
+        return self._scenario(seed, test)
 
 
 def batch_of(world: World) -> lockstep.Batch:

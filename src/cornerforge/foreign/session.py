@@ -57,6 +57,16 @@ class AvSession:
         return self._process
 
     @property
+    def batch_size(self) -> int:
+        """Worlds that the AV drives side by side."""
+        return self._context.batch
+
+    @property
+    def remembers(self) -> bool:
+        """May the AV's answer depend on what it saw before in a test? An AV without `reset` can have no such memory."""
+        return self.process().about["remembers"] == "yes"
+
+    @property
     def is_fresh(self) -> bool:
         """Will the next question be the first to its process?"""
         return self._process is None

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
+from cornerforge.foreign.interface import VIEW_SHAPE, Av, AvContext
 from cornerforge.foreign.protocol import ACT, ANSWER, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
 
 if TYPE_CHECKING:
@@ -57,6 +57,11 @@ def _described(error: BaseException) -> str:
     return f"{type(error).__name__}({text}){_where(error)}"
 
 
+def _remembers(av: Any) -> bool:
+    """May the AV remember what it saw in a test? Without a `reset` of its own it could not forget it either."""
+    return getattr(type(av), "reset", Av.reset) is not Av.reset
+
+
 def _act(av: Any, context: AvContext, body: bytearray) -> bytes:
     fresh = int(np.frombuffer(body, np.int64, 1)[0])
     worlds = np.frombuffer(body, np.int64, fresh, 8).copy()
@@ -78,7 +83,7 @@ def _serve(connection: socket.socket) -> None:
                 from cornerforge.foreign.loaders import load_av
 
                 av, about = load_av(unpack_json(body)["av"])
-                reply = pack_json(ANSWER, about)
+                reply = pack_json(ANSWER, about | {"remembers": "yes" if _remembers(av) else "no"})
             elif kind == SETUP:
                 context = AvContext(**unpack_json(body))
                 if hasattr(av, "setup"):

@@ -17,6 +17,7 @@ from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
+from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import run_sql
@@ -95,6 +96,8 @@ def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
         seed, test = stored.scenario.seed, stored.scenario.test
         if stored.script is None:
             return recorder.record(seed, test)
+        if isinstance(recorder, ForeignRecorder):
+            return recorder.record_branch(seed, test, stored.script.action)
         return scripts.record(stored.script, seed=seed, test=test)[0]
 
     return again

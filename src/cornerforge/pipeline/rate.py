@@ -18,7 +18,7 @@ from cornerforge.errors import InputError
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_of, kept_if_interrupted
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.setting import check_threads, experiment
 from cornerforge.pipeline.splitting import TREES, PickedCrash, Splitting, kind_rates
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo
 from cornerforge.results import NaturalRate, as_json
@@ -76,7 +76,7 @@ def rate(
     if resume and out is None:
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(WorldOptions(**world), takes_foreign=True, seed=seed)
-    only_mc = _why_only_counting(run, max_tests)
+    only_mc = _why_only_counting(max_tests)
     if method == "splitting" and only_mc is not None:
         raise InputError(f"Method splitting cannot be used: {only_mc}")
     folder = None if out is None else Path(out)
@@ -107,10 +107,8 @@ def rate(
 # Choosing
 
 
-def _why_only_counting(run: Experiment, max_tests: int) -> str | None:
+def _why_only_counting(max_tests: int) -> str | None:
     """Say why only counting is possible; None if trees are."""
-    if run.foreign is not None:
-        return f"the AV {run.av.name} is outside the simulator, and trees need copies of worlds."
     if importlib.util.find_spec("torch") is None:
         return 'teaching needs torch; install it with: pip install "cornerforge[learn]"'
     from cornerforge.rates.teaching import TEACHING_TREES

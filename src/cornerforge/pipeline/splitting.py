@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from cornerforge._files import reason, writing
 from cornerforge.analysis.mechanism import crash_types_of, mechanism_of
 from cornerforge.errors import FileFormatError, OutputError
+from cornerforge.foreign.recorder import ForeignRecorder
+from cornerforge.foreign.trees import ForeignGrower
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
@@ -33,7 +35,7 @@ from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import poisson_interval, weighted_interval
 from cornerforge.rates.monte_carlo import MonteCarlo
-from cornerforge.rates.trees import grow
+from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, grow
 from cornerforge.rates.weighted import (
     LEAST_EFFECTIVE,
     WeightedRate,
@@ -53,7 +55,9 @@ _TEACH, _ESTIMATE, _PICK = range(3)
 _MOST_CASES = 1000
 _MOST_UNSEEN = 0.01
 _SHARD_CASES = 500
-_BLOCK_FIELDS = ("weight", "crashes", "lost", "cpu_seconds", "seconds", "root", "begun", "actions")
+_BLOCK_FIELDS = (
+    "weight", "crashes", "lost", "cpu_seconds", "seconds", "root", "begun", "actions", "answers", "asked", "strayed",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -74,13 +78,14 @@ class Splitting:
     """A rate by trees of tests: it teaches, grows blocks, and keeps them, so that only the block in progress is lost.
 
     Args:
-        run: Natural traffic with an AV of the kernels.
+        run: Natural traffic.
         seed: Of the user; teaching and trees have seeds of their own made from it.
         out: The output folder, or None.
     """
 
     def __init__(self, run: Experiment, seed: int, out: Path | None, *, threads: int, progress: Progress) -> None:
         self._run, self._seed, self._out = run, seed, out
+        self._grower: Grower = BUILT_IN_GROWER if run.foreign is None else ForeignGrower(run.foreign)
         self._threads, self._progress = threads, progress
         self._blocks: list[dict[str, Any]] = []
         self._judged: WeightedRate | None = None
@@ -112,6 +117,7 @@ class Splitting:
             self._run.slots,
             seed=_independent(self._seed, _TEACH),
             threads=self._threads,
+            grower=self._grower,
             progress=lambda done: self._progress("learn what is dangerous", done, TEACHING_TREES),
         )
         self.taught = Cost(tests=taught.tests, cpu_seconds=taught.cpu_seconds)
@@ -155,6 +161,7 @@ class Splitting:
             first=self.trees,
             tests=tests,
             threads=self._threads,
+            grower=self._grower,
             progress=lambda done: self._tell(target, most, done),
         )
         rng = np.random.default_rng([_independent(self._seed, _PICK), self.trees])
@@ -168,6 +175,9 @@ class Splitting:
             "root": grown.crashes["root"][one],
             "begun": grown.crashes["begun"][one],
             "actions": grown.actions[one],
+            "answers": grown.answers[one],
+            "asked": grown.asked,
+            "strayed": grown.strayed,
         }
 
     @property
@@ -230,6 +240,11 @@ class Splitting:
         told = list(found.doubts)
         if lost := sum(int(block["lost"]) for block in self._blocks):
             told.append(f"{lost} copies of worlds found no room")
+        if strayed := sum(int(block["strayed"]) for block in self._blocks):
+            told.append(
+                f"the AV answered otherwise when it was shown the same again, {strayed} times of {self.asked:,}, so "
+                "copies of its tests do not go on as the tests did; make it repeat itself"
+            )
         if self._unseen > _MOST_UNSEEN:
             told.append(f"crashes with {100.0 * self._unseen:.0f} % of it found no room, so their kinds are not known")
         each = found.rate / max(1, sum(kind.crashes for kind in kinds.values()))  # what one picked crash stands for
@@ -243,6 +258,11 @@ class Splitting:
     def crashes(self) -> int:
         """Branches that ended in a crash."""
         return sum(int(block["crashes"]) for block in self._blocks)
+
+    @property
+    def asked(self) -> int:
+        """How often an AV from outside was asked while trees grew; 0 for one of the kernels."""
+        return sum(int(block["asked"]) for block in self._blocks)
 
     @property
     def cost(self) -> Cost:
@@ -267,7 +287,7 @@ class Splitting:
         rng = np.random.default_rng(_independent(self._seed, _PICK))
         roots, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
         kept = {int(root): (block, k) for block in self._blocks for k, root in enumerate(block["root"])}
-        driver = ScriptDriver(self._run.setting, self._run.odd)
+        driver, recorder = ScriptDriver(self._run.setting, self._run.odd), self._run.recorder()
         seen = [test in kept for test in roots.tolist()]  # of others the crashes found no room
         self._unseen = 1.0 - float(stands_for[seen].sum() / stands_for.sum())
         roots, stands_for = roots[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
@@ -279,7 +299,12 @@ class Splitting:
             start = driver.start_of_test(self._tree_seed, test)
             actions = block["actions"][k, : block["begun"][k], : start.size]
             script = Script(np.arange(start.size, dtype=np.int16), start, actions)
-            scenario, _ = driver.record(script, seed=self._tree_seed, test=test)
+            if isinstance(recorder, ForeignRecorder):
+                answers = block["answers"][k]
+                answers = answers[np.isfinite(answers[:, 0])]
+                scenario = recorder.record_branch(self._tree_seed, test, actions, answers)
+            else:
+                scenario, _ = driver.record(script, seed=self._tree_seed, test=test)
             mechanism = mechanism_of(scenario)
             kind = crash_types_of([scenario]).names[0]
             picked.append(PickedCrash(weight, kind, mechanism.name))

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import MissingExtraError
-from cornerforge.rates.trees import Grown, LessonTable, grow
-from cornerforge.sim import Setting, danger, trees
+from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, Grown, LessonTable, grow
+from cornerforge.sim import BUILT_IN, Setting, danger, trees
 
 try:
     import torch
@@ -73,8 +73,8 @@ def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LAT
 
 def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, threads: int) -> tuple[float, float]:
     """Estimate the mean danger at the start of a test; returns it and the CPU seconds it took."""
-    nothing = plan_of(network, 1e30)._replace(floor=0.0)
-    pilot = grow(setting, slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads)
+    nothing = plan_of(network, 1e30)._replace(floor=0.0)  # no tree is driven, so an AV from outside is not asked
+    pilot = grow(setting.with_drivers(av=BUILT_IN), slots, nothing, seed=seed, first=0, tests=_PILOT, threads=threads)
     return max(_LEAST_LEVEL, float(pilot.roots["danger"].mean())), pilot.cpu_seconds
 
 
@@ -84,15 +84,17 @@ def teach(
     *,
     seed: int,
     threads: int,
+    grower: Grower = BUILT_IN_GROWER,
     tell: Callable[[str, Grown], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Taught:
     """Teach a network for an AV and its world, in about two minutes of CPU time.
 
     Args:
-        setting, slots: The run, natural, with an AV of the kernels.
+        setting, slots: The run, natural.
         seed: Of the trees, and of the network's first weights.
         threads: Pool size; does not change the result.
+        grower: As of `grow`.
         tell: Told each round's name and trees.
         progress: Told how many of `TEACHING_TREES` are grown.
     """
@@ -102,7 +104,7 @@ def teach(
 
     def study(name: str, plan: trees.Plan, tests: int) -> float:
         grown = grow(
-            setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True,
+            setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, grower=grower,
             progress=None if progress is None else lambda done: progress(begun + done),
         )  # fmt: skip
         if tell is not None:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
-from cornerforge.execution import Rooms, in_order
+from cornerforge.execution import Rooms, cpu_seconds, in_order
 from cornerforge.sim import (
     BUILT_IN,
     NATURALISTIC,
@@ -25,10 +24,9 @@ from cornerforge.sim import (
     warn_of_left_out,
 )
 
-__all__ = ["Grown", "LessonTable", "grow"]
+__all__ = ["BUILT_IN_GROWER", "Grower", "Grown", "LessonTable", "Noted", "grow"]
 
 _ARRAYS = ("roots", "crashes", "actions")
-_CHUNK = 250
 _ROWS = 400
 """Worlds that wait at once; the stack is as deep as acts and copies of one tree."""
 _LEAVES_PER_ROOT = 16
@@ -61,15 +59,69 @@ class Grown:
         roots: One a tree, of `sim.trees.ROOT`, in the order of the tests.
         crashes: Their crashes, as far as there was room, of `sim.trees.LEAF`.
         actions: With which they come again, int8 (K, decisions, N).
+        answers: With which an AV from outside comes again, (K, A, 2); A is 0 for an AV of the kernels.
         lessons: What they teach; None if that was not asked for.
-        cpu_seconds: Of all threads together.
+        cpu_seconds: Of all threads together; without processes of AVs from outside.
+        asked: How often an AV from outside was asked, again for copies too.
+        strayed: How often it answered otherwise when it was asked again.
     """
 
     roots: NDArray[np.void]
     crashes: NDArray[np.void]
     actions: NDArray[np.int8]
+    answers: NDArray[np.float64]
     lessons: LessonTable | None
     cpu_seconds: float
+    asked: int
+    strayed: int
+
+
+class Noted(Protocol):
+    """What is noted of an AV from outside: `foreign.trees.Watched`."""
+
+    @property
+    def answers(self) -> NDArray[np.float64]:
+        """What it answered on the way to each crash."""
+
+    @property
+    def asked(self) -> int:
+        """How often it was asked."""
+
+    @property
+    def again(self) -> int:
+        """How often it was asked once more, for copies."""
+
+    @property
+    def strayed(self) -> int:
+        """How often it then answered otherwise."""
+
+
+class Grower(Protocol):
+    """Grows trees."""
+
+    @property
+    def places(self) -> int:
+        """Trees that grow side by side."""
+
+    @property
+    def chunk(self) -> int:
+        """Trees of one call; what comes out does not depend on it but for the lessons that are picked."""
+
+    def __call__(self, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]) -> Noted | None:
+        """Grow the trees of tests first, first + 1, ..., one for each of `roots`; the forest takes what they give."""
+
+
+class _BuiltInGrower:
+    """Trees of an AV of the kernels, one after the other."""
+
+    places, chunk = 1, 250
+
+    def __call__(self, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]) -> None:
+        trees.grow_range(seed, first, forest, roots)
+
+
+BUILT_IN_GROWER: Grower = _BuiltInGrower()
+"""For AVs of the kernels."""
 
 
 def grow(
@@ -82,57 +134,64 @@ def grow(
     tests: int,
     threads: int,
     learning: bool = False,
+    grower: Grower = BUILT_IN_GROWER,
     progress: Callable[[int], None] | None = None,
 ) -> Grown:
     """Grow the trees of a range of tests.
 
     Args:
-        setting, slots: The run, natural, with an AV of the kernels, and its vehicle slots per world.
+        setting, slots: The run, natural, and its vehicle slots per world.
         plan: How they grow.
         seed, first, tests: The tests.
         threads: Pool size; does not change the result.
         learning: Keep lessons (about 10 kB a tree).
+        grower: Grows them; an AV from outside has its own, and then the setting's AV does not matter.
         progress: Called with the number of trees done after each chunk.
 
     Raises:
-        InputError: The run has an adversary, BVs of another kind, or an AV outside the kernels.
+        InputError: The run has an adversary, BVs of another kind, or an AV outside without a grower.
+        AvFaultError: An AV from outside fails.
     """
     check_integer("tests", tests, low=1)
     who = setting.who
-    if who.critical != NOBODY or who.others != NATURALISTIC or who.av != BUILT_IN:
-        raise InputError("Trees grow from natural tests of an AV inside the simulator; this run has other drivers.")
+    if who.critical != NOBODY or who.others != NATURALISTIC:
+        raise InputError("Trees grow from natural tests; this run has other drivers.")
+    if who.av != BUILT_IN and grower is BUILT_IN_GROWER:
+        raise InputError("Trees of an AV outside the simulator need a grower of its own.")
     decisions = setting.road.max_decisions
 
     def rooms() -> tuple[Any, ...]:
-        log = lessons.allocate_lessons(*(_CHUNK * n if learning else 0 for n in (_MOMENTS_PER_ROOT, _LESSONS_PER_ROOT)))
-        leaves = trees.allocate_leaves(_CHUNK * _LEAVES_PER_ROOT, slots, decisions)
-        return trees.allocate_nursery(_ROWS, slots, decisions), leaves, log, allocate_scratch(slots, who.policy)
+        most = (grower.chunk * n if learning else 0 for n in (_MOMENTS_PER_ROOT, _LESSONS_PER_ROOT))
+        leaves = trees.allocate_leaves(grower.chunk * _LEAVES_PER_ROOT, slots, decisions)
+        nursery = trees.allocate_nursery(_ROWS, slots, decisions, grower.places)
+        return nursery, leaves, lessons.allocate_lessons(*most), allocate_scratch(slots, who.policy)
 
     lent = Rooms(rooms)
 
     def work(start: int, count: int) -> Grown:
-        begun = time.thread_time()
         roots = np.zeros(count, dtype=trees.ROOT)
         with lent.lend() as (nursery, leaves, log, scratch):
             leaves.used[:] = 0
             log.used[:] = 0
             forest = trees.Forest(plan, setting, scratch, keep_nothing(slots), nursery, leaves, log)
-            trees.grow_range(seed, start, forest, roots)
+            noted = grower(seed, start, forest, roots)
             warn_of_left_out(scratch)
             found = leaves.used[0]
             crashes, actions = leaves.crashes[:found].copy(), leaves.actions[:found].copy()
             rng = np.random.Generator(np.random.Philox(key=[seed, start]))
             table = _table(log, rng) if learning else None
-        return Grown(roots, crashes, actions, table, time.thread_time() - begun)
+        if noted is None:
+            return Grown(roots, crashes, actions, np.zeros((found, 0, 2)), table, 0.0, 0, 0)
+        return Grown(roots, crashes, actions, noted.answers, table, 0.0, noted.asked + noted.again, noted.strayed)
 
     parts: list[Grown] = []
-    done = 0
-    for part in in_order(work, first, tests, chunk=_CHUNK, threads=threads):
+    done, begun = 0, cpu_seconds()
+    for part in in_order(work, first, tests, chunk=grower.chunk, threads=threads):
         parts.append(part)
         done += part.roots.size
         if progress is not None:
             progress(done)
-    return _joined(parts)
+    return replace(_joined(parts), cpu_seconds=cpu_seconds() - begun)
 
 
 def _table(log: lessons.Lessons, rng: np.random.Generator) -> LessonTable:
@@ -154,4 +213,10 @@ def _joined(parts: list[Grown]) -> Grown:
         names = ("seen", "followed", "weight", "root")
         whole = LessonTable(*(np.concatenate([getattr(table, name) for table in tables]) for name in names))
     roots, crashes, actions = (np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS)
-    return Grown(roots, crashes, actions, whole, sum(part.cpu_seconds for part in parts))
+    answers = np.full((len(crashes), max(part.answers.shape[1] for part in parts), 2), np.nan)
+    begin = 0
+    for part in parts:
+        answers[begin : begin + len(part.answers), : part.answers.shape[1]] = part.answers
+        begin += len(part.answers)
+    asked, strayed = sum(part.asked for part in parts), sum(part.strayed for part in parts)
+    return Grown(roots, crashes, actions, answers, whole, 0.0, asked, strayed)

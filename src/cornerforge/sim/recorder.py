@@ -68,6 +68,10 @@ class Recorder:
     def record(self, seed: int, test: int) -> Scenario:
         """Drive one test and return all of it: all vehicles, every 0.1 s."""
         self._record(seed, test)
+        return self._scenario(seed, test)
+
+    def _scenario(self, seed: int, test: int) -> Scenario:
+        """Copy what was driven last."""
         slots = np.arange(int(self._world.state["n_vehicles"][0]), dtype=np.int16)
         return scenario_of(self._world, self._keep, slots, self._odd, seed, test)
 

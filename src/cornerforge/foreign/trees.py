@@ -1,0 +1,272 @@
+"""Trees of tests for a foreign AV: worlds are copied, and the AV is shown again what it has seen in a copied world.
+
+A world can be copied (`sim.trees`), an AV in another process cannot. But what it answers depends on its test's seed and
+on what it saw since `reset` alone (`foreign.interface`). So a copy of the AV is made by showing to a row of its batch,
+from the reset on, what it saw in the world that was copied. An AV without `reset` remembers nothing and is spared this.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.errors import AvFaultError
+from cornerforge.foreign.driver import ForeignAv, seeds_of, usable
+from cornerforge.foreign.interface import VIEW_SHAPE
+from cornerforge.foreign.process import AvFailureError
+from cornerforge.foreign.session import AvSession
+from cornerforge.sim import OUTSIDE, grove, trees
+
+__all__ = ["ForeignGrower", "Watched"]
+
+_NOTHING = -1
+_PLACES = 256
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What was noted of an AV while trees grew.
+
+    Attributes:
+        answers: What it answered on the way to each crash, in the order of the leaves, (K, A, 2); NaN after the last.
+        asked, again: Answers that worlds were driven with; answers asked for once more, for copies.
+        strayed: Those of the latter that were others than before.
+    """
+
+    answers: NDArray[np.float64]
+    asked: int
+    again: int
+    strayed: int
+
+
+class _Past:
+    """What the AV saw and answered, moment by moment; each moment knows the one before it."""
+
+    def __init__(self, room: int = 4096) -> None:
+        self.view = np.zeros((room, *VIEW_SHAPE), dtype=np.float32)
+        self.answer = np.zeros((room, 2))
+        self.before = np.zeros(room, dtype=np.int64)
+        self._place = np.full(room, _NOTHING)
+        self._free = list(range(room))
+
+    def add(
+        self, views: NDArray[np.float32], answers: NDArray[np.float64], before: NDArray[np.int64],
+        places: NDArray[np.int64],
+    ) -> NDArray[np.int64]:  # fmt: skip
+        """Note moments of trees at some places; returns their numbers."""
+        n = len(answers)
+        while len(self._free) < n:
+            old = self.before.size
+            self.view, self.answer, self.before, self._place = (
+                np.concatenate([array, np.zeros_like(array)])
+                for array in (self.view, self.answer, self.before, self._place)
+            )
+            self._place[old:] = _NOTHING
+            self._free += range(old, 2 * old)
+        new = np.array(self._free[-n:], dtype=np.int64)
+        del self._free[-n:]
+        self.view[new], self.answer[new], self.before[new], self._place[new] = views, answers, before, places
+        return new
+
+    def path_to(self, moment: int) -> list[int]:
+        """List the moments of a world's past, the first one first."""
+        path = []
+        while moment != _NOTHING:
+            path.append(moment)
+            moment = int(self.before[moment])
+        return path[::-1]
+
+    def forget(self, places: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Forget the trees at some places; returns the moments forgotten, whose numbers will be used again."""
+        gone = np.flatnonzero(np.isin(self._place, places))
+        self._place[gone] = _NOTHING
+        self._free += gone.tolist()
+        return gone
+
+
+@dataclass
+class _Seats:
+    """Rows of the AV's batch: who sits there, what the AV remembers there, and what it must be shown first.
+
+    Attributes:
+        row: Of the world, -1 for none, (B,).
+        memory: The moment up to which the AV remembers, -1 for none or unknown, (B,).
+        fresh: It must be reset before the next question, (B,).
+        lesson: What it must be shown before it goes on, by seat.
+        free: Seats without a world, by the time since when.
+    """
+
+    row: NDArray[np.int64]
+    memory: NDArray[np.int64]
+    fresh: NDArray[np.bool_]
+    lesson: dict[int, list[int]] = field(default_factory=dict)
+    free: OrderedDict[int, None] = field(default_factory=OrderedDict)
+
+    def take(self, row: int, memory: int, past: _Past, *, remembers: bool) -> None:
+        """Give a world a seat, the one where the AV remembers its past if there is one; one must be free."""
+        known = np.flatnonzero(self.memory == memory) if remembers and memory != _NOTHING else ()
+        seat = next((int(s) for s in known if int(s) in self.free), None)
+        if seat is None:
+            seat = next(iter(self.free))
+            self.fresh[seat] = remembers
+            if remembers and memory != _NOTHING:
+                self.lesson[seat] = past.path_to(memory)
+        del self.free[seat]
+        self.row[seat], self.memory[seat] = row, memory
+
+    def leave(self, seats: NDArray[np.int64]) -> None:
+        """Free seats."""
+        self.row[seats] = _NOTHING
+        self.free.update(dict.fromkeys(seats.tolist()))
+
+
+class ForeignGrower:
+    """Grows the trees of a foreign AV (`rates.trees.Grower`).
+
+    Args:
+        av: The AV.
+    """
+
+    places = _PLACES
+    chunk = 1000
+
+    def __init__(self, av: ForeignAv) -> None:
+        self._av = av
+
+    def __call__(self, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]) -> Watched:
+        """Grow the trees of tests first, first + 1, ..., one for each of `roots`.
+
+        Raises:
+            AvFaultError: The AV fails.
+        """
+        forest = forest._replace(setting=forest.setting.with_drivers(av=OUTSIDE))
+        with self._av.lend_session() as session:
+            return _Growing(self._av, session, seed, first, forest, roots).grow()
+
+
+class _Growing:
+    """A range of trees that grows."""
+
+    def __init__(
+        self, av: ForeignAv, session: AvSession, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]
+    ) -> None:
+        self._av, self._session, self._seed, self._first = av, session, seed, first
+        self._forest, self._roots = forest, roots
+        nursery = forest.nursery
+        self._grove = grove.allocate_grove(nursery.top.size, nursery.depth)
+        self._past = _Past()
+        size = session.batch_size
+        self._views = np.zeros((size, *VIEW_SHAPE), dtype=np.float32)
+        none = np.full(size, _NOTHING)
+        self._seats = _Seats(none, none.copy(), np.zeros(size, dtype=np.bool_))
+        self._seats.free.update(dict.fromkeys(range(size)))
+        self._answers: list[NDArray[np.float64]] = []
+        self._asked = self._again = self._strayed = 0
+
+    def grow(self) -> Watched:
+        planted, free = 0, np.arange(self._grove.root.size)
+        while True:
+            now = free[: self._roots.size - planted]
+            if now.size:
+                grove.plant_at(now, self._seed, self._first, planted, self._forest, self._grove, self._roots)
+                planted += now.size
+                free = free[now.size :]
+            waiting, ready = grove.tend(self._forest, self._grove, self._roots)
+            self._note_crashes()
+            done = self._grove.ready[:ready].copy()
+            if ready:
+                gone = self._past.forget(done)
+                self._seats.memory[np.isin(self._seats.memory, gone)] = _NOTHING
+                free = np.concatenate([free, done])
+            self._seat(waiting)
+            if (self._seats.row != _NOTHING).any():
+                self._ask()
+            elif planted == self._roots.size and waiting == 0:
+                break
+        most = max((len(answers) for answers in self._answers), default=0)
+        answers = np.full((len(self._answers), most, 2), np.nan)
+        for k, own in enumerate(self._answers):
+            answers[k, : len(own)] = own
+        return Watched(answers, self._asked, self._again, self._strayed)
+
+    def _note_crashes(self) -> None:
+        """Note the answers that led to each new crash."""
+        leaves = self._forest.leaves
+        for k in range(len(self._answers), int(leaves.used[0])):
+            self._answers.append(self._past.answer[self._past.path_to(int(leaves.crashes["memory"][k]))])
+
+    def _seat(self, waiting: int) -> None:
+        """Give free seats to worlds that wait, those first that their trees need first."""
+        room = len(self._seats.free)
+        if waiting == 0 or room == 0:
+            return
+        order = np.argsort(self._grove.ranks[:waiting], kind="stable")[:room]
+        remembers = self._session.remembers
+        for row in self._grove.rows[:waiting][order].tolist():
+            self._seats.take(row, int(self._forest.nursery.memory[row]), self._past, remembers=remembers)
+            self._grove.moves[row] = 1
+
+    def _ask(self) -> None:
+        """Ask the AV once, about worlds where they are and about what copies of it must be shown."""
+        seats = self._seats
+        shown = np.array(sorted(seats.lesson), dtype=np.int64)
+        moments = np.array([seats.lesson[seat][0] for seat in shown.tolist()], dtype=np.int64)
+        asked = np.flatnonzero(seats.row != _NOTHING)
+        live = asked[~np.isin(asked, shown)]
+        rows = seats.row[live]
+        self._views[seats.row == _NOTHING] = 0.0
+        grove.look(rows, live, self._forest, self._views)
+        self._views[shown] = self._past.view[moments]
+        fresh = np.flatnonzero(seats.fresh)
+        seats.fresh[:] = False
+        tests = self._forest.nursery.worlds.state["test"][:, 0]
+        try:
+            answers = self._session.process().act(self._views, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
+        except AvFailureError as failure:
+            self._session.renew()
+            raise self._fault(f"in one of the tests {_some(tests[seats.row[asked]])} it {failure}") from failure
+        bad = live[~usable(answers[live])]
+        if bad.size:
+            what = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
+            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {what}")
+        self._go_over(shown, moments, answers)
+        self._go_on(live, rows, answers)
+
+    def _go_over(self, shown: NDArray[np.int64], moments: NDArray[np.int64], answers: NDArray[np.float64]) -> None:
+        """Note that the AV was shown past moments again."""
+        self._again += shown.size
+        self._strayed += int((answers[shown] != self._past.answer[moments]).any(axis=1).sum())
+        for seat in shown.tolist():
+            self._seats.lesson[seat].pop(0)
+            if not self._seats.lesson[seat]:
+                del self._seats.lesson[seat]
+
+    def _go_on(self, live: NDArray[np.int64], rows: NDArray[np.int64], answers: NDArray[np.float64]) -> None:
+        """Drive worlds on with the AV's answers."""
+        if live.size == 0:
+            return
+        self._asked += live.size
+        nursery, seats = self._forest.nursery, self._seats
+        own = np.ascontiguousarray(answers[live])
+        places = rows // nursery.depth
+        moments = self._past.add(self._views[live], own, nursery.memory[rows], places)
+        nursery.memory[rows] = moments
+        seats.memory[live] = moments
+        driven = np.zeros(rows.size, dtype=np.bool_)
+        grove.answer(rows, own, self._forest, self._grove, driven)
+        seats.leave(live[driven])
+
+    def _fault(self, what: str) -> AvFaultError:
+        return AvFaultError(
+            f"The AV {self._av.spec} failed while trees of tests grew: {what}. Correct the AV (cornerforge check-av "
+            f"{self._av.spec}), or count with --method mc, which sets such tests aside."
+        )
+
+
+def _some(tests: NDArray[np.int64]) -> str:
+    """Name a few tests."""
+    names = [str(test) for test in np.unique(tests)[:3]]
+    return ", ".join(names) + (", ..." if np.unique(tests).size > 3 else "")
