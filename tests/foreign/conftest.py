@@ -6,6 +6,9 @@ from pathlib import Path
 from textwrap import indent
 
 import pytest
+from hand_built import reckless_drivers
+
+from cornerforge.ndd.model import NddModel, default_model_path, load_model
 
 # Every AV remembers the seeds of its tests, so that a fault can be tied to tests and not to rows of a batch.
 BASE = """
@@ -56,6 +59,17 @@ AVS = {
     "Writes": "a = self.good(view); view[:] = 7; return a",
 }
 
+FORGETFUL = """
+class Forgetful:
+    def act(self, view):
+        return Base.good(self, view)
+"""
+
+
+@pytest.fixture(scope="session")
+def reckless() -> NddModel:
+    return reckless_drivers(load_model(default_model_path()))
+
 
 @pytest.fixture
 def avs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -63,6 +77,6 @@ def avs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     classes = [
         f"class {name}(Base):\n    def act(self, view):\n{indent(body, 8 * ' ')}\n" for name, body in AVS.items()
     ]
-    (tmp_path / "avs.py").write_text(BASE + "\n".join(classes), encoding="utf-8")
+    (tmp_path / "avs.py").write_text(BASE + "\n".join(classes) + FORGETFUL, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path

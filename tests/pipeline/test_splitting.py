@@ -40,6 +40,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     rate = importlib.import_module("cornerforge.pipeline.rate")
     monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 2_000)
     monkeypatch.setattr(rate, "PLAIN_TESTS", 4_000)
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.splitting"), "LEAST_TREES", 2_000)
     for module in (rate, importlib.import_module("cornerforge.pipeline.splitting")):
         monkeypatch.setattr(module, "TREES", 500)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_built import reckless_drivers
 
 from cornerforge.ndd.model import Memory, NddModel, default_model_path, load_model
 
@@ -17,13 +18,7 @@ def model() -> NddModel:
 
 @pytest.fixture(scope="session")
 def reckless(model: NddModel) -> NddModel:
-    """The same drivers, but they change lanes often, overlook what is beside them and start at unlike speeds.
-
-    Much happens in few tests, and draws are refused that the shipped model hardly ever makes.
-    """
-    initial = replace(model.initial, speed_sd=3.5, rr_scale=3.0, min_ttc=8.0)
-    base = np.full(21, 0.2, dtype=np.float32)
-    return replace(model, lc_base=base, overlook=0.5, overlook_conflict=0.5, initial=initial)
+    return reckless_drivers(model)
 
 
 @pytest.fixture(scope="session")

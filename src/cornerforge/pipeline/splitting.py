@@ -46,10 +46,13 @@ from cornerforge.rates.weighted import (
 from cornerforge.results.driving import Cost, KindRate
 from cornerforge.sim import Script, ScriptDriver, danger, trees
 
-__all__ = ["ALL_CRASHES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
+__all__ = ["ALL_CRASHES", "LEAST_TREES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
 
 TREES = 10_000
 """Trees between two saved states."""
+LEAST_TREES = 300_000
+"""Fewest trees that a rate may rest on: as many as taught the network, nearly. A run that stops as soon as it is narrow
+stops before the rare heavy trees come, and is too low."""
 ALL_CRASHES = "any kind"
 _TEACH, _ESTIMATE, _PICK = range(3)
 _MOST_CASES = 1000
@@ -189,7 +192,11 @@ class Splitting:
         total, text = most, ""
         if self.trees:
             found = self.rate
-            needed = max((self.half_width / target) ** 2, LEAST_EFFECTIVE / max(found.effective, 1.0))
+            needed = max(
+                (self.half_width / target) ** 2,
+                LEAST_EFFECTIVE / max(found.effective, 1.0),
+                LEAST_TREES / self.trees,
+            )
             total = min(most, round(self.trees * needed)) if found.effective > 1.0 else most
             doubted = ", in doubt" if found.doubts else ""
             text = f" ({found.rate:.2g} +- {100.0 * min(self.half_width, 9.99):.0f} %{doubted})"
@@ -227,7 +234,7 @@ class Splitting:
 
     def is_enough(self, target: float) -> bool:
         """Is the rate exact enough, and not in doubt?"""
-        return self.half_width <= target and not self.rate.doubts
+        return self.trees >= LEAST_TREES and self.half_width <= target and not self.rate.doubts
 
     def doubts(
         self, plain: MonteCarlo, plain_kinds: Mapping[str, int], kinds: Mapping[str, KindRate]
@@ -238,6 +245,8 @@ class Splitting:
         """
         found = self.rate
         told = list(found.doubts)
+        if found.n < LEAST_TREES:
+            told.append(f"it rests on {found.n:,} trees, fewer than {LEAST_TREES:,}")
         if lost := sum(int(block["lost"]) for block in self._blocks):
             told.append(f"{lost} copies of worlds found no room")
         if strayed := sum(int(block["strayed"]) for block in self._blocks):

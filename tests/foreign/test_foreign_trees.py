@@ -1,0 +1,144 @@
+"""Trees of an AV from outside: the same as of that AV inside, with memory and without, in any batch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hand_built import setting_of
+
+from cornerforge.errors import AvFaultError, InputError
+from cornerforge.foreign.driver import ForeignAv
+from cornerforge.foreign.recorder import ForeignRecorder
+from cornerforge.foreign.trees import ForeignGrower
+from cornerforge.ndd.model import NddModel
+from cornerforge.pipeline.av_file import av_of
+from cornerforge.rates.trees import Grown, grow
+from cornerforge.sim import OUTSIDE, Setting, n_slots, simulate
+from cornerforge.sim.danger import N_SEEN, WIDTH, Network
+from cornerforge.sim.trees import ROOT, Plan
+from cornerforge.types import Odd
+
+ODD = Odd()
+SLOTS = n_slots(ODD)
+SIGMAS = 5.0
+
+
+def plan(seed: int, level: float, *, windows: int = 1) -> Plan:
+    """A plan by a network that was taught nothing."""
+    rng = np.random.default_rng(seed)
+    shapes = (N_SEEN, WIDTH), (WIDTH,), (WIDTH, WIDTH), (WIDTH,), (WIDTH + 1,)
+    weights = [rng.normal(0.0, 0.5, shape).astype(np.float32) for shape in shapes]
+    weights[-1][-1] = -6.0
+    return Plan(level, 0.3 * level, 0.1, 0.02, windows, 30.0, 2.0, Network(*weights))
+
+
+def trees(run: Setting, av: ForeignAv | None, tests: int, how: Plan, threads: int = 1) -> Grown:
+    extra = {} if av is None else {"grower": ForeignGrower(av)}
+    return grow(run, SLOTS, how, seed=4, first=3, tests=tests, threads=threads, **extra)  # type: ignore[arg-type]
+
+
+def same(a: Grown, b: Grown) -> bool:
+    """All roots, and all crashes but for their order."""
+    first, second = (
+        grown.crashes[np.lexsort([grown.crashes[n] for n in ("time", "weight", "root")])] for grown in (a, b)
+    )
+    names = ("root", "weight", "time", "partner", "acts", "begun")
+    return all((a.roots[name] == b.roots[name]).all() for name in ROOT.names or ()) and all(
+        np.array_equal(first[name], second[name]) for name in names
+    )
+
+
+@pytest.fixture
+def twins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A module of AVs that drive as the built-in AV `rl`, but for one that draws random numbers."""
+    source = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+import numpy as np
+from learned_twin import Twin
+
+class Dice(Twin):
+    def act(self, view):
+        answers = super().act(view)
+        answers[:, 0] += 0.1 * np.random.default_rng().normal(size=len(view))
+        return answers
+"""
+    (tmp_path / "twins.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("twins")
+def test_they_are_the_trees_of_the_same_av_inside(reckless: NddModel) -> None:
+    """`rl` decides every half second, so a copy that has not been shown what it saw would be out of step."""
+    inside = setting_of(reckless, ODD, av=av_of("rl"))
+    run, how = inside.with_drivers(av=OUTSIDE), plan(0, 1e-2)
+    expected = trees(inside, None, 16, how)
+    assert expected.roots["crashes"].sum() > 5
+    for batch in (256, 5):
+        found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 16, how)
+        assert same(found, expected)
+        assert found.strayed == 0
+        assert found.asked > 6 * expected.roots["seconds"].sum()
+
+
+@pytest.mark.usefixtures("avs")
+def test_an_av_without_memory_is_shown_nothing_again(reckless: NddModel) -> None:
+    run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)
+    with_memory, without = (trees(run, ForeignAv(f"avs:{name}", ODD), 20, how) for name in ("Good", "Forgetful"))
+    assert same(with_memory, without)
+    assert 6 * without.roots["seconds"].sum() < without.asked <= 10 * without.roots["seconds"].sum()
+    assert with_memory.asked > 1.5 * without.asked
+    assert (with_memory.strayed, without.strayed) == (0, 0)
+    assert same(trees(run, ForeignAv("avs:Good", ODD), 20, how, threads=2), with_memory)
+
+
+@pytest.mark.usefixtures("avs")
+def test_their_mean_is_the_rate_that_counting_gives(reckless: NddModel) -> None:
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    av = ForeignAv("avs:Forgetful", ODD)
+    weights = trees(run, av, 1_500, plan(0, 3e-2), threads=2).roots["weight"]
+    counted = simulate(run, SLOTS, seed=9, tests=5_000, threads=2, drive=av)
+    rate = counted.av_crashes / counted.tests
+    off = np.hypot(weights.std(ddof=1) / np.sqrt(weights.size), np.sqrt(rate / counted.tests))
+    assert abs(weights.mean() - rate) < SIGMAS * off
+    assert off < 0.2 * rate, "so coarse that this test shows little"
+
+
+@pytest.mark.usefixtures("avs")
+def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: NddModel) -> None:
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    av = ForeignAv("avs:Good", ODD)
+    grown = trees(run, av, 20, plan(0, 1e-2))
+    recorder = ForeignRecorder(av, run, ODD)
+    assert len(grown.crashes) > 5
+    for k in range(0, len(grown.crashes), max(1, len(grown.crashes) // 10)):
+        leaf, answers = grown.crashes[k], grown.answers[k]
+        actions = grown.actions[k, : leaf["begun"]]
+        kept = recorder.record_branch(4, int(leaf["root"]), actions, answers[np.isfinite(answers[:, 0])])
+        asked = recorder.record_branch(4, int(leaf["root"]), actions)
+        for scenario in (kept, asked):
+            assert scenario.crash is not None
+            assert scenario.crash.slot_a == 0
+            assert (scenario.crash.time, scenario.crash.slot_b) == (round(float(leaf["time"]), 1), leaf["partner"])
+
+
+@pytest.mark.usefixtures("twins")
+def test_an_av_that_does_not_repeat_itself_is_noticed(reckless: NddModel) -> None:
+    run = setting_of(reckless, ODD, av=av_of("rl")).with_drivers(av=OUTSIDE)
+    assert trees(run, ForeignAv("twins:Dice", ODD), 4, plan(0, 1e-2)).strayed > 100
+
+
+@pytest.mark.usefixtures("avs")
+@pytest.mark.parametrize(("name", "what"), [("Raises", "raised"), ("Nan", "answered with NaN")])
+def test_a_failure_is_told_in_one_sentence(reckless: NddModel, name: str, what: str) -> None:
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    with pytest.raises(AvFaultError, match=f"failed while trees of tests grew.*{what}.*--method mc"):
+        trees(run, ForeignAv(f"avs:{name}", ODD), 200, plan(0, 1e-2))
+
+
+def test_an_av_outside_needs_a_grower(reckless: NddModel) -> None:
+    run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
+    with pytest.raises(InputError, match="grower of its own"):
+        trees(run, None, 1, plan(0, 1e-2))
