@@ -36,7 +36,7 @@ _SIMULATION = (
 )  # fmt: skip
 _NOT_NATURAL = (
     "policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py", "acts.py",
-    "danger.py", "lessons.py", "trees.py",
+    "danger.py", "lessons.py", "trees.py", "grove.py",
 )  # fmt: skip
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
 _TREES = ("sim/acts.py", "sim/danger.py", "sim/lessons.py", "sim/trees.py", "rates/teaching.py", "rates/trees.py")

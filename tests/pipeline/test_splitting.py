@@ -181,3 +181,29 @@ def test_picked_weights_sum_up_to_all_in_the_mean() -> None:
         sizes.append(which.size)
     for drawn, true in ((sums, weights.sum()), (odd, weights[1::2].sum()), (sizes, 100.0)):
         assert abs(np.mean(drawn) - true) < SIGMAS * np.std(drawn) / np.sqrt(len(drawn)) + 1e-9
+
+
+def test_the_trees_of_an_av_from_outside(
+    world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = (Path(__file__).parents[2] / "examples" / "my_av.py").read_text(encoding="utf-8")
+    careless = source.replace("0.1 * room - 0.6 * closing", "0.05 * room - 0.1 * closing")
+    assert careless != source
+    (tmp_path / "careless.py").write_text(careless, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    given = {**world, "av": "careless:MyAv", "target_rhw": 0.001}
+    counted = cornerforge.rate(**given, method="mc", max_tests=10_000)
+    found = cornerforge.rate(**given, method="splitting", max_tests=8_000, out="r")
+    assert (found.method, found.state) == ("splitting", "max_tests")
+    assert counted.av_crashes > 30
+    assert found.relative_half_width_90 is not None
+    sd = np.hypot(
+        found.relative_half_width_90 * found.crashes_per_test / 1.645,
+        np.sqrt(counted.crashes_per_test / counted.tests),
+    )
+    assert abs(found.crashes_per_test - counted.crashes_per_test) < SIGMAS * sd
+    assert cornerforge.rate(**given, method="splitting", max_tests=8_000, out="r", resume=True).digest == found.digest
+    again = cornerforge.replay("r/weighted", "all", check=True)
+    assert again.identical
+    assert again.cases == len(CaseLibrary.open(Path("r/weighted"))) > 20
+    assert cornerforge.analyse("r/weighted", out="a").cases == again.cases

@@ -100,11 +100,12 @@ class PlainTests:
     """One session of a run: it drives blocks and keeps them, so that only the block in progress can be lost.
 
     Attributes:
+        run: What is driven.
         counts: All tests so far; the last block may be incomplete.
     """
 
     def __init__(self, run: Experiment, seed: int, out: Path | None, *, threads: int, progress: Progress) -> None:
-        self._run, self._seed, self.out = run, seed, out
+        self.run, self._seed, self.out = run, seed, out
         self.reason = ASKED
         self._threads, self._progress = threads, progress
         self.counts = MonteCarlo()
@@ -117,21 +118,21 @@ class PlainTests:
             save = self.out / "counts.json"
             if open_output(self.out, identity, resume=resume) and save.exists():
                 self.counts = MonteCarlo.from_json(read_json_file(save))
-        self._run.warm_up()
+        self.run.warm_up()
 
     def drive(self, target: float, max_tests: int) -> str:
         """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""
         stored = time.monotonic()
         blocks = drive_blocks(
-            self._run.setting,
-            self._run.slots,
+            self.run.setting,
+            self.run.slots,
             seed=self._seed,
             first=self.counts.tests,
             tests=max_tests - self.counts.tests,
             threads=self._threads,
             block=_BLOCK,
             tell=lambda done, crashes: self._tell(target, max_tests, done, crashes),
-            drive=self._run.drive,
+            drive=self.run.drive,
         )
         with contextlib.closing(blocks):
             while not (enough := self.counts.is_enough(target)) and self.counts.tests < max_tests:
@@ -164,7 +165,7 @@ class PlainTests:
         """Bring library and `rate.json` up to the counts; return the summary. `state` says why it is done now."""
         self._save()  # An interrupt may come after the last block was counted and before it was saved.
         # No progress bar before the end: a long run would leave hundreds of bars.
-        keeper = self._keeper = self._keeper or _Keeper(self._run, self._seed, self.out)
+        keeper = self._keeper = self._keeper or _Keeper(self.run, self._seed, self.out)
         keeper.catch_up(self.counts, NO_PROGRESS if state == "running" else self._progress)
         if state not in ("running", "interrupted"):
             keeper.finish()
@@ -179,18 +180,18 @@ class PlainTests:
         if self._travel is None or self._travel.tests < SAMPLE_TESTS:
             sample = min(SAMPLE_TESTS, self.counts.tests)
             self._travel = bv_travel(
-                self._run.setting,
-                self._run.slots,
+                self.run.setting,
+                self.run.slots,
                 seed=self._seed,
                 tests=sample,
                 threads=self._threads,
-                drive=self._run.drive,
+                drive=self.run.drive,
             )
-        return _plain_part(self._run, self.counts, self._travel)
+        return _plain_part(self.run, self.counts, self._travel)
 
     def kinds(self) -> dict[str, int]:
         """Count the crashes so far by mechanism."""
-        crashes = NaturalCrashes(self._run, self._seed)
+        crashes = NaturalCrashes(self.run, self._seed)
         return dict(Counter(crashes.record(test)[1].mechanism for test in self.counts.crashed))
 
 

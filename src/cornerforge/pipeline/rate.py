@@ -18,7 +18,7 @@ from cornerforge.errors import InputError
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_of, kept_if_interrupted
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import check_threads, experiment
+from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.splitting import TREES, PickedCrash, Splitting, kind_rates
 from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo
 from cornerforge.results import NaturalRate, as_json
@@ -30,6 +30,8 @@ __all__ = ["rate"]
 PLAIN_TESTS = 4 * BLOCK
 """Plain tests that trees begin with: kinds of crash that a network does not know show there, if they are frequent."""
 _TREES_TAKE_S = 300.0
+_TREES_TAKE_TESTS = 1_000_000
+"""For an AV from outside: so many plain tests last as long."""
 _NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
 
 
@@ -89,7 +91,7 @@ def rate(
     else:
         with kept_if_interrupted(session):
             state = session.drive(target_rhw, PLAIN_TESTS)
-        wanted = "plain tests are enough" if state == "target" else _why_counting(session.counts, target_rhw)
+        wanted = "plain tests are enough" if state == "target" else _why_counting(run, session.counts, target_rhw)
         if method == "auto" and wanted is not None:
             session.reason = wanted
             summary = _count(session, target_rhw, max_tests)
@@ -119,15 +121,20 @@ def _why_only_counting(max_tests: int) -> str | None:
     return None
 
 
-def _why_counting(counts: MonteCarlo, target: float) -> str | None:
+def _why_counting(run: Experiment, counts: MonteCarlo, target: float) -> str | None:
     """Say why counting is the faster way; None if trees are, or if it is not known."""
     width = counts.half_width()
     if counts.av_crashes < ENOUGH_TO_FORESEE or width is None:
         return None
-    seconds = counts.cpu_seconds * (width / target) ** 2
-    if seconds > _TREES_TAKE_S:
-        return None
-    return f"plain tests will take about {seconds:.0f} s of CPU time, trees {_TREES_TAKE_S:.0f} s or more"
+    cost, unit = _cost(run, counts)
+    trees = _TREES_TAKE_S if run.foreign is None else cost / counts.valid_tests * _TREES_TAKE_TESTS
+    takes = cost * (width / target) ** 2
+    return None if takes > trees else f"plain tests will take about {takes:.0f} s {unit}, trees {trees:.0f} s or more"
+
+
+def _cost(run: Experiment, counts: MonteCarlo) -> tuple[float, str]:
+    """Say what counting took [s] and of what: an AV from outside needs time that is not this program's."""
+    return (counts.cpu_seconds, "of CPU time") if run.foreign is None else (counts.seconds, "by the clock")
 
 
 def _why_trees(counts: MonteCarlo) -> str:
@@ -151,7 +158,9 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     found = split.rate
     picked = split.picked() if found.rate > 0.0 else []
     mechanisms = kind_rates(picked, "mechanism", found) if picked else {}
-    cost = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
+    cpu = plain.cpu_seconds + split.taught.cpu_seconds + split.cost.cpu_seconds
+    seconds = plain.seconds + split.seconds
+    spent = cpu if session.run.foreign is None else seconds
     fields = {
         **session.plain_part(),
         "method": "splitting",
@@ -165,9 +174,9 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
         "largest_share": None,
         "halves": found.halves,
         "tail_index": found.tail if found.tail is None or math.isfinite(found.tail) else None,
-        "acceleration": found.counted_tests * plain.cpu_seconds / plain.valid_tests / cost,
-        "seconds": round(plain.seconds + split.seconds, 3),
-        "cpu_seconds": round(cost, 3),
+        "acceleration": found.counted_tests * _cost(session.run, plain)[0] / plain.valid_tests / spent,
+        "seconds": round(seconds, 3),
+        "cpu_seconds": round(cpu, 3),
         "tests_per_second": round(found.n / split.seconds, 1),
         "digest": split.digest,
         "state": "no crash",

@@ -195,7 +195,8 @@ class NaturalRate(Rate, _RatedAv):
     acceleration: float = field(
         metadata=meant(
             "CPU time that plain Monte Carlo would need for the same half-width over that of all that was done here, "
-            "plain tests and teaching included; 1 for mc, 0 without a crash. Not to be trusted while there are doubts."
+            "plain tests and teaching included (for an AV from outside: time by the clock); 1 for mc, "
+            "0 without a crash. Not to be trusted while there are doubts."
         )
     )
     seconds: float = field(metadata=meant("Wall-clock of driving, over all sessions.", "s"))
