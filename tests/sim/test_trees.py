@@ -224,7 +224,7 @@ def test_a_network_that_knows_nothing_changes_no_rate(careless: NddModel, av: st
     rate = plain.av_crashes / plain.tests
     error = np.sqrt(rate * (1.0 - rate) / plain.tests)
     for network in (untaught(1e-3), any_network(1)):
-        found = trees(run, plan_of(network, 0.02), 2500)
+        found = trees(run, plan_of(network, 0.05), 2500)
         assert found.roots["lost"].sum() == 0
         for what, mean, off in (("ended", 1.0, 0.0), ("weight", rate, error)):
             weights = found.roots[what]
@@ -240,10 +240,11 @@ def test_without_windows_nothing_is_dropped(careless: NddModel) -> None:
 
 
 def test_trees_do_not_depend_on_threads_or_chunks(careless: NddModel) -> None:
-    run, plan = setting(careless), plan_of(any_network(3), 0.01)
+    run, plan = setting(careless), plan_of(any_network(1), 0.05)
     whole = trees(run, plan, 600, threads=2, learning=True)
     alone = trees(run, plan, 600, threads=1)
     later = trees(run, plan, 100, first=333)
+    assert whole.roots["crashes"].sum() > 100
     for name in whole.roots.dtype.names or ():
         assert np.array_equal(whole.roots[name], alone.roots[name])
         assert np.array_equal(whole.roots[name][333:433], later.roots[name])
@@ -251,7 +252,7 @@ def test_trees_do_not_depend_on_threads_or_chunks(careless: NddModel) -> None:
 
 
 def test_weights_of_crashes_sum_up_to_those_of_their_trees(careless: NddModel) -> None:
-    found = trees(setting(careless), plan_of(any_network(1), 0.02), 1000)
+    found = trees(setting(careless), plan_of(any_network(1), 0.05), 1000)
     assert found.crashes.size == found.roots["crashes"].sum() > 20
     sums = np.bincount(found.crashes["root"], weights=found.crashes["weight"], minlength=1000)
     assert sums == pytest.approx(found.roots["weight"])
@@ -259,7 +260,7 @@ def test_weights_of_crashes_sum_up_to_those_of_their_trees(careless: NddModel) -
 
 def test_a_crash_of_a_tree_comes_again_from_its_actions(careless: NddModel) -> None:
     run = setting(careless)
-    found = trees(run, plan_of(any_network(1), 0.02), 800)
+    found = trees(run, plan_of(any_network(1), 0.05), 800)
     driver = ScriptDriver(run, ODD)
     for crash, actions in list(zip(found.crashes, found.actions, strict=True))[:60]:
         start = driver.start_of_test(4, int(crash["root"]))
