@@ -23,7 +23,7 @@ from cornerforge.sim import OUTSIDE, grove, trees
 __all__ = ["ForeignGrower", "Watched"]
 
 _NOTHING = -1
-_PLACES = 256
+_PLACES = 64
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class ForeignGrower:
     """
 
     places = _PLACES
-    chunk = 1000
+    chunk = 2000
 
     def __init__(self, av: ForeignAv) -> None:
         self._av = av
