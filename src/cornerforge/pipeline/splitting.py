@@ -40,6 +40,7 @@ from cornerforge.rates.weighted import (
     LEAST_EFFECTIVE,
     WeightedRate,
     always_valid_interval,
+    first_guess,
     plain_doubts,
     weighted_rate,
 )
@@ -115,13 +116,21 @@ class Splitting:
         from cornerforge.rates.teaching import TEACHING_TREES, teach
 
         begun = time.perf_counter()
+        rounds: list[NDArray[np.float64]] = []
+
+        def tell(done: int) -> None:
+            guess = first_guess(rounds) if rounds else 0.0
+            about = f" (first guess: {guess:.1g})" if guess > 0.0 else ""
+            self._progress(f"learn what is dangerous{about}", done, TEACHING_TREES)
+
         taught = teach(
             self._run.setting,
             self._run.slots,
             seed=_independent(self._seed, _TEACH),
             threads=self._threads,
             grower=self._grower,
-            progress=lambda done: self._progress("learn what is dangerous", done, TEACHING_TREES),
+            tell=lambda _, grown: rounds.append(grown.roots["weight"]),
+            progress=tell,
         )
         self.taught = Cost(tests=taught.tests, cpu_seconds=taught.cpu_seconds)
         self._level, self._teaching_seconds = taught.level, time.perf_counter() - begun

@@ -9,7 +9,7 @@ trees. So a rate is given only if enough trees carry it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ __all__ = [
     "LEAST_EFFECTIVE",
     "WeightedRate",
     "always_valid_interval",
+    "first_guess",
     "plain_doubts",
     "weighted_rate",
 ]
@@ -167,6 +168,19 @@ def always_valid_interval(found: WeightedRate, confidence: float = 0.95) -> tupl
     grown = found.n * scale + 1.0
     radius = math.sqrt(2.0 * grown / (found.n**2 * scale) * math.log(math.sqrt(grown) / alpha))
     return _interval(found.rate, found.error, found.skewness, radius * math.sqrt(found.n))
+
+
+def first_guess(rounds: Sequence[NDArray[np.float64]]) -> float:
+    """Guess a rate from the weights of rounds of teaching, each without bias, later ones more exact.
+
+    The round k has the weight of its root (Owen and Zhou 2020, "The square root rule for adaptive importance
+    sampling"): at most 9/8 of the least variance if variances fall by a power of k between 0 and 1.
+
+    >>> first_guess([np.array([0.0, 2.0]), np.array([2.0, 2.0])])
+    1.585786437626905
+    """
+    trust = np.sqrt(np.arange(1, len(rounds) + 1))
+    return float(np.dot(trust, [weights.mean() for weights in rounds]) / trust.sum())
 
 
 def plain_doubts(most: Mapping[str, float], plain: Mapping[str, int], tests: int) -> tuple[str, ...]:
