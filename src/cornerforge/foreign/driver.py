@@ -391,8 +391,10 @@ class ForeignAv:
 
 def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Check answers (K, 2) row by row: is the acceleration finite and the lane order -1, 0 or 1?"""
-    usable: NDArray[np.bool_] = np.isfinite(answers).all(axis=1) & np.isin(answers[:, 1], (-1.0, 0.0, 1.0))
-    return usable
+    order = answers[:, 1]
+    is_order = (order == 0.0) | (order == 1.0) | (order == -1.0)
+    found: NDArray[np.bool_] = is_order & np.isfinite(answers[:, 0])
+    return found
 
 
 def _most_answers(setting: Setting) -> int:

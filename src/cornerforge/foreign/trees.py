@@ -131,7 +131,7 @@ class ForeignGrower:
     """
 
     places = _PLACES
-    chunk = 2000
+    chunk = 8000
 
     def __init__(self, av: ForeignAv) -> None:
         self._av = av
@@ -212,16 +212,16 @@ class _Growing:
     def _ask(self) -> None:
         """Ask the AV once, about worlds where they are and about what copies of it must be shown."""
         seats = self._seats
+        asked = live = np.flatnonzero(seats.row != _NOTHING)
         shown = np.array(sorted(seats.lesson), dtype=np.int64)
+        if shown.size:
+            live = np.setdiff1d(asked, shown, assume_unique=True)
         moments = np.array([seats.lesson[seat][0] for seat in shown.tolist()], dtype=np.int64)
-        asked = np.flatnonzero(seats.row != _NOTHING)
-        live = asked[~np.isin(asked, shown)]
         rows = seats.row[live]
-        self._views[seats.row == _NOTHING] = 0.0
         grove.look(rows, live, self._forest, self._views)
         self._views[shown] = self._past.view[moments]
         fresh = np.flatnonzero(seats.fresh)
-        seats.fresh[:] = False
+        seats.fresh[fresh] = False
         tests = self._forest.nursery.worlds.state["test"][:, 0]
         try:
             answers = self._session.process().act(self._views, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
@@ -232,8 +232,10 @@ class _Growing:
         if bad.size:
             what = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
             raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {what}")
-        self._go_over(shown, moments, answers)
-        self._go_on(live, rows, answers)
+        if shown.size:
+            self._go_over(shown, moments, answers)
+        if live.size:
+            self._go_on(live, rows, answers)
 
     def _go_over(self, shown: NDArray[np.int64], moments: NDArray[np.int64], answers: NDArray[np.float64]) -> None:
         """Note that the AV was shown past moments again."""
@@ -246,8 +248,6 @@ class _Growing:
 
     def _go_on(self, live: NDArray[np.int64], rows: NDArray[np.int64], answers: NDArray[np.float64]) -> None:
         """Drive worlds on with the AV's answers."""
-        if live.size == 0:
-            return
         self._asked += live.size
         nursery, seats = self._forest.nursery, self._seats
         own = np.ascontiguousarray(answers[live])
@@ -257,7 +257,9 @@ class _Growing:
         seats.memory[live] = moments
         driven = np.zeros(rows.size, dtype=np.bool_)
         grove.answer(rows, own, self._forest, self._grove, driven)
-        seats.leave(live[driven])
+        gone = live[driven]
+        self._views[gone] = 0.0
+        seats.leave(gone)
 
     def _fault(self, what: str) -> AvFaultError:
         return AvFaultError(

@@ -31,6 +31,8 @@ _ROWS = 400
 """Worlds that wait at once; the stack is as deep as acts and copies of one tree."""
 _LEAVES_PER_ROOT = 16
 _MOMENTS_PER_ROOT, _LESSONS_PER_ROOT = 400, 4000
+_MOST_MOMENTS, _MOST_LESSONS = 1_000_000, 8_000_000
+"""With no more room, more lessons are not noted."""
 _LEAST_PICKED = 0.03
 
 
@@ -158,13 +160,14 @@ def grow(
         raise InputError("Trees grow from natural tests; this run has other drivers.")
     if who.av != BUILT_IN and grower is BUILT_IN_GROWER:
         raise InputError("Trees of an AV outside the simulator need a grower of its own.")
-    decisions = setting.road.max_decisions
+    decisions, chunk = setting.road.max_decisions, grower.chunk
 
     def rooms() -> tuple[Any, ...]:
-        most = (grower.chunk * n if learning else 0 for n in (_MOMENTS_PER_ROOT, _LESSONS_PER_ROOT))
-        leaves = trees.allocate_leaves(grower.chunk * _LEAVES_PER_ROOT, slots, decisions)
+        moments, noted = min(_MOST_MOMENTS, chunk * _MOMENTS_PER_ROOT), min(_MOST_LESSONS, chunk * _LESSONS_PER_ROOT)
+        log = lessons.allocate_lessons(moments, noted) if learning else lessons.allocate_lessons(0, 0)
+        leaves = trees.allocate_leaves(chunk * _LEAVES_PER_ROOT, slots, decisions)
         nursery = trees.allocate_nursery(_ROWS, slots, decisions, grower.places)
-        return nursery, leaves, lessons.allocate_lessons(*most), allocate_scratch(slots, who.policy)
+        return nursery, leaves, log, allocate_scratch(slots, who.policy)
 
     lent = Rooms(rooms)
 
@@ -186,7 +189,7 @@ def grow(
 
     parts: list[Grown] = []
     done, begun = 0, cpu_seconds()
-    for part in in_order(work, first, tests, chunk=grower.chunk, threads=threads):
+    for part in in_order(work, first, tests, chunk=chunk, threads=threads):
         parts.append(part)
         done += part.roots.size
         if progress is not None:
