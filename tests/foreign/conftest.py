@@ -56,6 +56,7 @@ AVS = {
     "Prints": "print('hello'); return self.good(view)",
     "Integers": "return np.zeros((len(view), 2), dtype=np.int32)",
     "Accelerates": "return np.stack([np.full(len(view), 2.0), np.zeros(len(view))], axis=1)",
+    "Counts": "self.calls += 1; a = self.good(view); a[:, 0] += 0.2 * (self.calls % 7); return a",
     "Writes": "a = self.good(view); view[:] = 7; return a",
 }
 

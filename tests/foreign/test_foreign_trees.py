@@ -74,10 +74,10 @@ def test_they_are_the_trees_of_the_same_av_inside(reckless: NddModel) -> None:
     """`rl` decides every half second, so a copy that has not been shown what it saw would be out of step."""
     inside = setting_of(reckless, ODD, av=av_of("rl"))
     run, how = inside.with_drivers(av=OUTSIDE), plan(0, 1e-2)
-    expected = trees(inside, None, 16, how)
+    expected = trees(inside, None, 10, how)
     assert expected.roots["crashes"].sum() > 5
     for batch in (256, 5):
-        found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 16, how)
+        found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 10, how)
         assert same(found, expected)
         assert found.strayed == 0
         assert found.asked > 6 * expected.roots["seconds"].sum()
@@ -92,6 +92,14 @@ def test_an_av_without_memory_is_shown_nothing_again(reckless: NddModel) -> None
     assert with_memory.asked > 1.5 * without.asked
     assert (with_memory.strayed, without.strayed) == (0, 0)
     assert same(trees(run, ForeignAv("avs:Good", ODD), 20, how, threads=2), with_memory)
+
+
+@pytest.mark.usefixtures("avs")
+def test_an_av_that_counts_its_calls_in_idle_rows_too_is_not_out_of_step(reckless: NddModel) -> None:
+    run, how = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE), plan(0, 1e-2)
+    many, few = (trees(run, ForeignAv("avs:Counts", ODD, batch=batch), 6, how) for batch in (64, 6))
+    assert same(many, few)
+    assert (many.strayed, few.strayed) == (0, 0)
 
 
 @pytest.mark.usefixtures("avs")

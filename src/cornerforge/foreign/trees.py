@@ -232,6 +232,7 @@ class _Growing:
         if bad.size:
             what = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
             raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {what}")
+        seats.memory[seats.row == _NOTHING] = _NOTHING  # the AV was shown zeros there: who knows what it makes of them
         if shown.size:
             self._go_over(shown, moments, answers)
         if live.size:
