@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.pipeline.plain import ASKED
-from cornerforge.rates.weighted import LEAST_EFFECTIVE
+from cornerforge.rates.weighted import LEAST_EFFECTIVE, LEAST_TREES
 from cornerforge.results import NaturalRate
 
 __all__ = ["doubt_text", "miles_text", "rate_text"]
@@ -38,7 +38,7 @@ def doubt_text(found: NaturalRate, command: str = "") -> str | None:
         return None
     plain, taught = found.effort.plain.tests, found.effort.teaching.tests
     times = min(20.0, max(2.0, 1.5 * LEAST_EFFECTIVE / max(1, found.effective_sample_size)))
-    more = plain + taught + found.effort.estimation.tests * times
+    more = plain + taught + max(LEAST_TREES, found.effort.estimation.tests * times)
     rounded = int(float(f"{more:.1e}"))
     return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: {command}--max-tests {rounded}"
 

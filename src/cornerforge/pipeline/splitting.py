@@ -38,6 +38,7 @@ from cornerforge.rates.monte_carlo import MonteCarlo
 from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, grow
 from cornerforge.rates.weighted import (
     LEAST_EFFECTIVE,
+    LEAST_TREES,
     WeightedRate,
     always_valid_interval,
     first_guess,
@@ -47,13 +48,10 @@ from cornerforge.rates.weighted import (
 from cornerforge.results.driving import Cost, KindRate
 from cornerforge.sim import Script, ScriptDriver, danger, trees
 
-__all__ = ["ALL_CRASHES", "LEAST_TREES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
+__all__ = ["ALL_CRASHES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
 
 TREES = 10_000
 """Trees between two saved states."""
-LEAST_TREES = 300_000
-"""Fewest trees that a rate may rest on: as many as taught the network, nearly. A run that stops as soon as it is narrow
-stops before the rare heavy trees come, and is too low."""
 ALL_CRASHES = "any kind"
 _TEACH, _ESTIMATE, _PICK = range(3)
 _MOST_CASES = 1000

@@ -21,6 +21,7 @@ from cornerforge.errors import InputError
 __all__ = [
     "LARGEST_SHARE",
     "LEAST_EFFECTIVE",
+    "LEAST_TREES",
     "WeightedRate",
     "always_valid_interval",
     "first_guess",
@@ -30,6 +31,9 @@ __all__ = [
 
 LEAST_EFFECTIVE = 300.0
 """Fewest trees, by `WeightedRate.effective`, that a rate may rest on."""
+LEAST_TREES = 300_000
+"""Fewest trees that a run may stop at: as many as taught the network, nearly. One that stops as soon as its rate is
+narrow stops before the rare heavy trees come, and is too low."""
 LARGEST_SHARE = 0.05
 """Largest share of the sum that one tree may have."""
 _HALVES_APART = 3.5
