@@ -6,6 +6,16 @@ A pool of threads computes them, since kernels release the interpreter's lock; o
 
 from cornerforge.execution.code import code_hash
 from cornerforge.execution.spread import ENGINES, cpu_seconds, engine, in_order, is_spread
-from cornerforge.execution.threads import Rooms, default_threads
+from cornerforge.execution.threads import Rooms, default_threads, is_given_up
 
-__all__ = ["ENGINES", "Rooms", "code_hash", "cpu_seconds", "default_threads", "engine", "in_order", "is_spread"]
+__all__ = [
+    "ENGINES",
+    "Rooms",
+    "code_hash",
+    "cpu_seconds",
+    "default_threads",
+    "engine",
+    "in_order",
+    "is_given_up",
+    "is_spread",
+]

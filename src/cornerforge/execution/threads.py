@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,7 +12,7 @@ from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import Generic, TypeVar
 
-__all__ = ["Rooms", "default_threads", "in_threads"]
+__all__ = ["Rooms", "default_threads", "in_threads", "is_given_up"]
 
 T = TypeVar("T")
 
@@ -19,6 +20,15 @@ T = TypeVar("T")
 def default_threads() -> int:
     """Count the cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+_here = threading.local()
+
+
+def is_given_up() -> bool:
+    """Is the work of this thread not wanted any more, after an interrupt say? Long work asks, and raises then."""
+    given_up = getattr(_here, "given_up", None)
+    return given_up is not None and given_up.is_set()
 
 
 def in_threads(
@@ -33,15 +43,22 @@ def in_threads(
     """Do what `spread.in_order` does, in threads; at most two ranges a thread are begun and not yet yielded."""
     starts = iter(range(first, first + total, chunk))
     pending: deque[Future[T]] = deque()
+    given_up = threading.Event()
+
+    def begin(start: int, count: int) -> T:
+        _here.given_up = given_up
+        return work(start, count)
+
     with contextlib.nullcontext(pool) if pool is not None else ThreadPoolExecutor(threads) as at:
         try:
             while True:
                 while len(pending) < 2 * threads and (start := next(starts, None)) is not None:
-                    pending.append(at.submit(work, start, min(chunk, first + total - start)))
+                    pending.append(at.submit(begin, start, min(chunk, first + total - start)))
                 if not pending:
                     return
                 yield pending.popleft().result()
         finally:
+            given_up.set()
             for future in pending:
                 future.cancel()
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError
+from cornerforge.execution import is_given_up
 from cornerforge.foreign.driver import ForeignAv, seeds_of, usable
 from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.foreign.process import AvFailureError
@@ -168,7 +169,7 @@ class _Growing:
 
     def grow(self) -> Watched:
         planted, free = 0, np.arange(self._grove.root.size)
-        while True:
+        while not is_given_up():
             now = free[: self._roots.size - planted]
             if now.size:
                 grove.plant_at(now, self._seed, self._first, planted, self._forest, self._grove, self._roots)
