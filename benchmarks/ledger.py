@@ -36,10 +36,13 @@ _SIMULATION = (
 )  # fmt: skip
 _NOT_NATURAL = (
     "policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py", "acts.py",
-    "danger.py", "lessons.py", "trees.py", "grove.py",
+    "danger.py", "lessons.py", "branches.py", "forest.py", "tilt.py", "trees.py", "grove.py",
 )  # fmt: skip
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
-_TREES = ("sim/acts.py", "sim/danger.py", "sim/lessons.py", "sim/trees.py", "rates/teaching.py", "rates/trees.py")
+_TREES = (
+    "sim/acts.py", "sim/branches.py", "sim/danger.py", "sim/forest.py", "sim/lessons.py", "sim/trees.py",
+    "rates/teaching.py", "rates/trees.py",
+)  # fmt: skip
 _CRASH_COLUMNS = (
     "test", "time", "crash_type", "mechanism", "at_start", "rarest_chance", "rare_action", "overlooked",
     "looked_away",

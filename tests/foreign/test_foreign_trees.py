@@ -17,7 +17,7 @@ from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.trees import Grown, grow
 from cornerforge.sim import OUTSIDE, Setting, n_slots, simulate
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network
-from cornerforge.sim.trees import ROOT, Plan
+from cornerforge.sim.forest import ROOT, Plan, Tilt
 from cornerforge.types import Odd
 
 ODD = Odd()
@@ -81,6 +81,22 @@ def test_they_are_the_trees_of_the_same_av_inside(reckless: NddModel) -> None:
         assert same(found, expected)
         assert found.strayed == 0
         assert found.asked > 6 * expected.roots["seconds"].sum()
+
+
+@pytest.mark.usefixtures("twins")
+def test_tests_drawn_from_proposals_are_those_of_the_same_av_inside(reckless: NddModel) -> None:
+    """Without copies the AV is shown nothing again while its batch has a row for each test."""
+    inside = setting_of(reckless, ODD, av=av_of("rl"))
+    run = inside.with_drivers(av=OUTSIDE)
+    how = plan(0, 1e-2)._replace(tilt=Tilt(np.array([0.3, 0.7]), np.array([0.0, 1.0]), 2))
+    expected = trees(inside, None, 300, how)
+    assert expected.roots["crashes"].sum() > 5
+    assert expected.roots["ended"].std() > 0.1
+    for batch, again in ((256, False), (5, True)):
+        found = trees(run, ForeignAv("twins:Twin", ODD, batch=batch), 300, how)
+        assert same(found, expected)
+        assert found.strayed == 0
+        assert (found.asked > expected.roots["seconds"].sum() * 10) == again
 
 
 @pytest.mark.usefixtures("avs")

@@ -1,4 +1,4 @@
-"""`rate --method splitting`: trees of tests give the rate that counting gives, and say when they cannot be trusted."""
+"""`rate --method splitting` and `is`: weighted tests give the rate that counting gives, or say they are in doubt."""
 
 from __future__ import annotations
 
@@ -54,11 +54,12 @@ def untimed(found: NaturalRate) -> NaturalRate:
     )
 
 
-def test_trees_and_counting_agree(world: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize(("method", "most"), [("splitting", 20_000), ("is", 60_000)])
+def test_weighted_tests_and_counting_agree(world: dict[str, Any], tmp_path: Path, method: str, most: int) -> None:
     counted = cornerforge.rate(**world, method="mc", max_tests=40_000, target_rhw=0.001)
-    found = cornerforge.rate(**world, method="splitting", max_tests=20_000, target_rhw=0.001, out=tmp_path / "r")
-    assert (found.method, found.state, found.doubts) == ("splitting", "max_tests", ())
-    assert found.tests == 20_000 - 4_000 - 500
+    found = cornerforge.rate(**world, method=method, max_tests=most, target_rhw=0.001, out=tmp_path / "r")
+    assert (found.method, found.state, found.doubts) == (method, "max_tests", ())
+    assert found.tests == most - 4_000 - 500
     sd_counted = (counted.crashes_per_test / counted.tests) ** 0.5
     assert found.relative_half_width_90 is not None
     sd = found.relative_half_width_90 * found.crashes_per_test / 1.645
@@ -100,7 +101,7 @@ def test_trees_and_counting_agree(world: dict[str, Any], tmp_path: Path) -> None
     assert (found.effort.plain.tests, found.effort.teaching.tests, found.effort.estimation.tests) == (
         4_000,
         500,
-        15_500,
+        most - 4_500,
     )
     parts = [cost.cpu_seconds for cost in vars(found.effort).values()]
     assert found.cpu_seconds == pytest.approx(sum(parts), abs=0.01)
@@ -183,8 +184,9 @@ def test_picked_weights_sum_up_to_all_in_the_mean() -> None:
         assert abs(np.mean(drawn) - true) < SIGMAS * np.std(drawn) / np.sqrt(len(drawn)) + 1e-9
 
 
-def test_the_trees_of_an_av_from_outside(
-    world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("method", ["splitting", "is"])
+def test_an_av_from_outside(
+    world: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
     source = (Path(__file__).parents[2] / "examples" / "my_av.py").read_text(encoding="utf-8")
     careless = source.replace("0.1 * room - 0.6 * closing", "0.05 * room - 0.1 * closing")
@@ -193,8 +195,8 @@ def test_the_trees_of_an_av_from_outside(
     monkeypatch.chdir(tmp_path)
     given = {**world, "av": "careless:MyAv", "target_rhw": 0.001}
     counted = cornerforge.rate(**given, method="mc", max_tests=10_000)
-    found = cornerforge.rate(**given, method="splitting", max_tests=8_000, out="r")
-    assert (found.method, found.state) == ("splitting", "max_tests")
+    found = cornerforge.rate(**given, method=method, max_tests=8_000, out="r")
+    assert (found.method, found.state) == (method, "max_tests")
     assert counted.av_crashes > 30
     assert found.relative_half_width_90 is not None
     sd = np.hypot(
@@ -202,7 +204,7 @@ def test_the_trees_of_an_av_from_outside(
         np.sqrt(counted.crashes_per_test / counted.tests),
     )
     assert abs(found.crashes_per_test - counted.crashes_per_test) < SIGMAS * sd
-    assert cornerforge.rate(**given, method="splitting", max_tests=8_000, out="r", resume=True).digest == found.digest
+    assert cornerforge.rate(**given, method=method, max_tests=8_000, out="r", resume=True).digest == found.digest
     again = cornerforge.replay("r/weighted", "all", check=True)
     assert again.identical
     assert again.cases == len(CaseLibrary.open(Path("r/weighted"))) > 20

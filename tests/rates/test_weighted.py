@@ -82,6 +82,7 @@ def test_doubts() -> None:
     calm = np.tile([0.0, 1.0], 400)
     assert not weighted_rate(calm).doubts
     assert "effective trees" in weighted_rate(np.tile([0.0, 1.0], 100)).doubts[0]
+    assert "effective tests" in weighted_rate(np.tile([0.0, 1.0], 100), "tests").doubts[0]
     heavy = calm.copy()
     heavy[0] = 60.0
     assert any("one tree has" in doubt for doubt in weighted_rate(heavy).doubts)

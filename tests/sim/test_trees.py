@@ -27,6 +27,7 @@ from cornerforge.sim.acts import (
     look_around,
 )
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network, untaught
+from cornerforge.sim.forest import ROOT, Forest, Plan, allocate_leaves, allocate_nursery
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.lessons import add_what_followed, allocate_lessons
 from cornerforge.sim.loop import advance
@@ -35,7 +36,7 @@ from cornerforge.sim.setting import Setting
 from cornerforge.sim.snapshot import copy_of
 from cornerforge.sim.steering import LANE, hold_to, let_go
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.trees import ROOT, Forest, Plan, allocate_leaves, allocate_nursery, grow_range
+from cornerforge.sim.trees import grow_range
 from cornerforge.sim.world import MAX_BRANCH, RUNNING, World, allocate_worlds, moment_of, n_slots, world_of
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, Odd
 

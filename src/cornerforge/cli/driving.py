@@ -97,7 +97,11 @@ def simulate(
 @takes_world("av", "odd", "lanes", "model", "av_timeout")
 def rate(
     method: Annotated[
-        str, typer.Option(help="mc: plain Monte Carlo; splitting: trees of tests, for small rates; auto: chooses.")
+        str,
+        typer.Option(
+            help="mc: plain Monte Carlo; splitting: trees of tests, for small rates; is: importance sampling; auto: "
+            "chooses."
+        ),
     ] = "auto",
     world: World = None,
     target_rhw: Annotated[

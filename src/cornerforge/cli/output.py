@@ -156,11 +156,12 @@ def rate_text(r: Rate | Filled, what: str) -> str:
     from cornerforge.results.rates import Rate
 
     low, high = r.interval95
-    trees = isinstance(r, NaturalRate) and r.method == "splitting"
-    tests = f"{r.tests:,} {'trees of tests' if trees else 'tests'}"
+    unit = {"splitting": "trees of tests", "is": "weighted tests"}
+    method = r.method if isinstance(r, NaturalRate) else ""
+    tests = f"{r.tests:,} {unit.get(method, 'tests')}"
     line = f"{what}: {r.crashes_per_test:.4g} crashes per test (95 % interval {low:.3g} to {high:.3g}, {tests})"
     if isinstance(r, Rate) and r.crashes_per_mile is not None:
-        line += f", {r.crashes_per_mile:.4g} per mile" + ("" if trees else f" ({r.miles:,.0f} miles)")
+        line += f", {r.crashes_per_mile:.4g} per mile" + ("" if method in unit else f" ({r.miles:,.0f} miles)")
     return line
 
 

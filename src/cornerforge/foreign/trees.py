@@ -19,7 +19,7 @@ from cornerforge.foreign.driver import ForeignAv, seeds_of, usable
 from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession
-from cornerforge.sim import OUTSIDE, grove, trees
+from cornerforge.sim import OUTSIDE, Forest, grove
 
 __all__ = ["ForeignGrower", "Watched"]
 
@@ -129,15 +129,15 @@ class ForeignGrower:
 
     Args:
         av: The AV.
+        places: Trees that grow side by side; more than 64 take much memory, but without copies, when each is one world.
     """
 
-    places = _PLACES
     chunk = 8000
 
-    def __init__(self, av: ForeignAv) -> None:
-        self._av = av
+    def __init__(self, av: ForeignAv, places: int = _PLACES) -> None:
+        self._av, self.places = av, places
 
-    def __call__(self, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]) -> Watched:
+    def __call__(self, seed: int, first: int, forest: Forest, roots: NDArray[np.void]) -> Watched:
         """Grow the trees of tests first, first + 1, ..., one for each of `roots`.
 
         Raises:
@@ -152,7 +152,7 @@ class _Growing:
     """A range of trees that grows."""
 
     def __init__(
-        self, av: ForeignAv, session: AvSession, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]
+        self, av: ForeignAv, session: AvSession, seed: int, first: int, forest: Forest, roots: NDArray[np.void]
     ) -> None:
         self._av, self._session, self._seed, self._first = av, session, seed, first
         self._forest, self._roots = forest, roots

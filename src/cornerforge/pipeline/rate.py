@@ -50,10 +50,11 @@ def rate(
     """Measure the AV's natural crash rate in 400 m tests, without bias.
 
     Args:
-        method: "mc", plain Monte Carlo; "splitting", trees of tests (`sim.trees`), for rates below 1e-5; "auto" begins
-            with plain tests and goes on with trees if more of them would take longer.
+        method: "mc", plain Monte Carlo; "splitting", trees of tests (`sim.trees`), for rates below 1e-5; "is",
+            importance sampling (`sim.tilt`), which makes no copies of worlds; "auto" begins with plain tests and goes
+            on with trees if more of them would take longer.
         target_rhw: Stop when half the 95 % interval is at most this share of the rate, 0.001 to 10. The interval is
-            exact for "mc", and holds however often one looks for "splitting", which moreover stops only without doubts.
+            exact for "mc"; for the two others it holds however often one looks, and they stop only without doubts.
         max_tests: Largest number of tests; trees, those of teaching too, count as one each.
         out: Folder for `rate.json`, the counts so far, and a library of crashes: `library/` if they are counted, else
             `weighted/`. None keeps nothing.
@@ -71,7 +72,7 @@ def rate(
         CornerForgeError: Input, files or output place are not right.
         KeyboardInterrupt: Interrupted; with `out`, all finished blocks are kept.
     """
-    check_in("method", method, ("auto", "mc", "splitting"))
+    check_in("method", method, ("auto", "mc", "is", "splitting"))
     check_integer("seed", seed, low=0, high=2**63 - 1)
     check_integer("max_tests", max_tests, low=1, high=10**12)
     check_number("target_rhw", target_rhw, low=1e-3, high=10.0)
@@ -79,8 +80,8 @@ def rate(
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(WorldOptions(**world), takes_foreign=True, seed=seed)
     only_mc = _why_only_counting(max_tests)
-    if method == "splitting" and only_mc is not None:
-        raise InputError(f"Method splitting cannot be used: {only_mc}")
+    if method in ("is", "splitting") and only_mc is not None:
+        raise InputError(f"Method {method} cannot be used: {only_mc}")
     folder = None if out is None else Path(out)
     session = PlainTests(run, seed, folder, threads=check_threads(threads), progress=progress)
     identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}
@@ -96,8 +97,10 @@ def rate(
             session.reason = wanted
             summary = _count(session, target_rhw, max_tests)
         else:
-            reason = ASKED if method == "splitting" else _why_trees(session.counts)
-            split = Splitting(run, seed, folder, threads=check_threads(threads), progress=progress)
+            reason = _why_trees(session.counts) if method == "auto" else ASKED
+            split = Splitting(
+                run, seed, folder, threads=check_threads(threads), progress=progress, tilted=method == "is"
+            )
             summary = _split(session, split, reason, target_rhw, max_tests)
             if folder is not None:
                 write_json(folder / "rate.json", as_json(summary))
@@ -163,7 +166,7 @@ def _split(session: PlainTests, split: Splitting, reason: str, target: float, ma
     spent = cpu if session.run.foreign is None else seconds
     fields = {
         **session.plain_part(),
-        "method": "splitting",
+        "method": "is" if split.tilted else "splitting",
         "reason": reason,
         "relative_half_width": None,
         "relative_half_width_90": None,

@@ -40,7 +40,9 @@ def doubt_text(found: NaturalRate, command: str = "") -> str | None:
     times = min(20.0, max(2.0, 1.5 * LEAST_EFFECTIVE / max(1, found.effective_sample_size)))
     more = plain + taught + max(LEAST_TREES, found.effort.estimation.tests * times)
     rounded = int(float(f"{more:.1e}"))
-    return f"Not to be trusted yet: {'; '.join(found.doubts)}. More trees help: {command}--max-tests {rounded}"
+    return (
+        f"Not to be trusted yet: {'; '.join(found.doubts)}. More {_units(found)} help: {command}--max-tests {rounded}"
+    )
 
 
 def miles_text(found: NaturalRate) -> list[str]:
@@ -65,10 +67,14 @@ def _precision_line(found: NaturalRate) -> str:
     if found.method == "mc":
         why = "" if found.reason == ASKED else f" Counted: {found.reason.rstrip('.')}."
         return f"{found.av_crashes:,} AV crashes, {narrow}; {stopped}.{why}"
+    how, why = ("trees of tests", "Trees") if found.method == "splitting" else ("weighted tests", "Importance sampling")
     return (
-        f"{found.tests:,} trees of tests, {found.effective_sample_size:,} effective, {narrow}; {stopped}. Trees: "
-        f"{found.reason}."
+        f"{found.tests:,} {how}, {found.effective_sample_size:,} effective, {narrow}; {stopped}. {why}: {found.reason}."
     )
+
+
+def _units(found: NaturalRate) -> str:
+    return "tests" if found.method == "is" else "trees"
 
 
 def _kind_lines(found: NaturalRate) -> list[str]:
@@ -84,11 +90,11 @@ def _kind_lines(found: NaturalRate) -> list[str]:
 def _cost_lines(found: NaturalRate) -> list[str]:
     lines = []
     if found.method != "mc":
-        parts = found.effort
+        parts, of_estimate = found.effort, f"{found.effort.estimation.tests:,} {_units(found)}"
         lines.append(
             f"CPU: {parts.plain.cpu_seconds:,.0f} s for {parts.plain.tests:,} plain tests, "
             f"{parts.teaching.cpu_seconds:,.0f} s to learn from {parts.teaching.tests:,} trees, "
-            f"{parts.estimation.cpu_seconds:,.0f} s for {parts.estimation.tests:,} trees of the estimate; counting "
+            f"{parts.estimation.cpu_seconds:,.0f} s for {of_estimate} of the estimate; counting "
             f"would take {found.acceleration:,.3g} times as long"
         )
     hours = found.cpu_seconds / 3600.0

@@ -199,7 +199,7 @@ def _natural_cases(found: NaturalRate, folder: Path, seed: int, progress: Progre
     """Analyse the crashes that a natural rate left in its folder."""
     if found.crashes_per_test == 0.0:
         return _NaturalCases(None)
-    cases = folder / ("weighted" if found.method == "splitting" else "library")
+    cases = folder / ("library" if found.method == "mc" else "weighted")
     return _NaturalCases(analyse(cases, out=folder / "analysis", seed=seed, progress=progress))
 
 

@@ -1,9 +1,10 @@
-"""`rate --method splitting`: a natural crash rate from trees of tests, kept block by block.
+"""`rate --method splitting` and `--method is`: a natural crash rate from weighted tests, kept block by block.
 
 First a network is taught what is dangerous for this AV (`rates.teaching`), then trees of tests grow by it until the
-interval is narrow enough (`rates.trees`). The output folder holds `taught.npz` and `trees/`, one file for each block of
-trees; at the end `weighted/` is made (anew, if it is there), a library of crashes picked by their weights: nearly a
-sample of what happens.
+interval is narrow enough (`rates.trees`), or tests are drawn from proposals by it; a test that is drawn so is a tree of
+one branch, and all here is the same for both. The output folder holds `taught.npz` and `trees/`, one file for each
+block of trees; at the end `weighted/` is made (anew, if it is there), a library of crashes picked by their weights:
+nearly a sample of what happens.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from cornerforge.rates.weighted import (
     weighted_rate,
 )
 from cornerforge.results.driving import Cost, KindRate
-from cornerforge.sim import Script, ScriptDriver, danger, trees
+from cornerforge.sim import Plan, Script, ScriptDriver, danger, tree_of
 
 __all__ = ["ALL_CRASHES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
 
@@ -57,6 +58,7 @@ _TEACH, _ESTIMATE, _PICK = range(3)
 _MOST_CASES = 1000
 _MOST_UNSEEN = 0.01
 _SHARD_CASES = 500
+_TESTS_AT_ONCE = 256
 _BLOCK_FIELDS = (
     "weight", "crashes", "lost", "cpu_seconds", "seconds", "root", "begun", "actions", "answers", "asked", "strayed",
 )  # fmt: skip
@@ -83,16 +85,23 @@ class Splitting:
         run: Natural traffic.
         seed: Of the user; teaching and trees have seeds of their own made from it.
         out: The output folder, or None.
+        tilted: Tests are drawn from proposals instead of copied: importance sampling.
     """
 
-    def __init__(self, run: Experiment, seed: int, out: Path | None, *, threads: int, progress: Progress) -> None:
+    def __init__(
+        self, run: Experiment, seed: int, out: Path | None, *, threads: int, progress: Progress, tilted: bool = False
+    ) -> None:
         self._run, self._seed, self._out = run, seed, out
-        self._grower: Grower = BUILT_IN_GROWER if run.foreign is None else ForeignGrower(run.foreign)
+        self.tilted = tilted
+        self._unit = "tests" if tilted else "trees"
+        self._teacher = self._grower = _grower(run)
+        if tilted:
+            self._grower = _grower(run, places=_TESTS_AT_ONCE)
         self._threads, self._progress = threads, progress
         self._blocks: list[dict[str, Any]] = []
         self._judged: WeightedRate | None = None
         self._unseen = 0.0
-        self._plan: trees.Plan
+        self._plan: Plan
         self.taught = Cost(tests=0, cpu_seconds=0.0)
         """What teaching took."""
         self._level = 0.0
@@ -102,11 +111,11 @@ class Splitting:
 
     def start(self) -> None:
         """Teach a network, or take up what the folder holds."""
-        from cornerforge.rates.teaching import plan_of  # needs the extra "learn"
+        from cornerforge.rates.teaching import plan_of, tilted_plan_of  # needs the extra "learn"
 
         place = None if self._out is None else self._out / "taught.npz"
         network = self._read_taught(place) if place is not None and place.exists() else self._teach(place)
-        self._plan = plan_of(network, self._level)
+        self._plan = (tilted_plan_of if self.tilted else plan_of)(network, self._level)
         if self._out is not None:
             self._blocks = list(_read_blocks(self._out / "trees"))
 
@@ -126,7 +135,7 @@ class Splitting:
             self._run.slots,
             seed=_independent(self._seed, _TEACH),
             threads=self._threads,
-            grower=self._grower,
+            grower=self._teacher,
             tell=lambda _, grown: rounds.append(grown.roots["weight"]),
             progress=tell,
         )
@@ -207,7 +216,11 @@ class Splitting:
             total = min(most, round(self.trees * needed)) if found.effective > 1.0 else most
             doubted = ", in doubt" if found.doubts else ""
             text = f" ({found.rate:.2g} +- {100.0 * min(self.half_width, 9.99):.0f} %{doubted})"
-        self._progress(f"grow trees{text}", self.trees + done, max(total, self.trees + done))
+        self._progress(
+            f"{'drive weighted tests' if self.tilted else 'grow trees'}{text}",
+            self.trees + done,
+            max(total, self.trees + done),
+        )
 
     # What it comes to
 
@@ -225,7 +238,7 @@ class Splitting:
     def rate(self) -> WeightedRate:
         """The rate, judged as if this number of trees had been fixed."""
         if self._judged is None or self._judged.n != self.trees:  # it is asked for often, and takes a while
-            self._judged = weighted_rate(self.weights)
+            self._judged = weighted_rate(self.weights, self._unit)
         return self._judged
 
     @property
@@ -253,7 +266,7 @@ class Splitting:
         found = self.rate
         told = list(found.doubts)
         if found.n < LEAST_TREES:
-            told.append(f"it rests on {found.n:,} trees, fewer than {LEAST_TREES:,}")
+            told.append(f"it rests on {found.n:,} {self._unit}, fewer than {LEAST_TREES:,}")
         if lost := sum(int(block["lost"]) for block in self._blocks):
             told.append(f"{lost} copies of worlds found no room")
         if strayed := sum(int(block["strayed"]) for block in self._blocks):
@@ -302,16 +315,20 @@ class Splitting:
         weights = self.weights
         rng = np.random.default_rng(_independent(self._seed, _PICK))
         roots, stands_for = pick(weights, min(_MOST_CASES, max(1, round(self.rate.effective))), rng)
-        kept = {int(root): (block, k) for block in self._blocks for k, root in enumerate(block["root"])}
+        kept = {
+            tree_of(test, self._plan): (block, k, test)
+            for block in self._blocks
+            for k, test in enumerate(block["root"].tolist())
+        }
         driver, recorder = ScriptDriver(self._run.setting, self._run.odd), self._run.recorder()
-        seen = [test in kept for test in roots.tolist()]  # of others the crashes found no room
+        seen = [root in kept for root in roots.tolist()]  # of others the crashes found no room
         self._unseen = 1.0 - float(stands_for[seen].sum() / stands_for.sum())
         roots, stands_for = roots[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
         picked: list[PickedCrash] = []
         records: list[CaseRecord] = []
-        for done, (test, weight) in enumerate(zip(roots.tolist(), stands_for.tolist(), strict=True)):
+        for done, (root, weight) in enumerate(zip(roots.tolist(), stands_for.tolist(), strict=True)):
             self._progress("record crashes", done, roots.size)
-            block, k = kept[test]
+            block, k, test = kept[root]
             start = driver.start_of_test(self._tree_seed, test)
             actions = block["actions"][k, : block["begun"][k], : start.size]
             script = Script(np.arange(start.size, dtype=np.int16), start, actions)
@@ -395,6 +412,11 @@ def kind_rates(picked: Sequence[PickedCrash], of: str, found: WeightedRate) -> d
             interval95=(low / found.n, high / found.n),
         )
     return rates
+
+
+def _grower(run: Experiment, **places: int) -> Grower:
+    """Take what grows trees of the run's AV."""
+    return BUILT_IN_GROWER if run.foreign is None else ForeignGrower(run.foreign, **places)
 
 
 def _one_a_root(crashes: NDArray[np.void], rng: np.random.Generator) -> NDArray[np.intp]:

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import MissingExtraError
 from cornerforge.rates.trees import BUILT_IN_GROWER, Grower, Grown, LessonTable, grow
-from cornerforge.sim import BUILT_IN, Setting, danger, trees
+from cornerforge.sim import BUILT_IN, Plan, Setting, Tilt, danger
 
 try:
     import torch
 except ImportError as error:
     raise MissingExtraError("torch", "learn") from error
 
-__all__ = ["TEACHING_TREES", "Taught", "plan_of", "teach"]
+__all__ = ["TEACHING_TREES", "Taught", "plan_of", "teach", "tilted_plan_of"]
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +37,8 @@ _FLOOR = 0.1
 _LEAST_RISE = 0.1
 _FORGET = 10.0
 _LOOK_AHEAD_S = 2.0
+_SHARES, _POWERS, _CANDIDATES = (0.1, 0.5, 0.4), (0.0, 1.0, 1.6), 3
+"""Of a tilt: nature; by the danger; more than by the danger, as it changes by what is not listed too."""
 _PILOT = 4_000
 _STEPS = 4_000
 _NOTHING = 1e-9
@@ -66,9 +68,14 @@ class Taught:
     cpu_seconds: float
 
 
-def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LATER) -> trees.Plan:
+def plan_of(network: danger.Network, level: float, explore: float = _EXPLORE_LATER) -> Plan:
     """Make the plan by which trees grow with a network; `level`: what weight times danger should be."""
-    return trees.Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _FORGET, _LOOK_AHEAD_S, network)
+    return Plan(level, _FLOOR * level, _LEAST_RISE, explore, 1, _FORGET, _LOOK_AHEAD_S, network)
+
+
+def tilted_plan_of(network: danger.Network, level: float) -> Plan:
+    """Make the plan by which tests are drawn from proposals with a network, instead of copied; `level`: mean danger."""
+    return plan_of(network, level)._replace(tilt=Tilt(np.array(_SHARES), np.array(_POWERS), _CANDIDATES))
 
 
 def level_of(network: danger.Network, setting: Setting, slots: int, seed: int, threads: int) -> tuple[float, float]:
@@ -102,7 +109,7 @@ def teach(
     begun, cpu = 0, 0.0
     school = _School(seed)
 
-    def study(name: str, plan: trees.Plan, tests: int) -> float:
+    def study(name: str, plan: Plan, tests: int) -> float:
         grown = grow(
             setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, grower=grower,
             progress=None if progress is None else lambda done: progress(begun + done),
@@ -115,7 +122,7 @@ def teach(
             tables.pop(1)
         return grown.cpu_seconds + school.learn(tables, steps=_STEPS)
 
-    blind = trees.Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, _FORGET, 0.0, danger.untaught(_NOTHING))
+    blind = Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, _FORGET, 0.0, danger.untaught(_NOTHING))
     cpu += study("explore", blind, _EXPLORING)
     begun += _EXPLORING
     for tests in _ROUNDS:

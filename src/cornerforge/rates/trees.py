@@ -1,4 +1,4 @@
-"""Natural crash rates by trees of tests (`sim.trees`): grown in threads, summed up, and judged."""
+"""Natural crash rates by trees of tests (`sim.trees`) or tilted ones (`sim.tilt`): driven in threads, and summed up."""
 
 from __future__ import annotations
 
@@ -16,7 +16,12 @@ from cornerforge.sim import (
     BUILT_IN,
     NATURALISTIC,
     NOBODY,
+    ROOT,
+    Forest,
+    Plan,
     Setting,
+    allocate_leaves,
+    allocate_nursery,
     allocate_scratch,
     keep_nothing,
     lessons,
@@ -28,7 +33,7 @@ __all__ = ["BUILT_IN_GROWER", "Grower", "Grown", "LessonTable", "Noted", "grow"]
 
 _ARRAYS = ("roots", "crashes", "actions")
 _ROWS = 400
-"""Worlds that wait at once; the stack is as deep as acts and copies of one tree."""
+"""Worlds that wait at once; the stack is as deep as acts and copies of one tree. Without copies it is one world."""
 _LEAVES_PER_ROOT = 16
 _MOMENTS_PER_ROOT, _LESSONS_PER_ROOT = 400, 4000
 _MOST_MOMENTS, _MOST_LESSONS = 1_000_000, 8_000_000
@@ -58,8 +63,8 @@ class Grown:
     """Trees.
 
     Attributes:
-        roots: One a tree, of `sim.trees.ROOT`, in the order of the tests.
-        crashes: Their crashes, as far as there was room, of `sim.trees.LEAF`.
+        roots: One a tree, of `sim.forest.ROOT`, in the order of the tests.
+        crashes: Their crashes, as far as there was room, of `sim.forest.LEAF`.
         actions: With which they come again, int8 (K, decisions, N).
         answers: With which an AV from outside comes again, (K, A, 2); A is 0 for an AV of the kernels.
         lessons: What they teach; None if that was not asked for.
@@ -109,7 +114,7 @@ class Grower(Protocol):
     def chunk(self) -> int:
         """Trees of one call; what comes out does not depend on it but for the lessons that are picked."""
 
-    def __call__(self, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]) -> Noted | None:
+    def __call__(self, seed: int, first: int, forest: Forest, roots: NDArray[np.void]) -> Noted | None:
         """Grow the trees of tests first, first + 1, ..., one for each of `roots`; the forest takes what they give."""
 
 
@@ -118,7 +123,7 @@ class _BuiltInGrower:
 
     places, chunk = 1, 250
 
-    def __call__(self, seed: int, first: int, forest: trees.Forest, roots: NDArray[np.void]) -> None:
+    def __call__(self, seed: int, first: int, forest: Forest, roots: NDArray[np.void]) -> None:
         trees.grow_range(seed, first, forest, roots)
 
 
@@ -129,7 +134,7 @@ BUILT_IN_GROWER: Grower = _BuiltInGrower()
 def grow(
     setting: Setting,
     slots: int,
-    plan: trees.Plan,
+    plan: Plan,
     *,
     seed: int,
     first: int,
@@ -165,18 +170,18 @@ def grow(
     def rooms() -> tuple[Any, ...]:
         moments, noted = min(_MOST_MOMENTS, chunk * _MOMENTS_PER_ROOT), min(_MOST_LESSONS, chunk * _LESSONS_PER_ROOT)
         log = lessons.allocate_lessons(moments, noted) if learning else lessons.allocate_lessons(0, 0)
-        leaves = trees.allocate_leaves(chunk * _LEAVES_PER_ROOT, slots, decisions)
-        nursery = trees.allocate_nursery(_ROWS, slots, decisions, grower.places)
+        leaves = allocate_leaves(chunk * _LEAVES_PER_ROOT, slots, decisions)
+        nursery = allocate_nursery(_ROWS if not plan.tilt.shares.size else 1, slots, decisions, grower.places)
         return nursery, leaves, log, allocate_scratch(slots, who.policy)
 
     lent = Rooms(rooms)
 
     def work(start: int, count: int) -> Grown:
-        roots = np.zeros(count, dtype=trees.ROOT)
+        roots = np.zeros(count, dtype=ROOT)
         with lent.lend() as (nursery, leaves, log, scratch):
             leaves.used[:] = 0
             log.used[:] = 0
-            forest = trees.Forest(plan, setting, scratch, keep_nothing(slots), nursery, leaves, log)
+            forest = Forest(plan, setting, scratch, keep_nothing(slots), nursery, leaves, log)
             noted = grower(seed, start, forest, roots)
             warn_of_left_out(scratch)
             found = leaves.used[0]

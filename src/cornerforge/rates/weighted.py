@@ -48,6 +48,7 @@ class WeightedRate:
 
     Attributes:
         n: Number of weights.
+        unit: What has a weight, for words: "trees" or "tests".
         rate: Their mean.
         error: Its standard error.
         skewness: Of the mean: that of the weights over the root of n; 0 if all are equal.
@@ -61,6 +62,7 @@ class WeightedRate:
     """
 
     n: int
+    unit: str
     rate: float
     error: float
     skewness: float
@@ -83,17 +85,19 @@ class WeightedRate:
         """Reasons not to trust the interval, in words; empty if there are none."""
         found = []
         if self.effective < LEAST_EFFECTIVE:
-            found.append(f"it rests on {self.effective:.0f} effective trees, fewer than {LEAST_EFFECTIVE:.0f}")
+            found.append(f"it rests on {self.effective:.0f} effective {self.unit}, fewer than {LEAST_EFFECTIVE:.0f}")
         if self.largest > LARGEST_SHARE:
-            found.append(f"one tree has {100.0 * self.largest:.0f} % of it, more than {100.0 * LARGEST_SHARE:.0f} %")
+            found.append(
+                f"one {self.unit[:-1]} has {100.0 * self.largest:.0f} % of it, more than {100.0 * LARGEST_SHARE:.0f} %"
+            )
         apart = abs(self.halves[0] - self.halves[1]) / (2.0 * self.error) if self.error > 0.0 else 0.0
         if apart > _HALVES_APART:
             found.append(f"its halves are {apart:.1f} standard errors apart")
         return tuple(found)
 
 
-def weighted_rate(weights: NDArray[np.float64]) -> WeightedRate:
-    """Take the mean of independent weights, at least 2, and judge it.
+def weighted_rate(weights: NDArray[np.float64], unit: str = "trees") -> WeightedRate:
+    """Take the mean of independent weights, at least 2, and judge it; `unit`: what has a weight.
 
     Raises:
         InputError: There are fewer than 2 weights, or one is below 0 or not finite.
@@ -114,6 +118,7 @@ def weighted_rate(weights: NDArray[np.float64]) -> WeightedRate:
     (low, high), (low90, high90) = (_interval(rate, error, skewness, z) for z in (_Z95, _Z90))
     return WeightedRate(
         n=n,
+        unit=unit,
         rate=rate,
         error=error,
         skewness=skewness,

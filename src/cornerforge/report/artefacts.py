@@ -141,7 +141,7 @@ class Artefacts:
         natural = self.summary.natural
         if natural is None:
             return None
-        return self.out / "natural" / ("weighted" if natural.method == "splitting" else "library")
+        return self.out / "natural" / ("library" if natural.method == "mc" else "weighted")
 
 
 def read_artefacts(out: Path) -> Artefacts:

@@ -112,7 +112,9 @@ class CrashCircumstances:
 class _RatedAv:
     """Whose rate it is, and how it was found."""
 
-    method: str = field(metadata=meant('How it was found: "mc", plain Monte Carlo, or "splitting", trees of tests.'))
+    method: str = field(
+        metadata=meant('"mc", plain Monte Carlo; "splitting", trees of tests; "is", importance sampling.')
+    )
     reason: str = field(metadata=meant("Why by this method, in words."))
     av: str = field(metadata=meant("Name of the AV."))
     odd: str = field(metadata=meant("Name of the ODD."))
@@ -133,7 +135,7 @@ class Effort:
 
     plain: Cost = field(metadata=meant("Tests as nature has them."))
     teaching: Cost = field(metadata=meant("Trees that a network learned from: which moments are dangerous."))
-    estimation: Cost = field(metadata=meant("Trees that the rate comes from."))
+    estimation: Cost = field(metadata=meant("Trees or weighted tests that the rate comes from."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +146,7 @@ class KindRate:
     crashes_per_test: float = field(metadata=meant("How often it happens.", "per test"))
     interval95: Interval = field(
         metadata=meant(
-            "Exact (Garwood) for mc; for splitting that of Fay and Feuer, at this number of trees.", "per test"
+            "Exact (Garwood) for mc; else that of Fay and Feuer, at this number of trees or tests.", "per test"
         )
     )
 
@@ -153,8 +155,9 @@ class KindRate:
 class NaturalRate(Rate, _RatedAv):
     """The AV's natural crash rate, with what kinds of crash it is made of.
 
-    Of splitting, `tests` are the trees of the estimate, each begun from one test; `interval95` holds however often one
-    looks and stops (`rates.weighted`); miles and crashes between BVs are those of the plain tests.
+    Of splitting, `tests` are the trees of the estimate, each begun from one test; of is, weighted tests. For both
+    `interval95` holds however often one looks and stops (`rates.weighted`), and miles and crashes between BVs are those
+    of the plain tests.
     """
 
     relative_half_width: float | None = field(
@@ -181,13 +184,13 @@ class NaturalRate(Rate, _RatedAv):
     bv_miles: float = field(metadata=meant("Distance that all BVs drove, from the mean of a sample.", "miles"))
     bv_miles_estimate: BvMilesEstimate = field(metadata=meant("The sample."))
     effective_sample_size: int = field(
-        metadata=meant("Trees with a crash that would tell as much if all weighed the same; `tests` for mc.")
+        metadata=meant("Trees or tests with a crash that would tell as much if all weighed the same; `tests` for mc.")
     )
     largest_share: float | None = field(
-        metadata=meant("Largest share of the rate in one tree; null for mc, and without a crash.")
+        metadata=meant("Largest share of the rate in one tree or test; null for mc, and without a crash.")
     )
     halves: tuple[float, float] | None = field(
-        metadata=meant("Rate of the first and of the second half of the trees; null for mc.", "per test")
+        metadata=meant("Rate of the first and of the second half of the trees or tests; null for mc.", "per test")
     )
     tail_index: float | None = field(
         metadata=meant("Hill's index of the largest weights: below 2 no finite variance shows; null: mc, or too few.")
@@ -214,5 +217,5 @@ class NaturalRate(Rate, _RatedAv):
     crash_type_rates: dict[str, KindRate] = field(metadata=meant("How often each type that was seen happens."))
     mechanism_rates: dict[str, KindRate] = field(metadata=meant("How often what led to them happens, where seen."))
     crash_circumstances: CrashCircumstances | None = field(
-        metadata=meant("Crashes with circumstances that matter; null for splitting.")
+        metadata=meant("Crashes with circumstances that matter; null but for mc.")
     )

@@ -21,8 +21,9 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 - *Views*: sizes and versions of what is seen, by the adversary (`N_OBSERVATION`) and by an AV (`VIEW_ROWS`,
   `N_AV_FEATURES`).
 - *Parts* of a second, for questions about a moment: the chance of each action, what the AV would do, motion.
-- *Trees* (`trees`, `grove`, `lessons`, `danger`: modules): worlds are copied where something dangerous may happen, and
-  weighted, so that rare crashes are found without changing their rate.
+- *Trees* (`Plan`, `Forest`; `trees`, `grove`, `lessons`, `danger`: modules): worlds are copied where something
+  dangerous may happen, or drawn from proposals that favour it, and weighted, so that rare crashes are found without
+  changing their rate.
 - *Training*: rewards, and transitions of many worlds for learners of the adversary (`collect`) and of the AV
   (`collect_av`).
 
@@ -31,7 +32,8 @@ Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scr
 (built-in AVs), `actions`, `step` and `reach` (motion and contact), `neighbours`. Views: `observe`, `av_view`,
 `av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`, `agents`, `drive_bv`, `drive_av`;
 `harvest`, `recorder`, `judge`.
-Trees: `steering` (words that are held to a part), `danger`, `acts`, `lessons`, `trees`, `grove`. What the adversary is
+Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`, `forest`, `tilt`, `trees`,
+`grove`. What the adversary is
 paid for: `rewards`, `braking`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
@@ -69,6 +71,7 @@ if TYPE_CHECKING:
         collect,
         start_worlds,
     )
+    from cornerforge.sim.forest import ROOT, Forest, Plan, Tilt, allocate_leaves, allocate_nursery, tree_of
     from cornerforge.sim.harvest import Buffers, Harvest, allocate_harvest, harvest_range, is_full
     from cornerforge.sim.judge import judge_crashes
     from cornerforge.sim.keep import (
@@ -154,20 +157,20 @@ __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
     "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "HIGHEST_COMMAND", "HOSTILE", "IDM_BVS",
     "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST",
-    "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "REWARDS", "RUNNING",
-    "SCRIPTED", "SIGHT", "START_FIELDS", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS",
-    "AvReward", "Buffers", "Controllers", "DriveChunk", "Ending", "Exploring", "Harvest", "Keep", "Outcomes",
-    "Recorder", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Transitions", "World",
-    "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
-    "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_outcomes", "allocate_recording",
-    "allocate_scratch", "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av",
-    "answer_as_bv", "arrays_of", "average_traits", "branch_of", "budget_units", "built_in_av_decides", "case_of",
-    "cast_of", "collect", "collect_av", "copy_of", "crashed_tests", "danger", "drive_chunk", "drive_chunk_by_window",
-    "drive_range", "grove", "harvest_range", "hold", "is_full", "judge_crashes", "keep_nothing", "keep_whole_test",
-    "lateral_plan", "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed",
-    "path_of", "reset_world", "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
-    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "trees", "unpacked", "warm_up",
-    "warn_of_left_out", "world_of", "write_outcome",
+    "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "REWARDS", "ROOT",
+    "RUNNING", "SCRIPTED", "SIGHT", "START_FIELDS", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS",
+    "VIEW_ROWS", "AvReward", "Buffers", "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep",
+    "Outcomes", "Plan", "Recorder", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt",
+    "Transitions", "World", "action_probabilities", "advance", "agents", "all_current", "allocate_actors",
+    "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves",
+    "allocate_nursery", "allocate_outcomes", "allocate_recording", "allocate_scratch", "allocate_starter_scratch",
+    "allocate_windows", "allocate_worlds", "answer_as_av", "answer_as_bv", "arrays_of", "average_traits", "branch_of",
+    "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
+    "danger", "drive_chunk", "drive_chunk_by_window", "drive_range", "grove", "harvest_range", "hold", "is_full",
+    "judge_crashes", "keep_nothing", "keep_whole_test", "lateral_plan", "lessons", "lockstep", "manoeuvre_begin",
+    "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of", "reset_world", "reward_numbers", "scenario_digest",
+    "scripted_start", "simulate", "simulate_chunks", "start_av_worlds", "start_lane_change", "start_worlds",
+    "statistics", "tree_of", "trees", "unpacked", "warm_up", "warn_of_left_out", "world_of", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -228,6 +231,8 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "rewards": ("REWARDS", "RewardNumbers", "reward_numbers"),
     "drive_bv": ("Exploring", "Transitions", "allocate_actors", "allocate_history", "collect", "start_worlds"),
     "drive_av": ("AV_DECISIONS", "HOSTILE", "AvReward", "allocate_av_actors", "collect_av", "start_av_worlds"),
+    # trees
+    "forest": ("Plan", "Tilt", "Forest", "ROOT", "allocate_leaves", "allocate_nursery", "tree_of"),
     # modules
     "": ("lockstep", "agents", "statistics", "trees", "grove", "lessons", "danger"),
 }  # fmt: skip

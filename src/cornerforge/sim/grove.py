@@ -21,7 +21,7 @@ from cornerforge.sim.world import world_row
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.sim.trees import Forest
+    from cornerforge.sim.forest import Forest
 
 __all__ = ["NO_TREE", "Grove", "allocate_grove", "answer", "look", "plant_at", "tend"]
 
@@ -29,7 +29,7 @@ NO_TREE = -1
 
 
 class Grove(NamedTuple):
-    """Places where trees grow, and rows of their worlds (`trees.Nursery`).
+    """Places where trees grow, and rows of their worlds (`forest.Nursery`).
 
     Attributes:
         root: Index of the tree at each place, NO_TREE for none, int64 (T,).

@@ -1,0 +1,116 @@
+"""Importance sampling of a test: its start, and what happens in each second, are drawn from proposals, and weighted.
+
+A *proposal* draws a branch of a second (`branches`) by its chance times its danger to some power, and the start among
+candidates that nature drew. A test belongs to one proposal, but its weight is that of their mixture: 1 over the mean of
+all proposals' densities of what happened, over the natural one (Owen and Zhou 2000, "Safe and effective importance
+sampling"; the balance heuristic of Veach and Guibas 1995). One proposal is nature itself, so no weight is larger than 1
+over its share, and nothing that nature does is left out, whatever the danger is taken to be.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cornerforge._elementary import exp, log
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.sim.branches import hold_to_branch, hold_to_no_act, list_branches
+from cornerforge.sim.forest import draw, survey_world, value_of, wait
+from cornerforge.sim.traffic import reset_world
+from cornerforge.sim.world import world_row
+
+if TYPE_CHECKING:
+    from cornerforge.sim.forest import Forest, Nursery, Plan
+
+__all__ = ["draw_branch", "draw_start"]
+
+
+@inlined_kernel
+def _power(danger: float, power: float, plan: Plan) -> float:
+    """Raise a danger, at least the plan's floor, to a power."""
+    return exp(power * log(max(danger, plan.floor)))
+
+
+@inlined_kernel
+def _weigh(row: int, plan: Plan, nursery: Nursery) -> None:
+    """Give a row the weight of what has happened to it."""
+    density = 0.0
+    for c in range(plan.tilt.shares.size):
+        density += plan.tilt.shares[c] * nursery.ratio[row, c]
+    nursery.weight[row] = 1.0 / density
+
+
+@kernel
+def draw_start(seed: int, test: int, row: int, forest: Forest) -> None:
+    """Draw a test's proposal, and by it one of the candidates for its start; put the row there."""
+    plan, setting, nursery = forest.plan, forest.setting, forest.nursery
+    tilt = plan.tilt
+    w = world_row(nursery.worlds, row)
+    first = test * tilt.candidates
+    reset_world(w, seed, first, setting)
+    u = draw(row, nursery)
+    proposal = 0
+    while proposal < tilt.shares.size - 1 and u >= tilt.shares[proposal]:
+        u -= tilt.shares[proposal]
+        proposal += 1
+    nursery.proposal[row] = proposal
+    ratio = nursery.ratio[row]
+    ratio[:] = 0.0
+    chosen = 0
+    danger = 1.0
+    for k in range(tilt.candidates):  # candidate k takes the place of the one chosen so far by its share of the sum
+        if k > 0:
+            reset_world(w, seed, first + k, setting)
+        total, _ = survey_world(w, forest)
+        value = value_of(total, forest)
+        for c in range(tilt.shares.size):
+            ratio[c] += _power(value, tilt.powers[c], plan)
+        if draw(row, nursery) * ratio[proposal] < _power(value, tilt.powers[proposal], plan):
+            chosen = k
+            danger = value
+    if chosen != tilt.candidates - 1:
+        reset_world(w, seed, first + chosen, setting)
+    for c in range(tilt.shares.size):
+        ratio[c] = _power(danger, tilt.powers[c], plan) * tilt.candidates / ratio[c]
+    _weigh(row, plan, nursery)
+
+
+@kernel
+def draw_branch(row: int, total: float, forest: Forest) -> None:
+    """Draw what happens to a surveyed row in its next second, by its proposal; hold it to that and let it wait.
+
+    `total`: the danger if nothing more is known.
+    """
+    plan, nursery = forest.plan, forest.nursery
+    tilt, branches, ratio = plan.tilt, nursery.branches, nursery.ratio[row]
+    steering = wait(row, nursery)
+    list_branches(1.0, nursery.survey, branches)
+    n = branches.n[0]
+    if n == 0:
+        return
+    proposal = nursery.proposal[row]
+    own = tilt.powers[proposal]
+    left = branches.rest[0] * _power(total, own, plan)
+    for k in range(n):
+        branch = branches.listed[k]
+        left += branch.chance * _power(branch.danger, own, plan)
+    left *= draw(row, nursery)
+    chosen = 0
+    while chosen < n:
+        branch = branches.listed[chosen]
+        left -= branch.chance * _power(branch.danger, own, plan)
+        if left < 0.0:
+            break
+        chosen += 1
+    danger = total if chosen == n else branches.listed[chosen].danger
+    for c in range(tilt.shares.size):
+        whole = branches.rest[0] * _power(total, tilt.powers[c], plan)
+        for k in range(n):
+            branch = branches.listed[k]
+            whole += branch.chance * _power(branch.danger, tilt.powers[c], plan)
+        ratio[c] *= _power(danger, tilt.powers[c], plan) / whole
+    _weigh(row, plan, nursery)
+    if chosen == n:
+        hold_to_no_act(steering, nursery.survey)
+    else:
+        branch = branches.listed[chosen]
+        hold_to_branch(branch.first, branch.second, steering, nursery.survey)
