@@ -9,7 +9,8 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,9 @@ from cornerforge.execution import cpu_seconds, engine, in_order
 from cornerforge.execution.worker import work_on
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.setting import experiment
-from cornerforge.rates.teaching import plan_of
+from cornerforge.rates.teaching import plan_of, tilted_plan_of
 from cornerforge.rates.trees import grow
-from cornerforge.sim import danger
+from cornerforge.sim import Plan, danger
 
 _STORE = 80_000_000
 
@@ -105,9 +106,13 @@ def test_all_verbs_give_the_same(machines: Any, tmp_path: Path) -> None:
         analysed = cornerforge.analyse(out / "lib", out=out / "analysis")
         counted = cornerforge.rate(method="mc", max_tests=70_000, seed=6)
         ways = CaseLibrary.open(out / "lib")
+        plausible = cornerforge.plausibility(
+            out=out / "plausible", budgets=(20.0,), seeds=1, decisions=2_048, tests=600, seed=7
+        )
+        policies = [replace(run, seconds=0.0) for row in plausible.rows for run in row.runs]
         return (
             simulated.digest, simulated.distributions, filled.cases, filled.tests, analysed.avoidability,
-            analysed.fault, counted.digest, len(ways), snapshot(out / "lib" / "shards"),
+            analysed.fault, counted.digest, len(ways), snapshot(out / "lib" / "shards"), policies, plausible.natural,
         )  # fmt: skip
 
     here = all_of_it(tmp_path / "here")
@@ -116,9 +121,10 @@ def test_all_verbs_give_the_same(machines: Any, tmp_path: Path) -> None:
     assert here == there
 
 
-def test_trees_are_the_same(machines: Any) -> None:
+@pytest.mark.parametrize("how", [plan_of, tilted_plan_of])
+def test_weighted_tests_are_the_same(machines: Any, how: Callable[[danger.Network, float], Plan]) -> None:
     run = experiment(av="idm-mobil", lanes=2)
-    plan = plan_of(danger.untaught(1e-4), 1e-4)
+    plan = how(danger.untaught(1e-4), 1e-4)
 
     def grown() -> Any:
         return grow(run.setting, run.slots, plan, seed=3, first=0, tests=1000, threads=2, learning=True)
