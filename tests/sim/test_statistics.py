@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -372,3 +373,14 @@ def test_a_longer_test_is_counted_whole(model: NddModel) -> None:
     odd = replace(ODD, test_length=1e5, time_limit=5.0)
     counts = simulate(setting_of(model, odd), n_slots(odd), seed=1, tests=5, counting=True).counts
     assert total(counts, statistics.AV_STATES) == 25
+
+
+def test_counts_are_sent_whole_and_zeros_as_nothing() -> None:
+    counts = allocate_counts()
+    assert len(pickle.dumps(counts)) < 1_000
+    counts.joint[1, 2, 3] = 7
+    again = pickle.loads(pickle.dumps(counts))
+    assert isinstance(again, Counts)
+    for sent, come in zip(counts, again, strict=True):
+        assert np.array_equal(sent, come)
+        assert come.flags.writeable

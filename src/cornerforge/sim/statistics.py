@@ -188,6 +188,14 @@ class Counts(NamedTuple):
         self.cut_ins[:] += other.cut_ins
         self.totals[:] += other.totals
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle arrays of zeros as their shapes: a range that counts nothing would send a megabyte of them."""
+        return _unpickled, tuple(array if array.any() else array.shape for array in self)
+
+
+def _unpickled(*arrays: NDArray[np.int64] | tuple[int, ...]) -> Counts:
+    return Counts._make(np.zeros(a, dtype=np.int64) if isinstance(a, tuple) else a for a in arrays)
+
 
 BV_STATES, FOLLOWING_STATES, LANE_CHANGES, BV_TRAVEL_MM, AV_STATES, CRASHED_BVS, TTC_BELOW = range(7)
 
