@@ -22,7 +22,7 @@ __all__ = ["reproduce", "run"]
 @takes_world("av", "odd", "lanes", "model", "bounded")
 def run(
     effort: Annotated[
-        str | None, typer.Option(help="quick (3 minutes on 2 cores), standard (15) or paper.", show_default="quick")
+        str | None, typer.Option(help="quick (4 minutes on 2 cores), standard (15) or paper.", show_default="quick")
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
