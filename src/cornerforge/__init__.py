@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.cases import query, replay
     from cornerforge.pipeline.check_av import check_av
     from cornerforge.pipeline.generate import generate
+    from cornerforge.pipeline.make_report import make_report
     from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
     from cornerforge.pipeline.plausibility import plausibility
     from cornerforge.pipeline.rate import rate
@@ -37,6 +38,7 @@ __all__ = [
     "check_av",
     "engine",
     "generate",
+    "make_report",
     "ndd_fit",
     "ndd_import",
     "ndd_show",
@@ -64,6 +66,7 @@ __getattr__ = door(
         "check_av": "pipeline.check_av",
         "engine": "execution",
         "generate": "pipeline.generate",
+        "make_report": "pipeline.make_report",
         "ndd_fit": "pipeline.naturalistic",
         "ndd_import": "pipeline.naturalistic",
         "ndd_show": "pipeline.show",

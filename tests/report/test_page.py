@@ -12,13 +12,13 @@ import re
 import shutil
 import subprocess
 import sys
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from html_page import Page
 
 from cornerforge import analyse
 from cornerforge.analysis.in_words import avoidance_in_words
@@ -45,38 +45,6 @@ ALL = [
     "analysis/witnesses.parquet",
     "provenance.json",
 ]
-
-
-class Page(HTMLParser):
-    """Attributes, scripts by id or place, and visible text of a page."""
-
-    def __init__(self, file: Path) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[tuple[str | None, str]] = []
-        self.style = self.text = ""
-        self._inside = ""
-        self.feed(file.read_text(encoding="utf-8"))
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        self._inside = tag
-        if tag == "script":
-            self.scripts.append((dict(attrs).get("id"), ""))
-
-    def handle_endtag(self, tag: str) -> None:
-        self._inside = "" if tag in ("script", "style") else self._inside
-
-    def handle_data(self, data: str) -> None:
-        if self._inside == "script":
-            self.scripts[-1] = (self.scripts[-1][0], self.scripts[-1][1] + data)
-        elif self._inside == "style":
-            self.style += data
-        else:
-            self.text += data
-
-    def data(self, name: str) -> Any:
-        return json.loads(next(script for found, script in self.scripts if found == name))
 
 
 def change(file: Path, **values: Any) -> None:

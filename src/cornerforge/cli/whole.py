@@ -1,4 +1,4 @@
-"""The whole job: `run` and `reproduce`."""
+"""The whole job: `run`, `report` and `reproduce`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cornerforge.cli.program import app
 if TYPE_CHECKING:
     from cornerforge.results import RunDone
 
-__all__ = ["reproduce", "run"]
+__all__ = ["report", "reproduce", "run"]
 
 
 @app.command()
@@ -60,6 +60,33 @@ def run(
             effort=effort, out=out, budget=budget, resume=resume, seed=seed, threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@app.command()
+def report(
+    place: Annotated[
+        Path, typer.Argument(metavar="LIB|RUN", help="A library, or a folder of run or rate.", show_default=False)
+    ],
+    out: Annotated[
+        Path, typer.Option(help="Of a library: folder for report.html and analysis/. The page of a run stays there.")
+    ] = Path("cornerforge-report"),
+    avoidability: Annotated[
+        str, typer.Option(help="For how many cases, drawn at random, a way out is searched for; all or none.")
+    ] = "2000",
+    reaction: Annotated[float, typer.Option(help="Seconds that the AV needs to react, 0 to 5.")] = 0.0,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Make the page of a run, of a natural rate or of any library, whichever AV made it."""
+    run_command(
+        lambda bars: cornerforge.make_report(
+            place, out=out, avoidability=avoidability, reaction=reaction, seed=seed, threads=threads, progress=bars
+        ),
+        lambda r: f"Report: {r.report}", as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 

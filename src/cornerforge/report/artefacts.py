@@ -1,4 +1,4 @@
-"""Reading and checking what the report shows, from the folder of a run; nothing here draws or simulates."""
+"""Reading and checking what the report shows, of a run or of a library; nothing here draws or simulates."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
+from cornerforge.rates import binomial_interval
 from cornerforge.report.judged import check_analysis, check_interval, read_table
 from cornerforge.results import Analysed
 from cornerforge.results.learning import TrainingCurve
@@ -19,7 +20,19 @@ from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval
 from cornerforge.results.reading import JsonFile, open_json
 from cornerforge.results.whole import Exposed, Exposure
 
-__all__ = ["Artefacts", "FilledRate", "Points", "Rate", "Summary", "analyse_command", "read_artefacts"]
+if TYPE_CHECKING:
+    from cornerforge.library import CaseLibrary
+
+__all__ = [
+    "Artefacts",
+    "FilledRate",
+    "Points",
+    "Rate",
+    "Summary",
+    "analyse_command",
+    "library_artefacts",
+    "read_artefacts",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +104,7 @@ class OnRoads(Rate):
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """What the page shows of `RunDone`; early files may lack what has a default."""
+    """What the page shows of `RunDone`; early files may lack what has a default, and so does a single library."""
 
     av: str
     version: str = "unknown"
@@ -99,15 +112,15 @@ class Summary:
     seed: int | str = "unknown"
     bounded: bool = False
     seconds: float | None = None
-    nde: Rate
+    nde: Rate | None = None
     natural: OnRoads | None = None
     natural_cases: Analysed | None = None
-    generate: FilledRate
+    generate: FilledRate | None = None
     baselines: tuple[Rate, ...] = ()
 
     @property
-    def natural_rate(self) -> Rate:
-        """The best that is known of the AV's rate in natural traffic."""
+    def natural_rate(self) -> Rate | None:
+        """The best that is known of the AV's rate in natural traffic; None if nothing is."""
         return self.nde if self.natural is None or self.natural.is_bound else self.natural
 
 
@@ -125,22 +138,35 @@ class Points:
 
 @dataclass(frozen=True)
 class Artefacts:
-    """Everything the page shows except the trajectories, which are read case by case."""
+    """Everything the page shows except the trajectories, which are read case by case.
+
+    Attributes:
+        out: Folder of the page.
+        library, analysed_in: The library, and the folder of its analysis.
+        summary: In numbers.
+        training, exposure: Of a run; None of a library.
+        analysis, points: Of the library.
+        provenance: Where it comes from.
+        command: What writes the page again.
+    """
 
     out: Path
+    library: Path
+    analysed_in: Path
     summary: Summary
-    training: TrainingCurve
-    exposure: Exposure
+    training: TrainingCurve | None
+    exposure: Exposure | None
     analysis: Analysed
     points: Points
     provenance: Mapping[str, Any]
+    command: str
 
     @property
     def natural_library(self) -> Path | None:
         """Where natural crashes are, weighted or counted; None if there is none."""
         natural = self.summary.natural
         if natural is None:
-            return None
+            return None if self.analysis.natural is None else self.library
         return self.out / "natural" / ("library" if natural.method == "mc" else "weighted")
 
 
@@ -159,20 +185,80 @@ def read_artefacts(out: Path) -> Artefacts:
     provenance = open_json(out / "provenance.json", run)
     found = Artefacts(
         out=out,
+        library=out / "library",
+        analysed_in=out / "analysis",
         summary=_named(summary.read(Summary)),
         training=_timed(open_json(out / "training.json", run).read(TrainingCurve), provenance),
         exposure=exposure.read(Exposure),
         analysis=analysis.read(Analysed),
         points=_points(out / "analysis" / "points.parquet", analyse),
         provenance=provenance.values,
+        command=run,
     )
+    if found.summary.nde is None or found.summary.generate is None:
+        raise summary.fault("nde, generate", "are missing")
     _check_summary(summary, found.summary)
+    assert found.exposure is not None
     for name, quantity in found.exposure.quantities.items():
         _check_exposed(exposure, f"quantities.{name}", quantity)
     check_analysis(analysis, found.analysis)
     if found.summary.natural_cases is not None:
         check_analysis(summary, found.summary.natural_cases)
     return found
+
+
+def library_artefacts(library: Path, out: Path) -> Artefacts:
+    """Read and check what the page of a single library shows.
+
+    Args:
+        library: The library.
+        out: Folder of the page, with its analysis in `analysis/`.
+
+    Raises:
+        FileFormatError: A file is missing or damaged; the message names it and what writes it again.
+    """
+    from cornerforge.library import CaseLibrary
+
+    command = f"cornerforge report {library} --out {out}"
+    cases = CaseLibrary.open(library)
+    analysis = open_json(out / "analysis" / "analysis.json", command)
+    found = analysis.read(Analysed)
+    check_analysis(analysis, found)
+    run, made = cases.identity, open_json(out / "analysis" / "provenance.json", command)
+    return Artefacts(
+        out=out,
+        library=library,
+        analysed_in=out / "analysis",
+        summary=Summary(
+            av=str(run.get("av", "unknown")),
+            version=str(run.get("cornerforge", "unknown")),
+            effort="",
+            seed=str(run.get("seed", "unknown")),
+            bounded=bool(run.get("bounded", False)),
+            natural_cases=found if found.natural is not None else None,
+            generate=None if found.natural is not None or cases.scripted else _filled_rate(cases),
+        ),
+        training=None,
+        exposure=None,
+        analysis=found,
+        points=_points(out / "analysis" / "points.parquet", command),
+        provenance=made.values,
+        command=command,
+    )
+
+
+def _filled_rate(cases: CaseLibrary) -> FilledRate | None:
+    """Give the rate of the tests that filled a library; None if it does not say how many there were."""
+    if cases.tests == 0:
+        return None
+    return FilledRate(
+        name=str(cases.identity.get("bv", "adversary")),
+        tests=cases.tests,
+        crashes_per_test=cases.crashes / cases.tests,
+        interval95=binomial_interval(cases.crashes, cases.tests),
+        av_crashes=cases.crashes,
+        cases=len(cases),
+    )
 
 
 def analyse_command(out: Path) -> str:
@@ -183,14 +269,17 @@ def analyse_command(out: Path) -> str:
 def _named(found: Summary) -> Summary:
     name = "natural traffic (NDE)"
     natural = found.natural if found.natural is None else replace(found.natural, name=name)
-    nde, generate = replace(found.nde, name=name), replace(found.generate, name="adversary")
+    nde = found.nde if found.nde is None else replace(found.nde, name=name)
+    generate = found.generate if found.generate is None else replace(found.generate, name="adversary")
     return replace(found, nde=nde, natural=natural, generate=generate)
 
 
 def _check_summary(file: JsonFile, found: Summary) -> None:
     plain = {f"baselines[{i}]": rate for i, rate in enumerate(found.baselines)}
     natural: dict[str, Rate] = {} if found.natural is None else {"natural": found.natural}
-    for key, rate in {"nde": found.nde, "generate": found.generate, **natural, **plain}.items():
+    both = {"nde": found.nde, "generate": found.generate}
+    named = {key: rate for key, rate in both.items() if rate is not None}
+    for key, rate in {**named, **natural, **plain}.items():
         if not rate.name:
             raise file.fault(f"{key}.name", "is missing")
         if rate.tests == 0:

@@ -44,13 +44,13 @@ MAX_POINTS = 3000
 """At most this many points of a cluster are drawn, evenly taken from its list: more only slow the page."""
 
 
-def rate_figure(rates: list[Rate], natural: Rate) -> Figure:
+def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
     """Crashes per test of every adversary beside natural traffic, on a log axis, with 95 % intervals.
 
     Dots instead of bars, because a bar's length means nothing on a log axis. A rate of no crash at all appears as an
     arrow that points to the left from 3 / tests.
     """
-    rows = [*rates, natural]
+    rows = rates if natural is None else [*rates, natural]
     seen = [r for r in rows if not r.is_bound]
     bounds = [r for r in rows if r.is_bound]
     dots = _rate_marks(seen, natural) | {
@@ -85,7 +85,7 @@ def rate_figure(rates: list[Rate], natural: Rate) -> Figure:
 _POWERS = {"exponentformat": "power", "dtick": 1}
 
 
-def _rate_marks(rates: list[Rate], natural: Rate) -> dict[str, Any]:
+def _rate_marks(rates: list[Rate], natural: Rate | None) -> dict[str, Any]:
     """One mark a rate, with its value in words."""
     shown = [
         f"no crash seen: below {text.rate(r.bound, 2)}" if r.is_bound else text.rate(r.crashes_per_test, r.digits)

@@ -1,4 +1,4 @@
-"""One self-contained HTML page about a run: reads artefacts, never runs the simulator."""
+"""One self-contained HTML page about a run or a library: reads artefacts, never runs the simulator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cornerforge._files import writing
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
-from cornerforge.report.artefacts import Artefacts, Rate, analyse_command, read_artefacts
+from cornerforge.report.artefacts import Artefacts, Rate, analyse_command, library_artefacts, read_artefacts
 from cornerforge.report.cases import case_data, load_scenarios
 from cornerforge.report.judged import (
     FAULT_WORDS,
@@ -27,7 +27,7 @@ from cornerforge.report.judged import (
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS
 
-__all__ = ["write_report"]
+__all__ = ["write_library_report", "write_report"]
 
 CASE_BYTES = 2_800_000
 """Room for trajectories on the page; with plotly's library (4.8 MB) the page stays below 8 MB."""
@@ -49,10 +49,27 @@ def write_report(out: Path) -> Path:
         OutputError: The page cannot be written.
     """
     plotly = _plotly_script()
-    artefacts = read_artefacts(out)
+    return _write(read_artefacts(out), plotly)
+
+
+def write_library_report(library: Path, out: Path) -> Path:
+    """Write `report.html` about the cases of one library: the same page without what only a run knows.
+
+    Args:
+        library: The library.
+        out: Folder of the page, which holds the library's analysis in `analysis/`.
+
+    Returns, Raises:
+        As `write_report`.
+    """
+    plotly = _plotly_script()
+    return _write(library_artefacts(library, out), plotly)
+
+
+def _write(artefacts: Artefacts, plotly: str) -> Path:
     cases, notes = _cases(artefacts)
     page = _render(artefacts, cases, notes, plotly)
-    target = out / "report.html"
+    target = artefacts.out / "report.html"
     with writing(target) as part:
         part.write_text(page, encoding="utf-8", newline="\n")
     return target
@@ -87,14 +104,14 @@ def _shelves(artefacts: Artefacts) -> list[_Shelf]:
     """The libraries that cases are shown from, natural crashes first."""
     points = artefacts.points
     attack = _Shelf(
-        artefacts.out / "library",
-        artefacts.out / "analysis",
+        artefacts.library,
+        artefacts.analysed_in,
         _roles(artefacts),
         dict(zip(points.case_id, points.crash_type, strict=True)),
-        analyse_command(artefacts.out),
+        analyse_command(artefacts.out) if artefacts.exposure is not None else artefacts.command,
     )
     found, place = artefacts.summary.natural_cases, artefacts.natural_library
-    if found is None or place is None:
+    if found is None or place is None or place == artefacts.library:
         return [attack]
     kinds = {top.case_id: top.crash_type for top in found.value.top}
     command = f"cornerforge run --out {artefacts.out}"
@@ -217,8 +234,10 @@ def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return groups
 
 
-def _ratio(adversary: Rate, natural: Rate) -> str:
+def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
     """Say how many times more often the AV crashes in a test with the adversary, and how sure that is."""
+    if adversary is None or natural is None:
+        return ""
     if adversary.is_bound:
         return "The adversary caused no crash, so there is no ratio."
     unit = "times as many crashes per test as natural traffic"
@@ -240,15 +259,19 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
         "fault": figures.share_figure(faults_in_words(analysis), cases, "share of all cases"),
         "rules": figures.share_figure(analysis.fault_rules, cases, "share of all cases"),
         "discovery": figures.discovery_figure(analysis.coverage),
-        "rates": figures.rate_figure([summary.generate, *summary.baselines], summary.natural_rate),
         "types": figures.crash_type_figure(analysis),
         "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in analysis.value.top], animated),
-        "training": figures.training_figure(artefacts.training, summary.natural_rate),
     }
+    natural = summary.natural_rate
+    if summary.generate is not None:
+        made["rates"] = figures.rate_figure([summary.generate, *summary.baselines], natural)
+    if artefacts.training is not None and natural is not None:
+        made["training"] = figures.training_figure(artefacts.training, natural)
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = figures.share_figure(kinds, n, "share of the cases looked at")
-    return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in artefacts.exposure.quantities.items()}
+    exposed = {} if artefacts.exposure is None else artefacts.exposure.quantities
+    return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in exposed.items()}
 
 
 def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
@@ -259,19 +282,22 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
         "rules": tables.share_table("Cases by the rule that was broken first", "rule", analysis.fault_rules, cases),
         "severity": tables.severity_table(analysis),
         "discovery": tables.discovery_table(analysis.coverage),
-        "rates": tables.rate_table([summary.generate, *summary.baselines, summary.natural_rate]),
         "types": tables.crash_type_table(analysis),
         "clusters": tables.cluster_table(analysis),
         "loadings": tables.loading_table(analysis),
-        "training": tables.training_table(artefacts.training),
         "provenance": tables.provenance_table(artefacts.provenance),
     }
+    rates = [summary.generate, *summary.baselines, summary.natural_rate]
+    made["rates"] = tables.rate_table([rate for rate in rates if rate is not None])
+    if artefacts.training is not None:
+        made["training"] = tables.training_table(artefacts.training)
     if summary.natural_cases is not None and summary.natural_cases.natural is not None:
         made["natural"] = tables.natural_table(summary.natural_cases.natural)
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = tables.share_table("Cases looked at", "avoidability", kinds, n)
-    return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in artefacts.exposure.quantities.items()}
+    exposed = {} if artefacts.exposure is None else artefacts.exposure.quantities
+    return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in exposed.items()}
 
 
 def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
@@ -297,11 +323,12 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         run=artefacts.summary,
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
-        preset=artefacts.training.preset,
+        preset="" if artefacts.training is None else artefacts.training.preset,
         natural=None if artefacts.summary.natural_cases is None else artefacts.summary.natural_cases.natural,
         natural_library=artefacts.natural_library,
         folder=artefacts.out,
-        prefix=NATURAL,
+        library=artefacts.library,
+        prefix="" if artefacts.natural_library == artefacts.library else NATURAL,
         mechanisms=MECHANISMS,
         fault_words=FAULT_WORDS,
         parts=PARTS,

@@ -17,7 +17,7 @@ from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import Reproduced
 from cornerforge.results.stating import as_json
 from cornerforge.results.validation import NddValidated
-from cornerforge.results.whole import Exposure, RunDone
+from cornerforge.results.whole import Exposure, Reported, RunDone
 
 __all__ = [
     "FILES",
@@ -34,6 +34,7 @@ __all__ = [
     "Plausibility",
     "Queried",
     "Replayed",
+    "Reported",
     "Reproduced",
     "RunDone",
     "ShrunkLibrary",
@@ -46,6 +47,7 @@ __all__ = [
 ]
 
 VERBS: dict[str, type] = {
+    "report": Reported,
     "run": RunDone,
     "simulate": Simulated,
     "rate": NaturalRate,

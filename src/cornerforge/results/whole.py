@@ -19,6 +19,14 @@ class RunTrained(Yield, LearnedPolicy):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Reported:
+    """Where a page is."""
+
+    report: str = field(metadata=meant("The page, one file of HTML."))
+    library: str = field(metadata=meant("The library whose cases it shows."))
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunDone:
     """The whole job: what each stage came to."""
 
