@@ -212,6 +212,11 @@ class Splitting:
     # What it comes to
 
     @property
+    def growing(self) -> tuple[trees.Plan, Grower]:
+        """How trees grow, once it has started."""
+        return self._plan, self._grower
+
+    @property
     def trees(self) -> int:
         """Trees of the estimate so far."""
         return sum(block["weight"].size for block in self._blocks)
