@@ -25,12 +25,13 @@ from pathlib import Path
 from typing import Any
 
 from document import MarkedBlock
-from ground_truth_settings import SETTINGS, Setting, varied_model
+from ground_truth_settings import SETTINGS, Setting
 from ground_truth_tables import render
 from ledger import Entry, furthest, read_entry, read_ledger, simulation_hash, write_ledger
 
 from cornerforge.errors import CornerForgeError, InputError
 from cornerforge.ndd.model import default_model_path, load_model, save_model
+from cornerforge.ndd.variations import varied_model
 from cornerforge.pipeline.crashes import NaturalCrashes
 from cornerforge.pipeline.output import config_hash, write_text
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
@@ -76,7 +77,7 @@ def prepare(setting: Setting, session: Session) -> tuple[Experiment, dict[str, A
     """Return the run of a setting, and the identity that counts must share to be added."""
     model = None
     if setting.variation is not None:
-        varied = varied_model(load_model(default_model_path()), setting.variation, session.data)
+        varied = varied_model(load_model(default_model_path()), [setting.variation], session.data)
         model = session.out / "models" / f"{setting.name}.npz"
         model.parent.mkdir(parents=True, exist_ok=True)
         save_model(varied, model)

@@ -24,11 +24,12 @@ from typing import Any
 
 from document import MarkedBlock
 from ground_truth import LEDGER
-from ground_truth_settings import SETTINGS, Setting, varied_model
+from ground_truth_settings import SETTINGS, Setting
 from ledger import read_ledger, simulation_hash, trees_hash
 from measuring import table
 
 from cornerforge.ndd import default_model_path, load_model, save_model
+from cornerforge.ndd.variations import varied_model
 from cornerforge.pipeline.output import read_json_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
@@ -113,7 +114,7 @@ def _run(setting: Setting, out: Path, data: list[Path]) -> Experiment:
     model = None
     if setting.variation is not None:
         model = out / "models" / f"{setting.name}.npz"
-        save_model(varied_model(load_model(default_model_path()), setting.variation, data), model)
+        save_model(varied_model(load_model(default_model_path()), [setting.variation], data), model)
     return experiment(av=setting.av, lanes=setting.lanes, model=model)
 
 

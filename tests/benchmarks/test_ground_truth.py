@@ -9,12 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from cornerforge import _jit
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.ndd.model import NddModel, default_model_path, load_model
+from cornerforge.ndd.variations import Variation
 from cornerforge.pipeline.crashes import CrashStudy
 from cornerforge.rates.exposure import BvTravel
 from cornerforge.rates.monte_carlo import Block, MonteCarlo
@@ -25,7 +24,7 @@ sys.path.insert(0, str(BENCHMARKS))
 import ground_truth  # noqa: E402
 import ledger  # noqa: E402
 from ground_truth import IN_DOCUMENT  # noqa: E402
-from ground_truth_settings import SETTINGS, Setting, Variation, varied_model  # noqa: E402
+from ground_truth_settings import SETTINGS, Setting  # noqa: E402
 from ground_truth_tables import render  # noqa: E402
 from ledger import (  # noqa: E402
     Entry,
@@ -350,75 +349,6 @@ def test_the_list_is_the_one_that_was_asked_for() -> None:
                for name in ("overlook", "overlook_conflict", "prior_strength")}  # fmt: skip
     assert factors["overlook"] == factors["overlook_conflict"] == {0.0, 0.5, 2.0, 10.0}
     assert factors["prior_strength"] == {50.0, 1000.0}
-
-
-# --- models ---
-
-
-@pytest.fixture(scope="module")
-def model() -> NddModel:
-    return load_model(default_model_path())
-
-
-TABLES = ("following", "free", "lc_base", "lc_desire", "lc_accept_lead", "lc_accept_rear", "lc_turn_back")
-
-
-def _difference(a: NddModel, b: NddModel, name: str) -> float:
-    """Largest difference of a table, as a share of its largest number."""
-    return float(np.abs(getattr(a, name) - getattr(b, name)).max() / getattr(b, name).max())
-
-
-VARIATIONS = {s.variation.field: s.variation for s in SETTINGS if s.variation and s.variation.part != "fit"}
-
-
-@pytest.mark.parametrize("field", VARIATIONS)
-def test_a_variation_moves_what_it_names_and_factor_one_moves_nothing(model: NddModel, field: str) -> None:
-    variation = VARIATIONS[field]
-    varied, same = varied_model(model, variation, []), varied_model(model, replace(variation, factor=1.0), [])
-    moved = {name for name in TABLES if _difference(varied, model, name) > 2e-3}
-    expected = {
-        "model": set(),
-        "memory": set(),
-        "initial": set(),
-        "safe": {"following"},
-        "law": {"following"},
-        "lane_change": {"lc_base"} if field == "rate" else {"lc_accept_rear"},
-    }[variation.part]
-    assert moved == expected
-    for part, numbers in (("model", model), ("memory", model.memory), ("initial", model.initial)):
-        if variation.part == part:
-            of = varied if part == "model" else getattr(varied, part)
-            assert getattr(of, field) == variation.factor * getattr(numbers, field)
-    for name in TABLES:
-        assert _difference(same, model, name) < 2e-3, name
-
-
-def test_data_stay_where_the_prior_is_changed(model: NddModel) -> None:
-    """Counts that the shipped rows hold are in the new rows too: share * new prior is all that is left without them."""
-    counted: Any = model.provenance["counted"]
-    place = int(np.argmax(counted["decisions"]))
-    state, n = np.unravel_index(counted["state"][place], model.following.shape[:3]), counted["decisions"][place]
-    varied = varied_model(model, Variation("safe", "response", 1.5), [])
-    strength = 200.0
-    chosen = model.following[state] > 1.5 * np.median(model.following[state])
-    assert varied.following[state].sum() == pytest.approx(1.0, abs=1e-5)
-    # nothing may fall below what n decisions alone give, spread over the bins that were chosen
-    assert varied.following[state][chosen].sum() >= n / (n + strength) * 0.5
-
-
-def test_a_model_without_provenance_is_not_varied(model: NddModel) -> None:
-    bare = replace(model, provenance={})
-    with pytest.raises(InputError, match="does not say"):
-        varied_model(bare, Variation("safe", "response", 2.0), [])
-    wrong: dict[str, Any] = {**model.provenance}
-    wrong["following"] = {**wrong["following"], "response": 1.0}
-    with pytest.raises(InputError, match="not what its provenance says"):
-        varied_model(replace(model, provenance=wrong), Variation("safe", "response", 2.0), [])
-    wrong["following"] = {**wrong["following"], "unheard_of": 1.0}
-    with pytest.raises(InputError, match="unheard_of"):
-        varied_model(replace(model, provenance=wrong), Variation("safe", "response", 2.0), [])
-    with pytest.raises(InputError, match="--data"):
-        varied_model(model, Variation("fit", "prior_strength", 50.0), [])
 
 
 def test_crashes_are_counted_by_their_time_into_the_test() -> None:

@@ -120,7 +120,9 @@ def test_times_of_the_training_are_in_the_provenance_only(finished: tuple[Path, 
     assert [point["seconds"] for point in points] == [None] * len(points)
     assert len(times) == len(points) > 0
     assert 0.0 < times[-1] <= summary.train.seconds + 1e-3
-    assert [point.seconds for point in read_artefacts(folder).training.points] == times
+    training = read_artefacts(folder).training
+    assert training is not None
+    assert [point.seconds for point in training.points] == times
     assert "point_seconds" not in as_json(summary.train)
 
 

@@ -38,9 +38,9 @@ from cornerforge.rates.trees import grow
 from cornerforge.rates.weighted import weighted_rate
 from cornerforge.sim import NATURAL, Script, ScriptDriver, drive_chunk
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network
+from cornerforge.sim.forest import Plan, Tilt
 from cornerforge.sim.scripted import START_FIELDS, TRAITS, scripted_start
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.trees import Plan
 from cornerforge.sim.world import AV_CRASH
 from cornerforge.types import ACTIONS, FIRST_ACCELERATION, Odd
 
@@ -369,7 +369,13 @@ def grow_trees(problem: Problem, seed: int, n: int) -> Floats:
     return roots["weight"].copy()
 
 
-METHODS: dict[str, Weights] = {"mc": count, "splitting": grow_trees}
+def draw_from_proposals(problem: Problem, seed: int, n: int) -> Floats:
+    """Tests drawn from proposals by the problem's plan: importance sampling."""
+    tilt = Tilt(np.array([0.1, 0.5, 0.4]), np.array([0.0, 1.0, 1.6]), 3)
+    return grow_trees(replace(problem, plan=problem.plan._replace(tilt=tilt)), seed, n)
+
+
+METHODS: dict[str, Weights] = {"mc": count, "splitting": grow_trees, "is": draw_from_proposals}
 
 
 def taught(problem: Problem, seed: int) -> tuple[Problem, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from scipy.stats import binomtest
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import Artefacts, Rate, read_artefacts
 from cornerforge.report.judged import kind_counts
+from cornerforge.results.whole import Exposed
 
 
 @pytest.fixture
@@ -29,8 +31,16 @@ def coloured(node: Any) -> Any:
     return "#000000" if isinstance(node, str) and node.startswith("css:") else node
 
 
+def exposed(artefacts: Artefacts) -> Mapping[str, Exposed]:
+    assert artefacts.exposure is not None
+    return artefacts.exposure.quantities
+
+
 def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
     analysis, summary = artefacts.analysis, artefacts.summary
+    assert summary.generate is not None
+    assert artefacts.training is not None
+    assert summary.nde is not None
     none_seen = Rate(name="nobody", tests=100, crashes_per_test=0.0, interval95=(0.0, 0.04))
     made = [
         figures.rate_figure([summary.generate, *summary.baselines], summary.nde),
@@ -41,7 +51,7 @@ def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
         figures.share_figure({"none at all": 0, "all": 3}, 3, "share"),
         figures.discovery_figure(analysis.coverage),
         figures.training_figure(artefacts.training, summary.nde),
-        *(figures.exposure_figure(h) for h in artefacts.exposure.quantities.values()),
+        *(figures.exposure_figure(h) for h in exposed(artefacts).values()),
     ]
     for figure in made:
         go.Figure(coloured(figure))
@@ -50,7 +60,7 @@ def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
 
 
 def test_axes_carry_units(artefacts: Artefacts) -> None:
-    for key, histogram in artefacts.exposure.quantities.items():
+    for key, histogram in exposed(artefacts).items():
         layout = figures.exposure_figure(histogram)["layout"]
         unit = "m" if key.startswith("bbd") else "s"
         assert layout["xaxis"]["title"]["text"].endswith(f"[{unit}]")
@@ -58,7 +68,7 @@ def test_axes_carry_units(artefacts: Artefacts) -> None:
 
 
 def test_densities_have_area_one(artefacts: Artefacts) -> None:
-    for histogram in artefacts.exposure.quantities.values():
+    for histogram in exposed(artefacts).values():
         for counts in (histogram.nde, histogram.adversary):
             area = float((figures.density(histogram, counts) * np.diff(histogram.edges)).sum())
             assert area == pytest.approx(1.0)

@@ -108,6 +108,12 @@ def rate(
         float, typer.Option(help="Stop when half the 95 % interval is at most this share of the rate.")
     ] = 0.3,
     max_tests: Annotated[int, typer.Option(help="Stop here at the latest.")] = 1_000_000,
+    model_draws: Annotated[
+        int,
+        typer.Option(
+            help="Drive so many models drawn about this one too: a second interval with the model's uncertainty."
+        ),
+    ] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
     ] = None,
@@ -131,8 +137,8 @@ def rate(
         typer.echo(f"Note: nothing of up to {max_tests:,} tests survives a stop; --out FOLDER keeps them.", err=True)
     found = run_command(
         lambda bars: cornerforge.rate(
-            method=method, target_rhw=target_rhw, max_tests=max_tests, out=out, resume=resume, seed=seed,
-            threads=threads, progress=bars, **world,
+            method=method, target_rhw=target_rhw, max_tests=max_tests, model_draws=model_draws, out=out, resume=resume,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         lambda r: "\n".join(
             [rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r.av_faults), *crashes_text(r)]

@@ -1,6 +1,6 @@
 """`rate` measures the AV's natural crash rate with its interval; it keeps every finished block of tests or trees.
 
-The output folder holds `rate.json`, and what `plain` (counting) and `splitting` (trees) keep.
+The output folder holds `rate.json`, and what `plain` (counting), `splitting` (trees) and `model_draws` keep.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import InputError
+from cornerforge.pipeline.model_draws import check_model_draws, with_model_draws
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_of, kept_if_interrupted
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -40,6 +41,7 @@ def rate(
     method: str = "auto",
     target_rhw: float = 0.3,
     max_tests: int = 1_000_000,
+    model_draws: int = 0,
     out: Path | str | None = None,
     resume: bool = False,
     seed: int = 0,
@@ -56,6 +58,8 @@ def rate(
         target_rhw: Stop when half the 95 % interval is at most this share of the rate, 0.001 to 10. The interval is
             exact for "mc"; for the two others it holds however often one looks, and they stop only without doubts.
         max_tests: Largest number of tests; trees, those of teaching too, count as one each.
+        model_draws: Measure the rate again in so many models drawn about the one in use, 5 or more, for an interval
+            with the model's own uncertainty; 0: the interval is of sampling alone.
         out: Folder for `rate.json`, the counts so far, and a library of crashes: `library/` if they are counted, else
             `weighted/`. None keeps nothing.
         resume: Go on with that folder, after an end, an interrupt or a kill.
@@ -79,6 +83,7 @@ def rate(
     if resume and out is None:
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(WorldOptions(**world), takes_foreign=True, seed=seed)
+    check_model_draws(model_draws, run.model)
     only_mc = _why_only_counting(max_tests)
     if method in ("is", "splitting") and only_mc is not None:
         raise InputError(f"Method {method} cannot be used: {only_mc}")
@@ -86,6 +91,7 @@ def rate(
     session = PlainTests(run, seed, folder, threads=check_threads(threads), progress=progress)
     identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}
     session.start(identity, resume=resume)
+    split: Splitting | None = None
     if method == "mc" or only_mc is not None:
         session.reason = ASKED if method == "mc" else only_mc or ""
         summary = _count(session, target_rhw, max_tests)
@@ -104,6 +110,13 @@ def rate(
             summary = _split(session, split, reason, target_rhw, max_tests)
             if folder is not None:
                 write_json(folder / "rate.json", as_json(summary))
+    if model_draws:
+        summary = with_model_draws(
+            summary, run, model_draws=model_draws, seed=seed, out=folder, threads=check_threads(threads),
+            progress=progress, by_trees=None if split is None else split.growing,
+        )  # fmt: skip
+        if folder is not None:
+            write_json(folder / "rate.json", as_json(summary))
     if folder is not None:
         write_json(folder / "provenance.json", provenance(identity, summary.seconds))
     return summary

@@ -7,14 +7,14 @@ from cornerforge.pipeline.plain import ASKED
 from cornerforge.rates.weighted import LEAST_EFFECTIVE, LEAST_TREES
 from cornerforge.results import NaturalRate
 
-__all__ = ["doubt_text", "miles_text", "rate_text"]
+__all__ = ["doubt_text", "miles_text", "model_text", "rate_text"]
 
 _STOPPED = {"target": "the interval is narrow enough", "max_tests": "all tests are done"}
 
 
 def rate_text(found: NaturalRate) -> list[str]:
     """Write the lines below the rate: miles, precision, doubts, BV-BV crashes, kinds of crash, cost."""
-    lines = [*miles_text(found), _precision_line(found), _bv_line(found)]
+    lines = [*miles_text(found), *model_text(found), _precision_line(found), _bv_line(found)]
     if found.mechanism_rates:
         lines += _kind_lines(found)
     seen = found.crash_circumstances
@@ -54,6 +54,36 @@ def miles_text(found: NaturalRate) -> list[str]:
         return [f"No crash; at most once in {_short(1.0 / high)} miles (95 %)"]
     most = _short(1.0 / low) if low > 0.0 else "no bound"
     return [f"Once in {_short(1.0 / found.crashes_per_mile)} miles ({_short(1.0 / high)} to {most})"]
+
+
+def model_text(found: NaturalRate) -> list[str]:
+    """Say how uncertain the naturalistic model makes the rate, or that this is left out; nothing without a crash."""
+    if not found.crashes_per_test or found.state == "no crash":
+        return []
+    model = found.model_uncertainty
+    if model is None:
+        return [
+            "This interval is of sampling alone; it leaves out the model's own uncertainty (--model-draws 30 adds it)."
+        ]
+    low, high = model.interval95
+    if model.interval95_per_mile is None:
+        wide = f"{low:.3g} to {high:.3g} per test"
+    else:
+        low, high = model.interval95_per_mile
+        wide = f"once in {_short(1.0 / high)} to {_short(1.0 / low) if low > 0.0 else 'no bound'} miles"
+    least, most = model.cv_interval95
+    unit = "tests" if found.method == "mc" else "trees"
+    apart = (
+        f"their rates scatter by {100.0 * model.cv:.0f} % of the mean (95 % interval {100.0 * least:.0f} to "
+        f"{100.0 * most:.0f} %)"
+    )
+    if model.cv == 0.0:
+        apart = f"no difference is seen (up to {100.0 * most:.0f} % of the mean are possible, and taken in)"
+    doubts = f"; read with care: {'; '.join(model.doubts)}" if model.doubts else ""
+    return [
+        f"With the model's own uncertainty: {wide} (95 %). {model.draws} drawn models ({model.effective_draws:.1f} "
+        f"effective: BVs must crash as people do), {model.tests_each:,} {unit} each: {apart}{doubts}."
+    ]
 
 
 def _short(value: float) -> str:

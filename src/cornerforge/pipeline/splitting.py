@@ -102,6 +102,7 @@ class Splitting:
         self._judged: WeightedRate | None = None
         self._unseen = 0.0
         self._plan: Plan
+        self._growing: Plan
         self.taught = Cost(tests=0, cpu_seconds=0.0)
         """What teaching took."""
         self._level = 0.0
@@ -115,7 +116,8 @@ class Splitting:
 
         place = None if self._out is None else self._out / "taught.npz"
         network = self._read_taught(place) if place is not None and place.exists() else self._teach(place)
-        self._plan = (tilted_plan_of if self.tilted else plan_of)(network, self._level)
+        self._growing = plan_of(network, self._level)
+        self._plan = tilted_plan_of(network, self._level) if self.tilted else self._growing
         if self._out is not None:
             self._blocks = list(_read_blocks(self._out / "trees"))
 
@@ -223,6 +225,11 @@ class Splitting:
         )
 
     # What it comes to
+
+    @property
+    def growing(self) -> tuple[Plan, Grower]:
+        """How trees grow by what was taught, once it has started."""
+        return self._growing, self._teacher
 
     @property
     def trees(self) -> int:

@@ -8,8 +8,8 @@ from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval, Rat
 from cornerforge.results.stating import meant
 
 __all__ = [
-    "BvMilesEstimate", "Cost", "CrashCircumstances", "Distributions", "Effort", "Filled", "KindRate", "NaturalRate",
-    "Quantity", "Simulated",
+    "BvMilesEstimate", "Cost", "CrashCircumstances", "Distributions", "Effort", "Filled", "KindRate",
+    "ModelUncertainty", "NaturalRate", "Quantity", "Simulated",
 ]  # fmt: skip
 
 _AV_CRASHES = meant("Tests that ended in a crash of the AV.")
@@ -152,6 +152,46 @@ class KindRate:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ModelUncertainty:
+    """How uncertain a rate is because the naturalistic model is, from rates in models drawn about it (ADR 34)."""
+
+    draws: int = field(metadata=meant("Models drawn."))
+    effective_draws: float = field(
+        metadata=meant("So many equal ones tell as much: those whose BVs crash unlike people count for less.")
+    )
+    bv_crashes: int = field(metadata=meant("Crashes between BVs in plain tests of all drawn models."))
+    bv_miles: float = field(metadata=meant("Distance that BVs drove in these, from that of the rate.", "miles"))
+    tests_each: int = field(metadata=meant("Tests, or trees of tests, of each."))
+    effective_each: float = field(
+        metadata=meant(
+            "Median of the crashes of one model, or of so many equal ones that would tell as much as its trees."
+        )
+    )
+    cv: float = field(
+        metadata=meant(
+            "Standard deviation of the rate between models over its mean, without chance; 0: no difference was seen."
+        )
+    )
+    cv_interval95: Interval = field(metadata=meant("Its 95 % interval (profile likelihood); from 0: may be chance."))
+    log_sd_used: float = field(
+        metadata=meant(
+            "Standard deviation of the rate's logarithm that `interval95` takes; its upper 95 % bound where `cv` is 0."
+        )
+    )
+    median_crashes_per_test: float = field(
+        metadata=meant("Median rate of the drawn models; the middle of `interval95` is the rate itself.", "per test")
+    )
+    interval95: Interval = field(
+        metadata=meant("95 % interval of the rate with the model's own uncertainty, wider than sampling's.", "per test")
+    )
+    interval95_per_mile: Interval | None = field(
+        metadata=meant("The same per mile; null: the AV drove no mile.", "per mile")
+    )
+    doubts: tuple[str, ...] = field(metadata=meant("Why it should be read with care, in words."))
+    cost: Cost = field(metadata=meant("What it took; not part of `effort`, `seconds` and `cpu_seconds` of the rate."))
+
+
+@dataclass(frozen=True, kw_only=True)
 class NaturalRate(Rate, _RatedAv):
     """The AV's natural crash rate, with what kinds of crash it is made of.
 
@@ -218,4 +258,11 @@ class NaturalRate(Rate, _RatedAv):
     mechanism_rates: dict[str, KindRate] = field(metadata=meant("How often what led to them happens, where seen."))
     crash_circumstances: CrashCircumstances | None = field(
         metadata=meant("Crashes with circumstances that matter; null but for mc.")
+    )
+    model_uncertainty: ModelUncertainty | None = field(
+        default=None,
+        metadata=meant(
+            "How uncertain the model makes the rate, and an interval that takes it in; with `--model-draws`, if there "
+            "was a crash. Missing: `interval95` is of sampling alone."
+        ),
     )
