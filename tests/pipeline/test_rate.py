@@ -249,6 +249,11 @@ def test_the_text_for_people_names_what_dominates(world: dict[str, Any]) -> None
     text = "\n".join(rate_text(found))
     for part in ("all tests are done", "per BV-mile", "sideswipe", "[same-lane-opposite-sides]", "core-hours"):
         assert part in text
+    # 6,000 tests are too few for 0.1 %: the square of how much too wide the interval is.
+    assert found.relative_half_width is not None
+    (need,) = [line for line in rate_text(found, 0.001) if "needs about --max-tests" in line]
+    assert int(need.split()[-1]) == pytest.approx(6_000 * (found.relative_half_width / 0.001) ** 2, rel=0.05)
+    assert not [line for line in rate_text(found, 1e9) if "needs about" in line]
     nothing = replace(found, av_crashes=0, mechanism_rates={}, relative_half_width=None, bv_crashes_per_bv_mile=None)
     assert "no crash yet" in "\n".join(rate_text(nothing))
     assert not [line for line in rate_text(nothing) if "Mechanisms" in line]

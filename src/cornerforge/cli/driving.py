@@ -141,7 +141,7 @@ def rate(
             seed=seed, threads=threads, progress=bars, **world,
         ),
         lambda r: "\n".join(
-            [rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r.av_faults), *crashes_text(r)]
+            [rate_text(r, f"{world['av']}, natural traffic"), *fault_text(r.av_faults), *crashes_text(r, target_rhw)]
         ),
         as_json=as_json, quiet=quiet, at=(engine, address, threads),
     )  # fmt: skip

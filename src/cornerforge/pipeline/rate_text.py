@@ -12,9 +12,18 @@ __all__ = ["doubt_text", "miles_text", "model_text", "rate_text"]
 _STOPPED = {"target": "the interval is narrow enough", "max_tests": "all tests are done"}
 
 
-def rate_text(found: NaturalRate) -> list[str]:
-    """Write the lines below the rate: miles, precision, doubts, BV-BV crashes, kinds of crash, cost."""
-    lines = [*miles_text(found), *model_text(found), _precision_line(found), _bv_line(found)]
+def rate_text(found: NaturalRate, target: float | None = None) -> list[str]:
+    """Write the lines below the rate: miles, precision, BV-BV crashes, kinds of crash, cost.
+
+    `target`: the relative half-width that was asked for; if it was not reached, what it needs is said.
+    """
+    lines = [
+        *miles_text(found),
+        *model_text(found),
+        _precision_line(found),
+        *_need_line(found, target),
+        _bv_line(found),
+    ]
     if found.mechanism_rates:
         lines += _kind_lines(found)
     seen = found.crash_circumstances
@@ -101,6 +110,16 @@ def _precision_line(found: NaturalRate) -> str:
     return (
         f"{found.tests:,} {how}, {found.effective_sample_size:,} effective, {narrow}; {stopped}. {why}: {found.reason}."
     )
+
+
+def _need_line(found: NaturalRate, target: float | None) -> list[str]:
+    """Say how many tests a half-width needs that `--max-tests` was too few for; nothing if no crash tells."""
+    width = found.relative_half_width
+    if target is None or width is None or width <= target or found.doubts:
+        return []
+    before = 0 if found.method == "mc" else found.effort.plain.tests + found.effort.teaching.tests
+    needed = before + found.tests * (width / target) ** 2
+    return [f"A half-width of {target:g} needs about --max-tests {float(f'{needed:.1e}'):.0f}"]
 
 
 def _units(found: NaturalRate) -> str:
