@@ -30,7 +30,7 @@ IN_DOCUMENT = MarkedBlock("benchmarks/estimators_agree.py")
 METHODS = ("mc", "is", "splitting")
 WORLDS = (("idm-mobil", 2), ("idm-mobil-blind", 2))
 SEED = 11
-_MOST = {"mc": 40_000_000, "is": 6_000_000, "splitting": 4_000_000}
+_MOST = {"mc": 40_000_000, "is": 3_600_000, "splitting": 4_000_000}
 _Z95 = 1.959963984540054
 
 
