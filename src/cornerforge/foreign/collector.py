@@ -68,7 +68,6 @@ class ForeignCollector:
         Raises:
             AvFaultError: The AV failed in too many tests.
         """
-        before = int(self._actors.finished["tests"][0])
         for _ in self._pool.map(lambda group: group.go_on(exploring, reward, out), self._groups):
             pass
         total = self._actors.finished.view(np.int64)
@@ -76,7 +75,7 @@ class ForeignCollector:
             own = group.finished.view(np.int64)
             total += own
             own[:] = 0
-        self._av.note_driven(int(self._actors.finished["tests"][0]) - before)
+        self._av.note_driven(int(out.end.sum()))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What was answered in tests that go on, and in which tests the AV failed: all beside the worlds, by name."""
