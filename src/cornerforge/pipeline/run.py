@@ -269,6 +269,7 @@ def run(
     open_output(folder, identity, resume=resume)
     once = _Stages(folder).do
     nde = once("nde", _Counted, lambda: _count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
+    natural.rest()
     often = once(
         "natural",
         NaturalRate,

@@ -95,6 +95,11 @@ class Experiment:
         else:
             warm_up(self.setting, self.slots)
 
+    def rest(self) -> None:
+        """End the processes of a foreign AV; when it drives again, new ones are started."""
+        if self.foreign is not None:
+            self.foreign.close()
+
     def recorder(self) -> Recorder:
         """Return the recorder of tests; it serves one thread."""
         if self.foreign is not None:

@@ -154,6 +154,7 @@ def learn(
     """Train on an experiment (`bounded` and `budget` give the mask), or go on from the checkpoint."""
     from cornerforge.adversary.train import train_adversary
 
+    run.rest()  # a training has processes of its own
     result = train_adversary(
         run.setting,
         run.slots,
