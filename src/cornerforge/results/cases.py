@@ -146,7 +146,7 @@ class _PlausibilityTraining:
     decisions: int = field(metadata=meant("Decisions learnt from."))
     seconds: float = field(metadata=meant("Wall-clock of the training.", "s"))
     policy_hash: str = field(metadata=POLICY_HASH)
-    av_faults: int = field(default=0, metadata=AV_FAULTS)
+    av_faults: int = field(metadata=AV_FAULTS)
 
 
 @dataclass(frozen=True, kw_only=True)

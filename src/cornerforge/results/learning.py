@@ -32,7 +32,7 @@ class LearnedPolicy(Learned):
 
     preset: str = field(metadata=PRESET)
     policy_hash: str = field(metadata=POLICY_HASH)
-    av_faults: int = field(default=0, metadata=AV_FAULTS)
+    av_faults: int = field(metadata=AV_FAULTS)
 
 
 @dataclass(frozen=True, kw_only=True)
