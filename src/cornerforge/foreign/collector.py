@@ -186,7 +186,7 @@ class _Group:
                     ) from failure
                 continue
             bad = seats[~usable(answers[seats])]
-            return self._give_up(seats, {int(seat): Fault(-1, "answer", UNUSABLE) for seat in bad}), answers
+            return self._give_up(seats, {int(seat): AvFailureError("answer", UNUSABLE) for seat in bad}), answers
         return seats, np.zeros((len(self._views), 2))
 
     def _answers_for(self, seats: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -231,9 +231,9 @@ class _Group:
         self._session.renew()
         self.is_in_step = False
 
-    def _failing_alone(self, seats: NDArray[np.int64]) -> dict[int, Fault]:
+    def _failing_alone(self, seats: NDArray[np.int64]) -> dict[int, AvFailureError]:
         """Find the seats in whose tests a new AV fails at this question though it drives nothing else, by halving."""
-        found: dict[int, Fault] = {}
+        found: dict[int, AvFailureError] = {}
         for half in np.array_split(seats, 2):
             self.is_in_step = False
             try:
@@ -242,19 +242,19 @@ class _Group:
             except AvFailureError as failure:
                 self._renew()
                 if half.size == 1:
-                    found[int(half[0])] = Fault(-1, failure.what, str(failure))
+                    found[int(half[0])] = failure
                 else:
                     found |= self._failing_alone(half)
         self.is_in_step = False
         return found
 
-    def _give_up(self, seats: NDArray[np.int64], failing: Mapping[int, Fault]) -> NDArray[np.int64]:
+    def _give_up(self, seats: NDArray[np.int64], failing: Mapping[int, AvFailureError]) -> NDArray[np.int64]:
         """Abandon the tests of some of the seats; returns the other ones."""
         if not failing:
             return seats
-        for seat, fault in failing.items():
+        for seat, failure in failing.items():
             state = self._actors.worlds.state[self._rows[seat], 0]
-            self._av.note(int(state["seed"]), Fault(int(state["test"]), fault.what, fault.message))
+            self._av.note(int(state["seed"]), Fault(int(state["test"]), failure.what, str(failure)))
         gone = np.array(list(failing), dtype=np.int64)
         outside.abandon(self._rows[gone], self._actors)
         return np.setdiff1d(seats, gone, assume_unique=True)
