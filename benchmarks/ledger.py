@@ -37,6 +37,7 @@ _SIMULATION = (
 _NOT_NATURAL = (
     "policy.py", "adversaries.py", "observe.py", "recorder.py", "statistics.py", "avs.py", "__init__.py", "acts.py",
     "danger.py", "lessons.py", "branches.py", "forest.py", "tilt.py", "trees.py", "grove.py",
+    "drive_bv.py", "drive_bv_outside.py",
 )  # fmt: skip
 """Natural traffic does not depend on these; an AV's numbers have a hash of their own."""
 _TREES = (

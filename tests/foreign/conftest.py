@@ -81,3 +81,22 @@ def avs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "avs.py").write_text(BASE + "\n".join(classes) + FORGETFUL, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def twins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A module of AVs that drive as the built-in AV `rl`, but for one that draws random numbers."""
+    source = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
+import numpy as np
+from learned_twin import Twin
+
+class Dice(Twin):
+    def act(self, view):
+        answers = super().act(view)
+        answers[:, 0] += 0.1 * np.random.default_rng().normal(size=len(view))
+        return answers
+"""
+    (tmp_path / "twins.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)

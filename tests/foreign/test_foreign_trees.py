@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hand_built import setting_of
@@ -48,25 +46,6 @@ def same(a: Grown, b: Grown) -> bool:
     return all((a.roots[name] == b.roots[name]).all() for name in ROOT.names or ()) and all(
         np.array_equal(first[name], second[name]) for name in names
     )
-
-
-@pytest.fixture
-def twins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A module of AVs that drive as the built-in AV `rl`, but for one that draws random numbers."""
-    source = f"""
-import sys
-sys.path.insert(0, {str(Path(__file__).parents[1])!r})
-import numpy as np
-from learned_twin import Twin
-
-class Dice(Twin):
-    def act(self, view):
-        answers = super().act(view)
-        answers[:, 0] += 0.1 * np.random.default_rng().normal(size=len(view))
-        return answers
-"""
-    (tmp_path / "twins.py").write_text(source, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.usefixtures("twins")

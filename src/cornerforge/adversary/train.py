@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from types import FrameType
 from typing import Any, Protocol
@@ -27,6 +27,8 @@ from cornerforge.adversary.learner import DqnLearner, below
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
 from cornerforge.errors import FileFormatError, MissingExtraError
+from cornerforge.foreign.collector import ForeignCollector
+from cornerforge.foreign.driver import ForeignAv
 from cornerforge.results.learning import TrainingPoint
 from cornerforge.sim import (
     N_OBSERVATION,
@@ -117,34 +119,45 @@ class Actor(Protocol):
 class _Actor:
     """The worlds that produce transitions of the adversary."""
 
-    def __init__(self, setting: Setting, slots: int, config: TrainConfig, seed: int) -> None:
-        self._setting = setting
+    def __init__(
+        self, setting: Setting, slots: int, config: TrainConfig, seed: int, av: ForeignAv | None, threads: int
+    ) -> None:
+        self._setting, self._seed = setting, seed
         self._reward = reward_numbers(config.reward, config.delay_s)
         self._guided = round(config.guided * config.worlds), config.guided_epsilon
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
         self._actors = allocate_actors(config.worlds, setting, slots, N_OBSERVATION)
+        self._foreign = None if av is None else ForeignCollector(av, setting, slots, self._actors, threads)
         self.finished = self._actors.finished.view(np.int64)
         start_worlds(seed, TRAINING_TESTS, setting, self._scratch, self._actors)
 
     def warm_up(self) -> None:
         """Load the kernels that `act` calls, or compile them (once per installation); moves nobody."""
-        self._collect(0, self._setting.who.policy.weights, 0.0, allocate_transitions(1))
+        exploring, out = self._exploring(self._setting.who.policy.weights, 0.0), allocate_transitions(1)
+        if self._foreign is None:
+            self._collect(0, exploring, out)
+        else:
+            self._foreign.warm_up(exploring, self._reward, out)
 
     def act(self, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
         """One decision of every world with the given weights; returns `out`."""
-        return self._collect(len(self._actors.allowed), weights, epsilon, out)
-
-    def _collect(self, n: int, weights: NDArray[np.float32], epsilon: float, out: Transitions) -> Transitions:
-        """One decision of the first n worlds."""
-        policy = self._setting.who.policy._replace(weights=weights)
-        exploring = Exploring(POLICY, policy, epsilon, *self._guided)
-        collect(n, exploring, self._setting, self._reward, self._actors, self._scratch, self._keep, out)
-        warn_of_left_out(self._scratch)
+        exploring = self._exploring(weights, epsilon)
+        if self._foreign is None:
+            self._collect(len(self._actors.allowed), exploring, out)
+        else:
+            self._foreign.collect(exploring, self._reward, out)
         return out
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything that `act` changes and needs again, by name; views."""
+    def _exploring(self, weights: NDArray[np.float32], epsilon: float) -> Exploring:
+        return Exploring(POLICY, self._setting.who.policy._replace(weights=weights), epsilon, *self._guided)
+
+    def _collect(self, n: int, exploring: Exploring, out: Transitions) -> None:
+        """One decision of the first n worlds."""
+        collect(n, exploring, self._setting, self._reward, self._actors, self._scratch, self._keep, out)
+        warn_of_left_out(self._scratch)
+
+    def _own(self) -> dict[str, NDArray[Any]]:
         actors = self._actors
         return {
             **{f"worlds.{name}": array for name, array in arrays_of(actors.worlds).items()},
@@ -154,10 +167,21 @@ class _Actor:
             "finished": self.finished,
         }
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything that `act` changes and needs again, by name; views."""
+        return self._own() | ({} if self._foreign is None else self._foreign.arrays())
+
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take over what `arrays` gave."""
-        for name, ours in self.arrays().items():
+        for name, ours in self._own().items():
             ours[...] = saved[name]
+        if self._foreign is not None:
+            self._foreign.restore(self._seed, saved)
+
+    def close(self) -> None:
+        """End the processes of a foreign AV."""
+        if self._foreign is not None:
+            self._foreign.close()
 
 
 def _epsilon(config: TrainConfig, decisions: int) -> float:
@@ -177,6 +201,7 @@ def train_adversary(
     slots: int,
     config: TrainConfig,
     *,
+    av: ForeignAv | None = None,
     seed: int = 0,
     threads: int = 2,
     max_seconds: float | None = None,
@@ -189,6 +214,7 @@ def train_adversary(
         setting: The run; its adversary and policy are replaced by the learning one, its mask (`bounded`) is used.
         slots: Vehicle slots per world.
         config: Hyperparameters; `config.decisions` says how long, rounded up to whole iterations.
+        av: The AV, if it is a foreign one and the setting's AV is OUTSIDE. Tests in which it fails are in its `faults`.
         seed: Determines tests, exploration, initial weights and replay draws.
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
         max_seconds: Stop earlier after this time [s], over which the learning rate falls; then the result depends on
@@ -204,13 +230,18 @@ def train_adversary(
         InputError: The seed is out of range, or the checkpoint is of another training.
         FileFormatError: The checkpoint is damaged.
         OutputError: The checkpoint cannot be written.
+        AvFaultError: The foreign AV failed in too many tests.
     """
     check_integer("seed", seed, low=0, high=2**63 - 1)
 
-    def worlds(numbers: PolicyNumbers) -> Actor:
-        return _Actor(setting.with_drivers(critical=TOLD, policy=numbers), slots, config, seed)
+    with ExitStack() as stack:
 
-    return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)
+        def worlds(numbers: PolicyNumbers) -> Actor:
+            actor = _Actor(setting.with_drivers(critical=TOLD, policy=numbers), slots, config, seed, av, threads)
+            stack.callback(actor.close)
+            return actor
+
+        return train_in(worlds, config, seed, threads, max_seconds, progress, checkpoint)
 
 
 def train_in(

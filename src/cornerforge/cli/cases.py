@@ -211,7 +211,7 @@ def query(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "budget")
+@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout")
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -243,7 +243,7 @@ def variety(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model")
+@takes_world("av", "odd", "lanes", "model", "av_timeout")
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[

@@ -19,7 +19,7 @@ from cornerforge.cli.options import (
     flag,
     takes_world,
 )
-from cornerforge.cli.output import rate_text, run_command, yield_text
+from cornerforge.cli.output import rate_text, run_command, training_fault_text, yield_text
 from cornerforge.cli.program import app
 from cornerforge.world_options import REWARD_NAMES
 
@@ -30,7 +30,7 @@ __all__ = ["train", "train_av"]
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
 def train(
     out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
     world: World = None,
@@ -58,6 +58,7 @@ def train(
 
     def text(r: Trained) -> str:
         lines = [yield_text(r, "Adversary")] + [yield_text(b, f"{b.name:>21}") for b in r.baselines]
+        lines += training_fault_text(r.av_faults)
         return "\n".join([*lines, f"{r.decisions:,} decisions in {r.seconds:.0f} s; policy: {r.out}"])
 
     run_command(

@@ -28,6 +28,7 @@ __all__ = [
     "rate_text",
     "run_command",
     "speed_text",
+    "training_fault_text",
     "yield_text",
 ]
 
@@ -225,3 +226,10 @@ def fault_text(av_faults: int) -> list[str]:
     if av_faults == 0:
         return []
     return [f"{av_faults:,} tests left out, because the AV raised, hung or gave no usable answer in them."]
+
+
+def training_fault_text(av_faults: int) -> list[str]:
+    """A line on tests of a training that the AV spoiled, if it did."""
+    if av_faults == 0:
+        return []
+    return [f"{av_faults:,} training tests abandoned, because the AV raised, hung or gave no usable answer in them."]

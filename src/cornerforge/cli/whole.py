@@ -9,7 +9,7 @@ import typer
 
 import cornerforge
 from cornerforge.cli.options import Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
-from cornerforge.cli.output import rate_text, run_command
+from cornerforge.cli.output import rate_text, run_command, training_fault_text
 from cornerforge.cli.program import app
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ __all__ = ["report", "reproduce", "run"]
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded")
+@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout")
 def run(
     effort: Annotated[
         str | None, typer.Option(help="quick (4 minutes on 2 cores), standard (15) or paper.", show_default="quick")
@@ -48,6 +48,7 @@ def run(
                 *miles_text(r.natural),
                 *([] if doubt is None else [doubt]),
                 rate_text(r.train, "Adversary"),
+                *training_fault_text(r.train.av_faults),
                 f"{r.generate.cases:,} cases in {r.generate.library}; "
                 f"{len(r.analyse.clusters)} clusters, {len(r.analyse.rare)} rare cases; "
                 f"{r.seconds:.0f} s",

@@ -7,7 +7,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ from cornerforge.sim import (
 )
 from cornerforge.types import Odd
 
-__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "seeds_of", "usable"]
+__all__ = ["BATCH", "MAX_FAULTS", "UNUSABLE", "Fault", "ForeignAv", "answers_per_second", "seeds_of", "usable"]
 
 BATCH = 256
 """Worlds driven side by side."""
@@ -42,6 +42,8 @@ MAX_FAULTS = 20
 """Number of faults that ends a run."""
 MAX_HANGS = 5
 """Number of faults by hanging that ends a run."""
+UNUSABLE = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
+"""What an AV did whose answer is not `usable`."""
 _KEPT_SCRIPTS = 20_000
 
 
@@ -103,7 +105,7 @@ class ForeignAv:
         first_timeout: Time for the first answer of a process [s], 60 unless said.
 
     Attributes:
-        spec: As given.
+        spec, batch: As given.
         kind, hash: "class", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
         faults: Faults so far, by (seed, test).
 
@@ -124,8 +126,7 @@ class ForeignAv:
     ) -> None:
         check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
         check_integer("batch", batch, low=1, high=65_536)
-        self.spec = spec
-        self._odd = odd
+        self.spec, self.batch = spec, batch
         self._context = context_of(odd, batch=batch, seed=seed)
         self._timeouts = (timeout, first_timeout)
         self._lock = threading.Lock()
@@ -140,14 +141,22 @@ class ForeignAv:
         self._try(first)
         self._free.put(first)
 
-    def _try(self, session: AvSession) -> None:
-        """Ask the AV once about ordinary traffic, so that an AV that never works is reported at once."""
-        view = np.zeros((self._context.batch, 13, 8), dtype=np.float32)
+    def ask_once(self, session: AvSession) -> None:
+        """Ask the AV of a session about ordinary traffic; after it no row remembers anything of use.
+
+        Raises:
+            AvFailureError: It does not answer.
+        """
+        view = np.zeros((session.batch_size, 13, 8), dtype=np.float32)
         view[:, 0] = 1.0, self._context.test_length, 1.5 * self._context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
         view[:, 1] = 1.0, 60.0, 0.0, 28.0, 0.0, 0.0, 1.0, 0.0
-        everywhere = np.arange(self._context.batch)
+        everywhere = np.arange(session.batch_size)
+        session.process().act(view, everywhere, np.zeros_like(everywhere))
+
+    def _try(self, session: AvSession) -> None:
+        """Ask once, so that an AV that never works is reported at once."""
         try:
-            session.process().act(view, everywhere, np.zeros_like(everywhere))
+            self.ask_once(session)
         except AvFailureError as failure:
             raise AvFaultError(
                 f"The AV {self.spec} {failure} at its first question; "
@@ -167,13 +176,17 @@ class ForeignAv:
         while not self._free.empty():
             self._free.get().drop()
 
+    def new_session(self, batch: int) -> AvSession:
+        """Make a session of the caller's own, with so many worlds side by side; the caller drops it."""
+        return AvSession(self.spec, replace(self._context, batch=batch), *self._timeouts)
+
     @contextmanager
     def lend_session(self) -> Iterator[AvSession]:
         """Lend this thread a session, with an AV process of its own."""
         try:
             session = self._free.get_nowait()
         except queue.Empty:
-            session = AvSession(self.spec, self._context, *self._timeouts)
+            session = self.new_session(self.batch)
         try:
             yield session
         except BaseException:
@@ -212,8 +225,7 @@ class ForeignAv:
                         continue
                 if census.on:
                     total.add(counts)
-        with self._lock:
-            self._driven += count
+        self.note_driven(count)
         return out, total
 
     def _narrow(
@@ -225,7 +237,7 @@ class ForeignAv:
         if spoiled.certain or len(group) == 1:
             for test in suspects:
                 _clear(out, test - first)
-                self._note(seed, Fault(test, spoiled.what, spoiled.message))
+                self.note(seed, Fault(test, spoiled.what, spoiled.message))
         elif spoiled.what == "hung" or len(suspects) == 1:  # a hang costs the whole time limit: look once at each
             groups += [[test] for test in reversed(suspects)]
         else:
@@ -233,7 +245,17 @@ class ForeignAv:
             groups += [suspects[half:], suspects[:half]]
         return groups
 
-    def _note(self, seed: int, fault: Fault) -> None:
+    def note_driven(self, tests: int) -> None:
+        """Note that so many more tests were driven."""
+        with self._lock:
+            self._driven += tests
+
+    def note(self, seed: int, fault: Fault) -> None:
+        """Note a fault in a test of a seed.
+
+        Raises:
+            AvFaultError: There are too many faults.
+        """
         with self._lock:
             self.faults[seed, fault.test] = fault
             n = len(self.faults)
@@ -314,14 +336,13 @@ class ForeignAv:
         Raises:
             _SpoiledError: The group must begin anew.
         """
-        message = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
         spoiled = sorted(int(test) for test in batch.worlds.state["test"][bad, 0])
         if census.on:
             left = [test for test in group if test not in spoiled]
-            raise _SpoiledError("answer", message, spoiled, left, certain=True)
+            raise _SpoiledError("answer", UNUSABLE, spoiled, left, certain=True)
         for test in spoiled:
             _clear(out, test - first)
-            self._note(seed, Fault(test, "answer", message))
+            self.note(seed, Fault(test, "answer", UNUSABLE))
             finished.add(test)
         lockstep.stop(batch, bad)
 
@@ -330,6 +351,11 @@ class ForeignAv:
     def keep_scripts(self) -> None:
         """Keep the answers of crashed tests from now on, so that recording one need not ask the AV again."""
         self._keeps_scripts = True
+
+    def forget_scripts(self) -> None:
+        """Forget the answers that were kept: tests of the same names will be driven in another setting."""
+        with self._lock:
+            self._scripts.clear()
 
     def _keep_script(self, seed: int, test: int, script: NDArray[np.float64]) -> None:
         with self._lock:
@@ -397,8 +423,13 @@ def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
     return found
 
 
+def answers_per_second(setting: Setting) -> int:
+    """Compute how often the AV answers in a second."""
+    return -(-SUBSTEPS // int(setting.road.av_substeps))
+
+
 def _most_answers(setting: Setting) -> int:
-    return int(setting.road.max_decisions) * -(-SUBSTEPS // int(setting.road.av_substeps))
+    return int(setting.road.max_decisions) * answers_per_second(setting)
 
 
 def _clear(out: Outcomes, k: int) -> None:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cornerforge.foreign.driver import answers_per_second
 from cornerforge.foreign.session import Steps
-from cornerforge.sim import NATURAL, SCRIPTED, SUBSTEPS, Recorder, World, lockstep, ordered_lane
+from cornerforge.sim import NATURAL, OUTSIDE, SCRIPTED, Recorder, World, lockstep, ordered_lane, warn_of_left_out
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,11 +40,9 @@ class ForeignRecorder(Recorder):
         self._answer(seed, test, self._setting, self._av.script(self._setting, slots, seed, test))
 
     def _answer(self, seed: int, test: int, setting: Setting, answers: NDArray[np.float64]) -> None:
-        batch = batch_of(self._world)
-        lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
-        steps = Steps(setting, self._world.vehicles.size, batch, self._keep)
-        for answer in answers:
-            steps.act(answer[None])
+        setting = setting.with_drivers(av=OUTSIDE)
+        lockstep.drive_answered(self._world, seed, test, answers, setting, self._scratch, self._keep)
+        warn_of_left_out(self._scratch)
 
     def record_branch(
         self, seed: int, test: int, actions: NDArray[np.int8], answers: NDArray[np.float64] | None = None
@@ -88,7 +87,7 @@ class ScriptedSeconds:
     def _answers(self, world: World, setting: Setting) -> NDArray[np.float64]:
         """Look up the AV's answers within the second that begins."""
         state = world.state[0]
-        per_second = -(-SUBSTEPS // int(setting.road.av_substeps))
+        per_second = answers_per_second(setting)
         begin = int(state["decisions"]) * per_second
         script = self._av.script(setting, self._slots, int(state["seed"]), int(state["test"]))
         return script[begin : begin + per_second]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError
 from cornerforge.execution import is_given_up
-from cornerforge.foreign.driver import ForeignAv, seeds_of, usable
+from cornerforge.foreign.driver import UNUSABLE, ForeignAv, seeds_of, usable
 from cornerforge.foreign.interface import VIEW_SHAPE
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession
@@ -231,8 +231,7 @@ class _Growing:
             raise self._fault(f"in one of the tests {_some(tests[seats.row[asked]])} it {failure}") from failure
         bad = live[~usable(answers[live])]
         if bad.size:
-            what = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
-            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {what}")
+            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {UNUSABLE}")
         seats.memory[seats.row == _NOTHING] = _NOTHING  # the AV was shown zeros there: who knows what it makes of them
         if shown.size:
             self._go_over(shown, moments, answers)

@@ -18,20 +18,10 @@ from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
-from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn
+from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn, training_faults
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Plausibility, as_json, from_json
 from cornerforge.results.cases import NaturalPlausibility, PlausibilityRow, PlausibilityRun
-from cornerforge.sim import (
-    allocate_decisions,
-    allocate_outcomes,
-    allocate_scratch,
-    allocate_worlds,
-    drive_range,
-    keep_nothing,
-    warn_of_left_out,
-    world_of,
-)
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 __all__ = ["BUDGETS_NATS", "plausibility", "plausibility_text"]
@@ -85,7 +75,7 @@ def plausibility(
     if decisions is not None:
         config = replace(config, decisions=check_integer("decisions", decisions, low=1, high=10**12))
     options = WorldOptions(**world)
-    natural = experiment(options)
+    natural = experiment(options, takes_foreign=True, seed=seed)
     folder = Path(out)
     identity = {
         **natural.identity(seed),
@@ -102,7 +92,7 @@ def plausibility(
     masks += [(None, True), (None, False)]
     rows = []
     for budget, bounded in masks:
-        run = experiment(options, bv="uniform", bounded=bounded, budget=budget)
+        run = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)
         runs = tuple(
             _one(folder, run, config, seed + k, seed, tests, n_threads, progress, options)
             for k in range(seeds)
@@ -126,12 +116,13 @@ def _one(
         return from_json(PlausibilityRun, read_json_file(done))
     policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
     save_policy(policy, folder / f"{mask}-{train_seed}.safetensors")
-    hostile = experiment(world, policy=policy)
+    hostile = experiment(world, policy=policy, takes_foreign=True, seed=seed)
     found = PlausibilityRun(
         train_seed=train_seed,
         decisions=result.decisions,
         seconds=round(result.seconds, 3),
         policy_hash=policy_hash(policy),
+        av_faults=training_faults(run),
         **vars(evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)),
         **_likelihood(hostile, tests, seed, threads, progress),
     )
@@ -159,21 +150,15 @@ def _likelihood(run: Experiment, tests: int, seed: int, threads: int, progress: 
 
 def _natural(run: Experiment, seed: int) -> NaturalPlausibility:
     """Measure how plausible natural drivers are: the BV nearest to the AV in each second, over whole tests."""
-    setting, slots = run.setting, run.slots
-    world, scratch = world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy)
-    decisions = allocate_decisions(setting.road.max_decisions, slots)
-    keep = keep_nothing(slots)._replace(decisions=decisions)
-    out, count = allocate_outcomes(1), 0
+    recorder, count = run.recorder(), 0
     log_prob = shortfall = 0.0
     for test in range(EVALUATION_TESTS, EVALUATION_TESTS + _NATURAL_TESTS):
-        drive_range(seed, test, setting, world, scratch, keep, out)
-        n = int(out.decisions[0])
-        count += n
-        log_prob += float(decisions.log_prob[:n].sum())
+        driven = recorder.record(seed, test)
+        count += driven.log_prob_nde.size
+        log_prob += float(driven.log_prob_nde.sum())
         # A natural driver may overlook a neighbour, which is impossible for an attentive one.
-        falls = decisions.shortfall[:n]
+        falls = np.array(driven.shortfall)
         shortfall += float(falls[np.isfinite(falls)].sum())
-    warn_of_left_out(scratch)
     return NaturalPlausibility(
         tests=_NATURAL_TESTS,
         log_prob_per_decision=log_prob / count,

@@ -36,6 +36,7 @@ from cornerforge.pipeline.train import (
     learn,
     measure_baselines,
     point_seconds,
+    training_faults,
 )
 from cornerforge.results import Analysed, Filled, NaturalRate, RunDone, Simulated, as_json, from_json
 from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
@@ -185,6 +186,7 @@ def _train(
         seconds=round(result.seconds, 3),
         preset=config.preset,
         policy_hash=policy_hash(policy),
+        av_faults=training_faults(run),
     )
     return _Trained(learned, tuple(point_seconds(result)))
 
@@ -261,12 +263,13 @@ def run(
     check_integer("seed", seed, low=0, high=2**32 - 1)
     check_threads(threads)
     options = WorldOptions(**world)
-    natural = experiment(options)
-    plain = experiment(options, bv="uniform", bounded=bounded, budget=budget)
+    natural = experiment(options, takes_foreign=True, seed=seed)
+    plain = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)
     identity = _identity(plain, effort, seed)
     open_output(folder, identity, resume=resume)
     once = _Stages(folder).do
     nde = once("nde", _Counted, lambda: _count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
+    natural.rest()
     often = once(
         "natural",
         NaturalRate,
@@ -281,7 +284,8 @@ def run(
     checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, _train_config(size), seed)
     trained = once("train", _Trained, lambda: _train(plain, size, checkpoint, folder, seed, threads, progress))
     checkpoint.remove()
-    hostile = experiment(options, policy=load_policy(folder / "policy.safetensors"))
+    policy = load_policy(folder / "policy.safetensors")
+    hostile = experiment(options, policy=policy, takes_foreign=True, seed=seed)
     tests = size.evaluation_tests
     evaluation = once(
         "evaluate", Yield, lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)

@@ -79,6 +79,11 @@ class Experiment:
     foreign: ForeignAv | None = None
 
     @property
+    def av_hash(self) -> str:
+        """Hash of the AV: of its parameters, or of a foreign AV's source or file."""
+        return av_hash(self.av) if self.foreign is None else self.foreign.hash
+
+    @property
     def drive(self) -> DriveChunk:
         """Return the function that drives a range of tests."""
         return drive_chunk if self.foreign is None else self.foreign
@@ -89,6 +94,11 @@ class Experiment:
             self.foreign.warm_up(self.setting, self.slots)
         else:
             warm_up(self.setting, self.slots)
+
+    def rest(self) -> None:
+        """End the processes of a foreign AV; when it drives again, new ones are started."""
+        if self.foreign is not None:
+            self.foreign.close()
 
     def recorder(self) -> Recorder:
         """Return the recorder of tests; it serves one thread."""
@@ -108,7 +118,7 @@ class Experiment:
             "odd": self.odd.name,
             "lanes": self.odd.n_lanes,
             "av": self.av.name,
-            "av_hash": av_hash(self.av) if self.foreign is None else self.foreign.hash,
+            "av_hash": self.av_hash,
             "model_hash": model_hash(self.model),
             "bv": self.bv,
             "bounded": self.bounded,
@@ -261,8 +271,8 @@ def experiment(
     road = road or road_of(world)
     if is_foreign(av) and not takes_foreign:
         raise InputError(
-            f"The AV {av} is not built in, and this command takes built-in ones only. What you can do: train on a "
-            f"built-in AV, then: cornerforge generate --policy P.safetensors --av {av}"
+            f"The AV {av} is not built in, and built-in ones only are taken here. To train an adversary against it: "
+            f"cornerforge train --av {av} --out P.safetensors"
         )
     if is_foreign(av) and is_spread():
         raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")

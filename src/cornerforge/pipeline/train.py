@@ -7,14 +7,15 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+import numpy as np
+
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
-from cornerforge.drivers.avs import av_hash
 from cornerforge.errors import OutputError
 from cornerforge.ndd.model import model_hash
-from cornerforge.pipeline.counting import rate_summary
+from cornerforge.pipeline.counting import check_not_all_spoiled, rate_summary
 from cornerforge.pipeline.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
@@ -26,7 +27,10 @@ from cornerforge.sim import ADVERSARIES, NO_CAST, Tally, crashed_tests, judge_cr
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from cornerforge.adversary.train import CurvePoint, TrainResult
+    from cornerforge.sim import RewardNumbers
 
 __all__ = [
     "BASELINES",
@@ -41,6 +45,7 @@ __all__ = [
     "point_seconds",
     "provenance_beside",
     "train",
+    "training_faults",
     "write_provenance_beside",
 ]
 
@@ -58,7 +63,7 @@ def _about(run: Experiment, config: TrainConfig, result: TrainResult, seed: int)
         "seed": seed,
         "odd": run.odd.stated(),
         "av": run.av.name,
-        "av_hash": av_hash(run.av),
+        "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         "decisions": result.decisions,
         "updates": result.updates,
@@ -115,7 +120,7 @@ def checkpoint_beside(policy: Path, run: Experiment, config: TrainConfig, seed: 
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
-        "av_hash": av_hash(run.av),
+        "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         **{f"train.{name}": value for name, value in asdict(config).items()},
         **{f"odd.{name}": value for name, value in run.odd.stated().items()},
@@ -149,10 +154,12 @@ def learn(
     """Train on an experiment (`bounded` and `budget` give the mask), or go on from the checkpoint."""
     from cornerforge.adversary.train import train_adversary
 
+    run.rest()  # a training has processes of its own
     result = train_adversary(
         run.setting,
         run.slots,
         config,
+        av=run.foreign,
         seed=seed,
         threads=check_threads(threads),
         max_seconds=max_seconds,
@@ -161,6 +168,11 @@ def learn(
     )
     policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed), run.budget)
     return policy, result
+
+
+def training_faults(run: Experiment) -> int:
+    """Count the tests of a training that were abandoned because the foreign AV failed in them."""
+    return 0 if run.foreign is None else sum(test < EVALUATION_TESTS for _, test in run.foreign.faults)
 
 
 def evaluate(
@@ -184,24 +196,36 @@ def evaluate(
     """
     tally, crashed = Tally(), []
     n_threads = check_threads(threads)
+    if run.foreign is not None:
+        run.foreign.keep_scripts()  # crashes are judged by what the AV answered
+        run.foreign.forget_scripts()
     for first, out, counts in simulate_chunks(
-        run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=n_threads
+        run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=n_threads, drive=run.drive
     ):
         tally.add(out, counts)
         crashed += crashed_tests(first, out)
-        progress("evaluate", tally.tests, tests)
-    braking = reward_numbers("avoidable", delay_s).braking
-    strikes, avoidable = judge_crashes(
-        run.setting, run.slots, seed=seed, tests=crashed, braking=braking, threads=n_threads
-    )
+        progress("evaluate", tally.tests + tally.av_faults, tests)
+    check_not_all_spoiled(run, tally.tests, tests)
+    strikes, avoidable = _judge(run, seed, crashed, reward_numbers("avoidable", delay_s), n_threads)
     n_avoidable, n_strikes = int(avoidable.sum()), int(strikes.sum())
     return Yield(
         **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
-        avoidable_per_test=n_avoidable / tests,
-        avoidable_interval95=binomial_interval(n_avoidable, tests),
+        avoidable_per_test=n_avoidable / tally.tests,
+        avoidable_interval95=binomial_interval(n_avoidable, tally.tests),
         striking_share=n_strikes / len(crashed) if crashed else None,
         striking_interval95=binomial_interval(n_strikes, len(crashed)) if crashed else None,
     )
+
+
+def _judge(
+    run: Experiment, seed: int, crashed: list[int], reward: RewardNumbers, threads: int
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Judge crashed tests: did the AV strike, would braking have avoided the crash? Bool (n,) each."""
+    if run.foreign is None:
+        return judge_crashes(run.setting, run.slots, seed=seed, tests=crashed, braking=reward.braking, threads=threads)
+    recorder = run.recorder()
+    judged = np.array([recorder.judge(seed, test, reward.braking) for test in crashed], dtype=np.bool_).reshape(-1, 2)
+    return judged[:, 0], judged[:, 1]
 
 
 def measure_baselines(
@@ -286,7 +310,7 @@ def train(
         if decisions is None:
             config = replace(config, decisions=10**12)  # only the time ends it
     options = WorldOptions(**world)
-    run = experiment(options, bv="uniform")
+    run = experiment(options, bv="uniform", takes_foreign=True, seed=seed)
     check_new_file(path, overwrite=resume)
     checkpoint = checkpoint_beside(path, run, config, seed)
     check_new_file(checkpoint.path, overwrite=True)
@@ -313,7 +337,7 @@ def train(
         write_provenance_beside(path, run, result, seed)
         seconds = result.seconds
     checkpoint.remove()
-    trained = experiment(options.without_mask(), policy=policy)
+    trained = experiment(options.without_mask(), policy=policy, takes_foreign=True, seed=seed)
     measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "threads": threads}
     about: Any = policy.about
     return Trained(
@@ -329,6 +353,7 @@ def train(
         baselines=measure_baselines(run, **measured, progress=progress),
         policy_hash=policy_hash(policy),
         kept=kept,
+        av_faults=training_faults(run),
         out=str(path),
     )
 
@@ -344,7 +369,7 @@ def _check_same(policy: Policy, run: Experiment, config: TrainConfig, seed: int,
         "seed": seed,
         "bounded": run.bounded,
         "budget": run.budget,
-        "av_hash": av_hash(run.av),
+        "av_hash": run.av_hash,
         "model_hash": model_hash(run.model),
         "train": asdict(config),
         "odd": run.odd.stated(),

@@ -14,12 +14,14 @@ from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.fields import HISTORY_SHAPE
 from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.counting import check_not_all_spoiled
 from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Varied, from_json
 from cornerforge.results.cases import VarietyRow
+from cornerforge.sim import AV_FAULT
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = ["VARIETY_TESTS", "variety"]
@@ -73,7 +75,7 @@ def variety(
         ways += [(list(policies), way) for way in ("greedy", acting)]
     rows = []
     for names, way in ways:
-        run = experiment(options, bv=[str(name) for name in names], acting=way)
+        run = experiment(options, bv=[str(name) for name in names], acting=way, takes_foreign=True, seed=seed)
         what = names[0] if len(names) == 1 else f"mixture of {len(names)}"
         rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, n_threads, progress))
     return Varied(rows=tuple(rows), first_test=VARIETY_TESTS)
@@ -116,16 +118,18 @@ def _library_row(path: Path, seed: int) -> VarietyRow:
 
 
 def _generated_row(run: Experiment, name: str, tests: int, seed: int, threads: int, progress: Progress) -> VarietyRow:
-    poses, sizes = [], []
+    poses, sizes, valid = [], [], 0
     for done, harvested in harvest_tests(run, seed, VARIETY_TESTS, tests, threads):
         flat = harvested.cases.column("history").combine_chunks().flatten().to_numpy()
         poses.append(flat.reshape(-1, *HISTORY_SHAPE)[:, 0].astype(np.float64))
         sizes.append(np.stack([harvested.cases.column(f"bv_{side}_m").to_numpy() for side in ("length", "width")]))
+        valid += int((harvested.outcomes.code != AV_FAULT).sum())
         progress(f"variety ({name})", done, tests)
+    check_not_all_spoiled(run, valid, tests)
     pose, partner = np.concatenate(poses), np.concatenate(sizes, axis=1)
     of_car = (run.odd.vehicle_length, run.odd.vehicle_width)
     size = tuple(np.stack([np.full(len(pose), car), bv], axis=1) for car, bv in zip(of_car, partner, strict=True))
-    return _row(name, tests, len(pose), pose, size, seed)
+    return _row(name, valid, len(pose), pose, size, seed)
 
 
 def variety_text(result: Varied) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from cornerforge.results.learning import BOUNDED, BUDGET, POLICY_HASH
+from cornerforge.results.learning import AV_FAULTS, BOUNDED, BUDGET, POLICY_HASH
 from cornerforge.results.rates import Interval, Yield
 from cornerforge.results.stating import meant
 
@@ -146,6 +146,7 @@ class _PlausibilityTraining:
     decisions: int = field(metadata=meant("Decisions learnt from."))
     seconds: float = field(metadata=meant("Wall-clock of the training.", "s"))
     policy_hash: str = field(metadata=POLICY_HASH)
+    av_faults: int = field(metadata=AV_FAULTS)
 
 
 @dataclass(frozen=True, kw_only=True)

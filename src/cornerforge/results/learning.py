@@ -13,6 +13,7 @@ __all__ = ["Baseline", "Learned", "LearnedPolicy", "Trained", "TrainedAv", "Trai
 POLICY_HASH = meant("Hash of the policy; what it made bears it.")
 BOUNDED = meant("Only actions that the naturalistic model calls possible.")
 BUDGET = meant("Likelihood budget of a test; null: none.", "nats")
+AV_FAULTS = meant("Tests of the training that were abandoned because an AV from outside failed in them.")
 PRESET = meant('Settings of the training, "fast" or "paper".')
 
 
@@ -31,6 +32,7 @@ class LearnedPolicy(Learned):
 
     preset: str = field(metadata=PRESET)
     policy_hash: str = field(metadata=POLICY_HASH)
+    av_faults: int = field(metadata=AV_FAULTS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +66,7 @@ class Trained(Yield, _Training):
     baselines: tuple[Baseline, ...] = field(metadata=meant("Plain adversaries and nobody, on the same tests."))
     policy_hash: str = field(metadata=POLICY_HASH)
     kept: bool = field(metadata=meant("A finished policy of the same training was there, and only measured again."))
+    av_faults: int = field(metadata=AV_FAULTS)
     out: str = field(metadata=meant("File of the policy."))
 
 

@@ -24,14 +24,14 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 - *Trees* (`Plan`, `Forest`; `trees`, `grove`, `lessons`, `danger`: modules): worlds are copied where something
   dangerous may happen, or drawn from proposals that favour it, and weighted, so that rare crashes are found without
   changing their rate.
-- *Training*: rewards, and transitions of many worlds for learners of the adversary (`collect`) and of the AV
-  (`collect_av`).
+- *Training*: rewards, and transitions of many worlds for learners of the adversary (`collect`; `drive_bv_outside`, a
+  module, for AVs in other processes) and of the AV (`collect_av`).
 
 Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scratch`; `keep`; `loop`. Within the loop:
 `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av` and `av_kinds`
 (built-in AVs), `actions`, `step` and `reach` (motion and contact), `neighbours`. Views: `observe`, `av_view`,
-`av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`, `agents`, `drive_bv`, `drive_av`;
-`harvest`, `recorder`, `judge`.
+`av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`, `agents`, `drive_bv`,
+`drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
 Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`, `forest`, `tilt`, `trees`,
 `grove`. What the adversary is
 paid for: `rewards`, `braking`.
@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.sim import agents, danger, grove, lessons, lockstep, statistics, trees
+    from cornerforge.sim import agents, danger, drive_bv_outside, grove, lessons, lockstep, statistics, trees
     from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, hold, ordered_lane, start_lane_change
     from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
     from cornerforge.sim.av_kinds import DECIDES_EVERY, built_in_av_decides
@@ -64,6 +64,7 @@ if TYPE_CHECKING:
         start_av_worlds,
     )
     from cornerforge.sim.drive_bv import (
+        Actors,
         Exploring,
         Transitions,
         allocate_actors,
@@ -159,18 +160,19 @@ __all__ = [
     "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST",
     "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "REWARDS", "ROOT",
     "RUNNING", "SCRIPTED", "SIGHT", "START_FIELDS", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS",
-    "VIEW_ROWS", "AvReward", "Buffers", "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep",
-    "Outcomes", "Plan", "Recorder", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt",
-    "Transitions", "World", "action_probabilities", "advance", "agents", "all_current", "allocate_actors",
-    "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves",
-    "allocate_nursery", "allocate_outcomes", "allocate_recording", "allocate_scratch", "allocate_starter_scratch",
-    "allocate_windows", "allocate_worlds", "answer_as_av", "answer_as_bv", "arrays_of", "average_traits", "branch_of",
-    "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
-    "danger", "drive_chunk", "drive_chunk_by_window", "drive_range", "grove", "harvest_range", "hold", "is_full",
-    "judge_crashes", "keep_nothing", "keep_whole_test", "lateral_plan", "lessons", "lockstep", "manoeuvre_begin",
-    "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of", "reset_world", "reward_numbers", "scenario_digest",
-    "scripted_start", "simulate", "simulate_chunks", "start_av_worlds", "start_lane_change", "start_worlds",
-    "statistics", "tree_of", "trees", "unpacked", "warm_up", "warn_of_left_out", "world_of", "write_outcome",
+    "VIEW_ROWS", "Actors", "AvReward", "Buffers", "Controllers", "DriveChunk", "Ending", "Exploring", "Forest",
+    "Harvest", "Keep", "Outcomes", "Plan", "Recorder", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting",
+    "Tally", "Tilt", "Transitions", "World", "action_probabilities", "advance", "agents", "all_current",
+    "allocate_actors", "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history",
+    "allocate_leaves", "allocate_nursery", "allocate_outcomes", "allocate_recording", "allocate_scratch",
+    "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av", "answer_as_bv", "arrays_of",
+    "average_traits", "branch_of", "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av",
+    "copy_of", "crashed_tests", "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range",
+    "grove", "harvest_range", "hold", "is_full", "judge_crashes", "keep_nothing", "keep_whole_test", "lateral_plan",
+    "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of",
+    "reset_world", "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
+    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "tree_of", "trees", "unpacked", "warm_up",
+    "warn_of_left_out", "world_of", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -229,12 +231,14 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "braking": ("manoeuvre_begin", "lateral_plan"),
     # training
     "rewards": ("REWARDS", "RewardNumbers", "reward_numbers"),
-    "drive_bv": ("Exploring", "Transitions", "allocate_actors", "allocate_history", "collect", "start_worlds"),
+    "drive_bv": (
+        "Actors", "Exploring", "Transitions", "allocate_actors", "allocate_history", "collect", "start_worlds",
+    ),
     "drive_av": ("AV_DECISIONS", "HOSTILE", "AvReward", "allocate_av_actors", "collect_av", "start_av_worlds"),
     # trees
     "forest": ("Plan", "Tilt", "Forest", "ROOT", "allocate_leaves", "allocate_nursery", "tree_of"),
     # modules
-    "": ("lockstep", "agents", "statistics", "trees", "grove", "lessons", "danger"),
+    "": ("lockstep", "drive_bv_outside", "agents", "statistics", "trees", "grove", "lessons", "danger"),
 }  # fmt: skip
 """By module, the names that it gives; modules that are given as a whole come last."""
 

@@ -1,7 +1,8 @@
 """One second of driving as a learning step of the adversary, compiled; `drive_av.py` is the same for the AV.
 
 The adversary stands outside the loop: the critical BV is TOLD what to do (`setting.Controllers.critical`), by training,
-which chooses here (`collect`), or by an environment's agent (`act_as_bv`).
+which chooses here (`collect`; with an AV outside the kernels `drive_bv_outside`), or by an environment's agent
+(`act_as_bv`).
 """
 
 from __future__ import annotations
@@ -16,13 +17,24 @@ from cornerforge.road.straight import ahead_by
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.judge import judge_crash
 from cornerforge.sim.keep import Keep, keep_nothing
-from cornerforge.sim.loop import BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
+from cornerforge.sim.lockstep import answer_with
+from cornerforge.sim.loop import AV_MUST_ANSWER, BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
-from cornerforge.sim.setting import SWERVE, UNIFORM
+from cornerforge.sim.setting import OUTSIDE, SWERVE, UNIFORM
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, forget_frames
 from cornerforge.sim.traffic import reset_world
-from cornerforge.sim.world import AV_CRASH, BV_CRASH, RUNNING, World, allocate_worlds, moment_of, world_of, world_row
+from cornerforge.sim.world import (
+    AV_CRASH,
+    AV_FAULT,
+    BV_CRASH,
+    RUNNING,
+    World,
+    allocate_worlds,
+    moment_of,
+    world_of,
+    world_row,
+)
 from cornerforge.types import ACTION_LEFT, ACTION_RIGHT, FIRST_ACCELERATION, N_ACTIONS
 
 if TYPE_CHECKING:
@@ -40,9 +52,12 @@ __all__ = [
     "History",
     "Transitions",
     "act_as_bv",
+    "advance_again",
     "allocate_actors",
     "allocate_history",
+    "choose",
     "collect",
+    "settle",
     "start_worlds",
 ]
 
@@ -59,24 +74,32 @@ class Transitions(NamedTuple):
 
 
 class History(NamedTuple):
-    """The critical BV's actions in B worlds since their tests began, and memory to drive one of these tests again.
+    """What was decided in B worlds since their tests began, and memory to drive one of these tests again.
 
     Attributes:
         action: Action of the critical BV at each decision, (B, decisions).
+        answers: Answers of an AV outside the kernels, as `lockstep.answer_with` takes them, (B, answers, 2); (B, 0, 2)
+            for others.
+        answered: How many of them were given, int64 (B,).
         world: One world to drive in.
         keep: Holds the frames of one whole test.
     """
 
     action: NDArray[np.int8]
+    answers: NDArray[np.float64]
+    answered: NDArray[np.int64]
     world: World
     keep: Keep
 
 
 def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
     """Allocate the history of `n_worlds` worlds of `slots` vehicle slots."""
-    decisions = setting.road.max_decisions
+    decisions = int(setting.road.max_decisions)
+    answers = decisions * -(-SUBSTEPS // int(setting.road.av_substeps)) if setting.who.av == OUTSIDE else 0
     return History(
         np.zeros((n_worlds, decisions), dtype=np.int8),
+        np.zeros((n_worlds, answers, 2)),
+        np.zeros(n_worlds, dtype=np.int64),
         world_of(allocate_worlds(1, slots)),
         keep_nothing(slots)._replace(recording=allocate_recording(SUBSTEPS * decisions + 1, slots)),
     )
@@ -137,6 +160,7 @@ def allocate_actors(n_worlds: int, setting: Setting, slots: int, n_inputs: int) 
 @kernel
 def _start_world(seed: int, test: int, b: int, setting: Setting, s: Scratch, actors: Actors) -> None:
     """Put world b at the start of a test, or of the next of its series that has a BV; fill observation and mask."""
+    actors.history.answered[b] = 0
     w = world_row(actors.worlds, b)
     reset_world(w, seed, test, setting)
     while look_as_bv(w, setting, s, actors.observation[b], actors.allowed[b]) < 0:
@@ -166,14 +190,29 @@ def _copy_view(
 
 
 @kernel
+def advance_again(history: History, b: int, w: World, setting: Setting, s: Scratch, keep: Keep) -> int:
+    """Move on a world that drives world b's test once more, until an AV outside must answer or the test is over.
+
+    Its critical BV does what it did. Returns AV_MUST_ANSWER or OVER.
+    """
+    must: int = advance(w, setting, s, keep, NEVER)
+    while must == BV_MUST_ANSWER:
+        answer_as_bv(w, history.action[b, w.state[0].decisions])
+        must = advance(w, setting, s, keep, NEVER)
+    return must
+
+
+@kernel
 def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratch) -> None:
-    """Drive the test that has just ended in `w` once more, with the same actions, and record it."""
+    """Drive the test that has just ended in `w` once more, with the same decisions, and record it."""
     again = history.world
     recording = history.keep.recording
     forget_frames(recording, w.state[0].frame + 1, again.vehicles.size)
     reset_world(again, w.state[0].seed, w.state[0].test, setting)
-    while advance(again, setting, s, history.keep, NEVER) == BV_MUST_ANSWER:
-        answer_as_bv(again, history.action[b, again.state[0].decisions])
+    k = 0
+    while advance_again(history, b, again, setting, s, history.keep) == AV_MUST_ANSWER:
+        answer_with(again, history.answers[b, k, 0], history.answers[b, k, 1], setting.road)
+        k += 1
 
 
 @kernel
@@ -255,13 +294,46 @@ def _guided_action(w: World, bv: int, exploring: Exploring, s: ChoiceScratch) ->
 
 
 @kernel
-def _choose(w: World, b: int, exploring: Exploring, s: ChoiceScratch) -> int:
-    """Choose the action of world b's critical BV, by the policy or by exploring."""
+def choose(b: int, exploring: Exploring, actors: Actors, s: ChoiceScratch, out: Transitions) -> int:
+    """Choose the action of world b's critical BV, by the policy or by exploring, and note it with what the BV sees."""
+    w = world_row(actors.worlds, b)
+    _copy_view(actors.observation[b], actors.allowed[b], s.observation, s.allowed)
+    _copy_view(actors.observation[b], actors.allowed[b], out.observation[b], s.allowed)
     bv = nearest_bv(w)
     if b < exploring.guided:
-        return _guided_action(w, bv, exploring, s)
-    action: int = choose_action(w, bv, exploring.kind, exploring.epsilon, exploring.policy, s)
+        action: int = _guided_action(w, bv, exploring, s)
+    else:
+        action = choose_action(w, bv, exploring.kind, exploring.epsilon, exploring.policy, s)
+    out.action[b] = action
+    actors.history.action[b, w.state[0].decisions] = action
     return action
+
+
+@kernel
+def settle(
+    b: int, exploring: Exploring, setting: Setting, reward: RewardNumbers, actors: Actors, s: Scratch, out: Transitions
+) -> None:
+    """Complete the transition of world b, whose second is over, and start the next test if due.
+
+    The next test is the one with its number plus the number of worlds. A test in which an AV outside failed (AV_FAULT)
+    ends with reward 0 and is not counted.
+    """
+    w = world_row(actors.worlds, b)
+    observation, allowed = actors.observation[b], actors.allowed[b]
+    paid = _reward_of(w, b, setting, reward, actors.history, s)
+    out.reward[b] = paid
+    code = w.state[0].outcome
+    ended = code != RUNNING or look_as_bv(w, setting, s, observation, allowed) < 0
+    out.end[b] = ended
+    if ended:
+        if b >= exploring.guided and code != AV_FAULT:
+            finished = actors.finished[0]
+            finished.tests += 1
+            finished.av_crashes += code == AV_CRASH
+            finished.bv_crashes += code == BV_CRASH
+            finished.paid += code == AV_CRASH and paid > 0.0
+        _start_world(w.state[0].seed, w.state[0].test + actors.allowed.shape[0], b, setting, s, actors)
+    _copy_view(observation, allowed, out.next_observation[b], out.next_allowed[b])
 
 
 @kernel
@@ -270,8 +342,6 @@ def collect(
     out: Transitions,
 ) -> None:  # fmt: skip
     """Drive the first n worlds for one decision: choose, drive 1 s, store the transition, start the next test if due.
-
-    A world whose test is over starts the test with its number plus the number of worlds.
 
     Args:
         n: 0 (to compile) or the number of worlds.
@@ -283,26 +353,8 @@ def collect(
         keep: Nothing is kept.
         out: Row b receives world b's transition.
     """
-    worlds = actors.allowed.shape[0]
-    finished = actors.finished[0]
-    c = s.choice
     for b in range(n):
         w = world_row(actors.worlds, b)
-        observation, allowed = actors.observation[b], actors.allowed[b]
-        _copy_view(observation, allowed, c.observation, c.allowed)
-        _copy_view(observation, allowed, out.observation[b], c.allowed)
-        action = _choose(w, b, exploring, c)
-        paid = act_as_bv(w, b, action, setting, reward, actors.history, s, keep)
-        out.action[b] = action
-        out.reward[b] = paid
-        code = w.state[0].outcome
-        ended = code != RUNNING or look_as_bv(w, setting, s, observation, allowed) < 0
-        out.end[b] = ended
-        if ended:
-            if b >= exploring.guided:
-                finished.tests += 1
-                finished.av_crashes += code == AV_CRASH
-                finished.bv_crashes += code == BV_CRASH
-                finished.paid += code == AV_CRASH and paid > 0.0
-            _start_world(w.state[0].seed, w.state[0].test + worlds, b, setting, s, actors)
-        _copy_view(observation, allowed, out.next_observation[b], out.next_allowed[b])
+        answer_as_bv(w, choose(b, exploring, actors, s.choice, out))
+        advance(w, setting, s, keep, NEVER)
+        settle(b, exploring, setting, reward, actors, s, out)

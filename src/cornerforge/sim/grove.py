@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lane
 from cornerforge.sim.av_view import view_of_av
-from cornerforge.sim.loop import AV_MUST_ANSWER, answer_as_av
+from cornerforge.sim.lockstep import answer_with
+from cornerforge.sim.loop import AV_MUST_ANSWER
 from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.trees import branch_out, drive_on, plant
 from cornerforge.sim.world import world_row
@@ -122,7 +122,6 @@ def answer(
     for k in range(rows.size):
         row = rows[k]
         w = world_row(forest.nursery.worlds, row)
-        command = min(max(answers[k, 0], LOWEST_COMMAND), HIGHEST_COMMAND)
-        answer_as_av(w, command, ordered_lane(w, 0, int(np.sign(answers[k, 1])), road))
+        answer_with(w, answers[k, 0], answers[k, 1], road)
         driven[k] = drive_on(row, forest) != AV_MUST_ANSWER
         grove.moves[row] = 0 if driven[k] else 1

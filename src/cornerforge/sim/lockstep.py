@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from cornerforge._jit import kernel
+from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lane
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
-from cornerforge.sim.loop import NEVER, OVER, advance, answer_as_av
+from cornerforge.sim.loop import AV_MUST_ANSWER, NEVER, OVER, advance, answer_as_av
 from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import IDLE, RUNNING, World, allocate_worlds, world_row
@@ -22,6 +22,7 @@ from cornerforge.sim.world import IDLE, RUNNING, World, allocate_worlds, world_r
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.keep import Keep
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
@@ -30,7 +31,9 @@ __all__ = [
     "Batch",
     "act",
     "allocate_batch",
+    "answer_with",
     "begin",
+    "drive_answered",
     "idle",
     "running",
     "see",
@@ -77,6 +80,13 @@ def begin(seed: int, chosen: NDArray[np.int64], tests: NDArray[np.int64], settin
         reset_world(world_row(batch.worlds, chosen[k]), seed, tests[k], setting)
 
 
+@inlined_kernel
+def answer_with(w: World, acceleration: float, order: float, road: RoadNumbers) -> None:
+    """Answer for an AV outside as it gave it: an acceleration [m/s2], cut to [-8, 2], and a lane order."""
+    command = min(max(acceleration, LOWEST_COMMAND), HIGHEST_COMMAND)
+    answer_as_av(w, command, ordered_lane(w, 0, int(np.sign(order)), road))
+
+
 @kernel
 def see(batch: Batch, setting: Setting, s: Scratch) -> None:
     """Write what the AV of each world sees into `batch.views`; zeros for idle worlds."""
@@ -115,13 +125,24 @@ def act(
         w = world_row(batch.worlds, b)
         if w.state[0].outcome != RUNNING:
             continue
-        command = answers[b, 0]
-        lane = int(answers[b, 1])
-        if not as_lanes:
-            command = min(max(command, LOWEST_COMMAND), HIGHEST_COMMAND)
-            lane = ordered_lane(w, 0, int(np.sign(answers[b, 1])), road)
-        answer_as_av(w, command, lane)
+        if as_lanes:
+            answer_as_av(w, answers[b, 0], int(answers[b, 1]))
+        else:
+            answer_with(w, answers[b, 0], answers[b, 1], road)
         if advance(w, setting, s, keep, NEVER) == OVER:
             done[ended] = b
             ended += 1
     return ended
+
+
+@kernel
+def drive_answered(
+    w: World, seed: int, test: int, answers: NDArray[np.float64], setting: Setting, s: Scratch, keep: Keep
+) -> None:
+    """Drive a test once more with the answers that its AV gave, (A, 2); it stops where more would be needed."""
+    reset_world(w, seed, test, setting)
+    for k in range(answers.shape[0]):
+        if advance(w, setting, s, keep, NEVER) != AV_MUST_ANSWER:
+            return
+        answer_with(w, answers[k, 0], answers[k, 1], setting.road)
+    advance(w, setting, s, keep, NEVER)

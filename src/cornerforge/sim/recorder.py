@@ -12,8 +12,10 @@ from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.fields import BODY, FRAME_FIELDS, REALS, SERIES
 from cornerforge.road.straight import road_numbers
+from cornerforge.sim.braking import Braking
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.harvest import NEAR_M, CaseName, Harvest, Recorded, allocate_harvest, keep_case, keep_driven
+from cornerforge.sim.judge import judge_crash
 from cornerforge.sim.keep import Decisions, Keep, keep_whole_test
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
 from cornerforge.sim.setting import Setting
@@ -74,6 +76,18 @@ class Recorder:
         """Copy what was driven last."""
         slots = np.arange(int(self._world.state["n_vehicles"][0]), dtype=np.int16)
         return scenario_of(self._world, self._keep, slots, self._odd, seed, test)
+
+    def judge(self, seed: int, test: int, braking: Braking) -> tuple[bool, bool]:
+        """Drive one test and judge its crash of the AV (`judge.judge_crash`); twice False where it holds none.
+
+        Returns:
+            Whether the AV struck, and whether braking would have avoided the crash.
+        """
+        self._record(seed, test)
+        if int(self._world.state["outcome"][0]) != AV_CRASH:
+            return False, False
+        strikes, avoidable = judge_crash(self._world, self._keep.recording, self._setting, braking)
+        return bool(strikes), bool(avoidable)
 
     def keep(self, seed: int, test: int, harvest: Harvest) -> None:
         """Drive one test that ends in a crash of the AV and append it to `harvest`, which must not be full.
