@@ -124,6 +124,14 @@ def _identity(run: Experiment) -> dict[str, str]:
     return {**own, "simulation": simulation_hash(), "trees": trees_hash()}
 
 
+def _simulations_of_the_same_bits() -> set[str]:
+    """Hashes of the simulation code that drives as today's does, as far as the ledger of counts has checked it."""
+    now, entry = simulation_hash(), read_ledger(LEDGER).get("idm-mobil-3-lanes")
+    if entry is None or entry.identity["simulation"] != now:
+        return {now}
+    return {now, *entry.earlier_simulations}
+
+
 def _is_of_today(entry: Mapping[str, Any] | None) -> bool:
     """Did an entry's trees grow as they grow now?"""
     return entry is not None and entry["identity"].get("trees") == trees_hash()
@@ -222,8 +230,8 @@ def main() -> int:
     if given.write and (fault := IN_DOCUMENT.missing_in(given.write)):
         parser.error(fault)
     kept: dict[str, Any] = read_json_file(OURS) if OURS.exists() else {"found": {}}
-    now = simulation_hash()
-    kept["found"] = {name: entry for name, entry in kept["found"].items() if entry["identity"]["simulation"] == now}
+    same = _simulations_of_the_same_bits()
+    kept["found"] = {name: entry for name, entry in kept["found"].items() if entry["identity"]["simulation"] in same}
     for setting in SETTINGS:
         wanted = any(fnmatch(setting.name, pattern) for pattern in given.only or ["*"])
         needs_data = setting.variation is not None and setting.variation.part == "fit" and not given.data
