@@ -109,9 +109,11 @@ def test_results_are_not_changed() -> None:
 
 
 def test_every_verb_returns_its_class() -> None:
-    """By their signatures."""
+    """By their signatures. `cornerforge.report` is the package of pages, so the function of `report` has another name."""
+    named = {"report": "make_report"}
     for verb, kind in VERBS.items():
-        said = getattr(cornerforge, verb.replace("-", "_").replace(" ", "_")).__annotations__["return"]
+        name = named.get(verb, verb.replace("-", "_").replace(" ", "_"))
+        said = getattr(cornerforge, name).__annotations__["return"]
         assert said == kind.__name__
 
 
