@@ -109,7 +109,7 @@ def test_results_are_not_changed() -> None:
 
 
 def test_every_verb_returns_its_class() -> None:
-    """By their signatures. `cornerforge.report` is the package of pages, so the function of `report` has another name."""
+    """By their signatures; `cornerforge.report` is the package of pages, so the function has another name."""
     named = {"report": "make_report"}
     for verb, kind in VERBS.items():
         name = named.get(verb, verb.replace("-", "_").replace(" ", "_"))
