@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import cornerforge
 from cornerforge import results
 from cornerforge.errors import FileFormatError
-from cornerforge.results import FILES, VERBS, NddValidated, Queried, Simulated, as_json, from_json
+from cornerforge.results import FILES, VERBS, NaturalRate, NddValidated, Queried, RunDone, Simulated, as_json, from_json
 from cornerforge.results.analysis import Cluster
 from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.rates import Rate
@@ -58,6 +58,12 @@ DRAWN: dict[type, st.SearchStrategy[Any]] = {
     TrainingCurve: st.builds(TrainingCurve, config=st.dictionaries(st.text(), VALUES)),
     # Its largest parts stay empty, or Hypothesis finds it too large; they are drawn as classes of their own.
     NddValidated: st.builds(NddValidated, distances=DISTANCES, traffic=st.just(())),
+    RunDone: st.builds(
+        RunDone,
+        natural=st.builds(NaturalRate, model_uncertainty=st.none()),
+        natural_cases=st.none(),
+        baselines=st.just(()),
+    ),
 }
 
 
