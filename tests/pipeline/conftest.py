@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,3 +45,19 @@ def reckless_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     often = np.full(21, 0.05, dtype=np.float32)
     save_model(replace(model, overlook=0.1, overlook_conflict=0.1, lc_base=often, memory=memory), path)
     return path
+
+
+@pytest.fixture
+def small_trees(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small parts, so that a test of trees takes seconds: a network that was taught little changes no rate."""
+    teaching = importlib.import_module("cornerforge.rates.teaching")
+    monkeypatch.setattr(teaching, "_EXPLORING", 200)
+    monkeypatch.setattr(teaching, "_ROUNDS", (300,))
+    monkeypatch.setattr(teaching, "TEACHING_TREES", 500)
+    monkeypatch.setattr(teaching, "_PILOT", 200)
+    monkeypatch.setattr(teaching, "_STEPS", 150)
+    rate = importlib.import_module("cornerforge.pipeline.rate")
+    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 2_000)
+    monkeypatch.setattr(rate, "PLAIN_TESTS", 4_000)
+    for module in (rate, importlib.import_module("cornerforge.pipeline.splitting")):
+        monkeypatch.setattr(module, "TREES", 500)

@@ -39,19 +39,8 @@ def world(careless: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(autouse=True)
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Small parts, so that a test takes seconds."""
-    teaching = importlib.import_module("cornerforge.rates.teaching")
-    monkeypatch.setattr(teaching, "_EXPLORING", 200)
-    monkeypatch.setattr(teaching, "_ROUNDS", (300,))
-    monkeypatch.setattr(teaching, "TEACHING_TREES", 500)
-    monkeypatch.setattr(teaching, "_PILOT", 200)
-    monkeypatch.setattr(teaching, "_STEPS", 150)
-    rate = importlib.import_module("cornerforge.pipeline.rate")
-    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 2_000)
-    monkeypatch.setattr(rate, "PLAIN_TESTS", 4_000)
-    for module in (rate, importlib.import_module("cornerforge.pipeline.splitting")):
-        monkeypatch.setattr(module, "TREES", 500)
+def small(small_trees: None, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001 - it patches
+    """Few trees of each model."""
     monkeypatch.setattr(model_draws, "_TREES_EACH", 500)
     monkeypatch.setattr(model_draws, "_TRAFFIC_TESTS", 2_000)
 

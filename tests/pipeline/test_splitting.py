@@ -29,20 +29,9 @@ def world(reckless_model: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(autouse=True)
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Small parts, so that a test takes seconds: a network that was taught little changes no rate."""
-    teaching = importlib.import_module("cornerforge.rates.teaching")
-    monkeypatch.setattr(teaching, "_EXPLORING", 200)
-    monkeypatch.setattr(teaching, "_ROUNDS", (300,))
-    monkeypatch.setattr(teaching, "TEACHING_TREES", 500)
-    monkeypatch.setattr(teaching, "_PILOT", 200)
-    monkeypatch.setattr(teaching, "_STEPS", 150)
-    rate = importlib.import_module("cornerforge.pipeline.rate")
-    monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.plain"), "_BLOCK", 2_000)
-    monkeypatch.setattr(rate, "PLAIN_TESTS", 4_000)
+def small(small_trees: None, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001 - it patches
+    """A rate may rest on few trees."""
     monkeypatch.setattr(importlib.import_module("cornerforge.pipeline.splitting"), "LEAST_TREES", 2_000)
-    for module in (rate, importlib.import_module("cornerforge.pipeline.splitting")):
-        monkeypatch.setattr(module, "TREES", 500)
 
 
 def untimed(found: NaturalRate) -> NaturalRate:
