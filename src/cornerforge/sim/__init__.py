@@ -33,8 +33,7 @@ Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scr
 `av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`, `agents`, `drive_bv`,
 `drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
 Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`, `forest`, `tilt`, `trees`,
-`grove`. What the adversary is
-paid for: `rewards`, `braking`.
+`grove`. What the adversary is paid for: `rewards`, `braking`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
 for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
