@@ -1,7 +1,7 @@
 """How dangerous a BV is to the AV at a moment: what is seen of both, and a small network that was taught by crashes.
 
 The number is used to decide which worlds are worth driving on, and never enters a rate by itself: a wrong one costs
-tests, not truth (docs/adr/0027-natural-rates.md).
+tests, not truth (docs/adr/0030-natural-rates.md).
 """
 
 from __future__ import annotations
