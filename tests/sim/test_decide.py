@@ -25,7 +25,7 @@ from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, so
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.sight import DECIDED, HUMAN, VISIBLE
-from cornerforge.sim.step import move_vehicle
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.world import World
 from cornerforge.types import ACCELERATIONS, Odd
 

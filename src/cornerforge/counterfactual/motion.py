@@ -1,6 +1,6 @@
 """Motion for the search for a way out: a recording is continued after the contact, and the AV taken over at a moment.
 
-`sim.step.move_vehicle`, the simulator's own law, makes all motion here (docs/adr/0014-avoidability.md).
+`sim.motion.move_vehicle`, the simulator's own law, makes all motion here (docs/adr/0014-avoidability.md).
 """
 
 from __future__ import annotations

@@ -14,17 +14,20 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
+from cornerforge.foreign.answers import controller_of
+from cornerforge.foreign.edge_cases import ordinary_views
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
 from cornerforge.foreign.session import AvSession, Steps, context_of
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
-    OUTSIDE,
     SUBSTEPS,
     Outcomes,
     Setting,
     allocate_outcomes,
     allocate_scratch,
+    answer_width,
     keep_nothing,
     lockstep,
     statistics,
@@ -34,7 +37,7 @@ from cornerforge.sim import (
 )
 from cornerforge.types import Odd
 
-__all__ = ["BATCH", "MAX_FAULTS", "UNUSABLE", "Fault", "ForeignAv", "answers_per_second", "seeds_of", "usable"]
+__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "answers_per_second", "seeds_of", "usable"]
 
 BATCH = 256
 """Worlds driven side by side."""
@@ -42,8 +45,6 @@ MAX_FAULTS = 20
 """Number of faults that ends a run."""
 MAX_HANGS = 5
 """Number of faults by hanging that ends a run."""
-UNUSABLE = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
-"""What an AV did whose answer is not `usable`."""
 _KEPT_SCRIPTS = 20_000
 
 
@@ -62,7 +63,8 @@ class Fault:
 
     Attributes:
         test: Number of the test.
-        what: "raised", "answer" (it was not usable), "hung" or "ended" (the AV's process did).
+        what: "raised", "answer" (it was not usable), "left" (the AV left the road), "hung" or "ended" (the AV's process
+            did).
         message: Rest of a sentence that begins with the AV's name.
     """
 
@@ -107,6 +109,7 @@ class ForeignAv:
     Attributes:
         spec, batch: As given.
         kind, hash: "class", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
+        controller: Which controller it is to the simulator: `sim.OUTSIDE`, or `sim.STEERED` if it steers.
         faults: Faults so far, by (seed, test).
 
     Raises:
@@ -127,7 +130,7 @@ class ForeignAv:
         check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
         check_integer("batch", batch, low=1, high=65_536)
         self.spec, self.batch = spec, batch
-        self._context = context_of(odd, batch=batch, seed=seed)
+        self._context, self._road = context_of(odd, batch=batch, seed=seed), road_numbers(odd)
         self._timeouts = (timeout, first_timeout)
         self._lock = threading.Lock()
         self._free: queue.SimpleQueue[AvSession] = queue.SimpleQueue()
@@ -135,9 +138,9 @@ class ForeignAv:
         self._driven = 0
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
-        first = AvSession(spec, self._context, *self._timeouts)
+        first = AvSession(spec, self._context, self._road, *self._timeouts)
         about = first.process().about
-        self.kind, self.hash = about["kind"], about["hash"]
+        self.kind, self.hash, self.controller = about["kind"], about["hash"], controller_of(about["form"])
         self._try(first)
         self._free.put(first)
 
@@ -147,11 +150,9 @@ class ForeignAv:
         Raises:
             AvFailureError: It does not answer.
         """
-        view = np.zeros((session.batch_size, 13, 8), dtype=np.float32)
-        view[:, 0] = 1.0, self._context.test_length, 1.5 * self._context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
-        view[:, 1] = 1.0, 60.0, 0.0, 28.0, 0.0, 0.0, 1.0, 0.0
+        views = session.shown(ordinary_views(session.batch_size, self._context))
         everywhere = np.arange(session.batch_size)
-        session.process().act(view, everywhere, np.zeros_like(everywhere))
+        session.act(views, everywhere, np.zeros_like(everywhere))
 
     def _try(self, session: AvSession) -> None:
         """Ask once, so that an AV that never works is reported at once."""
@@ -165,11 +166,16 @@ class ForeignAv:
 
     def warm_up(self, setting: Setting, slots: int) -> None:
         """Load the compiled kernels, or compile them, so that timings do not count it."""
-        batch = lockstep.allocate_batch(1, slots)
+        with self.lend_session() as session:
+            batch = lockstep.allocate_batch(1, slots, session.views(1, slots))
         lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
-        steps = Steps(setting, slots, batch)
+        steps = Steps(self.steering(setting), slots, batch)
         steps.see()
-        steps.act(np.zeros((1, 2)))
+        steps.act(np.zeros((1, answer_width(setting))))
+
+    def steering(self, setting: Setting) -> Setting:
+        """Copy a setting in which this AV drives."""
+        return setting.with_drivers(av=self.controller)
 
     def close(self) -> None:
         """End the AV's processes; without this they end with this object or the program."""
@@ -178,7 +184,7 @@ class ForeignAv:
 
     def new_session(self, batch: int) -> AvSession:
         """Make a session of the caller's own, with so many worlds side by side; the caller drops it."""
-        return AvSession(self.spec, replace(self._context, batch=batch), *self._timeouts)
+        return AvSession(self.spec, replace(self._context, batch=batch), self._road, *self._timeouts)
 
     @contextmanager
     def lend_session(self) -> Iterator[AvSession]:
@@ -258,7 +264,7 @@ class ForeignAv:
         """
         with self._lock:
             self.faults[seed, fault.test] = fault
-            n = len(self.faults)
+            n = sum(other.what != "left" for other in self.faults.values())
             hangs = sum(other.what == "hung" for other in self.faults.values())
             driven = self._driven
         if n >= MAX_FAULTS or hangs >= MAX_HANGS:
@@ -278,7 +284,7 @@ class ForeignAv:
         Raises:
             _SpoiledError: The AV failed before all of them were driven.
         """
-        setting = setting.with_drivers(av=OUTSIDE)
+        setting = self.steering(setting)
         batch = session.batch(slots)
         size = batch.views.shape[0]
         scratch = allocate_scratch(slots, setting.who.policy)
@@ -286,7 +292,7 @@ class ForeignAv:
         done = np.zeros(size, dtype=np.int64)
         tests = np.array(group, dtype=np.int64)
         driven = batch.worlds.state["test"][:, 0]  # a view
-        log = np.zeros((size, _most_answers(setting), 2)) if self._keeps_scripts else None
+        log = np.zeros((size, _most_answers(setting), answer_width(setting))) if self._keeps_scripts else None
         answered = np.zeros(size, dtype=np.int64)
         begun = 0
         finished: set[int] = set()
@@ -301,7 +307,7 @@ class ForeignAv:
                 return
             lockstep.see(batch, setting, scratch)
             try:
-                answers = session.process().act(batch.views, fresh, seeds_of(seed, driven[fresh]))
+                answers, failed = session.act(batch.views, fresh, seeds_of(seed, driven[fresh]))
             except AvFailureError as failure:
                 session.renew()
                 suspects = sorted(int(test) for test in driven[driving])
@@ -310,9 +316,8 @@ class ForeignAv:
                 raise _SpoiledError(failure.what, str(failure), suspects, left, certain=False) from failure
             bad = driving[~usable(answers[driving])]
             if bad.size:
-                answers = answers.copy()
                 answers[bad] = 0.0
-                self._set_aside(batch, bad, group, finished, seed, first, census, out)
+                self._set_aside(batch, {int(b): failed[int(b)] for b in bad}, group, finished, seed, first, census, out)
                 if driving.size == bad.size:
                     continue
             if log is not None:
@@ -328,23 +333,24 @@ class ForeignAv:
                     self._keep_script(seed, test, log[b, : answered[b]].copy())
 
     def _set_aside(
-        self, batch: lockstep.Batch, bad: NDArray[np.int64], group: list[int], finished: set[int], seed: int,
-        first: int, census: statistics.Census, out: Outcomes,
+        self, batch: lockstep.Batch, failed: dict[int, tuple[str, str]], group: list[int], finished: set[int],
+        seed: int, first: int, census: statistics.Census, out: Outcomes,
     ) -> None:  # fmt: skip
         """End the tests with an unusable answer. Where traffic is counted, the whole group begins anew without them.
 
         Raises:
             _SpoiledError: The group must begin anew.
         """
-        spoiled = sorted(int(test) for test in batch.worlds.state["test"][bad, 0])
+        tests = {int(batch.worlds.state["test"][b, 0]): why for b, why in failed.items()}
         if census.on:
-            left = [test for test in group if test not in spoiled]
-            raise _SpoiledError("answer", UNUSABLE, spoiled, left, certain=True)
-        for test in spoiled:
+            what, message = next(iter(tests.values()))
+            same = [test for test, why in tests.items() if why == (what, message)]
+            raise _SpoiledError(what, message, sorted(same), [t for t in group if t not in same], certain=True)
+        for test in sorted(tests):
             _clear(out, test - first)
-            self.note(seed, Fault(test, "answer", UNUSABLE))
+            self.note(seed, Fault(test, *tests[test]))
             finished.add(test)
-        lockstep.stop(batch, bad)
+        lockstep.stop(batch, np.array(list(failed), dtype=np.int64))
 
     # --- scripts: what the AV answered in one test ---
 
@@ -364,7 +370,7 @@ class ForeignAv:
                 self._scripts.popitem(last=False)
 
     def script(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
-        """Give the AV's answers in one test, (number of answers, 2); the AV is asked again unless they are kept.
+        """Give the AV's answers in one test, (number of answers, W); the AV is asked again unless they are kept.
 
         Raises:
             AvFaultError: The AV fails in this test.
@@ -377,7 +383,7 @@ class ForeignAv:
         return script
 
     def ask(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
-        """Let the AV drive one test of a setting, and give its answers, (number of answers, 2).
+        """Let the AV drive one test of a setting, and give its answers, (number of answers, W).
 
         Raises:
             AvFaultError: The AV fails in this test.
@@ -385,18 +391,18 @@ class ForeignAv:
         with self.lend_session() as session:
             batch = session.batch(slots)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
-            steps = Steps(setting, slots, batch)
+            steps = Steps(self.steering(setting), slots, batch)
             fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
             answers = []
             while lockstep.running(batch).size:
                 steps.see()
                 try:
-                    given = session.process().act(batch.views, fresh, seeds)
+                    given, failed = session.act(batch.views, fresh, seeds)
                 except AvFailureError as failure:
                     raise AvFaultError(f"The AV {self.spec} {failure} in test {test}.") from failure
                 fresh, seeds = fresh[:0], seeds[:0]
-                if not usable(given[:1]).all():
-                    raise AvFaultError(f"The AV {self.spec} gave no usable answer in test {test}: {given[0]}.")
+                if 0 in failed:
+                    raise AvFaultError(f"In test {test} the AV {self.spec} {failed[0][1]}.")
                 answers.append(given[0])
                 steps.act(given)
         return np.array(answers)
@@ -416,11 +422,8 @@ class ForeignAv:
 
 
 def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Check answers (K, 2) row by row: is the acceleration finite and the lane order -1, 0 or 1?"""
-    order = answers[:, 1]
-    is_order = (order == 0.0) | (order == 1.0) | (order == -1.0)
-    found: NDArray[np.bool_] = is_order & np.isfinite(answers[:, 0])
-    return found
+    """Look which rows of answers (K, W) can be carried out (`answers.carry_out` makes the others NaN)."""
+    return np.asarray(np.isfinite(answers).all(axis=1))
 
 
 def answers_per_second(setting: Setting) -> int:

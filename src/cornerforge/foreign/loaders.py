@@ -63,12 +63,12 @@ def _load_class(spec: str) -> tuple[Any, dict[str, str]]:
     classes = {key: value for key, value in vars(module).items() if inspect.isclass(value)}
     if attribute not in classes and attribute in vars(module):
         what = type(vars(module)[attribute]).__name__
-        raise InputError(f"{spec} is a {what}, not a class; name a class with a method act(view).")
+        raise InputError(f"{spec} is a {what}, not a class; name a class with a method act(view) or plan(scene).")
     if attribute not in classes:
         raise UnknownNameError(f"class in module {name}", attribute, [c for c in classes if not c.startswith("_")])
     made = classes[attribute]
-    if not callable(getattr(made, "act", None)):
-        raise InputError(f"{spec} is no AV: it has no method act(view); see examples/my_av.py.")
+    if not callable(getattr(made, "act", None)) and not callable(getattr(made, "plan", None)):
+        raise InputError(f"{spec} is no AV: it has no method act(view) or plan(scene); see examples/my_av.py.")
     try:
         av = made()
     except Exception as error:  # the user must mend whatever the user's code raises

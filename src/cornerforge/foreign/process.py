@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
@@ -11,7 +12,7 @@ import weakref
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class AvProcess:
         first_timeout: Longest time for loading, for setting up, and for the first answer [s], each.
 
     Attributes:
-        about: The AV's `kind` and `hash`, and whether it `remembers` what it saw before in a test ("yes" or "no").
+        about: The AV's `kind` and `hash`, and what `drivers.Driver.about` says of it.
 
     Raises:
         InputError, FileFormatError: `spec` names no AV.
@@ -122,9 +123,12 @@ class AvProcess:
         return True
 
     def act(
-        self, view: NDArray[np.float32], worlds: NDArray[np.int64], seeds: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        """Reset `worlds`, if there are any, and ask for the AV's answers to the view: (B, 2), as the AV gave them.
+        self, view: NDArray[Any], worlds: NDArray[np.int64], seeds: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], dict[int, tuple[str, str]]]:
+        """Reset `worlds`, if there are any, and ask for the AV's answers to what it sees, as the AV gave them.
+
+        Returns:
+            (B, 2), or poses (B, M, 5); the worlds in which it failed, though not in others, and what and how.
 
         Raises:
             AvFailureError: There is no usable answer.
@@ -133,7 +137,11 @@ class AvProcess:
         frame = pack(ACT, head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes())
         body = self._ask(frame, self._first_timeout if self._is_first else self._timeout)
         self._is_first = False
-        return np.frombuffer(body, dtype=np.float64).reshape(self._batch, 2)
+        said = int(np.frombuffer(body, np.int64, 1)[0])
+        failed = json.loads(bytes(body[8 : 8 + said])) if said else {}
+        answers = np.frombuffer(bytes(body[8 + said :]) if said else body, dtype=np.float64, offset=0 if said else 8)
+        shape = (self._batch, -1, 5) if self.about["form"] == "trajectory" else (self._batch, 2)
+        return answers.reshape(shape), {int(b): (what, how) for b, (what, how) in failed.items()}
 
     def close(self) -> None:
         """End the process."""

@@ -6,76 +6,37 @@ the simulator is imported here.
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 import sys
 import threading
 import time
-import traceback
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cornerforge.foreign.interface import VIEW_SHAPE, Av, AvContext
+from cornerforge.foreign.drivers import Driver, UnusableError, WrongAvError, described, driver_of
+from cornerforge.foreign.interface import AvContext
 from cornerforge.foreign.protocol import ACT, ANSWER, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-__all__ = ["main", "numbers_of"]
+__all__ = ["main"]
 
 
-class _UnusableError(Exception):
-    """The AV's answer is no array of numbers of the right shape."""
-
-
-def numbers_of(answer: Any, batch: int) -> NDArray[np.float64]:
-    """Turn an AV's answer into float64 (batch, 2).
-
-    Raises:
-        _UnusableError: The answer is no array of real numbers of that shape.
-    """
-    try:
-        array = np.asarray(answer)
-    except (TypeError, ValueError, RuntimeError) as error:
-        raise _UnusableError(f"act returned a {type(answer).__name__} that is no array ({error})") from error
-    if array.dtype.kind not in "fiu":
-        raise _UnusableError(f"act returned an array of type {array.dtype}; allowed: real numbers")
-    if array.shape != (batch, 2):
-        raise _UnusableError(f"act returned an array of shape {array.shape}; expected ({batch}, 2)")
-    return np.ascontiguousarray(array, dtype=np.float64)
-
-
-def _where(error: BaseException) -> str:
-    """Name file and line of the AV's own code that raised an exception."""
-    frames = traceback.extract_tb(error.__traceback__)[1:]
-    return f" ({os.path.basename(frames[-1].filename)}:{frames[-1].lineno})" if frames else ""
-
-
-def _described(error: BaseException) -> str:
-    text = " ".join(str(error).split())[:300]
-    return f"{type(error).__name__}({text}){_where(error)}"
-
-
-def _remembers(av: Any) -> bool:
-    """May the AV remember what it saw in a test? Without a `reset` of its own it could not forget it either."""
-    return getattr(type(av), "reset", Av.reset) is not Av.reset
-
-
-def _act(av: Any, context: AvContext, body: bytearray) -> bytes:
+def _act(driver: Driver, body: bytearray) -> bytes:
     fresh = int(np.frombuffer(body, np.int64, 1)[0])
     worlds = np.frombuffer(body, np.int64, fresh, 8).copy()
     seeds = np.frombuffer(body, np.int64, fresh, 8 + 8 * fresh).copy()
-    view = np.frombuffer(body, np.float32, offset=8 + 16 * fresh).reshape(context.batch, *VIEW_SHAPE)
-    if fresh and hasattr(av, "reset"):
-        av.reset(worlds, seeds)
-    return numbers_of(av.act(view), context.batch).tobytes()
+    if fresh:
+        driver.reset(worlds, seeds)
+    answers = driver.answer(driver.seen(memoryview(body)[8 + 16 * fresh :]))
+    failed = json.dumps(driver.failed).encode() if driver.failed else b""
+    return np.int64(len(failed)).tobytes() + failed + answers.tobytes()
 
 
 def _serve(connection: socket.socket) -> None:
     """Answer the simulator's messages until it closes the connection."""
-    av: Any = None
-    context: AvContext | None = None
+    driver: Driver | None = None
+    is_set_up = False
     while True:
         kind, body = receive(connection)
         try:
@@ -83,25 +44,29 @@ def _serve(connection: socket.socket) -> None:
                 from cornerforge.foreign.loaders import load_av
 
                 av, about = load_av(unpack_json(body)["av"])
-                reply = pack_json(ANSWER, about | {"remembers": "yes" if _remembers(av) else "no"})
-            elif kind == SETUP:
-                context = AvContext(**unpack_json(body))
-                if hasattr(av, "setup"):
-                    av.setup(context)
+                driver, is_set_up = driver_of(av), False
+                reply = pack_json(ANSWER, about | driver.about)
+            elif kind == SETUP and driver is not None:
+                driver.setup(AvContext(**unpack_json(body)))
+                is_set_up = True
                 reply = pack(ANSWER)
-            elif kind == ACT and context is not None:
-                reply = pack(ANSWER, _act(av, context, body))
+            elif kind == ACT and driver is not None and is_set_up:
+                reply = pack(ANSWER, _act(driver, body))
             else:
                 return
-        except _UnusableError as error:
+        except UnusableError as error:
             reply = pack_json(FAILED, {"what": "answer", "message": str(error)})
+        except WrongAvError as error:
+            reply = pack_json(
+                FAILED, {"what": "refused", "message": f"The AV is none: {error}.", "error": "InputError"}
+            )
         except Exception as error:  # whatever the user's code raises is reported and must not end this process
             from cornerforge.errors import CornerForgeError
 
             if isinstance(error, CornerForgeError):
                 reply = pack_json(FAILED, {"what": "refused", "message": str(error), "error": type(error).__name__})
             else:
-                reply = pack_json(FAILED, {"what": "raised", "message": _described(error)})
+                reply = pack_json(FAILED, {"what": "raised", "message": described(error)})
         connection.sendall(reply)
 
 

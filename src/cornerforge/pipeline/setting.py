@@ -29,7 +29,6 @@ from cornerforge.sim import (
     IDM_BVS,
     NATURALISTIC,
     NO_CAST,
-    OUTSIDE,
     Controllers,
     DriveChunk,
     Recorder,
@@ -307,12 +306,13 @@ def experiment(
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
+    foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None
     setting = Setting(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
         tables=tables_of(ndd),
         who=Controllers(
-            av=OUTSIDE if is_foreign(av) else BUILT_IN,
+            av=BUILT_IN if foreign is None else foreign.controller,
             critical=ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
             others=IDM_BVS if driver == "idm" else NATURALISTIC,
             bounded=int(bounded),
@@ -325,5 +325,4 @@ def experiment(
         ),
     )
     spoken = "greedy" if temperature == 0.0 else f"softmax:{temperature:g}"
-    foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None
     return Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road), foreign)

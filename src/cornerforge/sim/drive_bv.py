@@ -21,7 +21,7 @@ from cornerforge.sim.lockstep import answer_with
 from cornerforge.sim.loop import AV_MUST_ANSWER, BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
-from cornerforge.sim.setting import OUTSIDE, SWERVE, UNIFORM
+from cornerforge.sim.setting import SWERVE, UNIFORM, answer_width, is_outside
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, forget_frames
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -78,8 +78,8 @@ class History(NamedTuple):
 
     Attributes:
         action: Action of the critical BV at each decision, (B, decisions).
-        answers: Answers of an AV outside the kernels, as `lockstep.answer_with` takes them, (B, answers, 2); (B, 0, 2)
-            for others.
+        answers: Answers of an AV outside the kernels, as `lockstep.answer_with` takes them, (B, answers, W); no
+            answers for others.
         answered: How many of them were given, int64 (B,).
         world: One world to drive in.
         keep: Holds the frames of one whole test.
@@ -95,10 +95,10 @@ class History(NamedTuple):
 def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
     """Allocate the history of `n_worlds` worlds of `slots` vehicle slots."""
     decisions = int(setting.road.max_decisions)
-    answers = decisions * -(-SUBSTEPS // int(setting.road.av_substeps)) if setting.who.av == OUTSIDE else 0
+    answers = decisions * -(-SUBSTEPS // int(setting.road.av_substeps)) if is_outside(setting.who) else 0
     return History(
         np.zeros((n_worlds, decisions), dtype=np.int8),
-        np.zeros((n_worlds, answers, 2)),
+        np.zeros((n_worlds, answers, answer_width(setting))),
         np.zeros(n_worlds, dtype=np.int64),
         world_of(allocate_worlds(1, slots)),
         keep_nothing(slots)._replace(recording=allocate_recording(SUBSTEPS * decisions + 1, slots)),
@@ -211,7 +211,7 @@ def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratc
     reset_world(again, w.state[0].seed, w.state[0].test, setting)
     k = 0
     while advance_again(history, b, again, setting, s, history.keep) == AV_MUST_ANSWER:
-        answer_with(again, history.answers[b, k, 0], history.answers[b, k, 1], setting.road)
+        answer_with(again, history.answers[b, k], setting)
         k += 1
 
 
