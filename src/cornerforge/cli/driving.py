@@ -11,6 +11,7 @@ import cornerforge
 from cornerforge.cli.options import (
     Acting,
     Address,
+    Config,
     Debug,
     Engine,
     IdleSeed,
@@ -55,6 +56,7 @@ def simulate(
     stats: Annotated[bool, flag("--stats", "Add distributions over all background vehicles.")] = False,
     out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -118,6 +120,7 @@ def rate(
         Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
     ] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -175,6 +178,7 @@ def check_av(
     ],
     world: World = None,
     tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
+    config: Config = None,
     seed: Seed = 0,
     threads: IdleThreads = None,
     out: JsonFile = None,

@@ -9,6 +9,7 @@ import typer
 
 import cornerforge
 from cornerforge.cli.options import (
+    Config,
     Debug,
     Json,
     Quiet,
@@ -45,6 +46,7 @@ def train(
     ] = None,
     resume: Annotated[bool, flag("--resume", "Go on with a stopped training; keep a finished one.")] = False,
     tests: Annotated[int, typer.Option(help="Evaluation tests for each yield.")] = 8192,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -83,6 +85,7 @@ def train_av(
     overwrite: Annotated[bool, flag("--overwrite", "Replace the file.")] = False,
     resume: Resume = False,
     world: World = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import cornerforge
-from cornerforge.cli.options import DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads, flag
+from cornerforge.cli.options import Config, DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads, flag
 from cornerforge.cli.output import EXIT_GATE, run_command
 from cornerforge.cli.program import ndd
 
@@ -28,6 +28,7 @@ def ndd_fit(
         bool, flag("--study", "Report what other choices of the fit change, crash rates too (6 fits).")
     ] = False,
     study_tests: Annotated[int, typer.Option(help="Tests that the study drives for each choice; 0: none.")] = 1_000_000,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -62,6 +63,7 @@ def ndd_validate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for validation.json, the page and its figures.", show_default=False)
     ] = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,

@@ -10,10 +10,11 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
+from cornerforge.cli.config import read_config
 from cornerforge.world_options import WorldOptions
 
 __all__ = [
-    "Acting", "Address", "DataFormat", "Debug", "Engine", "IdleSeed", "IdleThreads", "Json", "JsonFile",
+    "Acting", "Address", "Config", "DataFormat", "Debug", "Engine", "IdleSeed", "IdleThreads", "Json", "JsonFile",
     "Library", "Quiet", "Resume", "Seed", "Threads", "World", "flag", "takes_world",
 ]  # fmt: skip
 
@@ -65,6 +66,17 @@ DataFormat = Annotated[
     str | None,
     typer.Option(
         "--format", help="ngsim, pairs, tracks, tgsim or highd; told from the columns by default.", show_default=False
+    ),
+]
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        is_eager=True,
+        callback=read_config,
+        help="TOML file with these options by their long names (lanes = 4). An option on the command line wins. Paths "
+        "in the file, and a module of its av, are looked for from the file's folder.",
+        show_default=False,
     ),
 ]
 Resume = Annotated[bool, flag("--resume", "Go on with what is there.")]

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
+from cornerforge.cli.config import this_call
+
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
@@ -105,6 +107,7 @@ def run_command(
     """
     from cornerforge._jit import announce_compiling
     from cornerforge.execution import engine
+    from cornerforge.pipeline.output import called_with
     from cornerforge.results import as_json as result_as_json
 
     if out is not None:
@@ -114,7 +117,8 @@ def run_command(
     bars = Bars(quiet)
     try:
         announced = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
-        with engine(at[0], address=at[1], workers=at[2]), announced:
+        call = this_call()
+        with engine(at[0], address=at[1], workers=at[2]), announced, called_with(call.stated()), call.finding_modules():
             result = work(bars)
     finally:
         bars.stop()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import cornerforge
-from cornerforge.cli.options import Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
+from cornerforge.cli.options import Config, Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
 from cornerforge.cli.output import rate_text, run_command, training_fault_text
 from cornerforge.cli.program import app
 
@@ -31,6 +31,7 @@ def run(
         typer.Option(metavar="NATS", help="Likelihood budget of a test in nats, as for train.", show_default=False),
     ] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -76,6 +77,7 @@ def report(
         str, typer.Option(help="For how many cases, drawn at random, a way out is searched for; all or none.")
     ] = "2000",
     reaction: Annotated[float, typer.Option(help="Seconds that the AV needs to react, 0 to 5.")] = 0.0,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -117,6 +119,7 @@ def reproduce(
     ] = None,
     resume: Resume = False,
     world: World = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
