@@ -8,21 +8,28 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import cornerforge
-from cornerforge.cli.options import Config, Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
+from cornerforge.cli.options import Config, Debug, Json, Quiet, Resume, Seed, Threads, World, completing, takes_world
 from cornerforge.cli.output import rate_text, run_command, training_fault_text
-from cornerforge.cli.program import app
+from cornerforge.cli.program import command
 
 if TYPE_CHECKING:
     from cornerforge.results import RunDone
 
 __all__ = ["report", "reproduce", "run"]
 
+_ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
-@app.command()
+
+@command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
 @takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout")
 def run(
     effort: Annotated[
-        str | None, typer.Option(help="quick (4 minutes on 2 cores), standard (15) or paper.", show_default="quick")
+        str | None,
+        typer.Option(
+            help="quick (4 minutes on 2 cores), standard (15) or paper.",
+            show_default="quick",
+            autocompletion=completing("quick", "standard", "paper"),
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
@@ -65,7 +72,7 @@ def run(
     )  # fmt: skip
 
 
-@app.command()
+@command("cornerforge report out/demo/library --out out/page")
 def report(
     place: Annotated[
         Path, typer.Argument(metavar="LIB|RUN", help="A library, or a folder of run or rate.", show_default=False)
@@ -93,7 +100,7 @@ def report(
     )  # fmt: skip
 
 
-@app.command()
+@command("cornerforge reproduce --effort quick --figure table1 --out out/paper")
 @takes_world("odd", "lanes", "model")
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the page, figures, numbers and policies.", show_default=False)],
@@ -103,6 +110,7 @@ def reproduce(
             metavar="ID...",
             help="table1, figure2, figure3, figure5 to figure11, matrix, timings; all by default.",
             show_default=False,
+            autocompletion=completing(*_ITEMS),
         ),
     ] = None,
     # An option takes one value: what follows `--figure A` in `--figure A B C` arrives here.
@@ -110,7 +118,9 @@ def reproduce(
     effort: Annotated[
         str | None,
         typer.Option(
-            help="quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).", show_default="standard"
+            help="quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).",
+            show_default="standard",
+            autocompletion=completing("quick", "standard", "full"),
         ),
     ] = None,
     budget: Annotated[str | None, typer.Option(help="The old name of --effort.", hidden=True)] = None,
