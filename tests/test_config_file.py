@@ -76,6 +76,17 @@ def test_tables_are_for_one_command_and_win_over_the_top(place: Path, capsys: Ca
     assert found(capsys, "simulate", "--config", "c.toml")["digest"] == same["digest"]
 
 
+def test_commands_share_the_world_of_a_file(place: Path, capsys: Capture) -> None:  # noqa: ARG001
+    """The AV, its world and the seed may be at the top also for a command without such an option; nothing else may."""
+    write('av = "my_av:MyAv"\nlanes = 4\nbounded = true\nseed = 5\n')
+    fit = ["ndd", "fit", "none.csv", "--out", "m.npz", "--config", "c.toml"]
+    status, _, err = call(capsys, *fit)
+    assert status == 2
+    assert "none.csv" in err
+    write("[ndd.fit]\nlanes = 4\n")
+    assert 'ndd fit has no option "lanes"' in call(capsys, *fit)[2]
+
+
 def test_a_required_option_and_a_flag_can_stand_in_a_file(place: Path, capsys: Capture) -> None:
     write('policy = "swerve"\nout = "library"\ncases = 3\njson = true\nthreads = 1\n')
     status, out, err = call(capsys, "generate", "--config", "c.toml")

@@ -1,8 +1,9 @@
 """`--config FILE`: options of a command from a TOML file, and what a call was given in the end.
 
 Keys of the file are the long names of options, with `-` or `_`. Keys at the top are for the command that reads the
-file; a table with a command's name holds options of that command alone. What stands in the file is meant as seen from
-the file's folder: paths, and modules of `av`.
+file; those of the world, `seed` and `threads` may be there also where that command has no such option, so that commands
+share a file. A table with a command's name holds options of that command alone. What stands in the file is meant as
+seen from the file's folder: paths, and modules of `av`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
@@ -23,11 +24,14 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 
 from cornerforge.errors import FileFormatError, InputError, UnknownNameError
+from cornerforge.world_options import WorldOptions
 
 __all__ = ["Call", "a_call", "read_config", "this_call"]
 
 _NEVER = {"config", "help", "version"}
 """Options that a file cannot give."""
+_SHARED = {"seed", "threads", *(one.name.replace("_", "-") for one in fields(WorldOptions))}
+"""Options that may stand at the top for other commands than the one that reads the file."""
 _NUMBER_OR_WORD = {"avoidability", "budget"}
 """Options of text in which a number is usual."""
 _MAY_NAME_FILES, _ENDINGS = {"av", "bv", "policy"}, (".onnx", ".safetensors", ".zip")
@@ -154,14 +158,16 @@ def _options_of_file(file: Path, text: str, context: typer.Context) -> dict[str,
         raise FileFormatError(f"{file} is no TOML: {error}; text stands in quotes.") from error
     commands = dict(_commands(context.find_root().command))
     here = context.command_path.partition(" ")[2]
+    own = _options(commands[here])
     at_top: dict[str, Any] = {}
     tables: dict[str, dict[str, Any]] = {}
     for key, value in content.items():
-        if isinstance(value, dict) and key not in _options(commands[here]):
+        if isinstance(value, dict) and key not in own:
             tables |= _tables(key, value, commands, file)
         else:
             at_top[key] = value
-    found = _checked(at_top, here, commands, file)
+    for_others = {key for key in at_top if key.replace("_", "-") in _SHARED - own.keys()}
+    found = _checked({key: value for key, value in at_top.items() if key not in for_others}, here, commands, file)
     for name, table in tables.items():
         checked = _checked(table, name, commands, file)
         if name == here:

@@ -1,23 +1,59 @@
-"""The whole job: `run`, `report` and `reproduce`."""
+"""The whole job: `init`, `run`, `report` and `reproduce`."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import cornerforge
-from cornerforge.cli.options import Config, Debug, Json, Quiet, Resume, Seed, Threads, World, completing, takes_world
+from cornerforge.cli.options import (
+    Config,
+    Debug,
+    IdleSeed,
+    IdleThreads,
+    Json,
+    JsonFile,
+    Quiet,
+    Resume,
+    Seed,
+    Threads,
+    World,
+    completing,
+    takes_world,
+)
 from cornerforge.cli.output import rate_text, run_command, training_fault_text
 from cornerforge.cli.program import command
 
 if TYPE_CHECKING:
     from cornerforge.results import RunDone
 
-__all__ = ["report", "reproduce", "run"]
+__all__ = ["init", "report", "reproduce", "run"]
 
 _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
+
+
+@command("cornerforge init my-av")
+def init(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="The folder; new, or without these files.", show_default=False)
+    ],
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    out: JsonFile = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Write a folder to start from: an AV class, a config for `run --config`, and a README."""
+    enter = "" if folder == Path() else f"cd {shlex.quote(str(folder))} && "
+    run_command(
+        lambda bars: cornerforge.init(folder),  # noqa: ARG005
+        lambda r: f"Wrote {', '.join(r.files)}. Go on: {enter}cornerforge run --config cornerforge.toml",
+        as_json=as_json, quiet=quiet, out=out,
+    )  # fmt: skip
 
 
 @command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
