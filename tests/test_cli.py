@@ -424,6 +424,18 @@ def test_one_bar_serves_a_stage_whose_note_changes_and_old_work_is_no_speed() ->
         bars.stop()
 
 
+def test_a_bar_of_slow_work_shows_more_than_a_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rich.progress.Task.speed", 0.125)
+    bars = Bars(quiet=False)
+    bars.show = True
+    try:
+        bars("simulate", 1.0, 100.0)
+        assert bars._bars is not None
+        assert bars._bars.tasks[0].fields["rate"] == "0.12/s"
+    finally:
+        bars.stop()
+
+
 def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line on standard error, whatever is compiled; none with --quiet; another where nothing can be kept."""
     monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "")
@@ -634,15 +646,15 @@ def test_bad_input_is_one_plain_line_and_harms_nothing(name: str, files: Path, t
 def test_a_full_disk_is_one_plain_line_and_leaves_no_half_file(files: Path, tmp_path: Path) -> None:
     import resource
 
-    def no_file_above_1_kb() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
+    def no_file_above_4_kb() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
     done = subprocess.run(
         [sys.executable, "-B", "-m", "cornerforge", "analyse", str(files / "library"), "--out", str(tmp_path / "out")],
         capture_output=True,
         text=True,
         check=False,
-        preexec_fn=no_file_above_1_kb,
+        preexec_fn=no_file_above_4_kb,
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("cornerforge: Cannot write")

@@ -70,6 +70,16 @@ def test_a_file_says_what_options_say_and_options_win(place: Path, capsys: Captu
     assert found(capsys, "simulate", "--seed", 6, "--config", "c.toml")["digest"] != said["digest"]
 
 
+def test_a_flag_of_a_file_can_be_taken_back(place: Path, capsys: Capture) -> None:  # noqa: ARG001
+    write('tests = 20\nthreads = 1\njson = true\nquiet = true\nbv = "swerve"\nbounded = true\n')
+    assert json.loads(call(capsys, "simulate", "--config", "c.toml")[1])["tests"] == 20
+    status, out, err = call(capsys, "simulate", "--config", "c.toml", "--no-json", "--no-quiet", "--no-bounded")
+    assert (status, err) == (0, "")
+    assert out.startswith("idm-mobil, swerve: ")
+    for never in ("--no-tests", "--no-bound"):
+        assert call(capsys, "simulate", never)[0] == 2
+
+
 def test_tables_are_for_one_command_and_win_over_the_top(place: Path, capsys: Capture) -> None:  # noqa: ARG001
     write('threads = 1\nseed = 5\n[simulate]\ntests = 40\nseed = 7\n[run]\neffort = "quick"\n[ndd.fit]\nstudy = true\n')
     same = found(capsys, *shlex.split("simulate --tests 40 --seed 7 --threads 1"))

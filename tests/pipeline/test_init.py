@@ -129,7 +129,7 @@ def test_a_run_from_the_folder_and_from_elsewhere(
 ) -> None:
     """What the README says, at a tiny size; what was used is kept; a changed config is refused as changed options."""
     tiny = run_module.Effort(
-        nde_tests=100, natural_tests=100, natural_rhw=0.3, decisions=60_000, evaluation_tests=100, exposure_tests=60,
+        nde_tests=100, natural_tests=100, natural_rhw=0.3, decisions=20_000, evaluation_tests=100, exposure_tests=60,
         cases=8,
     )  # fmt: skip
     monkeypatch.setitem(run_module.EFFORTS, "quick", tiny)

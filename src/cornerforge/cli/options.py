@@ -110,8 +110,8 @@ Config = Annotated[
         metavar="FILE",
         is_eager=True,
         callback=read_config,
-        help="TOML file with these options by their long names (lanes = 4). An option on the command line wins. Paths "
-        "in the file, and a module of its av, are looked for from the file's folder.",
+        help="TOML file with these options by their long names (lanes = 4). An option on the command line wins, also "
+        "--no-NAME for a flag NAME = true. Paths in the file, and a module of its av, are looked for from its folder.",
         show_default=False,
     ),
 ]

@@ -77,7 +77,7 @@ class Bars:
             # Work of an earlier session does not count for the speed of this one.
             self._task = self._bars.add_task(stage, total=total, completed=int(done), rate="")
         speed = self._bars.tasks[self._task].speed
-        text = f"{speed:,.0f}/s" if speed else ""
+        text = f"{speed_text(speed)}/s" if speed else ""
         self._bars.update(self._task, description=stage, completed=done, total=total, rate=text)
 
     def stop(self) -> None:
@@ -139,9 +139,12 @@ def compiling_text() -> str:
     from cornerforge._jit import cache_folder
 
     if cache_folder():
-        return "Compiling a part of the simulator that was not used before; up to half a minute, then it is kept."
+        return (
+            "Compiling a part of the simulator that was not used before: half a minute, more on a busy machine; "
+            "then it is kept."
+        )
     return (
-        "Compiling the simulator for this run only, up to half a minute: no folder for its machine code can be "
+        "Compiling the simulator for this run only, half a minute or more: no folder for its machine code can be "
         "written; name one in NUMBA_CACHE_DIR."
     )
 

@@ -27,6 +27,16 @@ class _Command(typer.core.TyperCommand):
     def get_params(self, ctx: Any) -> Any:
         return _flags_without_value(super().get_params(ctx))
 
+    def make_parser(self, ctx: Any) -> Any:
+        """Take `--no-NAME` too for each flag that a config file could set; help of --config says so."""
+        parser = super().make_parser(ctx)
+        if any(one.name == "config" for one in self.params):
+            flags: list[Any] = [one for one in self.params if getattr(one, "is_flag", False)]
+            for one in flags:
+                opposite = f"--no-{one.opts[0].removeprefix('--')}"
+                parser.add_option(obj=one, opts=[opposite], dest=one.name, action="store_const", const=False)
+        return parser
+
 
 class _Group(typer.core.TyperGroup):
     def get_params(self, ctx: Any) -> Any:
