@@ -190,8 +190,11 @@ BAD = {
     "said twice": ("av-timeout = 1\nav_timeout = 2", "stands there twice"),
     "on the command line only": ('config = "d.toml"', "on the command line only"),
     "no TOML": ("tests = ", "c.toml is no TOML"),
-    "out of range": ("lanes = 99", "lanes = 99 is out of range"),
-    "unknown name": ('odd = "swft"', 'Did you mean "swift"?'),
+    "out of range": ("lanes = 99", "c.toml: lanes = 99 is out of range"),
+    "out of range, in two words": ("av-timeout = -1", "c.toml: av_timeout = -1"),
+    "unknown name": ('odd = "swft"', 'c.toml: No ODD "swft". Did you mean "swift"?'),
+    "unknown name in a list": ('bv = ["swerv"]', 'c.toml: No driver of background vehicles "swerv".'),
+    "no such module": ('av = "no_such:Av"', "c.toml: No module no_such for the AV no_such:Av; looked in /"),
 }
 
 
@@ -204,6 +207,19 @@ def test_a_mistake_in_a_file_is_one_plain_line(name: str, place: Path, capsys: C
     assert err.startswith("cornerforge: ")
     assert message in err
     assert [path.name for path in place.iterdir()] == ["c.toml"]
+
+
+def test_a_mistake_on_the_command_line_is_not_blamed_on_the_file(place: Path, capsys: Capture) -> None:  # noqa: ARG001
+    write('lanes = 2\nodd = "swift"\n')
+    for given in (("--lanes", 99), ("--odd", "swft"), ("--tests", 0)):
+        status, _, err = call(capsys, "simulate", "--config", "c.toml", *given)
+        assert status == 2
+        assert "c.toml" not in err
+
+
+def test_a_file_of_an_editor_that_marks_its_encoding(place: Path, capsys: Capture) -> None:
+    (place / "c.toml").write_bytes(b"\xef\xbb\xbftests = 20\nthreads = 1\n")
+    assert found(capsys, "simulate", "--config", "c.toml")["tests"] == 20
 
 
 def test_a_file_that_is_not_there_or_no_text(place: Path, capsys: Capture) -> None:

@@ -124,7 +124,7 @@ def _run(given: list[str], call: Call) -> int:
             _check_words(given)
             status = app(args=given, prog_name="cornerforge", standalone_mode=False)
         except CornerForgeError as error:
-            return _complain(error, debug=debug())
+            return _complain(call.placed(str(error)), debug=debug())
         except usage_error as error:
             if type(error).__name__ == "NoArgsIsHelpError":  # Typer has printed the help
                 return EXIT_BAD_INPUT

@@ -76,6 +76,25 @@ class Call:
             stated["config"] = {"file": str(self.file), "text": self.text}
         return stated
 
+    def _from_file(self, name: str) -> bool:
+        """Tell whether the value in effect of a parameter is the file's."""
+        source = None if self.context is None else self.context.get_parameter_source(name)
+        return source is not None and source.name == "DEFAULT_MAP"
+
+    def placed(self, message: str) -> str:
+        """Put the file before a message on a value that stands there, such as `lanes = 99 is out of range`."""
+        values = {name: value for name, value in self.given.items() if self._from_file(name)}
+        if self.file is None or not values:
+            return message
+        av = str(values.get("av", ""))
+        if ":" in av and message.startswith(f"No module {av.partition(':')[0].partition('.')[0]}"):
+            message = message.replace("; looked in ", f"; looked in {self.file.parent.resolve()}, ", 1)
+            return f"{self.file}: {message}"
+        words = [word for value in values.values() for word in (value if isinstance(value, list) else [value])]
+        named = message.partition(" = ")[0] in values
+        quoted = message.startswith("No ") and any(isinstance(w, str) and f' "{w}"' in message for w in words)
+        return f"{self.file}: {message}" if named or quoted else message
+
     @contextmanager
     def finding_modules(self) -> Iterator[None]:
         """Let the AV's process find modules beside the file, if the file names the AV as `module:Class`.
@@ -83,10 +102,8 @@ class Call:
         Raises:
             InputError: A module of that name would be found elsewhere first.
         """
-        av, source = None, None
-        if self.context is not None and self.file is not None:
-            av, source = self.context.params.get("av"), self.context.get_parameter_source("av")
-        if self.file is None or av is None or ":" not in av or source is None or source.name != "DEFAULT_MAP":
+        av = self.given.get("av", "") if self._from_file("av") else ""
+        if self.file is None or ":" not in av:
             yield
             return
         folder = self.file.parent.resolve()
@@ -141,7 +158,7 @@ def read_config(context: typer.Context, file: Path | None) -> Path | None:
 
 def _text_of(file: Path) -> str:
     try:
-        return file.read_text(encoding="utf-8")
+        return file.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise InputError(f"No config file {file}; cornerforge init DIR writes one.") from error
     except OSError as error:
