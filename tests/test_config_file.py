@@ -132,7 +132,11 @@ def test_the_module_of_an_av_is_found_beside_the_file(place: Path, capsys: Captu
     assert os.environ.get("PYTHONPATH") == before
     status, _, err = call(capsys, *SIMULATE, "--config", "sub/c.toml", "--av", "my_av:MyAv")
     assert status == 2, "what is said on the command line is looked for as ever"
-    assert "No module my_av" in err
+    assert err.startswith("cornerforge: No module my_av")
+    write('av = "nowhere:MyAv"\n', "sub/c.toml")
+    looked = f"looked in {place / 'sub'}, {place} and where"
+    assert looked in call(capsys, *SIMULATE, "--config", "sub/c.toml")[2]
+    assert looked.replace(f"{place / 'sub'}, ", "") in call(capsys, *SIMULATE, "--av", "nowhere:MyAv")[2]
 
 
 @pytest.mark.parametrize("other", ["my_av.py", "my_av/__init__.py"])

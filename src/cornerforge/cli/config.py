@@ -88,8 +88,9 @@ class Call:
             return message
         av = str(values.get("av", ""))
         if ":" in av and message.startswith(f"No module {av.partition(':')[0].partition('.')[0]}"):
-            message = message.replace("; looked in ", f"; looked in {self.file.parent.resolve()}, ", 1)
-            return f"{self.file}: {message}"
+            folder = self.file.parent.resolve()
+            looked = "" if folder == Path.cwd() else f"{folder}, "
+            return f"{self.file}: {message.replace('; looked in ', f'; looked in {looked}', 1)}"
         words = [word for value in values.values() for word in (value if isinstance(value, list) else [value])]
         named = message.partition(" = ")[0] in values
         quoted = message.startswith("No ") and any(isinstance(w, str) and f' "{w}"' in message for w in words)
