@@ -11,6 +11,7 @@ import cornerforge
 from cornerforge.cli.options import (
     Acting,
     Address,
+    Config,
     Debug,
     Engine,
     IdleSeed,
@@ -22,11 +23,12 @@ from cornerforge.cli.options import (
     Seed,
     Threads,
     World,
+    completing,
     flag,
     takes_world,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
-from cornerforge.cli.program import app
+from cornerforge.cli.program import command
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
@@ -35,7 +37,10 @@ if TYPE_CHECKING:
 __all__ = ["avs", "check_av", "rate", "simulate"]
 
 
-@app.command()
+@command(
+    "cornerforge simulate --av rl --tests 100000",
+    "cornerforge simulate --bv out/demo/policy.safetensors --out out/crashes",
+)
 @takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
@@ -46,6 +51,7 @@ def simulate(
             help=f"Background vehicles: nde (default), idm, {', '.join(PLAIN_ADVERSARIES)}, or a policy file; several "
             "policies: each test draws one.",
             show_default=False,
+            autocompletion=completing("nde", "idm", *PLAIN_ADVERSARIES),
         ),
     ] = None,
     policy: Annotated[
@@ -55,6 +61,7 @@ def simulate(
     stats: Annotated[bool, flag("--stats", "Add distributions over all background vehicles.")] = False,
     out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -93,14 +100,15 @@ def simulate(
     )  # fmt: skip
 
 
-@app.command()
+@command("cornerforge rate --av idm-mobil-blind --max-tests 20000", "cornerforge rate --av rl --out out/rate")
 @takes_world("av", "odd", "lanes", "model", "av_timeout")
 def rate(
     method: Annotated[
         str,
         typer.Option(
             help="mc: plain Monte Carlo; splitting: trees of tests, for small rates; is: importance sampling; auto: "
-            "chooses."
+            "chooses.",
+            autocompletion=completing("auto", "mc", "splitting", "is"),
         ),
     ] = "auto",
     world: World = None,
@@ -118,6 +126,7 @@ def rate(
         Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
     ] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -151,7 +160,7 @@ def rate(
         raise typer.Exit(EXIT_GATE)
 
 
-@app.command()
+@command("cornerforge avs")
 def avs(
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
@@ -167,7 +176,7 @@ def avs(
     )  # fmt: skip
 
 
-@app.command("check-av")
+@command("cornerforge check-av my_av:MyAv", name="check-av")
 @takes_world("odd", "lanes", "av_timeout")
 def check_av(
     av: Annotated[
@@ -175,6 +184,7 @@ def check_av(
     ],
     world: World = None,
     tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
+    config: Config = None,
     seed: Seed = 0,
     threads: IdleThreads = None,
     out: JsonFile = None,

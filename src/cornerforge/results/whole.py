@@ -10,12 +10,19 @@ from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolic
 from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
-__all__ = ["Exposed", "Exposure", "ExposureMiles", "RunDone", "RunTrained"]
+__all__ = ["Exposed", "Exposure", "ExposureMiles", "Initialised", "Reported", "RunDone", "RunTrained"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunTrained(Yield, LearnedPolicy):
     """The adversary of a run, measured on tests that no training uses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initialised:
+    """A folder to start from."""
+
+    files: tuple[str, ...] = field(metadata=meant("The files that were written: the AV, the config, the README."))
 
 
 @dataclass(frozen=True, kw_only=True)
