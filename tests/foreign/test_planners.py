@@ -97,7 +97,7 @@ class Sees(Weaves):
         assert len({b.id for b in scene.others}) == len(scene.others)
         assert len(scene.boxes.x) == 1 + len(scene.others)
         if scene.time > 0.05:
-            assert len(before) > 8
+            assert len(before) > 2
         return 0, 0
 
 class Bad(Evades):

@@ -34,7 +34,7 @@ WHEELBASE = float(wheelbase_of(LENGTH))
 
 
 def by_the_centre(pose: list[float], speed: float, acceleration: float, curvature: float) -> np.ndarray:
-    """Pose of the centre after a step, by the bicycle as textbooks have it: centre of gravity, slip angle (Rajamani)."""
+    """Pose of the centre after a step, by the bicycle as textbooks have it: at the centre, with a slip angle."""
     slip = np.arctan(0.5 * WHEELBASE * curvature)
 
     def rates(t: float, state: np.ndarray) -> list[float]:

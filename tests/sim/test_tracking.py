@@ -109,7 +109,7 @@ def test_a_planner_that_begins_where_it_is_each_time_gets_where_it_wants(speed: 
     car = Car(speed)
     for k in range(40):
         left = max(4.0 - 0.1 * k, 1.0)
-        x, y, heading, v, a, curvature = car.state
+        x, y, heading, v, _, curvature = car.state
         vy, ay = v * np.sin(heading) + float(rear_axle_behind(LENGTH)) * v * curvature, v * v * curvature
         t = np.linspace(0.0, left, round(left / 0.1) + 1)
         rows = np.array(

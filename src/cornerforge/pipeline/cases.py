@@ -151,7 +151,7 @@ def replay(
                 note = _why_different(cases, run, driven)
         progress("replay", done + 1, len(ids))
         if picture is not None:
-            write_picture(driven, Path(picture))
+            write_picture(driven, Path(picture), steers=run.av_steers)
     is_all = case == "all"
     return Replayed(
         case=case,

@@ -29,6 +29,7 @@ from cornerforge.sim import (
     IDM_BVS,
     NATURALISTIC,
     NO_CAST,
+    STEERED,
     Controllers,
     DriveChunk,
     Recorder,
@@ -83,6 +84,11 @@ class Experiment:
         return av_hash(self.av) if self.foreign is None else self.foreign.hash
 
     @property
+    def av_steers(self) -> bool:
+        """Does the AV steer or follow trajectories, instead of ordering lanes?"""
+        return self.setting.who.av == STEERED
+
+    @property
     def drive(self) -> DriveChunk:
         """Return the function that drives a range of tests."""
         return drive_chunk if self.foreign is None else self.foreign
@@ -125,6 +131,7 @@ class Experiment:
             "acting": self.acting,
             "policies": len(self.policies),
             "policy_hash": _joint_hash(self.policies),
+            **({"av_steers": True} if self.av_steers else {}),
             # Hashes come last: where two runs differ, messages name the first key, and a setting says more than a hash.
             "config_hash": config_hash(
                 {

@@ -8,9 +8,9 @@ be where the centre was b / v before. At each tenth of a second the errors are t
     acceleration = that of the trajectory + 2 k (v_t - v) + k^2 e_x,           k = 2 /s
 
 where e_h is the error of the heading, e_y how far the rear axle is left of the trajectory, e_x how far the centre is
-behind it, and v is at least 3 m/s. So small errors die out as of a critically damped oscillator (Samson 1992; Kanayama et al. 1990 have the
-same terms). What the trajectory does is taken in the middle of the step. The vehicle then moves by `bicycle.roll`, with
-its limits: a trajectory that no car can follow is followed as far as a car can.
+behind it, and v is at least 3 m/s. So small errors die out as of a critically damped oscillator (Samson 1992; Kanayama
+et al. 1990 have the same terms). What the trajectory does is taken in the middle of the step. The vehicle then moves by
+`bicycle.roll`, with its limits: a trajectory that no car can follow is followed as far as a car can.
 """
 
 from __future__ import annotations
