@@ -116,3 +116,4 @@ class AdversaryEnvKeywords(DrivingEnvKeywords, total=False):
     """Keywords of `cornerforge/Adversary-v0`, whose adversary is the agent."""
 
     av: str
+    av_timeout: float

@@ -1,7 +1,7 @@
 """Worlds in which an adversary learns against a foreign AV: all go a second on, side by side, for each decision.
 
 The worlds are in groups, each with an AV process of its own that has a seat for every world of the group; groups are
-driven at the same time. A failure of the AV costs the tests in which it fails alone (`_Group.ask`), never the others.
+driven at the same time. A failure of the AV costs the tests in which it fails alone (`Group.ask`), never the others.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cornerforge.foreign.answers import Carried
     from cornerforge.sim import Actors, Exploring, RewardNumbers, Setting, Transitions
 
-__all__ = ["ForeignCollector"]
+__all__ = ["ForeignCollector", "Group"]
 
 _KINDS = ("raised", "answer", "hung", "ended", "left")
 _MOST_TOGETHER = 3
@@ -54,7 +54,7 @@ class ForeignCollector:
         worlds = len(actors.allowed)
         size = -(-worlds // -(-worlds // av.batch))
         self._groups = [
-            _Group(av, setting, slots, actors, np.arange(first, min(first + size, worlds)), size)
+            Group(av, setting, slots, actors, np.arange(first, min(first + size, worlds)), size)
             for first in range(0, worlds, size)
         ]
         self._pool = ThreadPoolExecutor(threads)
@@ -107,8 +107,16 @@ class ForeignCollector:
             group.close()
 
 
-class _Group:
+class Group:
     """Some of the worlds, with an AV process of their own.
+
+    Args:
+        av: The AV.
+        setting: The run, whose AV is OUTSIDE or STEERED and whose critical BV is TOLD.
+        slots: Vehicle slots per world.
+        actors: All the worlds.
+        rows: Those of this group.
+        seats: Worlds that the AV drives side by side, at least as many.
 
     Attributes:
         finished: Counts of tests that ended, as in `Actors`.
@@ -154,13 +162,28 @@ class _Group:
         """
         rows, setting, actors = self._rows, self._setting, self._actors
         outside.begin_seconds(rows, exploring, actors, self._scratch, out)
+        self.drive_second(outside.running(rows, actors))
+        outside.end_seconds(rows, exploring, setting, reward, actors, self._scratch, out)
+        warn_of_left_out(self._scratch)
+
+    def drive_second(self, seats: NDArray[np.int64]) -> None:
+        """Drive the worlds of some seats, whose critical BVs have answered, to the end of their second or test.
+
+        Other worlds in which a test runs stand still; an AV that remembers is shown their past again before they go on.
+
+        Raises:
+            AvFaultError: The AV failed in too many tests.
+        """
+        rows, setting, actors = self._rows, self._setting, self._actors
+        everybody = seats.size == outside.running(rows, actors).size
         for _ in range(answers_per_second(setting)):
-            seats, answers = self.ask(outside.running(rows, actors))
+            seats, answers = self.ask(seats)
             if seats.size == 0:
                 break
             outside.go_on(rows, seats, answers, actors, setting, self._scratch, self._keep)
-        outside.end_seconds(rows, exploring, setting, reward, actors, self._scratch, out)
-        warn_of_left_out(self._scratch)
+            seats = np.intersect1d(seats, outside.running(rows, actors), assume_unique=True)
+        if not everybody:
+            self.is_in_step = False
 
     def ask(self, seats: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Ask the AV what it does now in the worlds of some seats, and give up tests in which it fails.

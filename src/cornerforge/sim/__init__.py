@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         start_av_worlds,
     )
     from cornerforge.sim.drive_bv import (
+        FINISHED,
         Actors,
         Exploring,
         Transitions,
@@ -161,9 +162,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
-    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "HIGHEST_COMMAND", "HOSTILE", "IDM_BVS",
-    "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC", "NEVER",
-    "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
+    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "FINISHED", "HIGHEST_COMMAND", "HOSTILE",
+    "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC",
+    "NEVER", "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
     "POLICY", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED",
     "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "AvReward", "Buffers",
     "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Recorder",
@@ -241,7 +242,8 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # training
     "rewards": ("REWARDS", "RewardNumbers", "reward_numbers"),
     "drive_bv": (
-        "Actors", "Exploring", "Transitions", "allocate_actors", "allocate_history", "collect", "start_worlds",
+        "Actors", "Exploring", "FINISHED", "Transitions", "allocate_actors", "allocate_history", "collect",
+        "start_worlds",
     ),
     "drive_av": ("AV_DECISIONS", "HOSTILE", "AvReward", "allocate_av_actors", "collect_av", "start_av_worlds"),
     # trees

@@ -2,7 +2,7 @@
 
 The adversary stands outside the loop: the critical BV is TOLD what to do (`setting.Controllers.critical`), by training,
 which chooses here (`collect`; with an AV outside the kernels `drive_bv_outside`), or by an environment's agent
-(`act_as_bv`).
+(`collect`).
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ __all__ = [
     "Exploring",
     "History",
     "Transitions",
-    "act_as_bv",
     "advance_again",
     "allocate_actors",
     "allocate_history",
     "choose",
     "collect",
+    "reward_of",
     "settle",
     "start_worlds",
 ]
@@ -216,7 +216,7 @@ def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratc
 
 
 @kernel
-def _reward_of(
+def reward_of(
     w: World, b: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch
 ) -> float:  # fmt: skip
     """Compute the reward of the decision that world b has just carried out.
@@ -243,18 +243,6 @@ def _reward_of(
     else:
         strikes = av_strikes(w.vehicles, 0, w.state[0].slot_b)
     return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0
-
-
-@kernel
-def act_as_bv(
-    w: World, b: int, action: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch, keep: Keep
-) -> float:
-    """Drive world b, a row of `history`, for one decision: the critical BV does `action`. Return the reward."""
-    history.action[b, w.state[0].decisions] = action
-    answer_as_bv(w, action)
-    advance(w, setting, s, keep, NEVER)
-    paid: float = _reward_of(w, b, setting, reward, history, s)
-    return paid
 
 
 @kernel
@@ -320,7 +308,7 @@ def settle(
     """
     w = world_row(actors.worlds, b)
     observation, allowed = actors.observation[b], actors.allowed[b]
-    paid = _reward_of(w, b, setting, reward, actors.history, s)
+    paid = reward_of(w, b, setting, reward, actors.history, s)
     out.reward[b] = paid
     code = w.state[0].outcome
     ended = code != RUNNING or look_as_bv(w, setting, s, observation, allowed) < 0
@@ -347,7 +335,7 @@ def collect(
         n: 0 (to compile) or the number of worlds.
         exploring: How actions are chosen.
         setting: The run, whose critical BV is TOLD.
-        reward: Which crashes are paid (`_reward_of`).
+        reward: Which crashes are paid (`reward_of`).
         actors: The worlds.
         s: Scratch.
         keep: Nothing is kept.
