@@ -37,7 +37,7 @@ __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes")
 def generate(
     policy: Annotated[
         list[str],
@@ -211,7 +211,7 @@ def query(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout", "av_batch", "av_processes")
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -243,7 +243,7 @@ def variety(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes")
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[

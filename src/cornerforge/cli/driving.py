@@ -36,7 +36,7 @@ __all__ = ["avs", "check_av", "rate", "simulate"]
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     world: World = None,
@@ -94,7 +94,7 @@ def simulate(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes")
 def rate(
     method: Annotated[
         str,
@@ -168,7 +168,7 @@ def avs(
 
 
 @app.command("check-av")
-@takes_world("odd", "lanes", "av_timeout")
+@takes_world("odd", "lanes", "av_timeout", "av_batch", "av_processes")
 def check_av(
     av: Annotated[
         str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)

@@ -16,7 +16,7 @@ from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import context_of
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import check_av_timeout, experiment, road_of
+from cornerforge.pipeline.setting import check_av_options, experiment, road_of
 from cornerforge.results import AvChecked
 from cornerforge.results.avs import AvCheck, AvSpeed
 from cornerforge.types import Odd
@@ -105,7 +105,8 @@ def check_av(
     check_integer("tests", tests, low=1, high=10**6)
     check_integer("seed", seed, low=0, high=2**63 - 1)
     options = WorldOptions(**world)
-    av, av_timeout = options.av, check_av_timeout(options.av_timeout)
+    av, av_timeout = options.av, options.av_timeout
+    check_av_options(options)
     if not is_foreign(av):
         raise InputError(f'"{av}" is a built-in name or none; check-av tries module:Class, .onnx and .zip files.')
     road = road_of(options)

@@ -23,10 +23,10 @@ from cornerforge.library import CaseLibrary
 from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
-from cornerforge.pipeline.counting import check_not_all_spoiled, tally_summary
+from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, tally_summary
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Filled, Simulated
 from cornerforge.sim import AV_FAULT, NOBODY, Recorder, Tally, crashed_tests, simulate_chunks
@@ -104,14 +104,15 @@ class _Harvest:
     def __init__(self, run: Experiment, seed: int, threads: int, *, counting: bool = False) -> None:
         policies = [policy_hash(policy) for policy in run.policies]
         self._drive = _Driving(run, seed, policies, counting=counting)
-        self._run, self._threads = run, threads
-        self.pool = ThreadPoolExecutor(threads)
+        self._run, self._threads = run, run.processes(threads)
+        self.pool = ThreadPoolExecutor(self._threads)
         self.extra = extra_columns(with_policy=bool(policies))
 
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Yield ranges of tests with their cases; the number of threads and the ranges' size change no result."""
         # With an adversary most tests are cases, and cases fill memory; natural crashes are rare.
-        chunk = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
+        usual = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
+        chunk = self._run.range_size(usual, tests, self._threads)
         return in_order(self._drive, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
 
     def __enter__(self) -> _Harvest:
@@ -271,7 +272,7 @@ def fill_library(
     Raises:
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
     """
-    n_threads = check_threads(threads)
+    n_threads = run.processes(threads)
     if run.foreign is None:
         Harvester(run.setting, run.slots).warm_up()
     else:
@@ -283,7 +284,7 @@ def fill_library(
         earlier = min(library.next_test, tests or 0)
         for first, outcomes, counts in simulate_chunks(
             run.setting, run.slots, seed=seed, first=0, tests=earlier, threads=n_threads, counting=counting,
-            drive=run.drive,
+            chunk=run.range_size(CHUNK, earlier, threads), drive=run.drive,
         ):  # fmt: skip
             tally.add(outcomes, counts)
             progress("count again", first + outcomes.code.size, earlier)

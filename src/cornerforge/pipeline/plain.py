@@ -25,7 +25,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import binomial_interval, poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
-from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_blocks, relative_half_width
+from cornerforge.rates.monte_carlo import BLOCK, CHUNK, MonteCarlo, drive_blocks, relative_half_width
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import BvMilesEstimate, Cost, Effort, KindRate
 
@@ -129,8 +129,9 @@ class PlainTests:
             seed=self._seed,
             first=self.counts.tests,
             tests=max_tests - self.counts.tests,
-            threads=self._threads,
+            threads=self.run.processes(self._threads),
             block=_BLOCK,
+            chunk=self.run.range_size(CHUNK, min(max_tests - self.counts.tests, _BLOCK), self._threads),
             tell=lambda done, crashes: self._tell(target, max_tests, done, crashes),
             drive=self.run.drive,
         )
@@ -184,7 +185,7 @@ class PlainTests:
                 self.run.slots,
                 seed=self._seed,
                 tests=sample,
-                threads=self._threads,
+                threads=self.run.processes(self._threads),
                 drive=self.run.drive,
             )
         return _plain_part(self.run, self.counts, self._travel)

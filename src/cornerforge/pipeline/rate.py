@@ -105,7 +105,7 @@ def rate(
         else:
             reason = _why_trees(session.counts) if method == "auto" else ASKED
             split = Splitting(
-                run, seed, folder, threads=check_threads(threads), progress=progress, tilted=method == "is"
+                run, seed, folder, threads=run.processes(threads), progress=progress, tilted=method == "is"
             )
             summary = _split(session, split, reason, target_rhw, max_tests)
             if folder is not None:

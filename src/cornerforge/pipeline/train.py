@@ -15,7 +15,7 @@ from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.errors import OutputError
 from cornerforge.ndd.model import model_hash
-from cornerforge.pipeline.counting import check_not_all_spoiled, rate_summary
+from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, rate_summary
 from cornerforge.pipeline.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
@@ -195,18 +195,18 @@ def evaluate(
         progress: Told how far it is.
     """
     tally, crashed = Tally(), []
-    n_threads = check_threads(threads)
     if run.foreign is not None:
         run.foreign.keep_scripts()  # crashes are judged by what the AV answered
         run.foreign.forget_scripts()
     for first, out, counts in simulate_chunks(
-        run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=n_threads, drive=run.drive
-    ):
+        run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=run.processes(threads),
+        chunk=run.range_size(CHUNK, tests, threads), drive=run.drive,
+    ):  # fmt: skip
         tally.add(out, counts)
         crashed += crashed_tests(first, out)
         progress("evaluate", tally.tests + tally.av_faults, tests)
     check_not_all_spoiled(run, tally.tests, tests)
-    strikes, avoidable = _judge(run, seed, crashed, reward_numbers("avoidable", delay_s), n_threads)
+    strikes, avoidable = _judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
     n_avoidable, n_strikes = int(avoidable.sum()), int(strikes.sum())
     return Yield(
         **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
