@@ -75,7 +75,7 @@ class Bars:
             # Work of an earlier session does not count for the speed of this one.
             self._task = self._bars.add_task(stage, total=total, completed=int(done), rate="")
         speed = self._bars.tasks[self._task].speed
-        text = f"{speed:,.0f}/s" if speed else ""
+        text = f"{speed_text(speed)}/s" if speed else ""
         self._bars.update(self._task, description=stage, completed=done, total=total, rate=text)
 
     def stop(self) -> None:
@@ -105,6 +105,7 @@ def run_command(
     """
     from cornerforge._jit import announce_compiling
     from cornerforge.execution import engine
+    from cornerforge.foreign.pace import announced
     from cornerforge.results import as_json as result_as_json
 
     if out is not None:
@@ -113,8 +114,9 @@ def run_command(
         check_new_file(out)
     bars = Bars(quiet)
     try:
-        announced = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
-        with engine(at[0], address=at[1], workers=at[2]), announced:
+        compiling = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
+        told = announced(lambda text: None if quiet else typer.echo(text, err=True))
+        with engine(at[0], address=at[1], workers=at[2]), compiling, told:
             result = work(bars)
     finally:
         bars.stop()

@@ -42,9 +42,12 @@ class Pace:
     def __init__(self, timeout: float, first_timeout: float) -> None:
         self.timeout, self.first_timeout = timeout, max(first_timeout, timeout)
         self._seconds: dict[int, float] = {}
+        self.answers = 0
+        """Answers noted so far, one for each world that drove."""
 
     def note(self, worlds: int, seconds: float) -> None:
         """Note that a call in which so many worlds drove took so long [s]."""
+        self.answers += worlds
         place = _place(worlds)
         before = self._seconds.get(place, seconds)
         self._seconds[place] = before + _WEIGHT * (seconds - before)

@@ -7,7 +7,8 @@ from typing import Any
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.foreign.driver import answers_per_test
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Simulated, from_json
@@ -106,19 +107,20 @@ def simulate_experiment(
     check_integer("tests", tests, low=1, high=10**12)
     run.warm_up()
     start = time.perf_counter()
-    tally = Tally()
-    for _, out, counts in simulate_chunks(
-        run.setting,
-        run.slots,
-        seed=seed,
-        first=first,
-        tests=tests,
-        threads=run.processes(threads),
-        counting=counting,
-        chunk=run.range_size(CHUNK, tests, threads),
-        drive=run.drive,
-    ):
-        tally.add(out, counts)
-        progress(stage, tally.tests + tally.av_faults, tests)
+    tally, each = Tally(), 1.0 / answers_per_test(run.setting)
+    with moving(progress, run.answered(), each, stage, 0, tests) as told:
+        for _, out, counts in simulate_chunks(
+            run.setting,
+            run.slots,
+            seed=seed,
+            first=first,
+            tests=tests,
+            threads=run.processes(threads),
+            counting=counting,
+            chunk=run.range_size(CHUNK, tests, threads),
+            drive=run.drive,
+        ):
+            tally.add(out, counts)
+            told(stage, tally.tests + tally.av_faults, tests)
     check_not_all_spoiled(run, tally.tests, tests)
     return tally, time.perf_counter() - start

@@ -19,13 +19,15 @@ from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.execution import Rooms, in_order
+from cornerforge.foreign.driver import answers_per_test
 from cornerforge.library import CaseLibrary
 from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, tally_summary
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Filled, Simulated
@@ -104,15 +106,15 @@ class _Harvest:
     def __init__(self, run: Experiment, seed: int, threads: int, *, counting: bool = False) -> None:
         policies = [policy_hash(policy) for policy in run.policies]
         self._drive = _Driving(run, seed, policies, counting=counting)
-        self._run, self._threads = run, run.processes(threads)
+        self.run, self._threads = run, run.processes(threads)
         self.pool = ThreadPoolExecutor(self._threads)
         self.extra = extra_columns(with_policy=bool(policies))
 
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Yield ranges of tests with their cases; the number of threads and the ranges' size change no result."""
         # With an adversary most tests are cases, and cases fill memory; natural crashes are rare.
-        usual = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
-        chunk = self._run.range_size(usual, tests, self._threads)
+        usual = _CHUNK_NATURAL if self.run.setting.who.critical == NOBODY else _CHUNK
+        chunk = self.run.range_size(usual, tests, self._threads)
         return in_order(self._drive, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
 
     def __enter__(self) -> _Harvest:
@@ -310,11 +312,18 @@ def _fill(
         return
     last = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
     next_test = first
-    with contextlib.closing(harvest.chunks(first, max(0, last - first))) as chunks:
+
+    def done() -> tuple[int, int]:
+        return (next_test, last) if cases is None else (filler.crashes, cases)
+
+    each = 1.0 / answers_per_test(harvest.run.setting)  # in cases, as if half of the tests were one, until some are
+    with (
+        moving(progress, harvest.run.answered(), each if cases is None else each / 2.0, stage, *done()) as told,
+        contextlib.closing(harvest.chunks(first, max(0, last - first))) as chunks,
+    ):
         for harvested in chunks:
             next_test = filler.take(harvested, None if cases is None else cases - filler.crashes)
-            done, target = (next_test, last) if cases is None else (filler.crashes, cases)
-            progress(stage, done, target)
+            told(stage, *done())
             if filler.crashes == cases:
                 break
             filler.commit_if_due(next_test)
@@ -395,4 +404,5 @@ def generate(
         raise InputError(
             f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB"
         )
+    forecast(run, threads, f"driving {cases:,} tests (if every one is a case)", tests=cases)
     return fill_library(run, Path(out), seed=seed, cases=cases, threads=threads, resume=resume, progress=progress)

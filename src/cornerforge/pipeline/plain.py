@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.errors import CornerForgeError
+from cornerforge.foreign.driver import answers_per_test
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, open_output, read_json_file, version, write_json
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import binomial_interval, poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
@@ -122,6 +123,17 @@ class PlainTests:
 
     def drive(self, target: float, max_tests: int) -> str:
         """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""
+        each = 1.0 / answers_per_test(self.run.setting)
+        stage, done = f"rate ({self.counts.av_crashes} crashes)", self.counts.tests
+        progress = self._progress
+        with moving(progress, self.run.answered(), each, stage, done, max_tests) as self._progress:
+            try:
+                return self._drive(target, max_tests)
+            finally:
+                self._progress = progress
+
+    def _drive(self, target: float, max_tests: int) -> str:
+        """Drive, as `drive`."""
         stored = time.monotonic()
         blocks = drive_blocks(
             self.run.setting,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
@@ -98,6 +98,13 @@ class Experiment:
         if self.foreign is None:
             return usual
         return self.foreign.range_size(usual, self.setting, tests, self.processes(threads))
+
+    def answered(self) -> Callable[[], int] | None:
+        """Return what counts the answers of a slow AV from outside, for `moving`; None for all others."""
+        if self.foreign is None or self.foreign.pace.usual(self.foreign.batch) < 0.05:
+            return None
+        pace = self.foreign.pace
+        return lambda: pace.answers
 
     def warm_up(self) -> None:
         """Load the compiled kernels, or compile them (once per installation), so that timings leave it out."""
