@@ -34,7 +34,7 @@ from cornerforge.results import Filled, Simulated
 from cornerforge.sim import AV_FAULT, NOBODY, Recorder, Tally, crashed_tests, simulate_chunks
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
+__all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "library_summary", "policy_file", "store_tests"]
 
 _SHARD_CASES = 1000
 _COMMIT_SECONDS = 20.0
@@ -257,6 +257,7 @@ def fill_library(
     stage: str = "generate",
     counting: bool = False,
     tally: Tally | None = None,
+    tally_from: int = 0,
 ) -> Filled:
     """Drive tests 0, 1, 2, ... of a seed and store every AV crash until there are enough cases or tests.
 
@@ -269,7 +270,8 @@ def fill_library(
         threads, progress, stage: As for `simulate`.
         resume: Go on where an earlier call, or its kill, stopped.
         counting: Fill the histograms of `tally` too.
-        tally: Sums of all tests 0 .. `tests` - 1 are added to it.
+        tally: Sums of the tests `tally_from` .. `tests` - 1 are added to it.
+        tally_from: See `tally`.
 
     Raises:
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
@@ -283,13 +285,13 @@ def fill_library(
     library = _open_library(run, out, seed, resume=resume)
     if tally is not None:
         # The library keeps only the crashes of tests that are done, so their sums need another drive.
-        earlier = min(library.next_test, tests or 0)
+        earlier = max(0, min(library.next_test, tests or 0) - tally_from)
         for first, outcomes, counts in simulate_chunks(
-            run.setting, run.slots, seed=seed, first=0, tests=earlier, threads=n_threads, counting=counting,
+            run.setting, run.slots, seed=seed, first=tally_from, tests=earlier, threads=n_threads, counting=counting,
             chunk=run.range_size(CHUNK, earlier, threads), drive=run.drive,
         ):  # fmt: skip
             tally.add(outcomes, counts)
-            progress("count again", first + outcomes.code.size, earlier)
+            progress("count again", first - tally_from + outcomes.code.size, earlier)
     with _Harvest(run, seed, n_threads, counting=counting) as harvest:
         filler = _Filler(library, harvest, tally)
         try:
@@ -301,7 +303,7 @@ def fill_library(
     library.finish()
     seconds = time.perf_counter() - start
     write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))
-    return _library_summary(library, seconds)
+    return library_summary(library, seconds)
 
 
 def _fill(
@@ -337,7 +339,7 @@ def _fill(
         )
 
 
-def _library_summary(library: CaseLibrary, seconds: float) -> Filled:
+def library_summary(library: CaseLibrary, seconds: float) -> Filled:
     """Make the result of `generate`: cases, and crashes per test over all tests that were driven."""
     return Filled(
         cases=len(library),

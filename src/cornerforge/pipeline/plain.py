@@ -121,6 +121,10 @@ class PlainTests:
                 self.counts = MonteCarlo.from_json(read_json_file(save))
         self.run.warm_up()
 
+    def take(self, counts: MonteCarlo, travel: BvTravel, reason: str) -> None:
+        """Take over tests that were driven elsewhere, and what their BVs drove, instead of driving any."""
+        self.counts, self._travel, self.reason = counts, travel, reason
+
     def drive(self, target: float, max_tests: int) -> str:
         """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""
         each = 1.0 / answers_per_test(self.run.setting)
@@ -190,8 +194,8 @@ class PlainTests:
 
     def plain_part(self) -> dict[str, Any]:
         """Make the fields of `NaturalRate` that come from plain tests, whatever the method."""
-        if self._travel is None or self._travel.tests < SAMPLE_TESTS:
-            sample = min(SAMPLE_TESTS, self.counts.tests)
+        sample = min(SAMPLE_TESTS, self.counts.tests)
+        if self._travel is None or self._travel.tests < sample:
             self._travel = bv_travel(
                 self.run.setting,
                 self.run.slots,

@@ -41,6 +41,7 @@ __all__ = [
     "checkpoint_beside",
     "curve_report",
     "evaluate",
+    "judge",
     "learn",
     "load_timed_policy",
     "measure_baselines",
@@ -49,6 +50,7 @@ __all__ = [
     "train",
     "training_faults",
     "write_provenance_beside",
+    "yield_of",
 ]
 
 EVALUATION_TESTS = 1 << 41
@@ -216,18 +218,22 @@ def evaluate(
             crashed += crashed_tests(first, out)
             told("evaluate", tally.tests + tally.av_faults, tests)
     check_not_all_spoiled(run, tally.tests, tests)
-    strikes, avoidable = _judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
-    n_avoidable, n_strikes = int(avoidable.sum()), int(strikes.sum())
+    strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
+    return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), int(avoidable.sum()))
+
+
+def yield_of(crashes: int, tests: int, miles: float, strikes: int, avoidable: int) -> Yield:
+    """Make a yield of counts: crashes, in how many of them the AV struck, and how many braking would have avoided."""
     return Yield(
-        **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
-        avoidable_per_test=n_avoidable / tally.tests,
-        avoidable_interval95=binomial_interval(n_avoidable, tally.tests),
-        striking_share=n_strikes / len(crashed) if crashed else None,
-        striking_interval95=binomial_interval(n_strikes, len(crashed)) if crashed else None,
+        **vars(rate_summary(crashes, tests, miles)),
+        avoidable_per_test=avoidable / tests,
+        avoidable_interval95=binomial_interval(avoidable, tests),
+        striking_share=strikes / crashes if crashes else None,
+        striking_interval95=binomial_interval(strikes, crashes) if crashes else None,
     )
 
 
-def _judge(
+def judge(
     run: Experiment, seed: int, crashed: list[int], reward: RewardNumbers, threads: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Judge crashed tests: did the AV strike, would braking have avoided the crash? Bool (n,) each."""
