@@ -46,7 +46,9 @@ class WorldOptions:
         budget: Likelihood budget of a test [nats], 0 or more: the largest amount by which the log-probability of the
             adversary's actions, summed over the test, may fall short of the likeliest actions'. It implies `bounded`
             and overrides a policy's own budget. None: no limit, or the policy's own.
-        av_timeout: Longest time that an AV from outside may take for an answer [s], 0.01 to 3600.
+        av_timeout: Longest time that an AV from outside may take for the answer in one world [s], 0.01 to 3600.
+        av_batch: Worlds that an AV from outside is asked about together, 1 to 65,536; None: as its speed advises.
+        av_processes: Processes of an AV from outside that drive at the same time, 1 to 1024; None: as many as threads.
     """
 
     av: str = field(
@@ -76,7 +78,18 @@ class WorldOptions:
     )
     av_timeout: float = field(
         default=5.0,
-        metadata={"unit": "s", "help": "Seconds that an AV which is not built in may take for an answer."},
+        metadata={
+            "unit": "s",
+            "help": "Seconds that an AV which is not built in may take for the answer in one world.",
+        },
+    )
+    av_batch: int | None = field(
+        default=None,
+        metadata={"help": "Worlds that such an AV is asked about together; chosen by its speed by default."},
+    )
+    av_processes: int | None = field(
+        default=None,
+        metadata={"help": "Processes of such an AV at the same time; as many as threads by default."},
     )
 
     def without_mask(self) -> WorldOptions:
@@ -97,6 +110,8 @@ class AvKeywords(RoadKeywords, total=False):
 
     av: str
     av_timeout: float
+    av_batch: int | None
+    av_processes: int | None
 
 
 class WorldKeywords(AvKeywords, total=False):

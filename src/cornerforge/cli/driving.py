@@ -41,7 +41,7 @@ __all__ = ["avs", "check_av", "rate", "simulate"]
     "cornerforge simulate --av rl --tests 100000",
     "cornerforge simulate --bv out/demo/policy.safetensors --out out/crashes",
 )
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     world: World = None,
@@ -101,7 +101,7 @@ def simulate(
 
 
 @command("cornerforge rate --av idm-mobil-blind --max-tests 20000", "cornerforge rate --av rl --out out/rate")
-@takes_world("av", "odd", "lanes", "model", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes")
 def rate(
     method: Annotated[
         str,
@@ -177,22 +177,26 @@ def avs(
 
 
 @command("cornerforge check-av my_av:MyAv", name="check-av")
-@takes_world("odd", "lanes", "av_timeout")
+@takes_world("odd", "lanes", "av_timeout", "av_batch", "av_processes")
 def check_av(
     av: Annotated[
         str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
     ],
     world: World = None,
-    tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
+    tests: Annotated[
+        int | None,
+        typer.Option(help="Tests to drive at the end, in natural traffic.", show_default="256; fewer of a slow AV"),
+    ] = None,
     config: Config = None,
     seed: Seed = 0,
-    threads: IdleThreads = None,
+    threads: Threads = None,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
+    from cornerforge.foreign.pace import spoken
 
     def text(r: AvChecked) -> str:
         lines = [f"{c.verdict:<5}{c.name}: {c.found}" for c in r.checks]
@@ -201,11 +205,17 @@ def check_av(
             f"{speed_text(s.decisions_per_second)} decisions/s"
             for s in r.speed
         ]
+        if r.does is not None:
+            lines.append(
+                f"about {spoken(r.does.answer_seconds)} for an answer, {r.does.batch} world(s) at a time, "
+                f"{r.does.processes} process(es): {speed_text(r.does.tests_per_hour)} tests/h, "
+                f"{speed_text(r.does.decisions_per_hour)} training decisions/h; {r.does.advice}"
+            )
         return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
 
     result = run_command(
         lambda bars: cornerforge.check_av(
-            av=av, tests=tests, seed=seed, progress=bars, **world
+            av=av, tests=tests, seed=seed, threads=threads, progress=bars, **world
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip

@@ -107,6 +107,7 @@ def run_command(
     """
     from cornerforge._jit import announce_compiling
     from cornerforge.execution import engine
+    from cornerforge.foreign.pace import announced
     from cornerforge.pipeline.output import called_with
     from cornerforge.results import as_json as result_as_json
 
@@ -116,9 +117,13 @@ def run_command(
         check_new_file(out)
     bars = Bars(quiet)
     try:
-        announced = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
+        compiling = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
+        told = announced(lambda text: None if quiet else typer.echo(text, err=True))
         call = this_call()
-        with engine(at[0], address=at[1], workers=at[2]), announced, called_with(call.stated()), call.finding_modules():
+        with (
+            engine(at[0], address=at[1], workers=at[2]), compiling, told, called_with(call.stated()),
+            call.finding_modules(),
+        ):  # fmt: skip
             result = work(bars)
     finally:
         bars.stop()

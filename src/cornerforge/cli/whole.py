@@ -57,7 +57,7 @@ def init(
 
 
 @command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
-@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout", "av_batch", "av_processes")
 def run(
     effort: Annotated[
         str | None,
@@ -67,6 +67,16 @@ def run(
             autocompletion=completing("quick", "standard", "paper"),
         ),
     ] = None,
+    hours: Annotated[
+        float | None,
+        typer.Option(
+            help="Time for all of it instead of an effort: does what fits, so results depend on speed. For slow AVs.",
+            show_default=False,
+        ),
+    ] = None,
+    stand_in: Annotated[
+        str, typer.Option(help="Built-in AV to train against when the hours are too few to train against --av.")
+    ] = "idm-mobil",
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
     budget: Annotated[
@@ -94,15 +104,21 @@ def run(
                 rate_text(r.train, "Adversary"),
                 *training_fault_text(r.train.av_faults),
                 f"{r.generate.cases:,} cases in {r.generate.library}; "
-                f"{len(r.analyse.clusters)} clusters, {len(r.analyse.rare)} rare cases; "
-                f"{r.seconds:.0f} s",
+                + (
+                    ""
+                    if r.analyse is None
+                    else f"{len(r.analyse.clusters)} clusters, {len(r.analyse.rare)} rare cases; "
+                )
+                + f"{r.seconds:.0f} s",
+                *(() if r.spending is None else (f"Not found: {text}" for text in r.spending.not_found)),
                 f"Report: {r.report}",
             ]
         )
 
     run_command(
         lambda bars: cornerforge.run(
-            effort=effort, out=out, budget=budget, resume=resume, seed=seed, threads=threads, progress=bars, **world,
+            effort=effort, hours=hours, stand_in=stand_in, out=out, budget=budget, resume=resume, seed=seed,
+            threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

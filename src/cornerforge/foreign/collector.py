@@ -52,12 +52,12 @@ class ForeignCollector:
     def __init__(self, av: ForeignAv, setting: Setting, slots: int, actors: Actors, threads: int) -> None:
         self._av, self._actors = av, actors
         worlds = len(actors.allowed)
-        size = -(-worlds // -(-worlds // av.batch))
+        size = av.group_size(worlds, threads)
         self._groups = [
             Group(av, setting, slots, actors, np.arange(first, min(first + size, worlds)), size)
             for first in range(0, worlds, size)
         ]
-        self._pool = ThreadPoolExecutor(threads)
+        self._pool = ThreadPoolExecutor(av.processes or threads)
 
     def warm_up(self, exploring: Exploring, reward: RewardNumbers, out: Transitions) -> None:
         """Load the kernels that `collect` calls, or compile them; moves nobody."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.edge_cases import ordinary_views
+from cornerforge.foreign.pace import MOST_WORLDS, Pace, announce, choose_batch
 from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
 from cornerforge.foreign.session import AvSession, Steps, context_of
 from cornerforge.road.straight import road_numbers
@@ -37,10 +39,8 @@ from cornerforge.sim import (
 )
 from cornerforge.types import Odd
 
-__all__ = ["BATCH", "MAX_FAULTS", "Fault", "ForeignAv", "answers_per_second", "seeds_of", "usable"]
+__all__ = ["MAX_FAULTS", "Fault", "ForeignAv", "answers_per_second", "answers_per_test", "seeds_of", "usable"]
 
-BATCH = 256
-"""Worlds driven side by side."""
 MAX_FAULTS = 20
 """Number of faults that ends a run."""
 MAX_HANGS = 5
@@ -93,7 +93,7 @@ class ForeignAv:
     """A foreign AV, ready to drive tests; an instance is a `DriveChunk` (see `sim.runner`).
 
     An answer that is no array of (B, 2) real numbers, an exception, an end of the process, or an answer that takes
-    longer than `timeout` fails the whole batch; the AV is made anew and drives the tests again in ever smaller groups,
+    too long (`Pace.limit`) fails the whole batch; the AV is made anew and drives the tests again in smaller groups,
     until the tests that fail alone are found. An answer of NaN, infinity, or a lane order other than -1, 0, 1 fails its
     own test only. A test that fails is a fault: it is listed in `faults` and does not count as a test.
 
@@ -101,13 +101,16 @@ class ForeignAv:
         spec: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         odd: The ODD.
         seed: Seed of the run, told to the AV.
-        timeout: Time for one answer [s], 0.01 to 3600; the first answer of a process has `first_timeout`, or this if it
-            is more.
-        batch: Worlds side by side, 1 to 65,536.
+        timeout: Time for the answer in one world [s], 0.01 to 3600; the first answer of a process has `first_timeout`,
+            or this if it is more.
+        batch: Worlds side by side, 1 to 65,536; None: as many as it answers well together (`choose_batch`).
         first_timeout: Time for the first answer of a process [s], 60 unless said.
+        processes: AV processes that drive at the same time, 1 to 1024; None: as many as there are threads.
 
     Attributes:
-        spec, batch: As given.
+        spec, processes: As given.
+        batch: Worlds side by side.
+        pace: How fast the AV answers.
         kind, hash: "class", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
         controller: Which controller it is to the simulator: `sim.OUTSIDE`, or `sim.STEERED` if it steers.
         faults: Faults so far, by (seed, test).
@@ -124,24 +127,33 @@ class ForeignAv:
         *,
         seed: int = 0,
         timeout: float = DEFAULT_TIMEOUT,
-        batch: int = BATCH,
+        batch: int | None = None,
         first_timeout: float = FIRST_TIMEOUT,
+        processes: int | None = None,
     ) -> None:
         check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
-        check_integer("batch", batch, low=1, high=65_536)
-        self.spec, self.batch = spec, batch
-        self._context, self._road = context_of(odd, batch=batch, seed=seed), road_numbers(odd)
-        self._timeouts = (timeout, first_timeout)
+        if batch is not None:
+            check_integer("av_batch", batch, low=1, high=65_536)
+        if processes is not None:
+            check_integer("av_processes", processes, low=1, high=1024)
+        self.spec, self.processes, self._asked_batch = spec, processes, batch
+        self._context, self._road = context_of(odd, batch=batch or 1, seed=seed), road_numbers(odd)
+        self.pace = Pace(timeout, first_timeout)
         self._lock = threading.Lock()
         self._free: queue.SimpleQueue[AvSession] = queue.SimpleQueue()
         self.faults: dict[tuple[int, int], Fault] = {}
         self._driven = 0
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
-        first = AvSession(spec, self._context, self._road, *self._timeouts)
+        first = AvSession(spec, self._context, self._road, self.pace)
         about = first.process().about
         self.kind, self.hash, self.controller = about["kind"], about["hash"], controller_of(about["form"])
-        self._try(first)
+        if batch is None:
+            batch = choose_batch(lambda worlds: self._seconds(first, worlds))
+            self._context = replace(self._context, batch=batch)
+        else:
+            self._seconds(first, batch)
+        self.batch = batch
         self._free.put(first)
 
     def ask_once(self, session: AvSession) -> None:
@@ -154,10 +166,23 @@ class ForeignAv:
         everywhere = np.arange(session.batch_size)
         session.act(views, everywhere, np.zeros_like(everywhere))
 
-    def _try(self, session: AvSession) -> None:
-        """Ask once, so that an AV that never works is reported at once."""
+    def _seconds(self, session: AvSession, worlds: int) -> float:
+        """Measure how long the AV takes for an answer in so many worlds [s]; one that never works is reported at once.
+
+        The first answer of a process may take longer than others, so it does not count unless it is as expected.
+        """
+        session.resize(worlds)
+        expected = self.pace.usual(worlds)
         try:
+            begun = time.perf_counter()
             self.ask_once(session)
+            seconds = time.perf_counter() - begun
+            if seconds > 1.0 and (seconds < 1.5 * expected or worlds > 16):
+                self.pace.note(worlds, seconds)
+                return seconds
+            begun = time.perf_counter()
+            self.ask_once(session)
+            return time.perf_counter() - begun
         except AvFailureError as failure:
             raise AvFaultError(
                 f"The AV {self.spec} {failure} at its first question; "
@@ -184,16 +209,29 @@ class ForeignAv:
 
     def new_session(self, batch: int) -> AvSession:
         """Make a session of the caller's own, with so many worlds side by side; the caller drops it."""
-        return AvSession(self.spec, replace(self._context, batch=batch), self._road, *self._timeouts)
+        return AvSession(self.spec, replace(self._context, batch=batch), self._road, self.pace)
+
+    def range_size(self, usual: int, setting: Setting, tests: int, processes: int) -> int:
+        """Say how many of so many tests one process drives in a row (`Pace.range_size`)."""
+        return self.pace.range_size(usual, self.batch, tests, processes, answers_per_test(setting))
+
+    def group_size(self, worlds: int, threads: int) -> int:
+        """Say how many of a fixed number of worlds one process drives, so that all have some unless the AV is fast."""
+        most = self._asked_batch or MOST_WORLDS
+        busy = self.processes or (threads if self.pace.usual(min(worlds, most)) > 0.005 else 1)
+        return -(-worlds // max(-(-worlds // most), min(worlds, busy)))
 
     @contextmanager
-    def lend_session(self) -> Iterator[AvSession]:
-        """Lend this thread a session, with an AV process of its own."""
+    def lend_session(self, tests: int | None = None) -> Iterator[AvSession]:
+        """Lend this thread a session, with an AV process of its own, with no more worlds than `tests` need."""
+        rows = self.batch if tests is None else self.pace.rows(self.batch, tests)
         try:
             session = self._free.get_nowait()
         except queue.Empty:
-            session = self.new_session(self.batch)
+            session = self.new_session(rows)
         try:
+            if not rows <= session.batch_size < 2 * rows:
+                session.resize(rows)
             yield session
         except BaseException:
             session.drop()
@@ -214,7 +252,7 @@ class ForeignAv:
         census = statistics.census_of(counting)
         out, total = allocate_outcomes(count), statistics.allocate_counts()
         groups = [list(range(first, first + count))] if count else []
-        with self.lend_session() as session:
+        with self.lend_session(count) as session:
             while groups:
                 group = groups.pop()
                 is_fresh = session.is_fresh
@@ -246,6 +284,12 @@ class ForeignAv:
                 self.note(seed, Fault(test, spoiled.what, spoiled.message))
         elif spoiled.what == "hung" or len(suspects) == 1:  # a hang costs the whole time limit: look once at each
             groups += [[test] for test in reversed(suspects)]
+            if spoiled.what == "hung":
+                self.pace.allow_more(len(suspects))
+                announce(
+                    f"The AV {self.spec} {spoiled.message}; these tests are driven again one by one. If it is slow and "
+                    f"not hung: --av-batch below {len(suspects)}, or a longer --av-timeout."
+                )
         else:
             half = (len(suspects) + 1) // 2
             groups += [suspects[half:], suspects[:half]]
@@ -429,6 +473,12 @@ def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
 def answers_per_second(setting: Setting) -> int:
     """Compute how often the AV answers in a second."""
     return -(-SUBSTEPS // int(setting.road.av_substeps))
+
+
+def answers_per_test(setting: Setting) -> float:
+    """Compute about how often the AV answers in a test that it drives to its end, at 30 m/s."""
+    road = setting.road
+    return float(road.test_length) / 30.0 * answers_per_second(setting)
 
 
 def _most_answers(setting: Setting) -> int:

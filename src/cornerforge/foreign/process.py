@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import weakref
 from contextlib import suppress
 from dataclasses import asdict
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError
+from cornerforge.foreign.pace import Pace
 from cornerforge.foreign.protocol import ACT, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
 
 if TYPE_CHECKING:
@@ -45,9 +47,10 @@ class AvFailureError(Exception):
         self.what = what
 
 
-def _end(process: subprocess.Popen[bytes], connection: socket.socket) -> None:
+def _end(process: subprocess.Popen[bytes], connection: socket.socket, lifeline: int) -> None:
     """End a process and all processes that it started."""
     connection.close()
+    os.close(lifeline)
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     with suppress(subprocess.TimeoutExpired):
@@ -59,8 +62,9 @@ class AvProcess:
 
     Args:
         spec: The AV, as behind --av.
-        timeout: Longest time for one answer [s].
+        timeout: Longest time for the answer in one world [s].
         first_timeout: Longest time for loading, for setting up, and for the first answer [s], each.
+        pace: What is known of the AV's speed, with these limits; None: nothing.
 
     Attributes:
         about: The AV's `kind` and `hash`, and what `drivers.Driver.about` says of it.
@@ -70,26 +74,34 @@ class AvProcess:
         AvFaultError: The process ended or hung while the AV was loaded.
     """
 
-    def __init__(self, spec: str, *, timeout: float, first_timeout: float) -> None:
+    def __init__(self, spec: str, *, timeout: float, first_timeout: float, pace: Pace | None = None) -> None:
         self._spec = spec
-        self._timeout, self._first_timeout = timeout, max(first_timeout, timeout)
+        self._pace = pace or Pace(timeout, first_timeout)
+        self._first_timeout = self._pace.first_timeout
         self._batch = 0
         self._is_first = True
         ours, theirs = socket.socketpair()
         package = Path(__file__).parents[2]
         search = [str(package), *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = dict.fromkeys(_ONE_THREAD, "1") | dict(os.environ) | {"PYTHONPATH": os.pathsep.join(search)}
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "cornerforge.foreign.worker", str(theirs.fileno())],
-                stdin=subprocess.DEVNULL,
-                stdout=sys.stderr.fileno() if _has_file(sys.stderr) else subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,
-                env=environment,
-            )
+        their_end, lifeline = os.pipe()
+        try:
+            with theirs:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-P", "-m", "cornerforge.foreign.worker", str(theirs.fileno()), str(their_end)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=sys.stderr.fileno() if _has_file(sys.stderr) else subprocess.DEVNULL,
+                    pass_fds=[theirs.fileno(), their_end],
+                    start_new_session=True,
+                    env=environment,
+                )
+        except BaseException:
+            os.close(lifeline)
+            raise
+        finally:
+            os.close(their_end)
         self._connection = ours
-        self._finalizer = weakref.finalize(self, _end, self._process, ours)
+        self._finalizer = weakref.finalize(self, _end, self._process, ours, lifeline)
         try:
             self.about: dict[str, str] = unpack_json(self._ask(pack_json(LOAD, {"av": spec}), self._first_timeout))
         except AvFailureError as failure:
@@ -135,7 +147,11 @@ class AvProcess:
         """
         head = np.array([worlds.size], dtype=np.int64)
         frame = pack(ACT, head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes())
-        body = self._ask(frame, self._first_timeout if self._is_first else self._timeout)
+        driving = int(np.count_nonzero(view[:, 0, 0]))
+        begun = time.perf_counter()
+        body = self._ask(frame, self._pace.limit(driving, first=self._is_first), driving)
+        if not self._is_first:  # the first answer may take longer: libraries are loaded, code is compiled
+            self._pace.note(driving, time.perf_counter() - begun)
         self._is_first = False
         said = int(np.frombuffer(body, np.int64, 1)[0])
         failed = json.loads(bytes(body[8 : 8 + said])) if said else {}
@@ -147,14 +163,15 @@ class AvProcess:
         """End the process."""
         self._finalizer()
 
-    def _ask(self, frame: bytes, timeout: float) -> bytearray:
+    def _ask(self, frame: bytes, timeout: float, driving: int = 1) -> bytearray:
         self._connection.settimeout(timeout)
         try:
             self._connection.sendall(frame)
             kind, body = receive(self._connection)
         except TimeoutError as error:
             self.close()
-            raise AvFailureError("hung", f"gave no answer within {timeout:g} s") from error
+            together = f" for {driving} worlds" if driving > 1 else ""
+            raise AvFailureError("hung", f"gave no answer within {timeout:.3g} s{together}") from error
         except (EOFError, BrokenPipeError, ConnectionResetError) as error:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=2.0)

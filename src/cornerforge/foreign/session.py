@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from cornerforge.drivers.idm import IdmParams
 from cornerforge.foreign.answers import Carried, carry_out
 from cornerforge.foreign.edge_cases import scenes_of
 from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
+from cornerforge.foreign.pace import Pace
 from cornerforge.foreign.process import AvProcess
 from cornerforge.sim import (
     AV_VIEW_VERSION,
@@ -55,16 +57,16 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
 class AvSession:
     """One AV process and the worlds that it drives; serves one thread at a time."""
 
-    def __init__(self, spec: str, context: AvContext, road: RoadNumbers, timeout: float, first_timeout: float) -> None:
-        self._spec, self._context, self._road = spec, context, road
-        self._timeouts = {"timeout": timeout, "first_timeout": first_timeout}
+    def __init__(self, spec: str, context: AvContext, road: RoadNumbers, pace: Pace) -> None:
+        self._spec, self._context, self._road, self._pace = spec, context, road, pace
         self._process: AvProcess | None = None
         self._batch: lockstep.Batch | None = None
 
     def process(self) -> AvProcess:
         """Give the AV's process, set up; a new one if it was given up."""
         if self._process is None:
-            process = AvProcess(self._spec, **self._timeouts)
+            pace = self._pace
+            process = AvProcess(self._spec, timeout=pace.timeout, first_timeout=pace.first_timeout, pace=pace)
             process.setup(self._context)
             self._process = process
         return self._process
@@ -115,6 +117,12 @@ class AvSession:
         """Make the AV anew after a failure; where that fails, the next question starts a new process."""
         if self._process is not None and not self._process.renew(self._context):
             self.drop()
+
+    def resize(self, batch: int) -> None:
+        """Drive so many worlds side by side from now on; where that is another number, the AV is made anew."""
+        if batch != self._context.batch:
+            self._context, self._batch = replace(self._context, batch=batch), None
+            self.renew()
 
     def drop(self) -> None:
         """End the process, if there is one."""

@@ -1,13 +1,15 @@
 """The process in which a foreign AV runs: it loads the AV, asks it, and reports in one line what went wrong.
 
-It is started as `python -m cornerforge.foreign.worker FD`; the simulator is at the other end of that socket. Nothing of
-the simulator is imported here.
+It is started as `python -m cornerforge.foreign.worker FD LIFELINE`; the simulator is at the other end of that socket
+and of that pipe. Nothing of the simulator is imported here.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import select
+import signal
 import socket
 import sys
 import threading
@@ -71,14 +73,37 @@ def _serve(connection: socket.socket) -> None:
 
 
 def _leave_with(parent: int) -> None:
-    """End this process when its parent is gone, even while the AV hangs."""
+    """End this process when its parent is gone; `_watch` ends one that holds the interpreter's lock."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)
 
 
-def main(fd: int) -> None:
-    """Serve on the socket `fd`."""
+def _watch(lifeline: int) -> None:
+    """Start a process that ends this one, and all that it starts, when the simulator is gone.
+
+    A thread of this process cannot: an AV that hangs in native code may hold the interpreter's lock. The simulator has
+    the other end of the pipe `lifeline`, which closes when it ends, however it ends.
+    """
+    av = os.getpid()
+    if os.fork() != 0:
+        os.close(lifeline)
+        return
+    try:
+        os.closerange(0, lifeline)
+        os.closerange(lifeline + 1, 1024)
+        poll = select.poll()
+        poll.register(lifeline, select.POLLIN)
+        while os.getppid() == av:
+            if poll.poll(1000.0):
+                os.killpg(0, signal.SIGKILL)
+    finally:
+        os._exit(0)
+
+
+def main(fd: int, lifeline: int) -> None:
+    """Serve on the socket `fd`, as long as the other end of the pipe `lifeline` is open."""
+    _watch(lifeline)
     threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
     sys.path.insert(0, os.getcwd())
     with socket.socket(fileno=fd) as connection:
@@ -89,4 +114,4 @@ def main(fd: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -14,6 +14,7 @@ from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import check_budget, policy_hash, save_policy
 from cornerforge.errors import InputError
 from cornerforge.ndd.drawing import BLUE, GREY, ORANGE, check_matplotlib, new_figure, png_of
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -90,6 +91,10 @@ def plausibility(
     n_threads = check_threads(threads)
     masks: list[tuple[float | None, bool]] = [(budget, True) for budget in sorted(budgets)]
     masks += [(None, True), (None, False)]
+    forecast(
+        natural, threads, f"{len(masks) * seeds} trainings and their tests",
+        decisions=len(masks) * seeds * config.decisions, tests=2 * len(masks) * seeds * tests,
+    )  # fmt: skip
     rows = []
     for budget, bounded in masks:
         run = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)

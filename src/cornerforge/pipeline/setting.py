@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
@@ -43,7 +43,7 @@ from cornerforge.sim import (
 from cornerforge.types import Odd, odd_named
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["TEMPERATURE", "Experiment", "check_av_timeout", "check_threads", "experiment", "road_of", "temperature_of"]
+__all__ = ["TEMPERATURE", "Experiment", "check_av_options", "check_threads", "experiment", "road_of", "temperature_of"]
 
 TEMPERATURE = 0.05
 """Temperature of `softmax` without a number [units of Q]: actions with nearly equal Q are taken nearly as often."""
@@ -92,6 +92,24 @@ class Experiment:
     def drive(self) -> DriveChunk:
         """Return the function that drives a range of tests."""
         return drive_chunk if self.foreign is None else self.foreign
+
+    def processes(self, threads: int | None) -> int:
+        """Return how many ranges of tests are driven at the same time: as many as threads, or processes of the AV."""
+        n = check_threads(threads)
+        return n if self.foreign is None else self.foreign.processes or n
+
+    def range_size(self, usual: int, tests: int, threads: int | None) -> int:
+        """Return how many tests are driven as one range: `usual`, or fewer of a slow AV, so that all processes work."""
+        if self.foreign is None:
+            return usual
+        return self.foreign.range_size(usual, self.setting, tests, self.processes(threads))
+
+    def answered(self) -> Callable[[], int] | None:
+        """Return what counts the answers of a slow AV from outside, for `moving`; None for all others."""
+        if self.foreign is None or self.foreign.pace.usual(self.foreign.batch) < 0.05:
+            return None
+        pace = self.foreign.pace
+        return lambda: pace.answers
 
     def warm_up(self) -> None:
         """Load the compiled kernels, or compile them (once per installation), so that timings leave it out."""
@@ -154,13 +172,17 @@ def check_threads(threads: int | None) -> int:
     return default_threads() if threads is None else check_integer("threads", threads, low=1, high=1024)
 
 
-def check_av_timeout(seconds: float) -> float:
-    """Check how long a foreign AV may take for an answer [s].
+def check_av_options(world: WorldOptions) -> None:
+    """Check how a foreign AV is asked: its time for an answer [s], worlds together, and processes.
 
     Raises:
-        InputError: The time is not in [0.01, 3600].
+        InputError: A number is out of range.
     """
-    return check_number("av_timeout", seconds, low=0.01, high=3600.0, unit="s")
+    check_number("av_timeout", world.av_timeout, low=0.01, high=3600.0, unit="s")
+    if world.av_batch is not None:
+        check_integer("av_batch", world.av_batch, low=1, high=65_536)
+    if world.av_processes is not None:
+        check_integer("av_processes", world.av_processes, low=1, high=1024)
 
 
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
@@ -273,7 +295,7 @@ def experiment(
     """
     world = replace(world or WorldOptions(), **keywords)
     av, model, bounded, budget = world.av, world.model, world.bounded, world.budget
-    av_timeout = check_av_timeout(world.av_timeout)
+    check_av_options(world)
     road = road or road_of(world)
     if is_foreign(av) and not takes_foreign:
         raise InputError(
@@ -313,7 +335,11 @@ def experiment(
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
-    foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None
+    foreign = None
+    if is_foreign(av):
+        foreign = ForeignAv(
+            av, road, seed=seed, timeout=world.av_timeout, batch=world.av_batch, processes=world.av_processes
+        )
     setting = Setting(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
