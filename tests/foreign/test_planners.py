@@ -107,6 +107,7 @@ class Bad(Evades):
         self.struck = seed % 5 == 0
     def plan(self, scene):
         good = super().plan(scene)
+        self.own = scene.own
         return self.bad(good) if self.struck and scene.time > 0.95 else good
 
 class Nan(Bad):
@@ -137,7 +138,8 @@ class Raises(Bad):
         raise ValueError("on purpose")
 class Leaves(Bad):
     def bad(self, plan):
-        plan[:, 2] = plan[0, 2] - 9 * plan[:, 0]
+        plan[:, 1] = self.own.x + self.own.vx * plan[:, 0]
+        plan[:, 2] = self.own.y - 9 * plan[:, 0]
         return plan
 class Turns(Bad):
     def bad(self, plan):
@@ -261,8 +263,8 @@ def test_its_crashes_are_cases_that_replay_to_the_bit(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("planners")
 def test_an_adversary_learns_against_it_and_check_av_knows_it(tmp_path: Path) -> None:
-    trained = cornerforge.train(av="planners:Curve", out=tmp_path / "p.safetensors", decisions=1500)
-    assert trained.decisions >= 1500
+    trained = cornerforge.train(av="planners:Curve", out=tmp_path / "p.safetensors", decisions=600, tests=16)
+    assert trained.decisions >= 600
     checked = cornerforge.check_av(av="planners:Curve", tests=4)
     assert checked.passed, checked.checks
     assert any("curvature" in check.found for check in checked.checks)
