@@ -135,7 +135,7 @@ def natural(crashes: int = 0, tests: int = 90) -> Any:
 def test_what_was_not_found_is_said_with_its_bound() -> None:
     said = spend._not_found(plan(), [portion(0, 300, 1.0)], natural(), 0.25)
     assert said[0] == "0 crashes in 300 tests of the adversary: fewer than 1.2 % of such tests end in one (95 %)."
-    assert "0 crashes in 90 natural tests: fewer than one in 30 tests, or in 8 miles (rule of three, 95 %)" in said[1]
+    assert "0 crashes in 90 natural tests: fewer than one in 30 tests, or in 7.5 miles (rule of three, 95 %)" in said[1]
     assert "to see one in 100,000 tests would take about 35 days of counting" in said[1]
     assert "learned against idm-mobil, not against this AV, which would take about 12 days" in said[2]
     assert len(said) == 4

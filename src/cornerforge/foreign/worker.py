@@ -14,6 +14,7 @@ import socket
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 
@@ -86,7 +87,10 @@ def _watch(lifeline: int) -> None:
     the other end of the pipe `lifeline`, which closes when it ends, however it ends.
     """
     av = os.getpid()
-    if os.fork() != 0:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # a matrix library may have threads; the child uses none
+        child = os.fork()
+    if child != 0:
         os.close(lifeline)
         return
     try:

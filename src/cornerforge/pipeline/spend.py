@@ -327,6 +327,10 @@ def _share(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
+def _few(number: float) -> str:
+    return f"{number:,.0f}" if number >= 10.0 else f"{number:.2g}"
+
+
 def _not_found(plan: Plan, attacks: Sequence[Portion], natural: NaturalRate, miles: float) -> tuple[str, ...]:
     """Say what the time was too short for."""
     said = []
@@ -340,7 +344,7 @@ def _not_found(plan: Plan, attacks: Sequence[Portion], natural: NaturalRate, mil
         tests = natural.plain_tests
         said.append(
             f"0 crashes in {tests:,} natural tests: fewer than one in {max(1, tests // 3):,} tests, or in "
-            f"{max(1, round(tests / 3 * miles)):,} miles (rule of three, 95 %). That says nothing about rare "
+            f"{_few(tests / 3.0 * miles)} miles (rule of three, 95 %). That says nothing about rare "
             f"crashes: to see one in 100,000 tests would take about {spoken(3e5 / plan.tests_per_second)} of counting."
         )
     elif natural.method == "mc" and natural.av_crashes < 10:
@@ -526,7 +530,7 @@ def _parts(
     against = "the AV itself" if plan.stand_in is None else f"the stand-in {plan.stand_in}"
     parts = [
         SpentOn(what="loading, and measuring the AV's speed", seconds=round(plan.seconds, 1), tests=None,
-                came_of_it=f"about {plan.tests_per_second:.2g} tests/s expected"),
+                came_of_it=f"about {3600.0 * plan.tests_per_second:,.0f} tests an hour expected"),
         SpentOn(what=f"training the adversary against {against}", seconds=trained.policy.seconds, tests=None,
                 came_of_it=f"{trained.policy.decisions:,} decisions"),
         SpentOn(what="tests of the adversary with the AV", seconds=round(sum(p.seconds for p in attacks), 1),
