@@ -37,7 +37,7 @@ class WorldOptions:
 
     Attributes:
         av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`, an
-            `.onnx` or a Stable-Baselines3 `.zip` file.
+            `.onnx` or a Stable-Baselines3 `.zip` file, or `cmd: PROGRAM ARGUMENTS`.
         odd: "default", "swift", "paper" or "mixed".
         lanes: 2 to 6; None for the ODD's own.
         model: Naturalistic model, or its file; None for the one that ships with the package.
@@ -47,12 +47,14 @@ class WorldOptions:
             adversary's actions, summed over the test, may fall short of the likeliest actions'. It implies `bounded`
             and overrides a policy's own budget. None: no limit, or the policy's own.
         av_timeout: Longest time that an AV from outside may take for an answer [s], 0.01 to 3600.
+        av_python: Python interpreter in which such an AV runs; None: the one of cornerforge.
     """
 
     av: str = field(
         default="idm-mobil",
         metadata={
-            "help": "AV under test: a name (`cornerforge avs` lists them), module:Class, or an .onnx or SB3 .zip file."
+            "help": 'AV under test: a name (`cornerforge avs` lists them), module:Class, "cmd: ./program", or an .onnx '
+            "or SB3 .zip file."
         },
     )
     odd: str = field(
@@ -78,6 +80,10 @@ class WorldOptions:
         default=5.0,
         metadata={"unit": "s", "help": "Seconds that an AV which is not built in may take for an answer."},
     )
+    av_python: str | None = field(
+        default=None,
+        metadata={"help": "Python in which such an AV runs, such as env/bin/python; it needs NumPy only."},
+    )
 
     def without_mask(self) -> WorldOptions:
         """Copy the options without `bounded` and `budget`: for a policy, which brings its own."""
@@ -97,6 +103,7 @@ class AvKeywords(RoadKeywords, total=False):
 
     av: str
     av_timeout: float
+    av_python: str | None
 
 
 class WorldKeywords(AvKeywords, total=False):

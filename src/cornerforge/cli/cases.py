@@ -37,7 +37,7 @@ __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_python")
 def generate(
     policy: Annotated[
         list[str],
@@ -150,7 +150,7 @@ def shrink(
 
 
 @app.command()
-@takes_world("av_timeout")
+@takes_world("av_timeout", "av_python")
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
@@ -211,7 +211,7 @@ def query(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout", "av_python")
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -243,7 +243,7 @@ def variety(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_python")
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[

@@ -36,7 +36,7 @@ __all__ = ["avs", "check_av", "rate", "simulate"]
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_python")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     world: World = None,
@@ -94,7 +94,7 @@ def simulate(
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_python")
 def rate(
     method: Annotated[
         str,
@@ -168,10 +168,13 @@ def avs(
 
 
 @app.command("check-av")
-@takes_world("odd", "lanes", "av_timeout")
+@takes_world("odd", "lanes", "av_timeout", "av_python")
 def check_av(
     av: Annotated[
-        str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
+        str,
+        typer.Argument(
+            metavar="AV", help='module:Class, "cmd: ./program", or an .onnx or SB3 .zip file.', show_default=False
+        ),
     ],
     world: World = None,
     tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
@@ -185,12 +188,18 @@ def check_av(
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
 
     def text(r: AvChecked) -> str:
-        lines = [f"{c.verdict:<5}{c.name}: {c.found}" for c in r.checks]
+        lines, told = [], set[str]()
+        for c in r.checks:
+            lines.append(f"{c.verdict:<5}{c.name}: {c.found}")
+            if c.trace and c.trace not in told:  # once, though many trials end in it
+                lines += [f"       {line}" for line in c.trace.splitlines()]
+                told.add(c.trace)
         lines += [
             f"speed, {s.worlds:>4} worlds: {speed_text(s.calls_per_second)} calls/s, "
             f"{speed_text(s.decisions_per_second)} decisions/s"
             for s in r.speed
         ]
+        lines += [f"what it printed, and its tracebacks: {r.log}"] if r.log else []
         return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
 
     result = run_command(

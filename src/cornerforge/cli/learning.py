@@ -30,7 +30,7 @@ __all__ = ["train", "train_av"]
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_python")
 def train(
     out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
     world: World = None,

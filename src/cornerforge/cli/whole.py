@@ -19,7 +19,7 @@ __all__ = ["report", "reproduce", "run"]
 
 
 @app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout")
+@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout", "av_python")
 def run(
     effort: Annotated[
         str | None, typer.Option(help="quick (4 minutes on 2 cores), standard (15) or paper.", show_default="quick")

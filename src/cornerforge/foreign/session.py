@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,12 @@ from cornerforge.sim import (
 from cornerforge.types import FRAME_S, Odd
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cornerforge.road.straight import RoadNumbers
+
+StartsProcess: TypeAlias = "Callable[..., AvProcess]"
+"""Starts a process of an AV: `start(spec, timeout=..., first_timeout=...)`."""
 
 __all__ = ["AvSession", "Steps", "context_of"]
 
@@ -55,7 +60,11 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
 class AvSession:
     """One AV process and the worlds that it drives; serves one thread at a time."""
 
-    def __init__(self, spec: str, context: AvContext, road: RoadNumbers, timeout: float, first_timeout: float) -> None:
+    def __init__(
+        self, spec: str, context: AvContext, road: RoadNumbers, timeout: float, first_timeout: float,
+        start: StartsProcess = AvProcess,
+    ) -> None:  # fmt: skip
+        self._start = start
         self._spec, self._context, self._road = spec, context, road
         self._timeouts = {"timeout": timeout, "first_timeout": first_timeout}
         self._process: AvProcess | None = None
@@ -64,7 +73,7 @@ class AvSession:
     def process(self) -> AvProcess:
         """Give the AV's process, set up; a new one if it was given up."""
         if self._process is None:
-            process = AvProcess(self._spec, **self._timeouts)
+            process = self._start(self._spec, **self._timeouts)
             process.setup(self._context)
             self._process = process
         return self._process

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Unpack
 
 import numpy as np
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.answers import controller_of
+from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
 from cornerforge.foreign.loaders import is_foreign
-from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError
+from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, context_of
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -38,23 +40,29 @@ _ROUNDING = 1e-3
 class _Bench:
     """Trials of one AV, each in a process of its own, and the list of findings."""
 
-    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float) -> None:
+    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float, python: str | None) -> None:
+        self.log = AvLog()
+        self._start = partial(AvProcess, python=python, log=self.log)
         self._spec, self._odd, self._seed, self._timeout = spec, odd, seed, timeout
         self._session: AvSession | None = None
         self._batch = 0
         self.checks: list[AvCheck] = []
         self.about: dict[str, str] = {}
 
-    def note(self, name: str, verdict: str, found: str) -> None:
+    def note(self, name: str, verdict: str, found: str, trace: str = "") -> None:
         """Add a finding to the list."""
-        self.checks.append(AvCheck(name=name, verdict=verdict, found=found))
+        self.checks.append(AvCheck(name=name, verdict=verdict, found=found, trace=trace))
+
+    def note_failure(self, name: str, how: str) -> None:
+        """Add a failure of the AV to the list, with its traceback."""
+        self.note(name, _FAIL, f"it {how}", self.log.trace(how))
 
     def session(self, batch: int) -> AvSession:
         """Return the AV's process, set up for `batch` worlds."""
         if self._session is None or self._batch != batch:
             self.close()
             context = context_of(self._odd, batch=batch, seed=self._seed)
-            session = AvSession(self._spec, context, road_numbers(self._odd), self._timeout, FIRST_TIMEOUT)
+            session = AvSession(self._spec, context, road_numbers(self._odd), self._timeout, FIRST_TIMEOUT, self._start)
             self.about = session.process().about
             self._session, self._batch = session, batch
         return self._session
@@ -103,8 +111,8 @@ def check_av(
         tests: Tests to drive in natural traffic at the end.
         seed: Seed of tests and views.
         progress: Told how far it is.
-        world: The AV (`module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file) and its world, keyword by keyword;
-            see `WorldOptions`.
+        world: The AV (`module:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file) and its world,
+            keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge check-av --json` prints: what each trial found, and the AV's speed.
@@ -117,9 +125,11 @@ def check_av(
     options = WorldOptions(**world)
     av, av_timeout = options.av, check_av_timeout(options.av_timeout)
     if not is_foreign(av):
-        raise InputError(f'"{av}" is a built-in name or none; check-av tries module:Class, .onnx and .zip files.')
+        raise InputError(
+            f'"{av}" is a built-in name or none; check-av tries module:Class, "cmd: PROGRAM", .onnx and .zip files.'
+        )
     road = road_of(options)
-    bench = _Bench(av, road, seed, av_timeout)
+    bench = _Bench(av, road, seed, av_timeout, options.av_python)
     try:
         bench.session(_BATCH)
         speed: tuple[AvSpeed, ...] = ()
@@ -135,12 +145,15 @@ def check_av(
     finally:
         bench.close()
     _drive(bench, options, tests, seed, progress)
+    passed = all(check.verdict != _FAIL for check in bench.checks)
+    log = None if passed else bench.log.named()
     return AvChecked(
         av=av,
         kind=bench.about["kind"],
         hash=bench.about["hash"],
         checks=tuple(bench.checks),
-        passed=all(check.verdict != _FAIL for check in bench.checks),
+        passed=passed,
+        log=None if passed or log is None else str(log),
         speed=speed,
     )
 
@@ -150,7 +163,7 @@ def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
     try:
         answer = bench.answers(view)[0, 0]
     except AvFailureError as failure:
-        bench.note(name, _FAIL, f"it {failure}")
+        bench.note_failure(name, str(failure))
         return
     steers = controller_of(bench.about["form"]) == STEERED
     order = 0.0 if steers else float(answer[1])
@@ -179,7 +192,7 @@ def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
         alone = _difference(first[:, :1], bench.answers(few[:, :1]))
         many = _difference(first, bench.answers(views)[:, :_BATCH])
     except AvFailureError as failure:
-        bench.note("random traffic", _FAIL, f"it {failure}")
+        bench.note_failure("random traffic", str(failure))
         return
     bench.note("random traffic", _OK, f"{_STEPS} seconds in {_BATCH} worlds")
     if again > 0.0:
@@ -205,7 +218,7 @@ def _speeds(bench: _Bench, odd: Odd, seed: int) -> tuple[AvSpeed, ...]:
     try:
         return tuple(_speed(bench, odd, seed, batch) for batch in _SPEED_BATCHES)
     except AvFailureError as failure:
-        bench.note("speed", _FAIL, f"it {failure}")
+        bench.note_failure("speed", str(failure))
         return ()
 
 
@@ -231,13 +244,15 @@ def _drive(bench: _Bench, world: WorldOptions, tests: int, seed: int, progress: 
         run = experiment(world, takes_foreign=True, seed=seed)
         tally, seconds = simulate_experiment(run, tests=tests, seed=seed, threads=1, progress=progress, stage="tests")
     except AvFaultError as error:
-        bench.note("tests in natural traffic", _FAIL, str(error))
+        trace = getattr(error.__cause__, "trace", "") or "".join(getattr(error, "__notes__", [])).partition("\n")[2]
+        bench.note("tests in natural traffic", _FAIL, str(error), trace)
         return
     found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s"
     if tally.av_faults and run.foreign is not None:
         fault = min(run.foreign.faults.values(), key=lambda fault: fault.test)
         text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"
-        bench.note("tests in natural traffic", _FAIL, text)
+        bench.note("tests in natural traffic", _FAIL, text, run.foreign.log.trace(fault.message))
+        bench.log = run.foreign.log  # of its own processes
     elif tally.av_crashes > 0.05 * tests:
         bench.note("tests in natural traffic", _WARN, found + ": more than one in twenty")
     else:

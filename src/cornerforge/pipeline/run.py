@@ -28,7 +28,7 @@ from cornerforge.pipeline.output import (
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.rate import rate
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.train import (
     canonical_curve,
     checkpoint_beside,
@@ -267,6 +267,8 @@ def run(
     plain = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)
     identity = _identity(plain, effort, seed)
     open_output(folder, identity, resume=resume)
+    for one in (natural, plain):
+        one.keep_printed(folder / AV_LOG)
     once = _Stages(folder).do
     nde = once("nde", _Counted, lambda: _count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
     natural.rest()
@@ -286,6 +288,7 @@ def run(
     checkpoint.remove()
     policy = load_policy(folder / "policy.safetensors")
     hostile = experiment(options, policy=policy, takes_foreign=True, seed=seed)
+    hostile.keep_printed(folder / AV_LOG)
     tests = size.evaluation_tests
     evaluation = once(
         "evaluate", Yield, lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)

@@ -42,8 +42,19 @@ from cornerforge.sim import (
 from cornerforge.types import Odd, odd_named
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["TEMPERATURE", "Experiment", "check_av_timeout", "check_threads", "experiment", "road_of", "temperature_of"]
+__all__ = [
+    "AV_LOG",
+    "TEMPERATURE",
+    "Experiment",
+    "check_av_timeout",
+    "check_threads",
+    "experiment",
+    "road_of",
+    "temperature_of",
+]
 
+AV_LOG = "av.log"
+"""File in an output folder that keeps what a foreign AV prints."""
 TEMPERATURE = 0.05
 """Temperature of `softmax` without a number [units of Q]: actions with nearly equal Q are taken nearly as often."""
 
@@ -98,6 +109,11 @@ class Experiment:
         """End the processes of a foreign AV; when it drives again, new ones are started."""
         if self.foreign is not None:
             self.foreign.close()
+
+    def keep_printed(self, file: Path) -> None:
+        """Keep what a foreign AV prints, and its tracebacks, in a file, unless they have another one already."""
+        if self.foreign is not None:
+            self.foreign.log.keep_in(file)
 
     def recorder(self) -> Recorder:
         """Return the recorder of tests; it serves one thread."""
@@ -273,6 +289,8 @@ def experiment(
             f"The AV {av} is not built in, and built-in ones only are taken here. To train an adversary against it: "
             f"cornerforge train --av {av} --out P.safetensors"
         )
+    if world.av_python is not None and not is_foreign(av):
+        raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():
         raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
     av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
@@ -306,7 +324,9 @@ def experiment(
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
-    foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None
+    foreign = None
+    if is_foreign(av):
+        foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout, python=world.av_python)
     setting = Setting(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
