@@ -18,6 +18,7 @@ import cornerforge
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.foreign.process import AvProcess
+from cornerforge.foreign.session import context_of
 from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import simulate
 from cornerforge.types import Odd
@@ -34,7 +35,7 @@ def law(own, others):
     return [a, 0]
 """
 PROGRAM = """
-import json, os, sys, time
+import json, os, sys, threading, time
 mode = sys.argv[1] if len(sys.argv) > 1 else "good"
 seeds = {}
 say = lambda content: print(json.dumps(content), flush=True)
@@ -43,6 +44,8 @@ for line in sys.stdin:
     kind = said["type"]
     if kind == "hello":
         if mode == "dies at once": sys.exit(4)
+        if mode == "greets": print("Planner 1.2 is ready", flush=True)
+        if mode == "greets later": threading.Timer(0.5, print, ["so slow"], {"flush": True}).start()
         say({"type": "hello", **json.loads(os.environ.get("HELLO", "{}"))})
     elif kind == "setup":
         print("setup", sorted(said), file=sys.stderr, flush=True)
@@ -66,6 +69,8 @@ for line in sys.stdin:
             if mode == "nothing": del answer["answer"]
             if mode == "error": answer = {"world": w, "error": "no way out"}
             if mode == "array": answer = [1, 2]
+            if mode == "floods":
+                while True: print("debug: x = 3", flush=True)
             if mode == "hangs": time.sleep(60)
         say(answer)
 """
@@ -137,6 +142,7 @@ def test_results_do_not_depend_on_batches_or_threads(planner: str) -> None:
     ("mode", "what", "text"),
     [
         ("garbage", "answer", r"printed a line that is no JSON object: 'debug: x = 3'; text for people belongs on"),
+        ("floods", "answer", r"no JSON object: 'debug: x = 3'"),
         ("array", "answer", r"no JSON object: '\[1, 2\]'"),
         ("exits", "ended", r"ended its program \(exit status 3\)$"),
         ("kills itself", "ended", r"ended its program \(signal SIGSEGV\)"),
@@ -244,6 +250,15 @@ def test_what_is_no_program_is_refused(program: str, tmp_path: Path, spec: str, 
 def test_a_program_that_dies_at_once_is_named(program: str) -> None:
     with pytest.raises(AvFaultError, match=r"ended its program \(exit status 4\) while it was loaded"):
         AvProcess(f"{program} 'dies at once'", timeout=20.0, first_timeout=20.0)
+
+
+def test_what_it_prints_beside_its_answers_is_quoted(program: str) -> None:
+    with pytest.raises(InputError, match=r"did not say hello.* it printed 'Planner 1.2 is ready'"):
+        AvProcess(f"{program} greets", timeout=20.0, first_timeout=20.0)
+    process = AvProcess(f"{program} 'greets later'", timeout=20.0, first_timeout=20.0)
+    time.sleep(1.5)
+    with pytest.raises(AvFaultError, match=r"printed a line that nothing had asked for: 'so slow' in setup"):
+        process.setup(context_of(Odd(), batch=2, seed=0))
 
 
 def test_its_hash_is_that_of_program_arguments_and_script(program: str, tmp_path: Path) -> None:

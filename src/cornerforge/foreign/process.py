@@ -59,13 +59,15 @@ def _keep_printed(printed: int, log: AvLog) -> None:
     os.close(printed)
 
 
-def _end(process: subprocess.Popen[bytes], connection: socket.socket) -> None:
-    """End a process and all processes that it started."""
+def _end(process: subprocess.Popen[bytes], connection: socket.socket, printing: threading.Thread) -> None:
+    """End a process and all processes that it started, and wait until its last words are kept."""
     connection.close()
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     with suppress(subprocess.TimeoutExpired):
         process.wait(timeout=5.0)
+    if printing is not threading.current_thread():  # where memory is tidied, it may be
+        printing.join(1.0)
 
 
 class AvProcess:
@@ -123,7 +125,7 @@ class AvProcess:
         self._printing = threading.Thread(target=_keep_printed, args=(printed, self.log), daemon=True)
         self._printing.start()
         self._connection = ours
-        self._finalizer = weakref.finalize(self, _end, self._process, ours)
+        self._finalizer = weakref.finalize(self, _end, self._process, ours, self._printing)
         try:
             self.about: dict[str, str] = unpack_json(self._ask(pack_json(LOAD, {"av": spec}), self._first_timeout))
         except AvFailureError as failure:
@@ -229,7 +231,6 @@ class AvProcess:
                 self._process.wait(timeout=2.0)
             status = self._process.returncode
             self.close()
-            self._printing.join(1.0)  # its last words
             raise AvFailureError("ended", f"ended its process ({_status(status)})") from error
         except JunkError as error:
             raise self._junk(error) from error

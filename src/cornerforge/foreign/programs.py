@@ -44,6 +44,8 @@ PREFIX = "cmd:"
 PROTOCOL = 1
 """Version of the lines."""
 _MOST_LINE = 16_000_000
+_END = b"\n"
+_UNASKED = "its program printed a line that nothing had asked for"
 _READ = 1 << 16
 _TIME, _LEFT, _CURVATURE, _TARGET = (
     COLUMNS.index(name) for name in ("time", "left_to_drive", "curvature", "target_lane")
@@ -125,7 +127,7 @@ class Program:
             raise
 
     def _hello(self) -> None:
-        line = self.exchange(json.dumps({"type": "hello", "protocol": PROTOCOL}, separators=(",", ":")) + "\n", 1)[0]
+        line = self._one({"type": "hello", "protocol": PROTOCOL}, is_first=True)
         said = _object_of(line)
         if said is None or said.get("type") != "hello":
             raise InputError(
@@ -159,25 +161,31 @@ class Program:
             EndedError, UnusableError: It ended, or said something else than that it is ready.
         """
         about = {"type": "setup"} | asdict(context) | {"speed_limit": context.speed_limit}
-        line = self.exchange(json.dumps(about, separators=(",", ":")) + "\n", 1)[0]
+        line = self._one(about)
         if (_object_of(line) or {}).get("type") != "ready":
             raise UnusableError(f'after "setup" its program printed {_quoted(line)} instead of {{"type":"ready"}}')
 
-    def exchange(self, text: str, lines: int) -> list[bytes]:
-        """Write lines, and at the same time read so many, or more if they come at once.
+    def _one(self, said: dict[str, Any], *, is_first: bool = False) -> bytes:
+        """Say one thing, and read the one line that answers it."""
+        line, *more = self.exchange(json.dumps(said, separators=(",", ":")) + "\n", 1, is_first=is_first)
+        if more and not is_first:  # what a program prints before it says hello is told by the caller
+            raise UnusableError(f"{_UNASKED}: {_quoted(more[0])}")
+        return line
+
+    def exchange(self, text: str, lines: int, *, is_first: bool = False) -> list[bytes]:
+        """Write lines, and at the same time read so many; more, if more come: then it is not all read.
 
         Raises:
             EndedError: The program ended.
             UnusableError: It printed before it was asked, or a line without an end.
         """
-        if self._rest or self._has_printed():
-            line = self._rest.partition(b"\n")[0]
-            raise UnusableError(f"its program printed a line that nothing had asked for: {_quoted(line)}")
+        if not is_first and (self._rest or self._has_printed()):
+            raise UnusableError(f"{_UNASKED}: {_quoted(self._rest.partition(_END)[0])}")
         left, found = memoryview(text.encode()), list[bytes]()
         with selectors.DefaultSelector() as selector:
             selector.register(self._to, selectors.EVENT_WRITE)
             selector.register(self._from, selectors.EVENT_READ)
-            while left or len(found) < lines:
+            while len(found) <= lines and (left or len(found) < lines):
                 for key, _ in selector.select():
                     if key.fd == self._to:
                         left = left[self._written(left) :]
@@ -185,7 +193,7 @@ class Program:
                             selector.unregister(self._to)
                     else:
                         self._read_some()
-                        *whole, self._rest = self._rest.split(b"\n")
+                        *whole, self._rest = self._rest.split(_END)
                         found += whole
         return found
 
@@ -207,7 +215,7 @@ class Program:
         if not content:
             self._raise_end()
         self._rest += content
-        if len(self._rest) > _MOST_LINE and b"\n" not in self._rest:
+        if len(self._rest) > _MOST_LINE and _END not in self._rest:
             raise UnusableError(f"its program printed a line of more than {_MOST_LINE:,} bytes: {_quoted(self._rest)}")
 
     def _raise_end(self) -> None:

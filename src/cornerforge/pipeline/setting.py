@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shlex
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -287,7 +288,7 @@ def experiment(
     if is_foreign(av) and not takes_foreign:
         raise InputError(
             f"The AV {av} is not built in, and built-in ones only are taken here. To train an adversary against it: "
-            f"cornerforge train --av {av} --out P.safetensors"
+            f"cornerforge train --av {shlex.quote(av)} --out P.safetensors"
         )
     if world.av_python is not None and not is_foreign(av):
         raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
