@@ -131,6 +131,16 @@ def test_what_it_prints_goes_to_the_log_and_nowhere_else(noisy: Path, capfd: pyt
     assert not (noisy / "quiet" / "av.log").exists()
 
 
+def test_tests_left_out_are_named_in_the_log(avs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "--av", "avs:Nan", "--tests", "200", "--out", "lib"]) == 0
+    told = capsys.readouterr().out
+    text = (avs / "lib" / "av.log").read_text(encoding="utf-8")
+    found = re.findall(r"^cornerforge: left out test (\d+) of seed 0: the AV answered with NaN", text, re.MULTILINE)
+    assert f"{len(found)} tests left out, because the AV raised, hung or gave no usable answer in them" in told
+    assert len(set(found)) == len(found) > 0
+    assert f"; what it printed, and its tracebacks: {Path('lib') / 'av.log'}." in told
+
+
 @pytest.mark.parametrize("name", ["Closes", "Shuts"])
 @pytest.mark.usefixtures("noisy")
 def test_it_may_close_its_streams(name: str) -> None:

@@ -128,6 +128,60 @@ def test_it_drives_as_a_class_of_the_same_law(program: str) -> None:
     assert outside.digest == cornerforge.simulate(av="twins:Twin", tests=40, seed=3).digest
 
 
+LONG = """
+def long(own):
+    return [[0.05 * k, own["x"] + own["vx"] * 0.05 * k, own["y"], 0.0, own["vx"]] for k in range(100)]
+"""
+LONG_PROGRAM = """
+import json, sys
+for line in sys.stdin:
+    said = json.loads(line)
+    answer = {"hello": {"type": "hello", "answers": "trajectory", "objects": None}, "setup": {"type": "ready"}}
+    if said["type"] == "scene":
+        print(json.dumps({"world": said["world"], "answer": long(said["own"])}), flush=True)
+    elif said["type"] != "reset":
+        print(json.dumps(answer[said["type"]]), flush=True)
+"""
+LONG_TWIN = """
+class Twin:
+    answers, objects = "trajectory", None
+    def plan(self, scene):
+        return long({"x": scene.own.x, "y": scene.own.y, "vx": scene.own.vx})
+"""
+
+
+def test_neither_side_waits_for_the_other_when_lines_are_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A batch of questions and one of answers are each some times what a pipe holds (64 kB)."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "long.py").write_text(LONG + LONG_PROGRAM, encoding="utf-8")
+    (tmp_path / "long_twin.py").write_text(LONG + LONG_TWIN, encoding="utf-8")
+    digests = {
+        cornerforge.simulate(av=av, tests=64, threads=1).digest
+        for av in (f"cmd: {sys.executable} long.py", "long_twin:Twin")
+    }
+    assert len(digests) == 1
+
+
+def test_a_program_with_threads_may_answer_in_any_order(program: str, tmp_path: Path) -> None:
+    (tmp_path / "threads.py").write_text(
+        (LAW + PROGRAM)
+        .replace("        say(answer)\n", "        threading.Timer(0.002 * (5 - w % 5), say, [answer]).start()\n")
+        .replace("say = lambda content: print(json.dumps(content), flush=True)", SAYS_ALONE),
+        encoding="utf-8",
+    )
+    mixed = cornerforge.simulate(av=f"cmd: {sys.executable} threads.py", tests=8, threads=1)
+    assert mixed.av_faults == 0
+    assert mixed.digest == cornerforge.simulate(av=program, tests=8, threads=1).digest
+
+
+SAYS_ALONE = """
+lock = threading.Lock()
+def say(content):
+    with lock:
+        print(json.dumps(content), flush=True)
+"""
+
+
 def test_results_do_not_depend_on_batches_or_threads(planner: str) -> None:
     run = experiment(av=planner, takes_foreign=True)
     digests = set()

@@ -300,6 +300,7 @@ class ForeignAv:
         """
         with self._lock:
             self.faults[seed, fault.test] = fault
+            self.log.write(f"cornerforge: left out test {fault.test} of seed {seed}: the AV {fault.message}\n".encode())
             self.log.named()
             n = sum(other.what != "left" for other in self.faults.values())
             hangs = sum(other.what == "hung" for other in self.faults.values())
