@@ -51,7 +51,7 @@ class _Bench:
 
     def note(self, name: str, verdict: str, found: str, trace: str = "") -> None:
         """Add a finding to the list."""
-        self.checks.append(AvCheck(name=name, verdict=verdict, found=found, trace=trace))
+        self.checks.append(AvCheck(name=name, verdict=verdict, found=found, trace=trace or None))
 
     def note_failure(self, name: str, how: str) -> None:
         """Add a failure of the AV to the list, with its traceback."""

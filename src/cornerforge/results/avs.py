@@ -31,7 +31,7 @@ class AvCheck:
     name: str = field(metadata=meant("Of the trial."))
     verdict: str = field(metadata=meant('"ok", "warn" or "FAIL".'))
     found: str = field(metadata=meant("What it did, in words."))
-    trace: str = field(default="", metadata=meant("The AV's whole traceback, if it raised."))
+    trace: str | None = field(default=None, metadata=meant("The AV's whole traceback, where it raised."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +53,6 @@ class AvChecked:
     checks: tuple[AvCheck, ...] = field(metadata=meant("All trials, in their order."))
     passed: bool = field(metadata=meant("None failed."))
     log: str | None = field(
-        default=None, metadata=meant("File of what it printed and of its tracebacks; null: it passed, or was silent.")
+        default=None, metadata=meant("File of what it printed and of its tracebacks, where it failed.")
     )
     speed: tuple[AvSpeed, ...] = field(metadata=meant("For 1, 64 and 256 worlds; empty where a trial failed before."))
