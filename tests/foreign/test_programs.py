@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import simulate
 from cornerforge.types import Odd
 
+PACKAGE = Path(cornerforge.__file__).parent
 SOURCE = Path(__file__).parents[2] / "examples" / "planner.c"
 
 # A program and a class with one law. The program may also fail, in one test of so many, after a second.
@@ -48,7 +50,9 @@ for line in sys.stdin:
         if mode == "greets later": threading.Timer(0.5, print, ["so slow"], {"flush": True}).start()
         say({"type": "hello", **json.loads(os.environ.get("HELLO", "{}"))})
     elif kind == "setup":
-        print("setup", sorted(said), file=sys.stderr, flush=True)
+        if mode == "hangs in setup":
+            open("hanging", "w").close()
+            while True: pass
         say({"type": "ready"})
     elif kind == "reset":
         seeds[said["world"]] = said["seed"]
@@ -236,6 +240,15 @@ def test_a_program_that_hangs_is_stopped(program: str) -> None:
         assert (fault.what, fault.message) == ("hung", "gave no answer within 1 s")
 
 
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Wait until something holds, a minute at most."""
+    for _ in range(600):
+        if holds():
+            return
+        time.sleep(0.1)
+    assert holds()
+
+
 def processes_with(text: str) -> list[int]:
     """Processes whose command line holds a text."""
     found = []
@@ -255,11 +268,29 @@ def test_the_program_ends_with_its_owner(program: str, tmp_path: Path) -> None:
     process = AvProcess(marked, timeout=20.0, first_timeout=20.0)
     assert len(processes_with(f"{tmp_path}/mark")) == 1
     process.close()
-    for _ in range(100):  # a killed process needs a moment to be gone
-        if not processes_with(f"{tmp_path}/mark"):
-            break
-        time.sleep(0.05)
-    assert processes_with(f"{tmp_path}/mark") == []
+    wait_until(lambda: not processes_with(f"{tmp_path}/mark"))
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="there is no /proc to look into")
+def test_a_program_that_hangs_ends_with_a_simulator_that_is_killed(program: str, tmp_path: Path) -> None:
+    mark = f"{tmp_path}/mark"
+    asks = (
+        "import sys, numpy as np\n"
+        "from cornerforge.foreign.process import AvProcess\n"
+        "from cornerforge.foreign.session import context_of\n"
+        "from cornerforge.types import Odd\n"
+        "AvProcess(sys.argv[1], timeout=60.0, first_timeout=60.0).setup(context_of(Odd(), batch=1, seed=0))\n"
+    )
+    marked = f"{program} 'hangs in setup' {mark}"
+    with subprocess.Popen(
+        [sys.executable, "-c", asks, marked], env={**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
+    ) as simulator:
+        try:
+            wait_until(lambda: (tmp_path / "hanging").exists())
+            assert processes_with(f"program.py hangs in setup {mark}")
+        finally:
+            simulator.kill()
+    wait_until(lambda: not processes_with(mark))
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import faulthandler
 import json
 import os
+import signal
 import socket
 import sys
 import threading
@@ -82,10 +83,10 @@ def _serve(connection: socket.socket) -> None:
 
 
 def _leave_with(parent: int) -> None:
-    """End this process when its parent is gone, even while the AV hangs."""
+    """End this process, and what it started, when its parent is gone, even while the AV hangs."""
     while os.getppid() == parent:
         time.sleep(1.0)
-    os._exit(1)
+    os.killpg(0, signal.SIGKILL)  # it leads a group of its own (`process.AvProcess`)
 
 
 def main(fd: int) -> None:
