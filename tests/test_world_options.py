@@ -32,7 +32,7 @@ VERBS = {
 }  # fmt: skip
 # `budget` of run and reproduce is an old name of effort too; replay knows its world from the library.
 # The model of `ndd` is what they show, check or fill.
-OWN = {"run": {"bounded", "budget"}, "reproduce": {"budget"}, "replay": {"av_timeout"}} | {
+OWN = {"run": {"bounded", "budget"}, "reproduce": {"budget"}, "replay": {"av_timeout", "av_python"}} | {
     f"ndd_{name}": {"model"} for name in ("import", "show", "validate")
 }
 OF_COMMANDS = {"run": {"budget"}, "reproduce": {"budget"}, "plausibility": {"budget"}}

@@ -37,7 +37,7 @@ class WorldOptions:
 
     Attributes:
         av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`, an
-            `.onnx` or a Stable-Baselines3 `.zip` file.
+            `.onnx` or a Stable-Baselines3 `.zip` file, or `cmd: PROGRAM ARGUMENTS`.
         odd: "default", "swift", "paper" or "mixed".
         lanes: 2 to 6; None for the ODD's own.
         model: Naturalistic model, or its file; None for the one that ships with the package.
@@ -49,12 +49,14 @@ class WorldOptions:
         av_timeout: Longest time that an AV from outside may take for the answer in one world [s], 0.01 to 3600.
         av_batch: Worlds that an AV from outside is asked about together, 1 to 65,536; None: as its speed advises.
         av_processes: Processes of an AV from outside that drive at the same time, 1 to 1024; None: as many as threads.
+        av_python: Python interpreter in which such an AV runs; None: the one of cornerforge.
     """
 
     av: str = field(
         default="idm-mobil",
         metadata={
-            "help": "AV under test: a name (`cornerforge avs` lists them), module:Class, or an .onnx or SB3 .zip file."
+            "help": 'AV under test: a name (`cornerforge avs` lists them), module:Class, "cmd: ./program", or an .onnx '
+            "or SB3 .zip file."
         },
     )
     odd: str = field(
@@ -91,6 +93,10 @@ class WorldOptions:
         default=None,
         metadata={"help": "Processes of such an AV at the same time; as many as threads by default."},
     )
+    av_python: str | None = field(
+        default=None,
+        metadata={"help": "Python in which such an AV runs, such as env/bin/python; it needs NumPy only."},
+    )
 
     def without_mask(self) -> WorldOptions:
         """Copy the options without `bounded` and `budget`: for a policy, which brings its own."""
@@ -112,6 +118,7 @@ class AvKeywords(RoadKeywords, total=False):
     av_timeout: float
     av_batch: int | None
     av_processes: int | None
+    av_python: str | None
 
 
 class WorldKeywords(AvKeywords, total=False):

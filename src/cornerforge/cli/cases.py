@@ -42,7 +42,7 @@ __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "
     "cornerforge generate --policy out/demo/policy.safetensors --out out/cases",
     "cornerforge generate --policy swerve --av rl --cases 100 --out out/rl-cases",
 )
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def generate(
     policy: Annotated[
         list[str],
@@ -161,7 +161,7 @@ def shrink(
 @command(
     "cornerforge replay out/demo/library all --check", "cornerforge replay out/demo/library 0:0 --picture out/crash.svg"
 )
-@takes_world("av_timeout")
+@takes_world("av_timeout", "av_python")
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
@@ -227,7 +227,7 @@ def query(
 @command(
     "cornerforge variety out/demo/library", "cornerforge variety --policy out/demo/policy.safetensors --tests 1024"
 )
-@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout", "av_batch", "av_processes")
+@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -260,7 +260,7 @@ def variety(
 
 
 @command("cornerforge plausibility --budget 20 --budget 60 --out out/plausible")
-@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes", "av_python")
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[

@@ -41,7 +41,7 @@ __all__ = ["avs", "check_av", "rate", "simulate"]
     "cornerforge simulate --av rl --tests 100000",
     "cornerforge simulate --bv out/demo/policy.safetensors --out out/crashes",
 )
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     world: World = None,
@@ -101,7 +101,7 @@ def simulate(
 
 
 @command("cornerforge rate --av idm-mobil-blind --max-tests 20000", "cornerforge rate --av rl --out out/rate")
-@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes", "av_python")
 def rate(
     method: Annotated[
         str,
@@ -177,10 +177,13 @@ def avs(
 
 
 @command("cornerforge check-av my_av:MyAv", name="check-av")
-@takes_world("odd", "lanes", "av_timeout", "av_batch", "av_processes")
+@takes_world("odd", "lanes", "av_timeout", "av_batch", "av_processes", "av_python")
 def check_av(
     av: Annotated[
-        str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
+        str,
+        typer.Argument(
+            metavar="AV", help='module:Class, "cmd: ./program", or an .onnx or SB3 .zip file.', show_default=False
+        ),
     ],
     world: World = None,
     tests: Annotated[
@@ -199,7 +202,12 @@ def check_av(
     from cornerforge.foreign.pace import spoken
 
     def text(r: AvChecked) -> str:
-        lines = [f"{c.verdict:<5}{c.name}: {c.found}" for c in r.checks]
+        lines, told = [], set[str]()
+        for c in r.checks:
+            lines.append(f"{c.verdict:<5}{c.name}: {c.found}")
+            if c.trace and c.trace not in told:  # once, though many trials end in it
+                lines += [f"       {line}" for line in c.trace.splitlines()]
+                told.add(c.trace)
         lines += [
             f"speed, {s.worlds:>4} worlds: {speed_text(s.calls_per_second)} calls/s, "
             f"{speed_text(s.decisions_per_second)} decisions/s"
@@ -211,6 +219,7 @@ def check_av(
                 f"{r.does.processes} process(es): {speed_text(r.does.tests_per_hour)} tests/h, "
                 f"{speed_text(r.does.decisions_per_hour)} training decisions/h; {r.does.advice}"
             )
+        lines += [f"what it printed, and its tracebacks: {r.log}"] if r.log else []
         return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
 
     result = run_command(

@@ -35,7 +35,7 @@ __all__ = ["train", "train_av"]
     "cornerforge train --av rl --decisions 1000000 --out out/rl.safetensors",
     "cornerforge train --budget 20 --out out/likely.safetensors",
 )
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes")
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def train(
     out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
     world: World = None,

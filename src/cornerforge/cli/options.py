@@ -121,7 +121,7 @@ World: TypeAlias = Any
 """What `takes_world` hands to a command: the options of the world by name, for `**world` of a verb."""
 _KINDS: dict[str, Any] = {
     "av": str, "odd": str, "lanes": int | None, "model": Path | None, "bounded": bool, "budget": float | None,
-    "av_timeout": float, "av_batch": int | None, "av_processes": int | None,
+    "av_timeout": float, "av_batch": int | None, "av_processes": int | None, "av_python": str | None,
 }  # fmt: skip
 _COMPLETED = {"av": complete_av, "odd": complete_odd}
 

@@ -237,11 +237,21 @@ def fault_text(av_faults: int) -> list[str]:
     """A line on tests that the AV spoiled, if it did."""
     if av_faults == 0:
         return []
-    return [f"{av_faults:,} tests left out, because the AV raised, hung or gave no usable answer in them."]
+    return [f"{av_faults:,} tests left out, because the AV raised, hung or gave no usable answer in them{_log_text()}."]
 
 
 def training_fault_text(av_faults: int) -> list[str]:
     """A line on tests of a training that the AV spoiled, if it did."""
     if av_faults == 0:
         return []
-    return [f"{av_faults:,} training tests abandoned, because the AV raised, hung or gave no usable answer in them."]
+    return [
+        f"{av_faults:,} training tests abandoned, because the AV raised, hung or gave no usable answer in "
+        f"them{_log_text()}."
+    ]
+
+
+def _log_text() -> str:
+    from cornerforge.foreign.av_log import latest_log
+
+    path = latest_log()
+    return "" if path is None else f"; what it printed, and its tracebacks: {path}"

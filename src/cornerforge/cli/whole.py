@@ -57,7 +57,7 @@ def init(
 
 
 @command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
-@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout", "av_batch", "av_processes")
+@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout", "av_batch", "av_processes", "av_python")
 def run(
     effort: Annotated[
         str | None,

@@ -206,7 +206,7 @@ class Group:
                 if together == _MOST_TOGETHER:
                     raise AvFaultError(
                         f"The AV {self._av.spec} {failure}, {together} times in a row for {seats.size} worlds together "
-                        f"and for none alone. Correct the AV; to look closer: cornerforge check-av {self._av.spec}"
+                        f"and for none alone. Correct the AV; to look closer: {self._av.closer()}"
                     ) from failure
                 continue
             bad = seats[~usable(answers[seats])]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import shlex
 import threading
 import time
 from collections import OrderedDict
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
 from cornerforge.foreign.answers import controller_of
+from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.edge_cases import ordinary_views
 from cornerforge.foreign.pace import MOST_WORLDS, Pace, announce, choose_batch
-from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
+from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, Steps, context_of
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
@@ -98,7 +100,7 @@ class ForeignAv:
     own test only. A test that fails is a fault: it is listed in `faults` and does not count as a test.
 
     Args:
-        spec: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        spec: `module:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         odd: The ODD.
         seed: Seed of the run, told to the AV.
         timeout: Time for the answer in one world [s], 0.01 to 3600; the first answer of a process has `first_timeout`,
@@ -106,12 +108,14 @@ class ForeignAv:
         batch: Worlds side by side, 1 to 65,536; None: as many as it answers well together (`choose_batch`).
         first_timeout: Time for the first answer of a process [s], 60 unless said.
         processes: AV processes that drive at the same time, 1 to 1024; None: as many as there are threads.
+        python: Interpreter in which it runs; None: the simulator's own.
 
     Attributes:
         spec, processes: As given.
         batch: Worlds side by side.
         pace: How fast the AV answers.
-        kind, hash: "class", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
+        log: What it prints, and its tracebacks.
+        kind, hash: "class", "policy", "program", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
         controller: Which controller it is to the simulator: `sim.OUTSIDE`, or `sim.STEERED` if it steers.
         faults: Faults so far, by (seed, test).
 
@@ -130,6 +134,7 @@ class ForeignAv:
         batch: int | None = None,
         first_timeout: float = FIRST_TIMEOUT,
         processes: int | None = None,
+        python: str | None = None,
     ) -> None:
         check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
         if batch is not None:
@@ -145,8 +150,12 @@ class ForeignAv:
         self._driven = 0
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
-        first = AvSession(spec, self._context, self._road, self.pace)
-        about = first.process().about
+        self.log = AvLog()
+        self._python = python
+        self._about: dict[str, str] | None = None
+        self._closer = f"cornerforge check-av {shlex.quote(spec)}" + (f" --av-python {python}" if python else "")
+        first = AvSession(spec, self._context, self._road, self.pace, self._started)
+        about = self._about = first.process().about
         self.kind, self.hash, self.controller = about["kind"], about["hash"], controller_of(about["form"])
         if batch is None:
             batch = choose_batch(lambda worlds: self._seconds(first, worlds))
@@ -185,9 +194,35 @@ class ForeignAv:
             return time.perf_counter() - begun
         except AvFailureError as failure:
             raise AvFaultError(
-                f"The AV {self.spec} {failure} at its first question; "
-                f"look closer with: cornerforge check-av {self.spec}"
+                f"The AV {self.spec} {failure} at its first question; look closer with: {self.closer()}"
             ) from failure
+
+    def _started(self, spec: str, *, timeout: float, first_timeout: float, pace: Pace) -> AvProcess:
+        """Start a process of the AV.
+
+        Raises:
+            AvFaultError: It is another AV than before.
+        """
+        process = AvProcess(
+            spec, timeout=timeout, first_timeout=first_timeout, pace=pace, python=self._python, log=self.log
+        )
+        if self._about is not None and process.about != self._about:
+            process.close()
+            raise AvFaultError(
+                f"The AV {spec} is not the one that drove before: it was {_some(self._about)}, it is "
+                f"{_some(process.about)}. Leave its files alone while it drives, and begin anew."
+            )
+        return process
+
+    def closer(self) -> str:
+        """Give the end of a message on a failure: the command that looks closer, and the file of what was printed."""
+        return self._closer + self.log.pointer()
+
+    def explained(self, error: AvFaultError, how: str) -> AvFaultError:
+        """Add the AV's own traceback to an error, where there is one of a failure that `how` describes."""
+        if trace := self.log.trace(how):
+            error.add_note(f"The AV's own traceback:\n{trace}")
+        return error
 
     def warm_up(self, setting: Setting, slots: int) -> None:
         """Load the compiled kernels, or compile them, so that timings do not count it."""
@@ -209,7 +244,7 @@ class ForeignAv:
 
     def new_session(self, batch: int) -> AvSession:
         """Make a session of the caller's own, with so many worlds side by side; the caller drops it."""
-        return AvSession(self.spec, replace(self._context, batch=batch), self._road, self.pace)
+        return AvSession(self.spec, replace(self._context, batch=batch), self._road, self.pace, self._started)
 
     def range_size(self, usual: int, setting: Setting, tests: int, processes: int) -> int:
         """Say how many of so many tests one process drives in a row (`Pace.range_size`)."""
@@ -308,16 +343,18 @@ class ForeignAv:
         """
         with self._lock:
             self.faults[seed, fault.test] = fault
+            self.log.write(f"cornerforge: left out test {fault.test} of seed {seed}: the AV {fault.message}\n".encode())
+            self.log.named()
             n = sum(other.what != "left" for other in self.faults.values())
             hangs = sum(other.what == "hung" for other in self.faults.values())
             driven = self._driven
         if n >= MAX_FAULTS or hangs >= MAX_HANGS:
             tests = ", ".join(str(test) for test in sorted(test for _, test in list(self.faults))[:5])
-            raise AvFaultError(
+            error = AvFaultError(
                 f"The AV {self.spec} spoiled {n} tests (such as {tests}; {driven:,} were done before). "
-                f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: "
-                f"cornerforge check-av {self.spec}"
+                f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: {self.closer()}"
             )
+            raise self.explained(error, fault.message)
 
     def _drive(
         self, session: AvSession, setting: Setting, slots: int, seed: int, group: list[int], first: int,
@@ -443,10 +480,11 @@ class ForeignAv:
                 try:
                     given, failed = session.act(batch.views, fresh, seeds)
                 except AvFailureError as failure:
-                    raise AvFaultError(f"The AV {self.spec} {failure} in test {test}.") from failure
+                    raise AvFaultError(f"The AV {self.spec} {failure} in test {test}{self.log.pointer()}") from failure
                 fresh, seeds = fresh[:0], seeds[:0]
                 if 0 in failed:
-                    raise AvFaultError(f"In test {test} the AV {self.spec} {failed[0][1]}.")
+                    error = AvFaultError(f"In test {test} the AV {self.spec} {failed[0][1]}{self.log.pointer()}")
+                    raise self.explained(error, failed[0][1])
                 answers.append(given[0])
                 steps.act(given)
         return np.array(answers)
@@ -483,6 +521,10 @@ def answers_per_test(setting: Setting) -> float:
 
 def _most_answers(setting: Setting) -> int:
     return int(setting.road.max_decisions) * answers_per_second(setting)
+
+
+def _some(about: dict[str, str]) -> str:
+    return f"{about['hash']} with answers by {about['form']}"
 
 
 def _clear(out: Outcomes, k: int) -> None:

@@ -15,16 +15,34 @@ from cornerforge.foreign.interface import ANSWERS, NEAREST, VIEW_SHAPE, Av, AvCo
 from cornerforge.foreign.scene import COLUMNS, Scenes
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
-__all__ = ["Driver", "UnusableError", "WrongAvError", "described", "driver_of", "numbers_of"]
+__all__ = [
+    "Driver",
+    "EndedError",
+    "UnusableError",
+    "WorldDriver",
+    "WrongAvError",
+    "described",
+    "driver_of",
+    "numbers_of",
+    "poses_of",
+    "traced",
+]
 
 _POSE = 5
+_MOST_TRACE = 100_000
 _LEAST_POSE = 3
 
 
 class UnusableError(Exception):
     """The AV's answer is no array of numbers of the right shape."""
+
+
+class EndedError(Exception):
+    """The program that is the AV has ended, or does not talk any more."""
 
 
 class WrongAvError(Exception):
@@ -35,7 +53,18 @@ def described(error: BaseException) -> str:
     """Put an exception into one line, with file and line of the AV's own code that raised it."""
     frames = traceback.extract_tb(error.__traceback__)[1:]
     where = f" ({os.path.basename(frames[-1].filename)}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}({' '.join(str(error).split())[:300]}){where}"
+    try:
+        text = " ".join(str(error).split())[:300]
+    except Exception:  # its own text raises
+        text = "?"
+    return f"{type(error).__name__}({text}){where}"
+
+
+def traced(error: BaseException) -> str:
+    """Write the whole traceback of an exception of the AV's own code, with its causes, but for the calling frame."""
+    below = None if error.__traceback__ is None else error.__traceback__.tb_next
+    lines = traceback.format_exception(type(error), error, below or error.__traceback__)
+    return "".join(lines)[-_MOST_TRACE:]
 
 
 def _array_of(answer: Any, name: str) -> NDArray[Any]:
@@ -90,11 +119,13 @@ class Driver:
             vehicles it sees (`objects`, -1: all), and if it `remembers` what it saw before in a test ("yes", "no").
         failed: Worlds in which it failed at the last question, though not in others: what ("raised" or "answer") and
             how.
+        traces: For each such way to fail the AV's traceback, where there is one.
     """
 
     def __init__(self, av: Any) -> None:
         self.av = av
         self.failed: dict[int, tuple[str, str]] = {}
+        self.traces: dict[str, str] = {}
         self.about: dict[str, str] = {"form": "view", "objects": "", "remembers": "yes" if _resets(av) else "no"}
 
     def setup(self, context: AvContext) -> None:
@@ -102,6 +133,9 @@ class Driver:
         self.context = context
         if hasattr(self.av, "setup"):
             self.av.setup(context)
+
+    def close(self) -> None:
+        """Give up what the AV holds outside this process."""
 
     def reset(self, worlds: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
         """Tell it that tests begin."""
@@ -167,18 +201,40 @@ class _ForAll(Driver):
         return numbers_of(given, (self.context.batch, 2))
 
 
-class _OneByOne(_ForAll):
+class WorldDriver(_ForAll):
+    """An AV of interface 2 whose answers come world by world, so that one may fail without the others."""
+
+    def given(self, scenes: Scenes) -> dict[int, NDArray[np.float64]]:
+        """Ask for the answers in the worlds that drive, (2,) or (M, 5); those that fail go into `failed`."""
+        raise NotImplementedError
+
+    def decide(self, scenes: Scenes) -> NDArray[np.float64]:
+        """Ask the AV; rows of worlds in which it fails are NaN."""
+        self.failed, self.traces = {}, {}
+        given = self.given(scenes)
+        if self.form != "trajectory":
+            answers = np.full((self.context.batch, 2), np.nan)
+        else:
+            most = max((len(plan) for plan in given.values()), default=2)
+            answers = np.full((self.context.batch, most, _POSE), np.nan)
+        for b, answer in given.items():
+            answers[b, : len(answer)] = answer
+        return answers
+
+
+class _OneByOne(WorldDriver):
     """An AV of interface 2 that plans for one world at a time; each world has an instance, unless it has no memory."""
 
-    def __init__(self, av: Any) -> None:
+    def __init__(self, av: Any, make: Callable[[], Any]) -> None:
         super().__init__(av)
+        self._make = make
         self._forgets = not getattr(av, "memory", True)
         self._resets = hasattr(av, "reset")
         self.about["remembers"] = "no" if self._forgets and self.history == 0 else "yes"
         self._of: dict[int, Any] = {}
 
     def _made(self, *, anew: bool) -> Any:
-        av = type(self.av)() if anew else self.av
+        av = self._make() if anew else self.av
         if hasattr(av, "setup"):
             av.setup(self.context)
         return av
@@ -193,7 +249,7 @@ class _OneByOne(_ForAll):
             table[worlds] = 0.0
         if self._forgets:
             return
-        for b, seed in zip(worlds.tolist(), seeds.tolist(), strict=True):
+        for b, seed in zip(worlds.tolist(), seeds.tolist()):  # noqa: B905 - for Python 3.9
             if not self._resets:
                 self._of.pop(b, None)
                 continue
@@ -208,18 +264,9 @@ class _OneByOne(_ForAll):
             self._of[b] = self._made(anew=True)
         return self._of[b]
 
-    def decide(self, scenes: Scenes) -> NDArray[np.float64]:
-        self.failed = {}
-        given = {b: self._answer_in(b, scenes) for b in np.flatnonzero(scenes.running).tolist()}
-        if self.form != "trajectory":
-            answers = np.full((self.context.batch, 2), np.nan)
-        else:
-            most = max((len(plan) for plan in given.values() if plan is not None), default=2)
-            answers = np.full((self.context.batch, most, _POSE), np.nan)
-        for b, answer in given.items():
-            if answer is not None:
-                answers[b, : len(answer)] = answer
-        return answers
+    def given(self, scenes: Scenes) -> dict[int, NDArray[np.float64]]:
+        asked = np.flatnonzero(scenes.running).tolist()
+        return {b: answer for b in asked if (answer := self._answer_in(b, scenes)) is not None}
 
     def _answer_in(self, b: int, scenes: Scenes) -> NDArray[np.float64] | None:
         """Ask the planner of one world; None if it fails."""
@@ -229,20 +276,24 @@ class _OneByOne(_ForAll):
         except UnusableError as error:
             self.failed[b] = "answer", f"gave no usable answer: {error}"
         except Exception as error:  # whatever the user's code raises ends this world's test only
-            traceback.print_exc()
             self.failed[b] = "raised", f"raised {described(error)}"
+            self.traces[self.failed[b][1]] = traced(error)
         self._of.pop(b, None)
         return None
 
 
-def driver_of(av: Any) -> Driver:
+def driver_of(av: Any, make: Callable[[], Any] | None = None) -> Driver:
     """Find out which interface an AV has.
+
+    Args:
+        av: The AV.
+        make: Makes another one; None: its class does.
 
     Raises:
         WrongAvError: It says something of itself that cannot be.
     """
     if callable(getattr(av, "plan", None)) and not callable(getattr(av, "act", None)):
-        return _OneByOne(av)
+        return _OneByOne(av, make or type(av))
     interface = getattr(av, "interface", 1)
     if interface not in (1, 2):
         raise WrongAvError(f"its attribute interface is {interface!r}; allowed: 1, 2")

@@ -68,7 +68,7 @@ class Box:
 
 
 def _box(row: NDArray[np.float64]) -> Box:
-    values: dict[str, Any] = dict(zip(_OF_BOXES, row.tolist(), strict=False))
+    values: dict[str, Any] = dict(zip(_OF_BOXES, row.tolist()))  # noqa: B905 - for Python 3.9
     for name in _WHOLE:
         values[name] = int(values[name])
     values["kind"] = KINDS[values["kind"]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,12 @@ from cornerforge.sim import (
 from cornerforge.types import FRAME_S, Odd
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from cornerforge.road.straight import RoadNumbers
+
+StartsProcess: TypeAlias = "Callable[..., AvProcess]"
+"""Starts a process of an AV: `start(spec, timeout=..., first_timeout=..., pace=...)`."""
 
 __all__ = ["AvSession", "Steps", "context_of"]
 
@@ -57,8 +62,10 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
 class AvSession:
     """One AV process and the worlds that it drives; serves one thread at a time."""
 
-    def __init__(self, spec: str, context: AvContext, road: RoadNumbers, pace: Pace) -> None:
-        self._spec, self._context, self._road, self._pace = spec, context, road, pace
+    def __init__(
+        self, spec: str, context: AvContext, road: RoadNumbers, pace: Pace, start: StartsProcess = AvProcess
+    ) -> None:
+        self._spec, self._context, self._road, self._pace, self._start = spec, context, road, pace, start
         self._process: AvProcess | None = None
         self._batch: lockstep.Batch | None = None
 
@@ -66,7 +73,7 @@ class AvSession:
         """Give the AV's process, set up; a new one if it was given up."""
         if self._process is None:
             pace = self._pace
-            process = AvProcess(self._spec, timeout=pace.timeout, first_timeout=pace.first_timeout, pace=pace)
+            process = self._start(self._spec, timeout=pace.timeout, first_timeout=pace.first_timeout, pace=pace)
             process.setup(self._context)
             self._process = process
         return self._process

@@ -229,10 +229,11 @@ class _Growing:
             answers, failed = self._session.act(self._views, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
         except AvFailureError as failure:
             self._session.renew()
-            raise self._fault(f"in one of the tests {_some(tests[seats.row[asked]])} it {failure}") from failure
+            raise self._fault(f"in one of the tests {_some(tests[seats.row[asked]])} it {failure}", "") from failure
         bad = live[~usable(answers[live])]
         if bad.size:
-            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {failed[int(bad[0])][1]}")
+            how = failed[int(bad[0])][1]
+            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {how}", how)
         seats.memory[seats.row == _NOTHING] = _NOTHING  # the AV was shown zeros there: who knows what it makes of them
         if shown.size:
             self._go_over(shown, moments, answers)
@@ -263,11 +264,12 @@ class _Growing:
         self._views[gone] = 0.0
         seats.leave(gone)
 
-    def _fault(self, what: str) -> AvFaultError:
-        return AvFaultError(
-            f"The AV {self._av.spec} failed while trees of tests grew: {what}. Correct the AV (cornerforge check-av "
-            f"{self._av.spec}), or count with --method mc, which sets such tests aside."
+    def _fault(self, what: str, how: str) -> AvFaultError:
+        error = AvFaultError(
+            f"The AV {self._av.spec} failed while trees of tests grew: {what}. Count with --method mc, which sets such "
+            f"tests aside, or correct the AV; to look closer: {self._av.closer()}"
         )
+        return self._av.explained(error, how)
 
 
 def _some(tests: NDArray[np.int64]) -> str:

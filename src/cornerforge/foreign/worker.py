@@ -1,11 +1,14 @@
 """The process in which a foreign AV runs: it loads the AV, asks it, and reports in one line what went wrong.
 
 It is started as `python -m cornerforge.foreign.worker FD LIFELINE`; the simulator is at the other end of that socket
-and of that pipe. Nothing of the simulator is imported here.
+and of that pipe. Nothing of the simulator is imported here: it may be another Python, which has the standard library
+and NumPy only (`cornerforge.foreign.interpreter`). What the AV prints goes to the standard streams, of which the
+simulator makes a file.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import select
@@ -18,7 +21,7 @@ import warnings
 
 import numpy as np
 
-from cornerforge.foreign.drivers import Driver, UnusableError, WrongAvError, described, driver_of
+from cornerforge.foreign.drivers import Driver, EndedError, UnusableError, WrongAvError, described, traced
 from cornerforge.foreign.interface import AvContext
 from cornerforge.foreign.protocol import ACT, ANSWER, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
 
@@ -32,7 +35,8 @@ def _act(driver: Driver, body: bytearray) -> bytes:
     if fresh:
         driver.reset(worlds, seeds)
     answers = driver.answer(driver.seen(memoryview(body)[8 + 16 * fresh :]))
-    failed = json.dumps(driver.failed).encode() if driver.failed else b""
+    told = {"failed": driver.failed, "traces": driver.traces}
+    failed = json.dumps(told).encode() if driver.failed else b""
     return np.int64(len(failed)).tobytes() + failed + answers.tobytes()
 
 
@@ -46,8 +50,10 @@ def _serve(connection: socket.socket) -> None:
             if kind == LOAD:
                 from cornerforge.foreign.loaders import load_av
 
-                av, about = load_av(unpack_json(body)["av"])
-                driver, is_set_up = driver_of(av), False
+                if driver is not None:
+                    driver.close()
+                driver, is_set_up = None, False
+                driver, about = load_av(unpack_json(body)["av"])
                 reply = pack_json(ANSWER, about | driver.about)
             elif kind == SETUP and driver is not None:
                 driver.setup(AvContext(**unpack_json(body)))
@@ -59,6 +65,8 @@ def _serve(connection: socket.socket) -> None:
                 return
         except UnusableError as error:
             reply = pack_json(FAILED, {"what": "answer", "message": str(error)})
+        except EndedError as error:
+            reply = pack_json(FAILED, {"what": "ended", "message": str(error)})
         except WrongAvError as error:
             reply = pack_json(
                 FAILED, {"what": "refused", "message": f"The AV is none: {error}.", "error": "InputError"}
@@ -67,17 +75,23 @@ def _serve(connection: socket.socket) -> None:
             from cornerforge.errors import CornerForgeError
 
             if isinstance(error, CornerForgeError):
-                reply = pack_json(FAILED, {"what": "refused", "message": str(error), "error": type(error).__name__})
+                how = {"what": "refused", "message": str(error), "error": type(error).__name__}
+                if error.__cause__ is not None:
+                    how["trace"] = traced(error.__cause__)
             else:
-                reply = pack_json(FAILED, {"what": "raised", "message": described(error)})
+                how = {"what": "raised", "message": described(error), "trace": traced(error)}
+            reply = pack_json(FAILED, how)
         connection.sendall(reply)
 
 
 def _leave_with(parent: int) -> None:
-    """End this process when its parent is gone; `_watch` ends one that holds the interpreter's lock."""
+    """End this process, and what it started, when its parent is gone.
+
+    `_watch` ends one that holds the interpreter's lock.
+    """
     while os.getppid() == parent:
         time.sleep(1.0)
-    os._exit(1)
+    os.killpg(0, signal.SIGKILL)  # it leads a group of its own (`process.AvProcess`)
 
 
 def _watch(lifeline: int) -> None:
@@ -110,7 +124,11 @@ def main(fd: int, lifeline: int) -> None:
     _watch(lifeline)
     threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
     sys.path.insert(0, os.getcwd())
+    faulthandler.enable()
+    for stream in (sys.stdout, sys.stderr):  # what is printed is not lost when the process ends, and never an error
+        stream.reconfigure(line_buffering=True, errors="backslashreplace")  # type: ignore[union-attr]
     with socket.socket(fileno=fd) as connection:
+        connection.set_inheritable(False)
         try:
             _serve(connection)
         except (EOFError, BrokenPipeError, ConnectionResetError, KeyboardInterrupt):

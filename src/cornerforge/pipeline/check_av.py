@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Unpack
 
 import numpy as np
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.answers import controller_of
+from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.foreign.pace import Pace, announce, spoken
-from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError
+from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, context_of
 from cornerforge.pipeline.counting import simulate_experiment
 from cornerforge.pipeline.forecast import LONG_SECONDS, forecast, seconds_of, tests_per_hour
@@ -56,7 +58,9 @@ class _Bench:
         hangs: So often it gave no answer in time.
     """
 
-    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float) -> None:
+    def __init__(self, spec: str, odd: Odd, seed: int, timeout: float, python: str | None) -> None:
+        self.log = AvLog()
+        self._start = partial(AvProcess, python=python, log=self.log)
         self._spec, self._odd, self._seed = spec, odd, seed
         self.pace = Pace(timeout, FIRST_TIMEOUT)
         self.few, self.many, self.hangs = _BATCH, _MANY, 0
@@ -65,16 +69,20 @@ class _Bench:
         self.checks: list[AvCheck] = []
         self.about: dict[str, str] = {}
 
-    def note(self, name: str, verdict: str, found: str) -> None:
+    def note(self, name: str, verdict: str, found: str, trace: str = "") -> None:
         """Add a finding to the list."""
-        self.checks.append(AvCheck(name=name, verdict=verdict, found=found))
+        self.checks.append(AvCheck(name=name, verdict=verdict, found=found, trace=trace or None))
+
+    def note_failure(self, name: str, how: str) -> None:
+        """Add a failure of the AV to the list, with its traceback."""
+        self.note(name, _FAIL, f"it {how}", self.log.trace(how))
 
     def session(self, batch: int) -> AvSession:
         """Return the AV's process, set up for `batch` worlds."""
         if self._session is None or self._batch != batch:
             self.close()
             context = context_of(self._odd, batch=batch, seed=self._seed)
-            session = AvSession(self._spec, context, road_numbers(self._odd), self.pace)
+            session = AvSession(self._spec, context, road_numbers(self._odd), self.pace, self._start)
             self.about = session.process().about
             self._session, self._batch = session, batch
         return self._session
@@ -157,8 +165,8 @@ def check_av(
         seed: Seed of tests and views.
         threads: None for all cores; changes only what is said of the time that jobs will take.
         progress: Told how far it is.
-        world: The AV (`module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file) and its world, keyword by keyword;
-            see `WorldOptions`.
+        world: The AV (`module:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file) and its world,
+            keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge check-av --json` prints: what each trial found, and the AV's speed.
@@ -173,9 +181,11 @@ def check_av(
     av, av_timeout = options.av, options.av_timeout
     check_av_options(options)
     if not is_foreign(av):
-        raise InputError(f'"{av}" is a built-in name or none; check-av tries module:Class, .onnx and .zip files.')
+        raise InputError(
+            f'"{av}" is a built-in name or none; check-av tries module:Class, "cmd: PROGRAM", .onnx and .zip files.'
+        )
     road = road_of(options)
-    bench = _Bench(av, road, seed, av_timeout)
+    bench = _Bench(av, road, seed, av_timeout, options.av_python)
     try:
         bench.session(1)
         speed: tuple[AvSpeed, ...] = ()
@@ -189,12 +199,15 @@ def check_av(
     finally:
         bench.close()
     does = _drive(bench, options, tests, seed, threads, progress)
+    passed = all(check.verdict != _FAIL for check in bench.checks)
+    log = None if passed else bench.log.named()
     return AvChecked(
         av=av,
         kind=bench.about["kind"],
         hash=bench.about["hash"],
         checks=tuple(bench.checks),
-        passed=all(check.verdict != _FAIL for check in bench.checks),
+        passed=passed,
+        log=None if passed or log is None else str(log),
         speed=speed,
         does=does,
     )
@@ -220,7 +233,7 @@ def _try_edge_case(bench: _Bench, name: str, odd: Odd) -> None:
     try:
         answer = bench.answers(view)[0, 0]
     except AvFailureError as failure:
-        bench.note(name, _FAIL, f"it {failure}")
+        bench.note_failure(name, str(failure))
         return
     steers = controller_of(bench.about["form"]) == STEERED
     order = 0.0 if steers else float(answer[1])
@@ -250,7 +263,7 @@ def _try_repeats(bench: _Bench, odd: Odd, seed: int) -> None:
         alone = _difference(first[:, :1], bench.answers(few[:, :1]))
         many = _difference(first, bench.answers(views)[:, :n])
     except AvFailureError as failure:
-        bench.note("random traffic", _FAIL, f"it {failure}")
+        bench.note_failure("random traffic", str(failure))
         return
     bench.note("random traffic", _OK, f"{steps} seconds in {n} worlds")
     if again > 0.0:
@@ -280,7 +293,7 @@ def _speeds(bench: _Bench, odd: Odd, seed: int) -> tuple[AvSpeed, ...]:
                 found.append(_speed(bench, odd, seed, batch))
         return tuple(found)
     except AvFailureError as failure:
-        bench.note("speed", _FAIL, f"it {failure}")
+        bench.note_failure("speed", str(failure))
         return ()
 
 
@@ -318,13 +331,15 @@ def _drive(
             run, tests=tests, seed=seed, threads=threads, progress=progress, stage="tests"
         )
     except AvFaultError as error:
-        bench.note("tests in natural traffic", _FAIL, str(error))
+        trace = getattr(error.__cause__, "trace", "") or "".join(getattr(error, "__notes__", [])).partition("\n")[2]
+        bench.note("tests in natural traffic", _FAIL, str(error), trace)
         return does
     found = f"{tally.av_crashes} crashes in {tally.tests} tests, {tests / seconds:,.3g} tests/s"
     if tally.av_faults and run.foreign is not None:
         fault = min(run.foreign.faults.values(), key=lambda fault: fault.test)
         text = f"{tally.av_faults} tests spoiled; in test {fault.test} it {fault.message}"
-        bench.note("tests in natural traffic", _FAIL, text)
+        bench.note("tests in natural traffic", _FAIL, text, run.foreign.log.trace(fault.message))
+        bench.log = run.foreign.log  # of its own processes
     elif tally.av_crashes > 0.05 * tests:
         bench.note("tests in natural traffic", _WARN, found + ": more than one in twenty")
     else:

@@ -85,10 +85,11 @@ def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
     """
     if valid == 0 and tests > 0 and run.foreign is not None and run.foreign.faults:
         fault = next(iter(run.foreign.faults.values()))
-        raise AvFaultError(
+        error = AvFaultError(
             f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
-            f"Correct the AV; to look closer: cornerforge check-av {run.av.name}"
+            f"Correct the AV; to look closer: {run.foreign.closer()}"
         )
+        raise run.foreign.explained(error, fault.message)
 
 
 def simulate_experiment(

@@ -28,7 +28,7 @@ from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, tally_su
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.pipeline.setting import AV_LOG, Experiment, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Filled, Simulated
 from cornerforge.sim import AV_FAULT, NOBODY, Recorder, Tally, crashed_tests, simulate_chunks
@@ -283,6 +283,7 @@ def fill_library(
         run.warm_up()
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
+    run.keep_printed(out / AV_LOG)
     if tally is not None:
         # The library keeps only the crashes of tests that are done, so their sums need another drive.
         earlier = max(0, min(library.next_test, tests or 0) - tally_from)

@@ -23,7 +23,7 @@ from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, open_output, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
-from cornerforge.pipeline.setting import Experiment
+from cornerforge.pipeline.setting import AV_LOG, Experiment
 from cornerforge.rates import binomial_interval, poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
 from cornerforge.rates.monte_carlo import BLOCK, CHUNK, MonteCarlo, drive_blocks, relative_half_width
@@ -119,6 +119,7 @@ class PlainTests:
             save = self.out / "counts.json"
             if open_output(self.out, identity, resume=resume) and save.exists():
                 self.counts = MonteCarlo.from_json(read_json_file(save))
+            self.run.keep_printed(self.out / AV_LOG)
         self.run.warm_up()
 
     def take(self, counts: MonteCarlo, travel: BvTravel, reason: str) -> None:

@@ -25,7 +25,7 @@ from cornerforge.pipeline.output import (
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.rate import rate
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.stages import (
     Counted,
     NaturalCases,
@@ -171,6 +171,8 @@ def run(
         tests=size.nde_tests + min(size.natural_tests, 262_144) + 8 * size.evaluation_tests + size.exposure_tests,
         bound="at least ", advice="If that is too long: --hours H does what fits into H hours.",
     )  # fmt: skip
+    for one in (natural, plain):
+        one.keep_printed(folder / AV_LOG)
     once = Stages(folder).do
     nde = once("nde", Counted, lambda: count(natural, size.nde_tests, 0, seed, threads, progress, "natural traffic"))
     natural.rest()
@@ -194,6 +196,7 @@ def run(
     checkpoint.remove()
     policy = load_policy(folder / "policy.safetensors")
     hostile = experiment(options, policy=policy, takes_foreign=True, seed=seed)
+    hostile.keep_printed(folder / AV_LOG)
     tests = size.evaluation_tests
     evaluation = once(
         "evaluate", Yield, lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)

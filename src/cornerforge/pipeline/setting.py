@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shlex
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -43,8 +44,19 @@ from cornerforge.sim import (
 from cornerforge.types import Odd, odd_named
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["TEMPERATURE", "Experiment", "check_av_options", "check_threads", "experiment", "road_of", "temperature_of"]
+__all__ = [
+    "AV_LOG",
+    "TEMPERATURE",
+    "Experiment",
+    "check_av_options",
+    "check_threads",
+    "experiment",
+    "road_of",
+    "temperature_of",
+]
 
+AV_LOG = "av.log"
+"""File in an output folder that keeps what a foreign AV prints."""
 TEMPERATURE = 0.05
 """Temperature of `softmax` without a number [units of Q]: actions with nearly equal Q are taken nearly as often."""
 
@@ -122,6 +134,11 @@ class Experiment:
         """End the processes of a foreign AV; when it drives again, new ones are started."""
         if self.foreign is not None:
             self.foreign.close()
+
+    def keep_printed(self, file: Path) -> None:
+        """Keep what a foreign AV prints, and its tracebacks, in a file, unless they have another one already."""
+        if self.foreign is not None:
+            self.foreign.log.keep_in(file)
 
     def recorder(self) -> Recorder:
         """Return the recorder of tests; it serves one thread."""
@@ -300,8 +317,10 @@ def experiment(
     if is_foreign(av) and not takes_foreign:
         raise InputError(
             f"The AV {av} is not built in, and built-in ones only are taken here. To train an adversary against it: "
-            f"cornerforge train --av {av} --out P.safetensors"
+            f"cornerforge train --av {shlex.quote(av)} --out P.safetensors"
         )
+    if world.av_python is not None and not is_foreign(av):
+        raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():
         raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
     av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
@@ -338,7 +357,13 @@ def experiment(
     foreign = None
     if is_foreign(av):
         foreign = ForeignAv(
-            av, road, seed=seed, timeout=world.av_timeout, batch=world.av_batch, processes=world.av_processes
+            av,
+            road,
+            seed=seed,
+            timeout=world.av_timeout,
+            batch=world.av_batch,
+            processes=world.av_processes,
+            python=world.av_python,
         )
     setting = Setting(
         road=road_numbers(road),

@@ -20,7 +20,7 @@ from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, rate_sum
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
@@ -333,6 +333,8 @@ def train(
     check_new_file(provenance_beside(path), overwrite=True)
     if not resume:
         checkpoint.check_absent()
+    log = path.with_name(f"{path.stem}.{AV_LOG}")
+    run.keep_printed(log)
     kept = resume and path.exists()
     if kept:
         policy = load_policy(path)
@@ -359,6 +361,7 @@ def train(
         seconds = result.seconds
     checkpoint.remove()
     trained = experiment(options.without_mask(), policy=policy, takes_foreign=True, seed=seed)
+    trained.keep_printed(log)
     measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "threads": threads}
     about: Any = policy.about
     return Trained(

@@ -31,6 +31,7 @@ class AvCheck:
     name: str = field(metadata=meant("Of the trial."))
     verdict: str = field(metadata=meant('"ok", "warn" or "FAIL".'))
     found: str = field(metadata=meant("What it did, in words."))
+    trace: str | None = field(default=None, metadata=meant("The AV's whole traceback, where it raised."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +60,12 @@ class AvChecked:
     """An AV from outside, tried on edge cases."""
 
     av: str = field(metadata=meant("As it was named."))
-    kind: str = field(metadata=meant("class, onnx or zip."))
+    kind: str = field(metadata=meant("class, policy, program, onnx or zip."))
     hash: str = field(metadata=meant("Hash of its source or file."))
     checks: tuple[AvCheck, ...] = field(metadata=meant("All trials, in their order."))
     passed: bool = field(metadata=meant("None failed."))
+    log: str | None = field(
+        default=None, metadata=meant("File of what it printed and of its tracebacks, where it failed.")
+    )
     speed: tuple[AvSpeed, ...] = field(metadata=meant("For 1, 64 and 256 worlds; empty where a trial failed before."))
     does: AvDoes | None = field(metadata=meant("What its speed allows; null: it answers nothing."))
