@@ -33,7 +33,7 @@ from cornerforge.pipeline.output import code_hash, config_hash, open_output, pro
 from cornerforge.pipeline.plain import PlainTests
 from cornerforge.pipeline.progress import Progress, moving
 from cornerforge.pipeline.rate import PLAIN_TESTS, rate
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.stages import (
     Counted,
     NaturalCases,
@@ -376,6 +376,12 @@ def _tell_plan(plan: Plan, natural: Experiment, threads: int | None, hours: floa
     )
 
 
+def _logged(run: Experiment, folder: Path) -> Experiment:
+    """Keep in the folder what the AV of a run prints."""
+    run.keep_printed(folder / AV_LOG)
+    return run
+
+
 def spend(
     options: WorldOptions, *, hours: float, stand_in: str, folder: Path, bounded: bool, budget: float | None,
     resume: bool, seed: int, threads: int | None, progress: Progress,
@@ -394,6 +400,7 @@ def spend(
     substitute = experiment(replace(options, av=stand_in), **masked)
     identity = _identity(natural, substitute, hours, stand_in, seed)
     open_output(folder, identity, resume=resume)
+    _logged(natural, folder)
     stages = Stages(folder)
     once = stages.do
     plan = once("plan", Plan, lambda: _plan(natural, stand_in, limit, seed, threads, begun))
@@ -401,9 +408,12 @@ def spend(
     natural.rest()
 
     config = replace(preset_named("fast"), decisions=plan.decisions)
-    plain = substitute if plan.stand_in is not None else experiment(options, takes_foreign=True, **masked)
+    plain = substitute
+    if plan.stand_in is None:
+        plain = _logged(experiment(options, takes_foreign=True, **masked), folder)
     trained = once("train", TrainedStage, lambda: _train(plain, config, folder, seed, threads, progress))
-    hostile = experiment(options, policy=load_policy(folder / "policy.safetensors"), takes_foreign=True, seed=seed)
+    policy = load_policy(folder / "policy.safetensors")
+    hostile = _logged(experiment(options, policy=policy, takes_foreign=True, seed=seed), folder)
     spent = plan.seconds + trained.policy.seconds
     library = folder / "library"
     attacks = _in_portions(
@@ -416,7 +426,7 @@ def spend(
 
     baselines = PlainRates(())
     if plan.baselines:
-        own = experiment(options, takes_foreign=True, **masked)
+        own = _logged(experiment(options, takes_foreign=True, **masked), folder)
         baselines = once("baselines", PlainRates, lambda: plain_rates(own, plan.baselines, seed, threads, progress))
         own.rest()
     nde, often = _roads(stages, natural, options, plan, limit, spent, folder, seed, threads, progress)
