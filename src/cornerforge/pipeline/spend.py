@@ -408,12 +408,13 @@ def spend(
     natural.rest()
 
     config = replace(preset_named("fast"), decisions=plan.decisions)
-    plain = substitute
-    if plan.stand_in is None:
-        plain = _logged(experiment(options, takes_foreign=True, **masked), folder)
+    plain = (
+        substitute if plan.stand_in is not None else _logged(experiment(options, takes_foreign=True, **masked), folder)
+    )
     trained = once("train", TrainedStage, lambda: _train(plain, config, folder, seed, threads, progress))
-    policy = load_policy(folder / "policy.safetensors")
-    hostile = _logged(experiment(options, policy=policy, takes_foreign=True, seed=seed), folder)
+    hostile = _logged(
+        experiment(options, policy=load_policy(folder / "policy.safetensors"), takes_foreign=True, seed=seed), folder
+    )
     spent = plan.seconds + trained.policy.seconds
     library = folder / "library"
     attacks = _in_portions(
