@@ -48,9 +48,8 @@ class FissPlus:
         road.finalize()
         return road
 
-    def reset(self, seed):
+    def reset(self, _seed):
         self.planner.reset()
-        self.last = None
 
     def plan(self, scene):
         own = scene.own

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cornerforge
-from cornerforge.errors import AvFaultError, InputError
+from cornerforge.errors import InputError
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.pipeline.setting import experiment
 from cornerforge.sim import STEERED, simulate
@@ -268,9 +268,3 @@ def test_an_adversary_learns_against_it_and_check_av_knows_it(tmp_path: Path) ->
     checked = cornerforge.check_av(av="planners:Curve", tests=4)
     assert checked.passed, checked.checks
     assert any("curvature" in check.found for check in checked.checks)
-
-
-@pytest.mark.usefixtures("planners")
-def test_it_fails_in_words_when_trees_grow() -> None:
-    with pytest.raises(AvFaultError, match="failed while trees of tests grew"):
-        cornerforge.rate(av="planners:Raises", method="splitting", max_tests=2000)
