@@ -43,7 +43,8 @@ def test_keywords_are_the_options() -> None:
     assert set(AvKeywords.__annotations__) == NAMES - {"bounded", "budget"}
     assert set(RoadKeywords.__annotations__) == {"odd", "lanes", "model"}
     assert set(DrivingEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"}
-    assert set(AdversaryEnvKeywords.__annotations__) == {"av", "odd", "lanes", "model", "bounded"}
+    own = {"av", "av_timeout", "av_python"}
+    assert set(AdversaryEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"} | own
     assert WorldOptions().av_timeout == DEFAULT_TIMEOUT
 
 

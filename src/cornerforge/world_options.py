@@ -139,3 +139,4 @@ class AdversaryEnvKeywords(DrivingEnvKeywords, total=False):
 
     av: str
     av_timeout: float
+    av_python: str | None
