@@ -89,6 +89,11 @@ def _train_config(size: Effort) -> TrainConfig:
     return replace(preset_named("fast"), decisions=size.decisions)
 
 
+def _natural_method(natural: Experiment) -> str:
+    """Choose the method of the natural rate: for an AV from outside one that need not be taught by 300,000 trees."""
+    return "auto" if natural.foreign is None else "is"
+
+
 def _identity(plain: Experiment, effort: str, seed: int) -> dict[str, Any]:
     """Return what decides the results of a run, without a policy and a way to drive BVs: a run has several of them."""
     identity: dict[str, Any] = plain.identity(seed)
@@ -180,8 +185,8 @@ def run(
         "natural",
         NaturalRate,
         lambda: rate(
-            target_rhw=size.natural_rhw, max_tests=size.natural_tests, out=folder / "natural", resume=True, seed=seed,
-            threads=threads, progress=progress, **world,
+            method=_natural_method(natural), target_rhw=size.natural_rhw, max_tests=size.natural_tests,
+            out=folder / "natural", resume=True, seed=seed, threads=threads, progress=progress, **world,
         ),
     )  # fmt: skip
     natural_cases = once(
