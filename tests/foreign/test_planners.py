@@ -268,3 +268,13 @@ def test_an_adversary_learns_against_it_and_check_av_knows_it(tmp_path: Path) ->
     checked = cornerforge.check_av(av="planners:Curve", tests=4)
     assert checked.passed, checked.checks
     assert any("curvature" in check.found for check in checked.checks)
+
+
+@pytest.mark.usefixtures("planners")
+@pytest.mark.parametrize("name", ["View", "Lane", "Lanes", "Evades"])
+def test_its_pace_is_noted_for_as_many_worlds_as_drive(name: str) -> None:
+    """Limits count worlds; an AV whose worlds were counted wrongly would run into them."""
+    av = ForeignAv(f"planners:{name}", Odd(), batch=6)
+    assert av.pace.usual(1) == av.pace.usual(6) > 0.0
+    assert av.pace.usual(12) == pytest.approx(av.pace.usual(6) * 12 / 8)
+    av.close()

@@ -22,9 +22,12 @@ from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.interpreter import environment, worker_command
 from cornerforge.foreign.pace import Pace
 from cornerforge.foreign.protocol import ACT, FAILED, LOAD, SETUP, JunkError, pack, pack_json, receive, unpack_json
+from cornerforge.foreign.scene import COLUMNS
 
 if TYPE_CHECKING:
     from cornerforge.foreign.interface import AvContext
+
+_LENGTH = COLUMNS.index("length")
 
 __all__ = ["DEFAULT_TIMEOUT", "FIRST_TIMEOUT", "AvFailureError", "AvProcess"]
 
@@ -192,7 +195,7 @@ class AvProcess:
         """
         head = np.array([worlds.size], dtype=np.int64)
         frame = pack(ACT, head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes())
-        driving = int(np.count_nonzero(view[:, 0, 0]))
+        driving = int(np.count_nonzero(view[:, 0, 0 if self.about["form"] == "view" else _LENGTH]))
         begun = time.perf_counter()
         body = self._ask(frame, self._pace.limit(driving, first=self._is_first), driving)
         if not self._is_first:  # the first answer may take longer: libraries are loaded, code is compiled
