@@ -14,7 +14,7 @@ from reference.case_record import case_columns
 
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import InputError
-from cornerforge.fields import SHORTFALL
+from cornerforge.fields import POSE, REALS, SERIES, SHORTFALL
 from cornerforge.library import CaseLibrary, case_record
 from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns
 from cornerforge.library.shards import encode_tables
@@ -183,3 +183,10 @@ def test_packed_shards_must_continue_the_library(reckless: NddModel, tmp_path: P
     assert len(library) == harvested.tests.size
     stored = library.scenario(f"7:{harvested.tests[2]}")
     assert stored.scenario.crash is not None
+
+
+def test_the_kernels_name_the_series_that_there_are() -> None:
+    """Numba cannot take them from the list (`harvest._real`, `step.record_frame`); a new one needs a line in both."""
+    assert REALS == ("x", "y", "speed", "heading", "acceleration")
+    assert REALS[: len(POSE)] == POSE
+    assert {series.name for series in SERIES} == {*REALS, "target_lane", "present"}

@@ -6,13 +6,12 @@ Cases go into flat arrays; there is no Python object per case. `fields.py` says 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import literal_unroll
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, POSE, REALS
+from cornerforge.fields import CASE_ROW, HISTORY_SHAPE, REALS
 from cornerforge.road.straight import ahead_by, half_lengths, half_widths
 from cornerforge.sim.drive import drive_test
 from cornerforge.sim.keep import write_outcome
@@ -282,6 +281,24 @@ def _keep_labels(
     row.min_ttc_s = _min_ttc(recording, frame, end.vehicles, bodies)
 
 
+@inlined_kernel
+def _real(cell: Any, q: int) -> float:
+    """Give series q of `fields.REALS`, the first of which are those of `fields.POSE`, of a vehicle in a frame.
+
+    Numba's own way to take fields by name, `literal_unroll`, fails on Python 3.12 and later.
+    """
+    value: float = cell.x
+    if q == 1:
+        value = cell.y
+    elif q == 2:
+        value = cell.speed
+    elif q == 3:
+        value = cell.heading
+    elif q == 4:
+        value = cell.acceleration
+    return value
+
+
 @kernel
 def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None:
     """Fill the states of AV and partner at each second before the contact."""
@@ -296,9 +313,8 @@ def _keep_history(end: Recorded, recording: NDArray[np.void], h: Harvest) -> Non
             cell = recording[frame, 0 if who == 0 else end.partner]
             if cell.present:
                 place = (_PAIR * second + who) * _HISTORY_VALUES
-                for name in literal_unroll(POSE):
-                    history[place] = cell[name]
-                    place += 1
+                for q in range(_HISTORY_VALUES):
+                    history[place + q] = _real(cell, q)
 
 
 @kernel
@@ -390,10 +406,8 @@ def _keep_tracks(end: Recorded, recording: NDArray[np.void], h: Harvest) -> None
             place = filled[NUMBERS] + t
             cell = recording[t, i]
             there = cell.present != 0
-            q = 0
-            for name in literal_unroll(REALS):
-                h.reals[q, place] = cell[name] if there else math.nan
-                q += 1  # noqa: SIM113  kernels know no enumerate of names
+            for q in range(_REALS):
+                h.reals[q, place] = _real(cell, q) if there else math.nan
             h.target_lane[place] = cell.target_lane if there else -1
             h.present[place] = there
         filled[NUMBERS] += end.frames
@@ -412,10 +426,8 @@ def _keep_exact(end: Recorded, recording: NDArray[np.void], decisions: Decisions
             cell = recording[t, i]
             place = t * n + i
             there = cell.present != 0
-            q = exact + place
-            for name in literal_unroll(REALS):
-                h.exact[q] = cell[name] if there else 0.0
-                q += size
+            for q in range(_REALS):
+                h.exact[exact + place + q * size] = _real(cell, q) if there else 0.0
             h.marks[marks + place] = cell.target_lane & 255 if there else 255
             h.marks[marks + size + place] = 1 if there else 0
     filled[EXACT] += _REALS * size

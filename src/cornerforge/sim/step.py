@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import literal_unroll
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.fields import FRAME_FIELDS, SERIES
+from cornerforge.fields import FRAME_FIELDS
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.road.straight import distance_left
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
@@ -50,7 +49,6 @@ __all__ = [
 SUBSTEPS = 10
 _DT = FRAME_S
 _ACCELERATIONS = ACCELERATIONS
-_RECORDED = tuple(series.name for series in SERIES)
 _HARDEST_BRAKING, _STRONGEST_ACCELERATION = 12.0, 10.0
 """Limits assumed for an AV that does not drive by its own law [m/s2]; commands from outside are cut to less."""
 
@@ -132,15 +130,20 @@ def _check_contacts(w: World, frame: int, road: RoadNumbers) -> bool:
 
 @inlined_kernel
 def record_frame(w: World, frame: int, recording: NDArray[np.void]) -> None:
-    """Write the present state as a frame; a recording with fewer frames stays as it is."""
+    """Write the present state as a frame, all of `fields.SERIES`; a recording with fewer frames stays as it is."""
     if frame >= recording.shape[0]:
         return
     v = w.vehicles
     for i in range(w.state[0].n_vehicles):
         if v[i].present:
             cell, vehicle = recording[frame, i], v[i]
-            for name in literal_unroll(_RECORDED):
-                cell[name] = vehicle[name]
+            cell.x = vehicle.x
+            cell.y = vehicle.y
+            cell.speed = vehicle.speed
+            cell.heading = vehicle.heading
+            cell.acceleration = vehicle.acceleration
+            cell.target_lane = vehicle.target_lane
+            cell.present = vehicle.present
 
 
 @inlined_kernel
