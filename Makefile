@@ -7,7 +7,9 @@ OUT ?= out/demo
 BIN := .venv/bin
 SETUP := .venv/.stamp-setup
 BENCH := .venv-bench/.stamp-setup
+DOCS := .venv-docs/.stamp-setup
 WHEEL := .venv-wheel
+LOWEST := .venv-lowest
 PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py)
 LINTED := src tests $(SCRIPTS)
@@ -18,7 +20,7 @@ MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format wheel bench model rl-av golden clean-cache clean
+.PHONY: help setup demo test test-slow check format docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -45,6 +47,10 @@ check: $(SETUP) ## check format, lint, types, layers and spelling; changes nothi
 format: $(SETUP) ## write the agreed format and mend what lint can mend by itself
 	@$(BIN)/ruff check --quiet --fix-only $(LINTED)
 	@$(BIN)/ruff format $(LINTED)
+
+docs: $(DOCS) ## build the documentation as a site that loads nothing from elsewhere: site/index.html
+	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict --quiet
+	@.venv-docs/bin/python docs/_site/site_check.py site
 
 # The tests run from the unpacked source archive, without its src/: what they import can only be the installed wheel.
 wheel: $(SETUP) ## build the source archive and the wheel, and try them in an environment of their own: dist/
@@ -91,6 +97,13 @@ $(SETUP): pyproject.toml constraints.txt
 $(BENCH): pyproject.toml constraints.txt
 	@$(call venv,.venv-bench)
 	@.venv-bench/bin/python $(PIP) install -c constraints.txt -e ".[all,bench]"
+	@touch $@
+
+# The site is made from texts: the package itself is not installed, only the tools that the extra `docs` names.
+$(DOCS): pyproject.toml constraints.txt
+	@$(call venv,.venv-docs)
+	@.venv-docs/bin/python $(PIP) install -c constraints.txt $$($(PYTHON) -c 'import tomllib; \
+	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')
 	@touch $@
 
 define venv
