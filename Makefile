@@ -9,7 +9,6 @@ SETUP := .venv/.stamp-setup
 BENCH := .venv-bench/.stamp-setup
 DOCS := .venv-docs/.stamp-setup
 WHEEL := .venv-wheel
-LOWEST := .venv-lowest
 PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py)
 LINTED := src tests $(SCRIPTS)
@@ -20,7 +19,7 @@ MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup demo test test-slow check format docs wheel bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile

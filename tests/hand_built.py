@@ -15,10 +15,10 @@ from cornerforge.geometry import path_at
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import RoadNumbers, lane_bits, road_numbers
 from cornerforge.sim.actions import hold, start_lane_change
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.observe import budget_units
 from cornerforge.sim.scripted import TRAITS
 from cornerforge.sim.setting import ADVERSARIES, IDM_BVS, NATURALISTIC, Controllers, Setting
-from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import NO_VEHICLE, RUNNING, World, all_current, allocate_worlds, numbers_of_av, path_of
 from cornerforge.sim.world import world_of as world_of_batch
 from cornerforge.types import Odd

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import re
 import shlex
 import subprocess
 import sys
@@ -25,13 +24,20 @@ from cornerforge.adversary.config import PRESETS
 from cornerforge.adversary.policy_file import Policy, save_policy
 from cornerforge.cli import app, main
 from cornerforge.cli.output import Bars, compiling_text, run_command, speed_text
+from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.policy import n_weights
 from cornerforge.errors import InputError
+from cornerforge.ndd.layouts import DATA_FORMATS
+from cornerforge.paper.bench import REPRODUCE_EFFORTS
+from cornerforge.paper.registry import ITEMS
 from cornerforge.report import judged
+from cornerforge.types import ODDS
+from cornerforge.world_options import PLAIN_ADVERSARIES, REWARD_NAMES
 
 run_module = importlib.import_module("cornerforge.pipeline.run")
 
 Capture = pytest.CaptureFixture[str]
+shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell")
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +89,87 @@ def test_every_command_helps(command: list[str], capsys: Capture) -> None:
     assert err == ""
 
 
+def examples(command: Any) -> list[str]:
+    """Command lines at the end of a command's help."""
+    head, *lines = command.epilog.split("\n")
+    assert head == ("Example:" if len(lines) == 1 else "Examples:")
+    return lines
+
+
+def context_of(words: list[str], *, read: bool) -> Any:
+    """Typer's context of a command; with `read` the words after its name are parsed, else left out."""
+    context: Any = typer.main.get_command(app).make_context("cornerforge", [], resilient_parsing=True)
+    while words and words[0] in getattr(context.command, "commands", {}):
+        name, *words = words
+        command = context.command.commands[name]
+        last = read and not hasattr(command, "commands")
+        context = (
+            command.make_context(name, words, parent=context)
+            if last
+            else type(context)(command, info_name=name, parent=context)
+        )
+    return context
+
+
+@pytest.mark.parametrize("command", all_commands(), ids=lambda path: " ".join(path) or "cornerforge")
+def test_every_help_has_an_example_whose_words_are_known(
+    command: list[str], capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("cornerforge.toml").write_text("", encoding="utf-8")
+    shown = call(capsys, *command, "--help")[1]
+    lines = examples(context_of(command, read=False).command)
+    assert 1 <= len(lines) <= 2
+    for line in lines:
+        assert line in shown, "too long for a line of help"
+        first, *words = shlex.split(line)
+        assert first == "cornerforge"
+        assert words[: len(command)] == command
+        assert context_of(words, read=True).params, "an option of it does not exist, or one is missing"
+
+
+def test_an_example_with_a_wrong_option_would_be_found() -> None:
+    with pytest.raises(Exception, match="No such option"):
+        context_of(shlex.split("simulate --test 5"), read=True)
+
+
+def test_a_shell_completes_names_that_the_program_knows() -> None:
+    def completed(command: str, option: str, begun: str = "") -> set[str]:
+        context = context_of(command.split(), read=False)
+        (one,) = (one for one in context.command.params if f"--{option}" in one.opts)
+        return {item.value for item in one.shell_complete(context, begun)}
+
+    assert completed("run", "effort") == set(run_module.EFFORTS)
+    assert completed("reproduce", "effort") == set(REPRODUCE_EFFORTS)
+    assert completed("reproduce", "figure") == set(ITEMS)
+    assert completed("train", "preset") == set(PRESETS)
+    assert completed("train", "reward") == set(REWARD_NAMES)
+    with pytest.raises(InputError, match=f"Known: {', '.join(sorted(completed('rate', 'method')))}"):
+        cornerforge.rate(method="?")
+    assert completed("ndd fit", "format") == set(DATA_FORMATS)
+    assert completed("generate", "policy") == set(PLAIN_ADVERSARIES)
+    assert completed("simulate", "bv", "s") == {"swerve"}
+    for command in ("run", "simulate", "train", "generate", "rate"):
+        assert completed(command, "av") == set(AVS)
+        assert completed(command, "odd") == set(ODDS)
+        assert completed(command, "av", "rl") == {name for name in AVS if name.startswith("rl")}
+
+
+@shell
+def test_completion_works_as_a_shell_asks_for_it(tmp_path: Path) -> None:
+    """The script of --show-completion, run by bash as when Tab is pressed."""
+    (tmp_path / "cornerforge").write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m cornerforge "$@"\n')
+    (tmp_path / "cornerforge").chmod(0o755)
+    pressed = (
+        'eval "$(cornerforge --show-completion bash)"; COMP_WORDS=(cornerforge run --effort st); COMP_CWORD=3; '
+        '_cornerforge_completion cornerforge; echo "${COMPREPLY[@]}"'
+    )
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    command = ["bash", "-c", pressed]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env={**os.environ, "PATH": path})
+    assert (done.stdout, done.stderr) == ("standard\n", "")
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [
@@ -117,7 +204,7 @@ def test_every_command_takes_the_common_options(command: list[str], capsys: Capt
     _, out, _ = call(capsys, *command, "--help")
     for option in ("--quiet", "--json", "--debug", "--seed", "--threads", "--out"):
         assert option in out
-    assert re.search(r"--quiet +No text", out), "an option without a value shows none"
+    assert "<bool>" not in out, "an option without a value shows none"
 
 
 @pytest.mark.parametrize("command", [[], ["ndd"]], ids=["cornerforge", "ndd"])
@@ -337,6 +424,18 @@ def test_one_bar_serves_a_stage_whose_note_changes_and_old_work_is_no_speed() ->
         bars.stop()
 
 
+def test_a_bar_of_slow_work_shows_more_than_a_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rich.progress.Task.speed", 0.125)
+    bars = Bars(quiet=False)
+    bars.show = True
+    try:
+        bars("simulate", 1.0, 100.0)
+        assert bars._bars is not None
+        assert bars._bars.tasks[0].fields["rate"] == "0.12/s"
+    finally:
+        bars.stop()
+
+
 def test_compiling_is_said_without_a_terminal_too(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line on standard error, whatever is compiled; none with --quiet; another where nothing can be kept."""
     monkeypatch.setattr(cornerforge._jit, "cache_folder", lambda: "")
@@ -547,15 +646,15 @@ def test_bad_input_is_one_plain_line_and_harms_nothing(name: str, files: Path, t
 def test_a_full_disk_is_one_plain_line_and_leaves_no_half_file(files: Path, tmp_path: Path) -> None:
     import resource
 
-    def no_file_above_1_kb() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
+    def no_file_above_4_kb() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
     done = subprocess.run(
         [sys.executable, "-B", "-m", "cornerforge", "analyse", str(files / "library"), "--out", str(tmp_path / "out")],
         capture_output=True,
         text=True,
         check=False,
-        preexec_fn=no_file_above_1_kb,
+        preexec_fn=no_file_above_4_kb,
     )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("cornerforge: Cannot write")
@@ -595,8 +694,6 @@ def test_a_damaged_shard_is_a_warning_on_standard_error(files: Path, tmp_path: P
 
 
 # --- streams that are closed, words that are no text, interrupts ---
-
-shell = pytest.mark.skipif(sys.platform == "win32", reason="needs a POSIX shell")
 
 
 def in_a_shell(text: str, folder: Path) -> subprocess.CompletedProcess[str]:

@@ -32,7 +32,7 @@ VERBS = {
 }  # fmt: skip
 # `budget` of run and reproduce is an old name of effort too; replay knows its world from the library.
 # The model of `ndd` is what they show, check or fill.
-OWN = {"run": {"bounded", "budget"}, "reproduce": {"budget"}, "replay": {"av_timeout"}} | {
+OWN = {"run": {"bounded", "budget"}, "reproduce": {"budget"}, "replay": {"av_timeout", "av_python"}} | {
     f"ndd_{name}": {"model"} for name in ("import", "show", "validate")
 }
 OF_COMMANDS = {"run": {"budget"}, "reproduce": {"budget"}, "plausibility": {"budget"}}
@@ -43,7 +43,8 @@ def test_keywords_are_the_options() -> None:
     assert set(AvKeywords.__annotations__) == NAMES - {"bounded", "budget"}
     assert set(RoadKeywords.__annotations__) == {"odd", "lanes", "model"}
     assert set(DrivingEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"}
-    assert set(AdversaryEnvKeywords.__annotations__) == {"av", "odd", "lanes", "model", "bounded"}
+    own = {"av", "av_timeout", "av_python"}
+    assert set(AdversaryEnvKeywords.__annotations__) == {"odd", "lanes", "model", "bounded"} | own
     assert WorldOptions().av_timeout == DEFAULT_TIMEOUT
 
 

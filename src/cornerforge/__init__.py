@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.cases import query, replay
     from cornerforge.pipeline.check_av import check_av
     from cornerforge.pipeline.generate import generate
+    from cornerforge.pipeline.init import init
     from cornerforge.pipeline.make_report import make_report
     from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
     from cornerforge.pipeline.plausibility import plausibility
@@ -38,6 +39,7 @@ __all__ = [
     "check_av",
     "engine",
     "generate",
+    "init",
     "make_report",
     "ndd_fit",
     "ndd_import",
@@ -66,6 +68,7 @@ __getattr__ = door(
         "check_av": "pipeline.check_av",
         "engine": "execution",
         "generate": "pipeline.generate",
+        "init": "pipeline.init",
         "make_report": "pipeline.make_report",
         "ndd_fit": "pipeline.naturalistic",
         "ndd_import": "pipeline.naturalistic",

@@ -37,7 +37,7 @@ class WorldOptions:
 
     Attributes:
         av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`, an
-            `.onnx` or a Stable-Baselines3 `.zip` file.
+            `.onnx` or a Stable-Baselines3 `.zip` file, or `cmd: PROGRAM ARGUMENTS`.
         odd: "default", "swift", "paper" or "mixed".
         lanes: 2 to 6; None for the ODD's own.
         model: Naturalistic model, or its file; None for the one that ships with the package.
@@ -46,13 +46,17 @@ class WorldOptions:
         budget: Likelihood budget of a test [nats], 0 or more: the largest amount by which the log-probability of the
             adversary's actions, summed over the test, may fall short of the likeliest actions'. It implies `bounded`
             and overrides a policy's own budget. None: no limit, or the policy's own.
-        av_timeout: Longest time that an AV from outside may take for an answer [s], 0.01 to 3600.
+        av_timeout: Longest time that an AV from outside may take for the answer in one world [s], 0.01 to 3600.
+        av_batch: Worlds that an AV from outside is asked about together, 1 to 65,536; None: as its speed advises.
+        av_processes: Processes of an AV from outside that drive at the same time, 1 to 1024; None: as many as threads.
+        av_python: Python interpreter in which such an AV runs; None: the one of cornerforge.
     """
 
     av: str = field(
         default="idm-mobil",
         metadata={
-            "help": "AV under test: a name (`cornerforge avs` lists them), module:Class, or an .onnx or SB3 .zip file."
+            "help": 'AV under test: a name (`cornerforge avs` lists them), module:Class, "cmd: ./program", or an .onnx '
+            "or SB3 .zip file."
         },
     )
     odd: str = field(
@@ -76,7 +80,22 @@ class WorldOptions:
     )
     av_timeout: float = field(
         default=5.0,
-        metadata={"unit": "s", "help": "Seconds that an AV which is not built in may take for an answer."},
+        metadata={
+            "unit": "s",
+            "help": "Seconds that an AV which is not built in may take for the answer in one world.",
+        },
+    )
+    av_batch: int | None = field(
+        default=None,
+        metadata={"help": "Worlds that such an AV is asked about together; chosen by its speed by default."},
+    )
+    av_processes: int | None = field(
+        default=None,
+        metadata={"help": "Processes of such an AV at the same time; as many as threads by default."},
+    )
+    av_python: str | None = field(
+        default=None,
+        metadata={"help": "Python in which such an AV runs, such as env/bin/python; it needs NumPy only."},
     )
 
     def without_mask(self) -> WorldOptions:
@@ -97,6 +116,9 @@ class AvKeywords(RoadKeywords, total=False):
 
     av: str
     av_timeout: float
+    av_batch: int | None
+    av_processes: int | None
+    av_python: str | None
 
 
 class WorldKeywords(AvKeywords, total=False):
@@ -116,3 +138,5 @@ class AdversaryEnvKeywords(DrivingEnvKeywords, total=False):
     """Keywords of `cornerforge/Adversary-v0`, whose adversary is the agent."""
 
     av: str
+    av_timeout: float
+    av_python: str | None

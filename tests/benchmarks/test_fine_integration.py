@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from cornerforge.drivers.avs import AVS
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
-from cornerforge.sim.step import move_vehicle
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ACCELERATIONS, Odd
 

@@ -389,7 +389,7 @@ def test_a_plan_that_does_nothing_is_caught_at_the_recorded_contact() -> None:
         frames[name][last + 1 :] = getattr(scenario, name)[-1]  # the other one stands
     frames["present"] = 1
     road = road_numbers(ODD)
-    goes_on = Manoeuvres(np.zeros(1), 5, 0, 0, 8.0, 0, 0, road, road)
+    goes_on = Manoeuvres(np.zeros(1), 5, 0, 0, 8.0, 0, 0, road, road, 1)
     nothing, lane = np.zeros(8), np.ones(8, dtype=np.int64)
     track = np.zeros((41, 4))
     test = Trajectories(frames, bodies_in(ODD, 2), 2)
@@ -503,3 +503,56 @@ def test_never_unavoidable_where_the_reward_says_avoidable(model: NddModel, seed
                 avoidable += 1
                 assert avoidability(scenario, params).label in ("by braking", "by both")
     assert avoidable >= 10
+
+
+STEERS = replace(PARAMS, steers=True)
+
+
+def test_an_av_that_steers_has_every_way_out_of_one_that_orders_lanes(random_crashes: list[Traffic]) -> None:
+    """It may do all that the other may, and drive beside a lane's centre, so its last way out is no earlier."""
+    later = compared = 0
+    for traffic in random_crashes:
+        if any(row[0].path is not None for row in traffic.rows[: traffic.last]):
+            continue  # within a lane change the two go on otherwise
+        orders, steers = (avoidability(scenario_of(traffic), params) for params in (PARAMS, STEERS))
+        if orders.latest_s is not None and orders.exhaustive and steers.exhaustive:
+            assert steers.latest_s is not None
+            assert steers.latest_s <= orders.latest_s + 1e-9
+            later += steers.latest_s < orders.latest_s
+            compared += 1
+    assert compared >= 10
+    assert later >= 1
+
+
+def test_it_passes_within_its_lane_by_what_stands_half_in_it() -> None:
+    """A car stands 0.2 m within reach, both lanes beside are taken: an order for a lane helps nobody, 1.33 m do."""
+    beside = [Mover(400.0 + dx, lane, 30.0) for lane in (0, 2) for dx in (-6.0, 0.0, 6.0)]
+    traffic = drive(AV, Mover(520.0, 1, 0.0), *beside)
+    assert traffic is not None
+    for row in traffic.rows:
+        row[1].y = 7.8  # half in the lane on the left
+        for other in row[2:]:
+            other.y += 0.6 if other.target_lane == 2 else -0.6
+    scenario = scenario_of(traffic, 1)
+    braking = AvoidParams(accelerations_mps2=(0.0, -0.5), lane_changes=1, lookback_s=4.0)
+    assert avoidability(scenario, braking).steering_s is None
+    answer = avoidability(scenario, replace(braking, steers=True))
+    assert answer.steering_s is not None
+    assert answer.witness is not None
+    assert set(answer.witness.lane.tolist()) == {1}
+    side = answer.witness.y[round(10 * answer.witness.begin_s)]
+    assert 3.9 < side < 5.81
+
+
+def test_an_av_that_steers_is_taken_over_where_it_is() -> None:
+    """It drifts to the left beside its lane's centre: the way out begins there, at its lateral speed."""
+    scenario = crash(AV, STANDING)
+    last = len(scenario.x) - 1
+    y = scenario.y.copy()
+    y[:, 0] = 6.0 + 0.4 * np.clip((np.arange(last + 1) - last + 25) * 0.1, 0.0, None)
+    drifting = replace(scenario, y=y, heading=np.where(np.arange(2) == 0, np.arctan(0.4 / 30.0), 0.0) + 0.0 * y)
+    answer = avoidability(drifting, replace(PARAMS, steers=True, lookback_s=3.0))
+    assert answer.witness is not None
+    first = last - round(10 * answer.witness.begin_s)
+    assert answer.witness.y[0] == pytest.approx(y[first, 0])
+    assert answer.witness.y[1] - answer.witness.y[0] == pytest.approx(0.04, abs=0.025)

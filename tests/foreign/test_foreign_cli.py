@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
+from unittest.mock import ANY
 
 import pytest
 
 from cornerforge.cli import main
 from cornerforge.cli.output import compiling_text
+from cornerforge.foreign.process import AvProcess
+from cornerforge.pipeline import forecast
+
+check_av = importlib.import_module("cornerforge.pipeline.check_av")  # the package has a verb of that name
 
 Capture = pytest.CaptureFixture[str]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "my_av.py"
@@ -146,7 +153,10 @@ def test_the_example_passes_check_av(example: Path, capsys: Capture) -> None:  #
     assert main(["check-av", "my_av:MyAv", "--tests", "8"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("my_av:MyAv (class, ")
-    assert len(lines) == 1 + len(result["checks"]) + 3
+    assert len(lines) == 1 + len(result["checks"]) + 3 + 1
+    assert " tests/h, " in lines[-1]
+    assert "training against it (2,500,000 decisions) would take about" in lines[-1]
+    assert result["does"]["batch"] > 1
 
 
 @pytest.mark.parametrize(
@@ -166,3 +176,76 @@ def test_check_av_finds(avs: Path, capsys: Capture, name: str, check: str, verdi
     assert verdicts(result)[check] == verdict
     assert status == (0 if "FAIL" not in verdicts(result).values() else 1)
     assert result["passed"] == (status == 0)
+
+
+def test_check_av_of_an_av_that_hangs_ends_soon(avs: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+    """One limit for the first answer, and no trial after it."""
+    limits: list[float] = []
+    monkeypatch.setattr(check_av, "FIRST_TIMEOUT", 3.0)
+    asked = AvProcess._ask
+    monkeypatch.setattr(
+        AvProcess,
+        "_ask",
+        lambda self, frame, timeout, *rest: limits.append(timeout) or asked(self, frame, timeout, *rest),
+    )
+    status, result, _ = call(capsys, "check-av", "avs:HangsAtOnce", "--av-timeout", 1)
+    assert status == 1
+    assert verdicts(result) == {"loads": "ok", "first questions": "FAIL", "tests in natural traffic": "FAIL"}
+    assert "gave no answer within 3 s; nothing else was tried" in result["checks"][1]["found"]
+    assert result["does"] is None
+    assert len(limits) <= 4  # loading, setting up, and questions
+
+
+SLEEPY = """
+import numpy as np
+
+class Av:
+    def act(self, view):
+        if (view[:, 0, 3] == 0.0).any():
+            import time
+            time.sleep(60)
+        return np.zeros((len(view), 2))
+"""
+
+
+def test_check_av_stops_when_it_hangs_again_and_again(avs: Path, capsys: Capture) -> None:
+    (avs / "sleepy.py").write_text(SLEEPY, encoding="utf-8")
+    status, result, _ = call(capsys, "check-av", "sleepy:Av", "--av-timeout", 0.5)
+    assert status == 1
+    found = [check["found"] for check in result["checks"] if check["verdict"] == "FAIL"]
+    assert sum("gave no answer" in text for text in found) <= 2
+    assert any("gave no answer" in text for text in found)
+    assert found[-1] == "not driven, because it hangs"
+
+
+SLOW = """
+import time
+import numpy as np
+
+class Av:
+    def act(self, view):
+        driving = view[:, 0, 0] == 1.0
+        end = time.perf_counter() + 0.02 * np.count_nonzero(driving)
+        while time.perf_counter() < end:
+            pass
+        return np.stack([np.where(driving, 0.3 * (30.0 - view[:, 0, 3]), 0.0), np.zeros(len(view))], axis=1)
+"""
+
+
+def test_long_jobs_are_announced_with_what_was_measured(
+    avs: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (avs / "slow.py").write_text(SLOW, encoding="utf-8")
+    arguments = ("simulate", "--av", "slow:Av", "--bv", "swerve", "--tests", 2, "--av-processes", 2)
+    monkeypatch.setattr(forecast, "LONG_SECONDS", 0.0)
+    status, result, err = call(capsys, *arguments)
+    assert status == 0
+    assert len(err.splitlines()) == 1
+    told = r"slow:Av takes about \S+ m?s for an answer \(measured\), (one world|\d+ worlds) at a time, in 2 processes: "
+    assert re.match(told + r"driving 2 tests will take about \S+ \S+\.$", err)
+    assert call(capsys, *arguments, "--quiet")[2] == ""
+    monkeypatch.setattr(forecast, "LONG_SECONDS", 1e9)
+    assert call(capsys, *arguments)[1:] == ({**result, **dict.fromkeys(TIMES, ANY)}, "")
+
+
+TIMES = ("seconds", "tests_per_second", "world_steps_per_second")

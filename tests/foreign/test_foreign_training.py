@@ -22,8 +22,8 @@ from cornerforge.adversary.policy_file import load_policy
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.adversary.train import TRAINING_TESTS, CurvePoint, TrainResult, train_adversary
 from cornerforge.cli import main
-from cornerforge.errors import AvFaultError, InputError, OutputError
-from cornerforge.foreign.collector import ForeignCollector, _Group
+from cornerforge.errors import AvFaultError, OutputError
+from cornerforge.foreign.collector import ForeignCollector, Group
 from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv, seeds_of
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.pipeline.train import evaluate
@@ -152,7 +152,7 @@ def test_negative_control_the_av_must_be_shown_again_what_it_saw(
     stopped: CheckpointFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Without it the twin does not know when it decided last."""
-    monkeypatch.setattr(_Group, "_show_again", lambda *_: None)
+    monkeypatch.setattr(Group, "_show_again", lambda *_: None)
     found = outside(ForeignAv("twins:Twin", ODD), "rl", LONG, checkpoint=stopped)
     assert found.weights.tobytes() != unbroken().weights.tobytes()
 
@@ -323,5 +323,41 @@ def test_plausibility_and_variety_take_it(monkeypatch: pytest.MonkeyPatch) -> No
     assert found.natural.log_prob_per_decision < 0.0 < found.natural.shortfall_per_test
     varied = cornerforge.variety(policies=["foreign/unbounded-0.safetensors"], av="twins:Twin", tests=60)
     assert [row.tests for row in varied.rows] == [60, 60]
-    with pytest.raises(InputError, match="built-in ones only are taken here"):
-        gymnasium.make("cornerforge/Adversary-v0", av="twins:Twin")
+
+
+# --- Adversary-v0 ---
+
+
+def _driven(av: str, mode: str, steps: int = 250) -> tuple[list[Any], ...]:
+    """What an adversary that draws at random sees and gets in 6 worlds, and how its tests end."""
+    many: Any = gymnasium.make_vec(
+        "cornerforge/Adversary-v0", num_envs=6, av=av, reward="avoidable", autoreset_mode=mode, threads=1
+    )
+    rng = np.random.default_rng(3)
+    seen, paid, ends = [many.reset(seed=5)[0].tobytes()], [], []
+    for _ in range(steps):
+        observation, reward, terminated, truncated, info = many.step(rng.integers(0, 33, 6))
+        seen.append(observation.tobytes())
+        paid.append(reward.tolist())
+        if (terminated | truncated).any():
+            told = info if "outcome" in info else info["final_info"]
+            ends.append([(told["outcome"][b], told["case"][b]) for b in np.flatnonzero(terminated | truncated)])
+    many.close()
+    return seen, paid, ends
+
+
+@pytest.mark.usefixtures("twins")
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_an_agent_sees_and_gets_the_same_from_the_same_av_outside(mode: str) -> None:
+    """In mode NextStep a world that begins anew stands still while the others go on: the AV must not lose its step."""
+    expected, found = _driven("rl", mode), _driven("twins:Twin", mode)
+    assert found == expected
+    assert len(expected[2]) > 10
+    assert any(any(row) for row in expected[1])
+
+
+def test_a_fault_of_the_av_cuts_off_its_test_only(avs: Path) -> None:  # noqa: ARG001
+    _, _, ends = _driven("avs:Raises", "SameStep", 400)
+    outcomes = [outcome for step in ends for outcome, _ in step]
+    assert 0 < outcomes.count("av-fault") < 10
+    assert len(outcomes) > 20 * outcomes.count("av-fault")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hand_built import setting_of
@@ -13,7 +15,7 @@ from cornerforge.foreign.trees import ForeignGrower
 from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.trees import Grown, grow
-from cornerforge.sim import OUTSIDE, Setting, n_slots, simulate
+from cornerforge.sim import OUTSIDE, STEERED, Setting, n_slots, simulate
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network
 from cornerforge.sim.forest import ROOT, Plan, Tilt
 from cornerforge.types import Odd
@@ -76,6 +78,43 @@ def test_tests_drawn_from_proposals_are_those_of_the_same_av_inside(reckless: Nd
         assert same(found, expected)
         assert found.strayed == 0
         assert (found.asked > expected.roots["seconds"].sum() * 10) == again
+
+
+STEERS = """
+import numpy as np
+
+class Weaves:
+    answers = "trajectory"
+    def reset(self, seed):
+        self.phase, self.seen = seed % 628 / 100, 0.0
+    def plan(self, scene):
+        own, t = scene.own, np.arange(0, 2, 0.2)
+        self.seen += sum(o.vx for o in scene.others) * 1e-3
+        y = own.y + 0.3 * t * (6 + np.sin(self.phase + self.seen) - own.y)
+        return np.stack([t, own.x + own.vx * t, y], axis=1)
+"""
+
+
+def test_trees_of_an_av_that_steers_do_not_depend_on_the_batch(
+    reckless: NddModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its worlds are copied with its curvature, and a copy of it is shown again what it saw; crashes replay."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "weaves.py").write_text(STEERS, encoding="utf-8")
+    inside, how = setting_of(reckless, ODD, av=av_of("idm-mobil")), plan(0, 1e-2)
+    av = ForeignAv("weaves:Weaves", ODD)
+    run = av.steering(inside)
+    assert run.who.av == STEERED
+    many, few = trees(run, av, 8, how), trees(run, ForeignAv("weaves:Weaves", ODD, batch=3), 8, how)
+    assert same(many, few)
+    assert (many.strayed, few.strayed) == (0, 0)
+    assert len(many.crashes) > 3
+    recorder = ForeignRecorder(av, run, ODD)
+    for leaf, answers, actions in zip(many.crashes, many.answers, many.actions, strict=True):
+        given = answers[np.isfinite(answers[:, 0])]
+        kept = recorder.record_branch(4, int(leaf["root"]), actions[: leaf["begun"]], given)
+        assert kept.crash is not None
+        assert kept.crash.slot_a == 0
 
 
 @pytest.mark.usefixtures("avs")

@@ -92,7 +92,8 @@ def test_the_answers_are_those_of_stable_baselines3(
         arguments = {"policy_kwargs": {"activation_fn": getattr(torch.nn, arguments["activation"])}}
     model = model_of(algorithm, actions, shape, **arguments)
     model.save(tmp_path / "net.zip")
-    av, about = load_av(str(tmp_path / "net.zip"))
+    driver, about = load_av(str(tmp_path / "net.zip"))
+    av = driver.av
     assert about["kind"] == "zip"
     chosen, _ = model.predict(VIEWS.reshape(-1, *shape), deterministic=True)
     if actions == "33":
@@ -149,7 +150,7 @@ def test_nothing_pickled_is_run(tmp_path: Path, capsys: pytest.CaptureFixture[st
             for part, content in (parts | {name: changed}).items():
                 bad.writestr(part, content)
         if name == "data":
-            assert load_av(str(tmp_path / "bad.zip"))[0].act(VIEWS).shape == (150, 2)
+            assert load_av(str(tmp_path / "bad.zip"))[0].av.act(VIEWS).shape == (150, 2)
         else:
             with pytest.raises(FileFormatError, match="no file of Stable-Baselines3"):
                 load_av(str(tmp_path / "bad.zip"))
@@ -188,7 +189,7 @@ def onnx_file(path: Path, n_outputs: int, batch: int | str, shape: list[int], ki
 def test_an_onnx_model_answers(tmp_path: Path, n_outputs: int, batch: int | str, shape: list[int]) -> None:
     pytest.importorskip("onnxruntime")
     weights = onnx_file(tmp_path / "net.onnx", n_outputs, batch, shape)
-    av, _ = load_av(str(tmp_path / "net.onnx"))
+    av = load_av(str(tmp_path / "net.onnx"))[0].av
     outputs = VIEWS.reshape(-1, 104).astype(np.float64) @ weights
     expected = answers_of_actions(outputs) if n_outputs == 33 else answers_of_numbers(outputs)
     np.testing.assert_allclose(av.act(VIEWS), expected, atol=1e-3)

@@ -388,6 +388,35 @@ def test_adversaries_cover_plain_and_learned_free_and_bounded(tmp_path: Path) ->
     assert {a.trained_on for a in found if a.name == "learned"} == {"idm-mobil"}
 
 
+def test_the_matrix_has_an_av_from_outside_as_the_same_av_inside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A column of its own beside the built-in ones; its cells are those of the AV of the same law."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "outside.py").write_text(
+        "import numpy as np\n\nclass Still:\n    def act(self, view):\n        return np.zeros((len(view), 2))\n",
+        encoding="utf-8",
+    )
+    size = replace(TINY, tests=60, natural_tests=100, typed=5)
+    bench = Bench(
+        tmp_path / "out", size, WorldOptions(), seed=0, threads=1, progress=lambda *_: None,
+        more_avs=["outside:Still", "idm-mobil"],
+    )  # fmt: skip
+    assert bench.avs[0] == "idm-mobil"
+    assert bench.avs[-1] == "outside:Still"
+    assert bench.avs.count("idm-mobil") == 1
+    assert bench.trained_on == ("idm-mobil",)
+    judged = bench.judged(Adversary("swerve", bounded=False), "outside:Still")
+    run = experiment(av="outside:Still", bv="swerve", takes_foreign=True)
+    tally, _ = simulate_experiment(run, tests=60, seed=0, first=EVALUATION_TESTS, threads=1)
+    assert judged["crashes"] == tally.av_crashes > 10
+    assert judged["avoidable"] <= judged["crashes"]
+    assert judged["typed"] == 5
+    assert bench.natural("outside:Still")["tests"] == 100
+    assert (tmp_path / "out" / "parts" / "natural.outside-Still.json").exists()
+    run.rest()
+
+
 def exposure(samples: list[list[int]], miles: float) -> figure3._Exposure:
     """A world whose blocks all have these samples of the first quantity (2 m bins)."""
     grid = EXPOSURE[0]

@@ -29,11 +29,11 @@ from cornerforge.sim.chances import MAX_SETS, MAX_STARTERS, action_probabilities
 from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import advance
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.neighbours import sort_by_x
 from cornerforge.sim.scratch import Scratch, allocate_scratch
 from cornerforge.sim.scripted import NATURAL, TRAITS, Script, ScriptDriver
 from cornerforge.sim.setting import Setting
-from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import RUNNING, World, allocate_worlds, n_slots
 from cornerforge.sim.world import world_of as world_of_batch

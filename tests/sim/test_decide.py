@@ -21,11 +21,11 @@ from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.av import av_decide
 from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
 from cornerforge.sim.decide import decide_bvs
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.neighbours import SIGHT, nearest_bv, neighbours_in_lane, sort_by_x
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import Setting
 from cornerforge.sim.sight import DECIDED, HUMAN, VISIBLE
-from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import World
 from cornerforge.types import ACCELERATIONS, Odd
 

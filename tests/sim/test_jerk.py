@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.recorder import Recorder
-from cornerforge.sim.step import move_vehicle
 from cornerforge.sim.world import VEHICLE
 from cornerforge.types import ODDS, Odd
 

@@ -13,11 +13,12 @@ from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.ndd.model import NddModel
 from cornerforge.road.straight import lane_bits
 from cornerforge.sim.actions import hold, start_lane_change
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.sight import lanes_seen
-from cornerforge.sim.step import SUBSTEPS, move_vehicle
+from cornerforge.sim.step import SUBSTEPS
 from cornerforge.sim.world import UNKNOWN, World, n_slots
 from cornerforge.types import ODDS, Odd
 

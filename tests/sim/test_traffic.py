@@ -312,6 +312,7 @@ def test_a_reset_leaves_nothing_of_the_test_before(model: NddModel) -> None:
     reset_world(unused, 5, 3, setting)
     state = {name: world.state[name][0] for name in STATE.names or ()}
     draws = state.pop("draw")
+    assert not state.pop("av_controls").any()
     assert draws == unused.state["draw"][0] > fresh.size
     named = {"seed": 5, "test": 3, "outcome": RUNNING, "controlled": -1, "bv_action": -1}
     sizes = dict.fromkeys(("n_vehicles", "n_current", "n_seen"), fresh.size)

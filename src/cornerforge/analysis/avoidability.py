@@ -61,6 +61,8 @@ OTHERS = ("all", "partner")
 """Vehicles to avoid after the contact: all, or the partner alone as for the reward `avoidable` (ADR 11)."""
 
 _CHUNK = 32
+_PARTS = 3
+"""Places in a lane at which an AV that steers may drive: its centre, and a third of its width on both sides."""
 _DEFAULT_ACCELERATIONS = (-8.0, -4.0, 0.0, 2.0)
 
 
@@ -78,6 +80,8 @@ class AvoidParams:
         horizon_s: How long after the time of the contact no vehicle may touch it, 0 to 10.
         lookback_s: How long before the contact a way out may begin, 0.1 to 60.
         others: Which vehicles count after the contact, one of `OTHERS`.
+        steers: The AV steers itself: it may also drive a third of a lane beside a lane's centre, and so pass by an
+            obstacle within its lane.
 
     Raises:
         InputError: A field is out of range.
@@ -91,6 +95,7 @@ class AvoidParams:
     horizon_s: float = field(default=3.0, metadata={"unit": "s"})
     lookback_s: float = field(default=5.0, metadata={"unit": "s"})
     others: str = "all"
+    steers: bool = False
 
     def __post_init__(self) -> None:
         check_number("decision_s", self.decision_s, low=0.1, high=0.5, unit="s")
@@ -119,7 +124,8 @@ class Witness:
         begin_s: Its first decision, before the contact [s].
         x, y, speed, heading: The AV every 0.1 s from then on to the end of the horizon, as in `Scenario`, shape (W,).
         acceleration: Held from each decision on [m/s2], shape (D,).
-        lane: Target lane from each decision on, int64, shape (D,).
+        lane: Target lane from each decision on, int64, shape (D,); of an AV that steers the lane of the place to which
+            it moves.
     """
 
     begin_s: float = field(metadata={"unit": "s"})
@@ -278,6 +284,7 @@ def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
     """
     road = road_numbers(odd)
     bound = float(params.max_lateral_acceleration_mps2)
+    parts = _PARTS if params.steers else 1
     shortest = float(np.sqrt(10.0 / np.sqrt(3.0) * odd.lane_width / bound))
     return Manoeuvres(
         np.array(params.accelerations_mps2, dtype=np.float64),
@@ -288,7 +295,13 @@ def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
         lookback=round(params.lookback_s / FRAME_S),
         only_partner=int(params.others == "partner"),
         road=road,
-        evasive=road._replace(lane_change_duration=shortest, max_lateral_acceleration=bound),
+        evasive=road._replace(
+            lane_change_duration=shortest,
+            max_lateral_acceleration=bound,
+            n_lanes=parts * road.n_lanes,
+            lane_width=road.lane_width / parts,
+        ),
+        parts=parts,
     )
 
 
@@ -346,7 +359,7 @@ def _answer(recordings: Recordings, out: WaysOut, params: AvoidParams) -> Avoida
     if latest is not None:
         steps, every = int(out.steps[0]), round(params.decision_s / FRAME_S)
         x, y, speed, heading = out.track[0, : steps * every + 1].T.copy()
-        held, lane = out.acceleration[0, :steps].copy(), out.lane[0, :steps].copy()
+        held, lane = out.acceleration[0, :steps].copy(), out.lane[0, :steps] // (_PARTS if params.steers else 1)
         witness = Witness(latest, x, y, speed, heading, held, lane)
     return Avoidability(
         label=_labels(out, params)[0],
@@ -383,6 +396,6 @@ def _table(problems: list[str | None], recordings: Recordings, out: WaysOut, par
         pa.array((out.gave_up == 0).tolist(), mask=~judged),
         *(_lists(out.track[:, :, q].astype(np.float32), frames, pa.float32()) for q in range(4)),
         _lists(out.acceleration.astype(np.float32), out.steps, pa.float32()),
-        _lists(out.lane.astype(np.int8), out.steps, pa.int8()),
+        _lists((out.lane // (_PARTS if params.steers else 1)).astype(np.int8), out.steps, pa.int8()),
     ]
     return pa.Table.from_arrays(columns, schema=AVOIDABILITY_SCHEMA)

@@ -14,6 +14,7 @@ import typer
 
 # `--help` lists commands in the order in which these modules register them.
 from cornerforge.cli import whole, driving, learning, cases, naturalistic  # isort: skip
+from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
 from cornerforge.errors import CornerForgeError, InputError
 
@@ -43,14 +44,15 @@ def _complain(message: object, *, debug: bool) -> int:
     return EXIT_BAD_INPUT
 
 
-def _goes_on(given: list[str]) -> bool:
+def _goes_on(given: list[str], call: Call) -> bool:
     """Tell whether the call, when interrupted, can be resumed: only commands with --resume can."""
     command: Any = typer.main.get_command(app)
     for word in given:
         command = getattr(command, "commands", {}).get(word, command)
     if not any(parameter.name == "resume" for parameter in command.params):
         return False
-    return command.name not in _KEEP_WITH_OUT or any(word.partition("=")[0] == "--out" for word in given)
+    has_out = call.says("out") or any(word.partition("=")[0] == "--out" for word in given)
+    return command.name not in _KEEP_WITH_OUT or has_out
 
 
 def _check_words(given: list[str]) -> None:
@@ -98,7 +100,8 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     streams = sys.stdout, sys.stderr
     try:
-        status = _run(given, debug="--debug" in given)
+        with a_call() as call:
+            status = _run(given, call)
         sys.stdout.flush()
     except BrokenPipeError:
         return _stop_printing()
@@ -110,7 +113,10 @@ def main(arguments: list[str] | None = None) -> int:
     return status
 
 
-def _run(given: list[str], *, debug: bool) -> int:
+def _run(given: list[str], call: Call) -> int:
+    def debug() -> bool:
+        return "--debug" in given or call.says("debug")
+
     usage_error: type[Exception] = typer.BadParameter.__mro__[1]  # Typer offers its base class under no name
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
@@ -118,15 +124,15 @@ def _run(given: list[str], *, debug: bool) -> int:
             _check_words(given)
             status = app(args=given, prog_name="cornerforge", standalone_mode=False)
         except CornerForgeError as error:
-            return _complain(error, debug=debug)
+            return _complain(call.placed(str(error)), debug=debug())
         except usage_error as error:
             if type(error).__name__ == "NoArgsIsHelpError":  # Typer has printed the help
                 return EXIT_BAD_INPUT
-            return _complain(_usage_message(error), debug=debug)
+            return _complain(_usage_message(error), debug=debug())
         except BrokenPipeError:
             raise
         except OSError as error:  # a full disk, a file without permission: the text names the file
-            return _complain(error, debug=debug)
+            return _complain(error, debug=debug())
         except typer.Abort as abort:
             if isinstance(abort.__cause__, EOFError):  # a file that ended early, not a person at the keyboard
                 raise abort.__cause__ from None
@@ -134,6 +140,6 @@ def _run(given: list[str], *, debug: bool) -> int:
         except KeyboardInterrupt:
             status = EXIT_INTERRUPTED
     if status == EXIT_INTERRUPTED:  # this is also how Typer reports Ctrl-C
-        kept = "; what was finished is kept" if _goes_on(given) else ""
+        kept = "; what was finished is kept" if _goes_on(given, call) else ""
         typer.echo(f"cornerforge: interrupted{kept}.", err=True)
     return status if isinstance(status, int) else 0

@@ -11,6 +11,7 @@ import cornerforge
 from cornerforge.cli.options import (
     Acting,
     Address,
+    Config,
     Debug,
     Engine,
     IdleSeed,
@@ -23,11 +24,12 @@ from cornerforge.cli.options import (
     Seed,
     Threads,
     World,
+    completing,
     flag,
     takes_world,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, natural_text, rate_text, run_command
-from cornerforge.cli.program import app
+from cornerforge.cli.program import command
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
@@ -36,14 +38,18 @@ if TYPE_CHECKING:
 __all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "variety"]
 
 
-@app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@command(
+    "cornerforge generate --policy out/demo/policy.safetensors --out out/cases",
+    "cornerforge generate --policy swerve --av rl --cases 100 --out out/rl-cases",
+)
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def generate(
     policy: Annotated[
         list[str],
         typer.Option(
             help=f"Policy file, or {', '.join(PLAIN_ADVERSARIES)}. Given again: each test draws one of the policies.",
             show_default=False,
+            autocompletion=completing(*PLAIN_ADVERSARIES),
         ),
     ],
     out: Annotated[Path, typer.Option(help="Library to fill.", show_default=False)],
@@ -51,6 +57,7 @@ def generate(
     world: World = None,
     resume: Resume = False,
     acting: Acting = "greedy",
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -70,7 +77,7 @@ def generate(
     )  # fmt: skip
 
 
-@app.command()
+@command("cornerforge analyse out/demo/library --steps 2 --out out/sorted")
 def analyse(
     library: Library,
     steps: Annotated[int, typer.Option(help="Seconds before the crash that the features cover, 1 to 15.")] = 1,
@@ -91,8 +98,10 @@ def analyse(
             metavar="road|attack",
             help="What comes first: what happens most on the road, for natural cases; or what is of most value.",
             show_default="road for natural cases, else attack",
+            autocompletion=completing("road", "attack"),
         ),
     ] = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -125,7 +134,7 @@ def analyse(
     )  # fmt: skip
 
 
-@app.command()
+@command("cornerforge shrink out/demo/library 0:0 --out out/small")
 def shrink(
     library: Library,
     cases: Annotated[list[str], typer.Argument(metavar="CASE...", help='Case ids, or "all".', show_default=False)],
@@ -149,8 +158,10 @@ def shrink(
     )  # fmt: skip
 
 
-@app.command()
-@takes_world("av_timeout")
+@command(
+    "cornerforge replay out/demo/library all --check", "cornerforge replay out/demo/library 0:0 --picture out/crash.svg"
+)
+@takes_world("av_timeout", "av_python")
 def replay(
     library: Library,
     case: Annotated[str, typer.Argument(help='Case id such as 0:12, or "all".', show_default=False)],
@@ -189,7 +200,10 @@ def replay(
         raise typer.Exit(EXIT_GATE)
 
 
-@app.command()
+@command(
+    'cornerforge query out/demo/library "select case_id, crash_time_s from cases"',
+    'cornerforge query out/demo/analysis "select case_id from cases order by value"',
+)
 def query(
     library: Annotated[Path, typer.Argument(metavar="LIB", help="A case library, or the folder of an analysis.")],
     sql: Annotated[
@@ -210,8 +224,10 @@ def query(
     run_command(lambda bars: cornerforge.query(library, sql), text, as_json=as_json, quiet=quiet, out=out)  # noqa: ARG005
 
 
-@app.command()
-@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout")
+@command(
+    "cornerforge variety out/demo/library", "cornerforge variety --policy out/demo/policy.safetensors --tests 1024"
+)
+@takes_world("av", "odd", "lanes", "model", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def variety(
     libraries: Annotated[
         list[Path] | None, typer.Argument(metavar="LIB...", help="Case libraries.", show_default=False)
@@ -223,6 +239,7 @@ def variety(
     tests: Annotated[int, typer.Option(help="Tests for each way to generate.")] = 4096,
     acting: Annotated[str, typer.Option(help="How to act at random: softmax or softmax:T.")] = "softmax",
     world: World = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     out: JsonFile = None,
@@ -242,8 +259,8 @@ def variety(
     )  # fmt: skip
 
 
-@app.command()
-@takes_world("av", "odd", "lanes", "model", "av_timeout")
+@command("cornerforge plausibility --budget 20 --budget 60 --out out/plausible")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes", "av_python")
 def plausibility(
     out: Annotated[Path, typer.Option(help="Folder for policies, curve and figure.", show_default=False)],
     budget: Annotated[
@@ -257,6 +274,7 @@ def plausibility(
     tests: Annotated[int, typer.Option(help="Evaluation tests of each policy.")] = 8192,
     world: World = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",

@@ -11,6 +11,7 @@ import cornerforge
 from cornerforge.cli.options import (
     Acting,
     Address,
+    Config,
     Debug,
     Engine,
     IdleSeed,
@@ -22,11 +23,12 @@ from cornerforge.cli.options import (
     Seed,
     Threads,
     World,
+    completing,
     flag,
     takes_world,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, rate_text, run_command, speed_text
-from cornerforge.cli.program import app
+from cornerforge.cli.program import command
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
@@ -35,8 +37,11 @@ if TYPE_CHECKING:
 __all__ = ["avs", "check_av", "rate", "simulate"]
 
 
-@app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@command(
+    "cornerforge simulate --av rl --tests 100000",
+    "cornerforge simulate --bv out/demo/policy.safetensors --out out/crashes",
+)
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def simulate(
     tests: Annotated[int, typer.Option(help="Tests to drive (400 m each).")] = 10_000,
     world: World = None,
@@ -46,6 +51,7 @@ def simulate(
             help=f"Background vehicles: nde (default), idm, {', '.join(PLAIN_ADVERSARIES)}, or a policy file; several "
             "policies: each test draws one.",
             show_default=False,
+            autocompletion=completing("nde", "idm", *PLAIN_ADVERSARIES),
         ),
     ] = None,
     policy: Annotated[
@@ -55,6 +61,7 @@ def simulate(
     stats: Annotated[bool, flag("--stats", "Add distributions over all background vehicles.")] = False,
     out: Annotated[Path | None, typer.Option(help="Store the crashes in this library.", show_default=False)] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -93,14 +100,15 @@ def simulate(
     )  # fmt: skip
 
 
-@app.command()
-@takes_world("av", "odd", "lanes", "model", "av_timeout")
+@command("cornerforge rate --av idm-mobil-blind --max-tests 20000", "cornerforge rate --av rl --out out/rate")
+@takes_world("av", "odd", "lanes", "model", "av_timeout", "av_batch", "av_processes", "av_python")
 def rate(
     method: Annotated[
         str,
         typer.Option(
             help="mc: plain Monte Carlo; splitting: trees of tests, for small rates; is: importance sampling; auto: "
-            "chooses."
+            "chooses.",
+            autocompletion=completing("auto", "mc", "splitting", "is"),
         ),
     ] = "auto",
     world: World = None,
@@ -118,6 +126,7 @@ def rate(
         Path | None, typer.Option(help="Folder that keeps the counts and all crashes.", show_default=False)
     ] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     engine: Engine = "threads",
@@ -151,7 +160,7 @@ def rate(
         raise typer.Exit(EXIT_GATE)
 
 
-@app.command()
+@command("cornerforge avs")
 def avs(
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
@@ -167,35 +176,55 @@ def avs(
     )  # fmt: skip
 
 
-@app.command("check-av")
-@takes_world("odd", "lanes", "av_timeout")
+@command("cornerforge check-av my_av:MyAv", name="check-av")
+@takes_world("odd", "lanes", "av_timeout", "av_batch", "av_processes", "av_python")
 def check_av(
     av: Annotated[
-        str, typer.Argument(metavar="AV", help="module:Class, or an .onnx or SB3 .zip file.", show_default=False)
+        str,
+        typer.Argument(
+            metavar="AV", help='module:Class, "cmd: ./program", or an .onnx or SB3 .zip file.', show_default=False
+        ),
     ],
     world: World = None,
-    tests: Annotated[int, typer.Option(help="Tests to drive at the end, in natural traffic.")] = 256,
+    tests: Annotated[
+        int | None,
+        typer.Option(help="Tests to drive at the end, in natural traffic.", show_default="256; fewer of a slow AV"),
+    ] = None,
+    config: Config = None,
     seed: Seed = 0,
-    threads: IdleThreads = None,
+    threads: Threads = None,
     out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
     """Try an AV of your own on edge cases and measure its speed; exit status 1 if anything fails."""
+    from cornerforge.foreign.pace import spoken
 
     def text(r: AvChecked) -> str:
-        lines = [f"{c.verdict:<5}{c.name}: {c.found}" for c in r.checks]
+        lines, told = [], set[str]()
+        for c in r.checks:
+            lines.append(f"{c.verdict:<5}{c.name}: {c.found}")
+            if c.trace and c.trace not in told:  # once, though many trials end in it
+                lines += [f"       {line}" for line in c.trace.splitlines()]
+                told.add(c.trace)
         lines += [
             f"speed, {s.worlds:>4} worlds: {speed_text(s.calls_per_second)} calls/s, "
             f"{speed_text(s.decisions_per_second)} decisions/s"
             for s in r.speed
         ]
+        if r.does is not None:
+            lines.append(
+                f"about {spoken(r.does.answer_seconds)} for an answer, {r.does.batch} world(s) at a time, "
+                f"{r.does.processes} process(es): {speed_text(r.does.tests_per_hour)} tests/h, "
+                f"{speed_text(r.does.decisions_per_hour)} training decisions/h; {r.does.advice}"
+            )
+        lines += [f"what it printed, and its tracebacks: {r.log}"] if r.log else []
         return "\n".join([f"{r.av} ({r.kind}, {r.hash})", *lines])
 
     result = run_command(
         lambda bars: cornerforge.check_av(
-            av=av, tests=tests, seed=seed, progress=bars, **world
+            av=av, tests=tests, seed=seed, threads=threads, progress=bars, **world
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip

@@ -9,6 +9,7 @@ import typer
 
 import cornerforge
 from cornerforge.cli.options import (
+    Config,
     Debug,
     Json,
     Quiet,
@@ -16,11 +17,12 @@ from cornerforge.cli.options import (
     Seed,
     Threads,
     World,
+    completing,
     flag,
     takes_world,
 )
 from cornerforge.cli.output import rate_text, run_command, training_fault_text, yield_text
-from cornerforge.cli.program import app
+from cornerforge.cli.program import command
 from cornerforge.world_options import REWARD_NAMES
 
 if TYPE_CHECKING:
@@ -29,14 +31,21 @@ if TYPE_CHECKING:
 __all__ = ["train", "train_av"]
 
 
-@app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout")
+@command(
+    "cornerforge train --av rl --decisions 1000000 --out out/rl.safetensors",
+    "cornerforge train --budget 20 --out out/likely.safetensors",
+)
+@takes_world("av", "odd", "lanes", "model", "bounded", "budget", "av_timeout", "av_batch", "av_processes", "av_python")
 def train(
     out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
     world: World = None,
-    preset: Annotated[str, typer.Option(help="fast or paper.")] = "fast",
+    preset: Annotated[str, typer.Option(help="fast or paper.", autocompletion=completing("fast", "paper"))] = "fast",
     reward: Annotated[
-        str, typer.Option(help=f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all.")
+        str,
+        typer.Option(
+            help=f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all.",
+            autocompletion=completing(*REWARD_NAMES),
+        ),
     ] = "crash",
     delay: Annotated[float, typer.Option(help="Seconds that the AV has to react, in avoidable.")] = 1.0,
     decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
@@ -45,6 +54,7 @@ def train(
     ] = None,
     resume: Annotated[bool, flag("--resume", "Go on with a stopped training; keep a finished one.")] = False,
     tests: Annotated[int, typer.Option(help="Evaluation tests for each yield.")] = 8192,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -71,7 +81,7 @@ def train(
     )  # fmt: skip
 
 
-@app.command("train-av")
+@command("cornerforge train-av --decisions 1000000 --out out/av.safetensors", name="train-av")
 @takes_world("odd", "lanes", "model")
 def train_av(
     out: Annotated[Path, typer.Option(help="AV file to write, .safetensors; --av takes it.", show_default=False)],
@@ -83,6 +93,7 @@ def train_av(
     overwrite: Annotated[bool, flag("--overwrite", "Replace the file.")] = False,
     resume: Resume = False,
     world: World = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,

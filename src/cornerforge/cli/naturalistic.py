@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 import cornerforge
-from cornerforge.cli.options import DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads, flag
+from cornerforge.cli.options import Config, DataFormat, Debug, IdleSeed, IdleThreads, Json, Quiet, Seed, Threads, flag
 from cornerforge.cli.output import EXIT_GATE, run_command
-from cornerforge.cli.program import ndd
+from cornerforge.cli.program import command, ndd
 
 __all__ = ["ndd_fit", "ndd_import", "ndd_show", "ndd_validate"]
 
 
-@ndd.command("fit")
+@command("cornerforge ndd fit mine/*_tracks.csv --out mine.npz", name="fit", of=ndd)
 def ndd_fit(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Trajectory files.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],
@@ -28,6 +28,7 @@ def ndd_fit(
         bool, flag("--study", "Report what other choices of the fit change, crash rates too (6 fits).")
     ] = False,
     study_tests: Annotated[int, typer.Option(help="Tests that the study drives for each choice; 0: none.")] = 1_000_000,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -49,7 +50,7 @@ def ndd_fit(
     )  # fmt: skip
 
 
-@ndd.command("validate")
+@command("cornerforge ndd validate mine.npz --against unseen/*_tracks.csv --out checked", name="validate", of=ndd)
 def ndd_validate(
     model: Annotated[Path, typer.Argument(metavar="M.npz", help="The model.", show_default=False)],
     against: Annotated[
@@ -62,6 +63,7 @@ def ndd_validate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for validation.json, the page and its figures.", show_default=False)
     ] = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -82,7 +84,7 @@ def ndd_validate(
         raise typer.Exit(EXIT_GATE)
 
 
-@ndd.command("show")
+@command("cornerforge ndd show --out out/model", name="show", of=ndd)
 def ndd_show(
     model: Annotated[
         Path | None, typer.Argument(metavar="M.npz", help="The model; the shipped one by default.", show_default=False)
@@ -102,7 +104,7 @@ def ndd_show(
     )  # fmt: skip
 
 
-@ndd.command("import")
+@command("cornerforge ndd import NDD_DATA --out ivbss.npz", name="import", of=ndd)
 def ndd_import(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with the arrays.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Model file to write, .npz.", show_default=False)],

@@ -10,17 +10,41 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
+from cornerforge.cli.config import read_config
 from cornerforge.world_options import WorldOptions
 
 __all__ = [
-    "Acting", "Address", "DataFormat", "Debug", "Engine", "IdleSeed", "IdleThreads", "Json", "JsonFile",
-    "Library", "Quiet", "Resume", "Seed", "Threads", "World", "flag", "takes_world",
+    "Acting", "Address", "Config", "DataFormat", "Debug", "Engine", "IdleSeed", "IdleThreads", "Json", "JsonFile",
+    "Library", "Quiet", "Resume", "Seed", "Threads", "World", "completing", "flag", "takes_world",
 ]  # fmt: skip
 
 
 def flag(name: str, text: str) -> Any:
     """An option without a value; help would else show one for it."""
     return typer.Option(name, help=text, metavar="")
+
+
+def completing(*names: str) -> Callable[[str], list[str]]:
+    """Make what a shell asks when it completes the value of an option: the names that begin like it."""
+
+    def complete(incomplete: str) -> list[str]:  # Typer asks for this name
+        return [name for name in names if name.startswith(incomplete)]
+
+    return complete
+
+
+def complete_av(incomplete: str) -> list[str]:
+    """Complete the name of a built-in AV."""
+    from cornerforge.drivers.avs import AVS
+
+    return completing(*AVS)(incomplete)
+
+
+def complete_odd(incomplete: str) -> list[str]:
+    """Complete the name of an ODD."""
+    from cornerforge.types import ODDS
+
+    return completing(*ODDS)(incomplete)
 
 
 def _check_idle_seed(value: int) -> int:
@@ -40,7 +64,11 @@ Threads = Annotated[
     int | None, typer.Option(help="Threads; all cores by default. Does not change results.", show_default=False)
 ]
 Engine = Annotated[
-    str, typer.Option(help="Where it is computed: threads of this machine, or ray, a cluster. Does not change results.")
+    str,
+    typer.Option(
+        help="Where it is computed: threads of this machine, or ray, a cluster. Does not change results.",
+        autocompletion=completing("threads", "ray"),
+    ),
 ]
 Address = Annotated[
     str | None,
@@ -60,11 +88,31 @@ Debug = Annotated[bool, flag("--debug", "Show the traceback of an error.")]
 JsonFile = Annotated[
     Path | None, typer.Option("--out", help="New file for the object that --json prints.", show_default=False)
 ]
-Acting = Annotated[str, typer.Option(help="How a policy acts: greedy, or softmax:T to draw by exp(Q / T).")]
+Acting = Annotated[
+    str,
+    typer.Option(
+        help="How a policy acts: greedy, or softmax:T to draw by exp(Q / T).",
+        autocompletion=completing("greedy", "softmax"),
+    ),
+]
 DataFormat = Annotated[
     str | None,
     typer.Option(
-        "--format", help="ngsim, pairs, tracks, tgsim or highd; told from the columns by default.", show_default=False
+        "--format",
+        help="ngsim, pairs, tracks, tgsim or highd; told from the columns by default.",
+        show_default=False,
+        autocompletion=completing("ngsim", "pairs", "tracks", "tgsim", "highd"),
+    ),
+]
+Config = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        is_eager=True,
+        callback=read_config,
+        help="TOML file with these options by their long names (lanes = 4). An option on the command line wins, also "
+        "--no-NAME for a flag NAME = true. Paths in the file, and a module of its av, are looked for from its folder.",
+        show_default=False,
     ),
 ]
 Resume = Annotated[bool, flag("--resume", "Go on with what is there.")]
@@ -73,8 +121,9 @@ World: TypeAlias = Any
 """What `takes_world` hands to a command: the options of the world by name, for `**world` of a verb."""
 _KINDS: dict[str, Any] = {
     "av": str, "odd": str, "lanes": int | None, "model": Path | None, "bounded": bool, "budget": float | None,
-    "av_timeout": float,
+    "av_timeout": float, "av_batch": int | None, "av_processes": int | None, "av_python": str | None,
 }  # fmt: skip
+_COMPLETED = {"av": complete_av, "odd": complete_odd}
 
 
 def _option(one: Field[Any]) -> inspect.Parameter:
@@ -83,7 +132,8 @@ def _option(one: Field[Any]) -> inspect.Parameter:
     if _KINDS[one.name] is bool:
         shown = flag(name, text)
     else:
-        shown = typer.Option(name, help=text, show_default=one.default is not None)
+        completed = _COMPLETED.get(one.name)
+        shown = typer.Option(name, help=text, show_default=one.default is not None, autocompletion=completed)
     annotated: Any = Annotated  # made here, not written down, so mypy must not read it as a type
     kind = annotated[_KINDS[one.name], shown]
     return inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=kind)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
+from cornerforge.cli.config import this_call
+
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
@@ -75,7 +77,7 @@ class Bars:
             # Work of an earlier session does not count for the speed of this one.
             self._task = self._bars.add_task(stage, total=total, completed=int(done), rate="")
         speed = self._bars.tasks[self._task].speed
-        text = f"{speed:,.0f}/s" if speed else ""
+        text = f"{speed_text(speed)}/s" if speed else ""
         self._bars.update(self._task, description=stage, completed=done, total=total, rate=text)
 
     def stop(self) -> None:
@@ -105,6 +107,8 @@ def run_command(
     """
     from cornerforge._jit import announce_compiling
     from cornerforge.execution import engine
+    from cornerforge.foreign.pace import announced
+    from cornerforge.pipeline.output import called_with
     from cornerforge.results import as_json as result_as_json
 
     if out is not None:
@@ -113,8 +117,13 @@ def run_command(
         check_new_file(out)
     bars = Bars(quiet)
     try:
-        announced = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
-        with engine(at[0], address=at[1], workers=at[2]), announced:
+        compiling = announce_compiling(lambda: None if quiet else typer.echo(compiling_text(), err=True))
+        told = announced(lambda text: None if quiet else typer.echo(text, err=True))
+        call = this_call()
+        with (
+            engine(at[0], address=at[1], workers=at[2]), compiling, told, called_with(call.stated()),
+            call.finding_modules(),
+        ):  # fmt: skip
             result = work(bars)
     finally:
         bars.stop()
@@ -135,9 +144,12 @@ def compiling_text() -> str:
     from cornerforge._jit import cache_folder
 
     if cache_folder():
-        return "Compiling a part of the simulator that was not used before; up to half a minute, then it is kept."
+        return (
+            "Compiling a part of the simulator that was not used before: half a minute, more on a busy machine; "
+            "then it is kept."
+        )
     return (
-        "Compiling the simulator for this run only, up to half a minute: no folder for its machine code can be "
+        "Compiling the simulator for this run only, half a minute or more: no folder for its machine code can be "
         "written; name one in NUMBA_CACHE_DIR."
     )
 
@@ -225,11 +237,21 @@ def fault_text(av_faults: int) -> list[str]:
     """A line on tests that the AV spoiled, if it did."""
     if av_faults == 0:
         return []
-    return [f"{av_faults:,} tests left out, because the AV raised, hung or gave no usable answer in them."]
+    return [f"{av_faults:,} tests left out, because the AV raised, hung or gave no usable answer in them{_log_text()}."]
 
 
 def training_fault_text(av_faults: int) -> list[str]:
     """A line on tests of a training that the AV spoiled, if it did."""
     if av_faults == 0:
         return []
-    return [f"{av_faults:,} training tests abandoned, because the AV raised, hung or gave no usable answer in them."]
+    return [
+        f"{av_faults:,} training tests abandoned, because the AV raised, hung or gave no usable answer in "
+        f"them{_log_text()}."
+    ]
+
+
+def _log_text() -> str:
+    from cornerforge.foreign.av_log import latest_log
+
+    path = latest_log()
+    return "" if path is None else f"; what it printed, and its tracebacks: {path}"

@@ -1,29 +1,82 @@
-"""The whole job: `run`, `report` and `reproduce`."""
+"""The whole job: `init`, `run`, `report` and `reproduce`."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import cornerforge
-from cornerforge.cli.options import Debug, Json, Quiet, Resume, Seed, Threads, World, takes_world
+from cornerforge.cli.options import (
+    Config,
+    Debug,
+    IdleSeed,
+    IdleThreads,
+    Json,
+    JsonFile,
+    Quiet,
+    Resume,
+    Seed,
+    Threads,
+    World,
+    completing,
+    takes_world,
+)
 from cornerforge.cli.output import rate_text, run_command, training_fault_text
-from cornerforge.cli.program import app
+from cornerforge.cli.program import command
 
 if TYPE_CHECKING:
     from cornerforge.results import RunDone
 
-__all__ = ["report", "reproduce", "run"]
+__all__ = ["init", "report", "reproduce", "run"]
+
+_ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
 
-@app.command()
-@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout")
+@command("cornerforge init my-av")
+def init(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="The folder; new, or without these files.", show_default=False)
+    ],
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    out: JsonFile = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Write a folder to start from: an AV class, a config for `run --config`, and a README."""
+    enter = "" if folder == Path() else f"cd {shlex.quote(str(folder))} && "
+    run_command(
+        lambda bars: cornerforge.init(folder),  # noqa: ARG005
+        lambda r: f"Wrote {', '.join(r.files)}. Go on: {enter}cornerforge run --config cornerforge.toml",
+        as_json=as_json, quiet=quiet, out=out,
+    )  # fmt: skip
+
+
+@command("cornerforge run --effort quick --out out/demo", "cornerforge run --config cornerforge.toml --seed 1")
+@takes_world("av", "odd", "lanes", "model", "bounded", "av_timeout", "av_batch", "av_processes", "av_python")
 def run(
     effort: Annotated[
-        str | None, typer.Option(help="quick (4 minutes on 2 cores), standard (15) or paper.", show_default="quick")
+        str | None,
+        typer.Option(
+            help="quick (4 minutes on 2 cores), standard (15) or paper.",
+            show_default="quick",
+            autocompletion=completing("quick", "standard", "paper"),
+        ),
     ] = None,
+    hours: Annotated[
+        float | None,
+        typer.Option(
+            help="Time for all of it instead of an effort: does what fits, so results depend on speed. For slow AVs.",
+            show_default=False,
+        ),
+    ] = None,
+    stand_in: Annotated[
+        str, typer.Option(help="Built-in AV to train against when the hours are too few to train against --av.")
+    ] = "idm-mobil",
     out: Annotated[Path, typer.Option(help="Folder for everything.")] = Path("cornerforge-out"),
     world: World = None,
     budget: Annotated[
@@ -31,6 +84,7 @@ def run(
         typer.Option(metavar="NATS", help="Likelihood budget of a test in nats, as for train.", show_default=False),
     ] = None,
     resume: Resume = False,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -50,21 +104,27 @@ def run(
                 rate_text(r.train, "Adversary"),
                 *training_fault_text(r.train.av_faults),
                 f"{r.generate.cases:,} cases in {r.generate.library}; "
-                f"{len(r.analyse.clusters)} clusters, {len(r.analyse.rare)} rare cases; "
-                f"{r.seconds:.0f} s",
+                + (
+                    ""
+                    if r.analyse is None
+                    else f"{len(r.analyse.clusters)} clusters, {len(r.analyse.rare)} rare cases; "
+                )
+                + f"{r.seconds:.0f} s",
+                *(() if r.spending is None else (f"Not found: {text}" for text in r.spending.not_found)),
                 f"Report: {r.report}",
             ]
         )
 
     run_command(
         lambda bars: cornerforge.run(
-            effort=effort, out=out, budget=budget, resume=resume, seed=seed, threads=threads, progress=bars, **world,
+            effort=effort, hours=hours, stand_in=stand_in, out=out, budget=budget, resume=resume, seed=seed,
+            threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 
-@app.command()
+@command("cornerforge report out/demo/library --out out/page")
 def report(
     place: Annotated[
         Path, typer.Argument(metavar="LIB|RUN", help="A library, or a folder of run or rate.", show_default=False)
@@ -76,6 +136,7 @@ def report(
         str, typer.Option(help="For how many cases, drawn at random, a way out is searched for; all or none.")
     ] = "2000",
     reaction: Annotated[float, typer.Option(help="Seconds that the AV needs to react, 0 to 5.")] = 0.0,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -91,7 +152,7 @@ def report(
     )  # fmt: skip
 
 
-@app.command()
+@command("cornerforge reproduce --effort quick --figure table1 --out out/paper")
 @takes_world("odd", "lanes", "model")
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the page, figures, numbers and policies.", show_default=False)],
@@ -101,6 +162,7 @@ def reproduce(
             metavar="ID...",
             help="table1, figure2, figure3, figure5 to figure11, matrix, timings; all by default.",
             show_default=False,
+            autocompletion=completing(*_ITEMS),
         ),
     ] = None,
     # An option takes one value: what follows `--figure A` in `--figure A B C` arrives here.
@@ -108,15 +170,22 @@ def reproduce(
     effort: Annotated[
         str | None,
         typer.Option(
-            help="quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).", show_default="standard"
+            help="quick (ten minutes on 2 cores), standard (an hour or more) or full (hours).",
+            show_default="standard",
+            autocompletion=completing("quick", "standard", "full"),
         ),
     ] = None,
     budget: Annotated[str | None, typer.Option(help="The old name of --effort.", hidden=True)] = None,
     paper_policy: Annotated[
         Path | None, typer.Option(help="A policy of preset paper, for Figure 2.", show_default=False)
     ] = None,
+    av: Annotated[
+        list[str] | None,
+        typer.Option(help="AV for the matrix besides the built-in ones; give it again for more.", show_default=False),
+    ] = None,
     resume: Resume = False,
     world: World = None,
+    config: Config = None,
     seed: Seed = 0,
     threads: Threads = None,
     quiet: Quiet = False,
@@ -129,7 +198,8 @@ def reproduce(
     figures = [*(figure or []), *(more or [])] or None
     run_command(
         lambda bars: cornerforge.reproduce(
-            out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, resume=resume,
+            out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, avs=av or (),
+            resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),
         reproduction_text, as_json=as_json, quiet=quiet,

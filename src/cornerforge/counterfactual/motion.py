@@ -1,16 +1,17 @@
 """Motion for the search for a way out: a recording is continued after the contact, and the AV taken over at a moment.
 
-`sim.step.move_vehicle`, the simulator's own law, makes all motion here (docs/adr/0014-avoidability.md).
+`sim.motion.move_vehicle`, the simulator's own law, makes all motion here (docs/adr/0014-avoidability.md).
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cornerforge._jit import kernel
-from cornerforge.road.straight import lane_centre
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.road.straight import lane_centre, lane_of
 from cornerforge.sim import World, allocate_worlds, hold, lateral_plan, move_vehicle, start_lane_change, world_of
 from cornerforge.types import FRAME_S
 
@@ -21,12 +22,21 @@ if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
 
 
-__all__ = ["STRONGEST_ACCELERATION", "allocate_rows", "continue_recording", "take_over"]
+__all__ = [
+    "STRONGEST_ACCELERATION",
+    "allocate_rows",
+    "change_to",
+    "continue_recording",
+    "take_over",
+    "take_over_av",
+]
 
 _DT = FRAME_S
 _HARDEST = 20.0
 STRONGEST_ACCELERATION = 10.0
 """No vehicle brakes or accelerates more [m/s2], whatever a recording says: how long it takes to stop hangs on it."""
+_PEAK = 10.0 / math.sqrt(3.0)
+_SHORTEST = 0.5
 _SAME_M = 1e-3
 """Positions across the road closer than this [m] are the same: more than rounding to 32 bits, less than matters."""
 
@@ -102,6 +112,59 @@ def take_over(
     v[row].speed = min(max(frames[frame, slot].speed, 0.0), road.max_speed)  # stored in 32 bits it may be a hair beyond
     v[row].acceleration = min(max(frames[frame, slot].acceleration, -_HARDEST), STRONGEST_ACCELERATION)
     hold(v, row, acceleration, road)
+
+
+@inlined_kernel
+def change_to(w: World, row: int, lane: int, parts: int, evasive: RoadNumbers) -> None:
+    """Let the AV of a row begin to move to the centre of lane `lane` of the road `evasive`.
+
+    An AV that steers, whose lanes are parts of lanes, takes as long as the way there needs at the largest lateral
+    acceleration: a path from rest to rest over a way w within T has the peak 10 / sqrt(3) w / T^2.
+    """
+    if parts > 1:
+        way = abs(lane_centre(lane, evasive.lane_width) - w.vehicles[row].y)
+        needed = math.sqrt(_PEAK * way / evasive.max_lateral_acceleration)
+        w.vehicles[row].change_time = max(_SHORTEST, needed)
+    start_lane_change(w, row, lane, evasive)
+
+
+@kernel
+def take_over_av(
+    w: World, row: int, test: Trajectories, frame: int, parts: int, road: RoadNumbers, evasive: RoadNumbers
+) -> None:
+    """Put the AV, as it is at a frame before the last, into a row of `w`, ready for decisions on the road `evasive`.
+
+    An AV that orders lanes goes on along its lane change. One that steers has no such plan: it comes to rest at the
+    nearest of its places that is ahead of it across the road.
+
+    Args:
+        w: From `allocate_rows`.
+        row: The row to write.
+        test: The recording.
+        frame: The moment.
+        parts: Places in a lane at which the AV may drive: 1, or 3 for one that steers; `evasive` has so many times as
+            many lanes, each so much narrower.
+        road, evasive: Constants of the recording; those of the AV's decisions.
+    """
+    take_over(w, row, test, frame, 0, 0.0, road)
+    v = w.vehicles
+    v[row].change_time = evasive.lane_change_duration
+    if parts == 1:
+        return
+    frames = test.frames
+    before = max(frame - 1, 0)
+    now, y0, y2 = frames[frame, 0].y, frames[before, 0].y, frames[frame + 1, 0].y
+    across = (y2 - y0) / ((frame + 1 - before) * _DT)
+    bent = (y2 - 2.0 * now + y0) / (_DT * _DT) if before < frame else 0.0
+    v[row].y = now
+    v[row].c0, v[row].c1, v[row].c2, v[row].c3, v[row].c4, v[row].c5 = now, across, 0.5 * bent, 0.0, 0.0, 0.0
+    v[row].lateral_speed = across
+    v[row].heading = frames[frame, 0].heading
+    v[row].clock = 0.0
+    v[row].duration = 1.0
+    rest = now + across * abs(across) / (2.0 * evasive.max_lateral_acceleration)
+    lane = min(max(lane_of(rest, evasive.lane_width), 0), evasive.n_lanes - 1)
+    change_to(w, row, lane, parts, evasive)
 
 
 @kernel

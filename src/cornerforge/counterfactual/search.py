@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.counterfactual.motion import STRONGEST_ACCELERATION, allocate_rows, take_over
+from cornerforge.counterfactual.motion import STRONGEST_ACCELERATION, allocate_rows, change_to, take_over_av
 from cornerforge.geometry import Box, boxes_overlap, path_at
 from cornerforge.recordings import box_in
-from cornerforge.sim import hold, move_vehicle, path_of, start_lane_change
+from cornerforge.sim import hold, move_vehicle, path_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ NONE, FOUND, GAVE_UP = 0, 1, 2
 
 _DT = FRAME_S
 _LANE_CHOICES = 3
+_PLACE_CHOICES = 5
 _SLOTS = 1 << 18
 _PER_UNIT = 1e6
 """States are rounded to a millionth of each unit [m, m/s, ...]; states that are then equal count as one."""
@@ -72,7 +73,10 @@ class Manoeuvres(NamedTuple):
         lookback: Frames before the contact that are tried as the first moment.
         only_partner: See `motion.continue_recording`.
         road: Constants of the recording.
-        evasive: The same constants, with the duration and the lateral acceleration of the AV's own lane changes.
+        evasive: The same constants, with the duration and the lateral acceleration of the AV's own lane changes, and
+            `parts` times as many lanes, each so much narrower.
+        parts: Places in a lane at which the AV may drive (`motion.take_over_av`): 1, or 3 for an AV that steers, which
+            may also pass by an obstacle within its lane.
     """
 
     accelerations: NDArray[np.float64]
@@ -84,6 +88,7 @@ class Manoeuvres(NamedTuple):
     only_partner: int
     road: RoadNumbers
     evasive: RoadNumbers
+    parts: int
 
 
 class Plans(NamedTuple):
@@ -93,7 +98,7 @@ class Plans(NamedTuple):
         moment: Frame of the first decision, -1 where there is no way out, int64 (KINDS,).
         steps: Number of decisions, int64 (KINDS,).
         acceleration: Acceleration commanded from each decision on [m/s2], (KINDS, decisions).
-        lane: Target lane from each decision on, int64 (KINDS, decisions).
+        lane: Target lane from each decision on, of `Manoeuvres.evasive`, int64 (KINDS, decisions).
     """
 
     moment: NDArray[np.int64]
@@ -307,13 +312,14 @@ def _decides(s: SearchScratch, k: int, choice: int, kind: int, m: Manoeuvres, ro
         index -= 1
     if (kind == STEERING and m.accelerations[index] != 0.0) or (lateral > 0 and s.changes[k] == m.lane_changes):
         return False
-    lane = v[k].target_lane + (1 if lateral == 1 else -1 if lateral == 2 else 0)
+    far = m.parts if lateral > 2 else 1
+    lane = v[k].target_lane + (0 if lateral == 0 else far if lateral % 2 == 1 else -far)
     if lane < 0 or lane >= road.n_lanes:
         return False
     v[k + 1] = v[k]
     hold(v, k + 1, m.accelerations[index], road)
     if lateral > 0:
-        start_lane_change(s.rows, k + 1, lane, road)
+        change_to(s.rows, k + 1, lane, m.parts, road)
     s.chosen[k + 1] = index
     s.changes[k + 1] = s.changes[k] + (1 if lateral > 0 else 0)
     return True
@@ -332,7 +338,8 @@ def _find_way_out(test: Trajectories, last: int, moment: int, kind: int, m: Mano
     s.counts[1] += 1
     s.changes[0] = 0
     s.choice[0] = 0
-    choices = m.accelerations.size * (1 if kind == BRAKING else _LANE_CHOICES)
+    laterally = _LANE_CHOICES if m.parts == 1 else _PLACE_CHOICES
+    choices = m.accelerations.size * (1 if kind == BRAKING else laterally)
     k = 0
     while k >= 0:
         choice = s.choice[k]
@@ -395,8 +402,7 @@ def latest_ways_out(
     for moment in range(last - 1, earliest - 1, -1):
         steps = -((moment - last - m.horizon) // m.every)
         _gather_near(test, moment, moment + steps * m.every, m, m.road, s)
-        take_over(s.rows, 0, test, moment, 0, 0.0, m.road)
-        s.rows.vehicles[0].change_time = m.evasive.lane_change_duration
+        take_over_av(s.rows, 0, test, moment, m.parts, m.road, m.evasive)
         for kind in range(KINDS):
             if plans.moment[kind] >= 0 or (kind != COMBINED and moment < since):
                 continue

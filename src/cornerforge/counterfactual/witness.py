@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import kernel
-from cornerforge.counterfactual.motion import take_over
+from cornerforge.counterfactual.motion import change_to, take_over_av
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import box_in
-from cornerforge.sim import hold, move_vehicle, start_lane_change
+from cornerforge.sim import hold, move_vehicle
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def drive_way_out(
         test: Recording with its continuation.
         moment: Frame of the first decision.
         accelerations: Commanded from each decision on [m/s2], (decisions,).
-        lanes: Target lane from each decision on, (decisions,).
-        m: What the AV may do: `every`, `stopping`, `road` and `evasive` are read.
+        lanes: Target lane from each decision on, of `m.evasive`, (decisions,).
+        m: What the AV may do: `every`, `stopping`, `road`, `evasive` and `parts` are read.
         w: Scratch, one row at least.
         track: Filled with [x m, y m, speed m/s, heading rad] from `moment` to the end of the decisions, (at least
             1 + decisions * every, 4).
@@ -52,8 +52,7 @@ def drive_way_out(
     v = w.vehicles
     frames, body = test.frames, test.bodies[0]
     every, stopping, road, evasive = m.every, m.stopping, m.road, m.evasive
-    take_over(w, 0, test, moment, 0, 0.0, road)
-    v[0].change_time = evasive.lane_change_duration
+    take_over_av(w, 0, test, moment, m.parts, road, evasive)
     end = moment + every * accelerations.size
     x_end = 0.0
     f = moment
@@ -79,7 +78,7 @@ def drive_way_out(
             k = (f - moment) // every
             hold(v, 0, accelerations[k], evasive)
             if lanes[k] != v[0].target_lane:
-                start_lane_change(w, 0, lanes[k], evasive)
+                change_to(w, 0, lanes[k], m.parts, evasive)
         began = end if f >= end else f - (f - moment) % every
         f += 1
         move_vehicle(v, 0, (f - began) * _DT, evasive)

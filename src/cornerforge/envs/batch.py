@@ -14,15 +14,19 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError, UnknownNameError
+from cornerforge.foreign.collector import Group
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.sim import (
     AV_CRASH,
+    AV_FAULT,
     BV_CRASH,
     COMPLETED,
+    FINISHED,
     OUTSIDE,
     RUNNING,
     TIME_UP,
     TOLD,
+    Actors,
     RewardNumbers,
     Scratch,
     World,
@@ -46,9 +50,10 @@ OUTCOMES = {
     BV_CRASH: "bv-crash",
     TIME_UP: "time-up",
     agents.NOBODY_LEFT: "nobody-left",
+    AV_FAULT: "av-fault",
 }
 """How a test ends: the AV drove its length; the AV crashed; the controlled BV crashed with another BV; the time limit;
-no BV is left."""
+no BV is left; an AV from outside raised, hung, or gave no usable answer, and the test does not count."""
 _WORLDS_PER_THREAD = 64
 """Least number of worlds for each thread."""
 
@@ -214,6 +219,11 @@ class BvBatch(Batch):
         done = allocate_history(n, run.setting, run.slots)
         scratch = (allocate_history(0, run.setting, run.slots) for _ in self._parts[1:])
         self._histories = [done, *(own._replace(action=done.action) for own in scratch)]
+        self._outside = None
+        if run.foreign is not None:
+            none = np.zeros((n, 0), dtype=np.float32), self._agents.allowed, np.zeros(1, dtype=FINISHED)
+            actors = Actors(self._agents.worlds, done, *none)
+            self._outside = Group(run.foreign, self._setting, run.slots, actors, np.arange(n), n)
         self.observation, self.allowed, self.reward = (
             self._agents.observation,
             self._agents.allowed,
@@ -222,8 +232,8 @@ class BvBatch(Batch):
 
     @property
     def truncated(self) -> NDArray[np.bool_]:
-        """Mark worlds that the time limit cut off."""
-        return np.asarray(self.outcome == TIME_UP)
+        """Mark worlds that the time limit, or a fault of an AV from outside, cut off."""
+        return np.asarray((self.outcome == TIME_UP) | (self.outcome == AV_FAULT))
 
     def extra(self) -> dict[str, NDArray[Any]]:
         """The action mask."""
@@ -233,6 +243,13 @@ class BvBatch(Batch):
         """The action carried out."""
         return {"action": self._agents.action.copy()}
 
+    def close(self) -> None:
+        """End the threads, and the processes of an AV from outside."""
+        super().close()
+        if self._outside is not None and self.run.foreign is not None:
+            self._outside.close()
+            self.run.foreign.close()
+
     def _start(self, chosen: NDArray[np.bool_]) -> None:
         self._agents.chosen[:] = chosen
 
@@ -240,6 +257,7 @@ class BvBatch(Batch):
             agents.start_as_bv(begin, end, self._setting, self._agents, s)
 
         self._share(work)
+        self._histories[0].answered[chosen] = 0
         if (self.tests[chosen] < 0).any():
             self.is_over[chosen] = True
             raise InputError(
@@ -250,6 +268,13 @@ class BvBatch(Batch):
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         self._agents.chosen[:] = chosen
         self._agents.action[:] = actions
+        if self._outside is not None:
+            done, s = self._histories[0], self._scratch[0]
+            agents.begin_step_as_bv(0, self.n, self._agents, done)
+            self._outside.drive_second(np.flatnonzero(chosen))
+            agents.end_step_as_bv(0, self.n, self._setting, self._pays, self._agents, done, s)
+            warn_of_left_out(s)
+            return
 
         def work(begin: int, end: int, s: Scratch, k: int) -> None:
             agents.step_as_bv(begin, end, self._setting, self._pays, self._agents, self._histories[k], s, self._keep)

@@ -40,7 +40,7 @@ def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward:
     """Make the worlds for `Adversary-v0`; arguments as for `AdversaryEnv`."""
     pays = reward_numbers(reward, delay)
     # The agent chooses the actions of the controlled BV; an adversary is named so that the mask may be bounded.
-    run = experiment(world, bv="uniform")
+    run = experiment(world, bv="uniform", takes_foreign=True)
     return BvBatch(run, n, threads, check_threads(None), pays)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from cornerforge.foreign.interface import Av, AvContext
+from cornerforge.foreign.interface import Av, AvContext, Planner, PlannerForAll
+from cornerforge.foreign.scene import Box, Boxes, Scene, Scenes
 
-__all__ = ["Av", "AvContext"]
+__all__ = ["Av", "AvContext", "Box", "Boxes", "Planner", "PlannerForAll", "Scene", "Scenes"]

@@ -1,7 +1,7 @@
 """Worlds in which an adversary learns against a foreign AV: all go a second on, side by side, for each decision.
 
 The worlds are in groups, each with an AV process of its own that has a seat for every world of the group; groups are
-driven at the same time. A failure of the AV costs the tests in which it fails alone (`_Group.ask`), never the others.
+driven at the same time. A failure of the AV costs the tests in which it fails alone (`Group.ask`), never the others.
 """
 
 from __future__ import annotations
@@ -14,25 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError
-from cornerforge.foreign.driver import UNUSABLE, Fault, ForeignAv, answers_per_second, seeds_of, usable
-from cornerforge.foreign.interface import VIEW_SHAPE
+from cornerforge.foreign.driver import Fault, ForeignAv, answers_per_second, seeds_of, usable
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.sim import (
     World,
     allocate_history,
     allocate_scratch,
     allocate_worlds,
+    answer_width,
     keep_nothing,
     warn_of_left_out,
 )
 from cornerforge.sim import drive_bv_outside as outside
 
 if TYPE_CHECKING:
+    from cornerforge.foreign.answers import Carried
     from cornerforge.sim import Actors, Exploring, RewardNumbers, Setting, Transitions
 
-__all__ = ["ForeignCollector"]
+__all__ = ["ForeignCollector", "Group"]
 
-_KINDS = ("raised", "answer", "hung", "ended")
+_KINDS = ("raised", "answer", "hung", "ended", "left")
 _MOST_TOGETHER = 3
 """So often in a row a question may fail for many worlds and then for none of them alone."""
 
@@ -42,7 +43,7 @@ class ForeignCollector:
 
     Args:
         av: The AV.
-        setting: The run, whose AV is OUTSIDE and whose critical BV is TOLD.
+        setting: The run, whose AV is OUTSIDE or STEERED and whose critical BV is TOLD.
         slots: Vehicle slots per world.
         actors: The worlds, allocated for that setting.
         threads: Groups of worlds that are driven at the same time; does not change the result.
@@ -51,12 +52,12 @@ class ForeignCollector:
     def __init__(self, av: ForeignAv, setting: Setting, slots: int, actors: Actors, threads: int) -> None:
         self._av, self._actors = av, actors
         worlds = len(actors.allowed)
-        size = -(-worlds // -(-worlds // av.batch))
+        size = av.group_size(worlds, threads)
         self._groups = [
-            _Group(av, setting, slots, actors, np.arange(first, min(first + size, worlds)), size)
+            Group(av, setting, slots, actors, np.arange(first, min(first + size, worlds)), size)
             for first in range(0, worlds, size)
         ]
-        self._pool = ThreadPoolExecutor(threads)
+        self._pool = ThreadPoolExecutor(av.processes or threads)
 
     def warm_up(self, exploring: Exploring, reward: RewardNumbers, out: Transitions) -> None:
         """Load the kernels that `collect` calls, or compile them; moves nobody."""
@@ -106,8 +107,16 @@ class ForeignCollector:
             group.close()
 
 
-class _Group:
+class Group:
     """Some of the worlds, with an AV process of their own.
+
+    Args:
+        av: The AV.
+        setting: The run, whose AV is OUTSIDE or STEERED and whose critical BV is TOLD.
+        slots: Vehicle slots per world.
+        actors: All the worlds.
+        rows: Those of this group.
+        seats: Worlds that the AV drives side by side, at least as many.
 
     Attributes:
         finished: Counts of tests that ended, as in `Actors`.
@@ -124,7 +133,7 @@ class _Group:
             history=actors.history._replace(world=own.world, keep=own.keep), finished=self.finished
         )
         self._session = av.new_session(seats)
-        self._views = np.zeros((seats, *VIEW_SHAPE), dtype=np.float32)
+        self._views = self._session.views(seats, slots)
         self._scratch, self._keep = allocate_scratch(slots, setting.who.policy), keep_nothing(slots)
         self._again: World | None = None
         self.is_in_step = True
@@ -140,7 +149,7 @@ class _Group:
         again = allocate_worlds(1, self._slots)
         outside.begin_seconds(none, exploring, actors, s, out)
         outside.look(none, none, actors.worlds, setting, s, self._views)
-        outside.go_on(none, none, np.zeros((0, 2)), actors, setting, s, self._keep)
+        outside.go_on(none, none, np.zeros((0, answer_width(setting))), actors, setting, s, self._keep)
         outside.end_seconds(none, exploring, setting, reward, actors, s, out)
         outside.look_back(none, none, actors, setting, again)
         outside.go_on_again(none, none, none, actors, setting, s, self._keep, again)
@@ -153,13 +162,28 @@ class _Group:
         """
         rows, setting, actors = self._rows, self._setting, self._actors
         outside.begin_seconds(rows, exploring, actors, self._scratch, out)
+        self.drive_second(outside.running(rows, actors))
+        outside.end_seconds(rows, exploring, setting, reward, actors, self._scratch, out)
+        warn_of_left_out(self._scratch)
+
+    def drive_second(self, seats: NDArray[np.int64]) -> None:
+        """Drive the worlds of some seats, whose critical BVs have answered, to the end of their second or test.
+
+        Other worlds in which a test runs stand still; an AV that remembers is shown their past again before they go on.
+
+        Raises:
+            AvFaultError: The AV failed in too many tests.
+        """
+        rows, setting, actors = self._rows, self._setting, self._actors
+        everybody = seats.size == outside.running(rows, actors).size
         for _ in range(answers_per_second(setting)):
-            seats, answers = self.ask(outside.running(rows, actors))
+            seats, answers = self.ask(seats)
             if seats.size == 0:
                 break
             outside.go_on(rows, seats, answers, actors, setting, self._scratch, self._keep)
-        outside.end_seconds(rows, exploring, setting, reward, actors, self._scratch, out)
-        warn_of_left_out(self._scratch)
+            seats = np.intersect1d(seats, outside.running(rows, actors), assume_unique=True)
+        if not everybody:
+            self.is_in_step = False
 
     def ask(self, seats: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Ask the AV what it does now in the worlds of some seats, and give up tests in which it fails.
@@ -173,7 +197,7 @@ class _Group:
         together = 0
         while seats.size:
             try:
-                answers = self._answers_for(seats)
+                answers, failed = self._answers_for(seats)
             except AvFailureError as failure:
                 self._renew()
                 failing = self._failing_alone(seats)
@@ -182,14 +206,14 @@ class _Group:
                 if together == _MOST_TOGETHER:
                     raise AvFaultError(
                         f"The AV {self._av.spec} {failure}, {together} times in a row for {seats.size} worlds together "
-                        f"and for none alone. Correct the AV; to look closer: cornerforge check-av {self._av.spec}"
+                        f"and for none alone. Correct the AV; to look closer: {self._av.closer()}"
                     ) from failure
                 continue
             bad = seats[~usable(answers[seats])]
-            return self._give_up(seats, {int(seat): AvFailureError("answer", UNUSABLE) for seat in bad}), answers
-        return seats, np.zeros((len(self._views), 2))
+            return self._give_up(seats, {int(seat): AvFailureError(*failed[int(seat)]) for seat in bad}), answers
+        return seats, np.zeros((len(self._views), answer_width(self._setting)))
 
-    def _answers_for(self, seats: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _answers_for(self, seats: NDArray[np.int64]) -> Carried:
         """Ask the AV once; first show it what it should have seen, if it did not."""
         if not self.is_in_step:
             self._av.ask_once(self._session)  # the first answer has more time, which a hang must not get
@@ -201,11 +225,11 @@ class _Group:
         self.is_in_step = True
         return answers
 
-    def _act(self, fresh: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _act(self, fresh: NDArray[np.int64]) -> Carried:
         """Show the views to the AV; in `fresh` seats a test begins."""
         state = self._actors.worlds.state[self._rows[fresh], 0]
         seeds = seeds_of(int(state["seed"][0]), state["test"]) if fresh.size else fresh
-        return self._session.process().act(self._views, fresh, seeds)
+        return self._session.act(self._views, fresh, seeds)
 
     def _show_again(self, seats: NDArray[np.int64]) -> None:
         """Show the AV again what it saw in the tests of some seats before now; its answers of then are carried out.

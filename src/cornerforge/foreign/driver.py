@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import queue
+import shlex
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,17 +16,22 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import AvFaultError
-from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError
+from cornerforge.foreign.answers import controller_of
+from cornerforge.foreign.av_log import AvLog
+from cornerforge.foreign.edge_cases import ordinary_views
+from cornerforge.foreign.pace import MOST_WORLDS, Pace, announce, choose_batch
+from cornerforge.foreign.process import DEFAULT_TIMEOUT, FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, Steps, context_of
+from cornerforge.road.straight import road_numbers
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
-    OUTSIDE,
     SUBSTEPS,
     Outcomes,
     Setting,
     allocate_outcomes,
     allocate_scratch,
+    answer_width,
     keep_nothing,
     lockstep,
     statistics,
@@ -34,16 +41,12 @@ from cornerforge.sim import (
 )
 from cornerforge.types import Odd
 
-__all__ = ["BATCH", "MAX_FAULTS", "UNUSABLE", "Fault", "ForeignAv", "answers_per_second", "seeds_of", "usable"]
+__all__ = ["MAX_FAULTS", "Fault", "ForeignAv", "answers_per_second", "answers_per_test", "seeds_of", "usable"]
 
-BATCH = 256
-"""Worlds driven side by side."""
 MAX_FAULTS = 20
 """Number of faults that ends a run."""
 MAX_HANGS = 5
 """Number of faults by hanging that ends a run."""
-UNUSABLE = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
-"""What an AV did whose answer is not `usable`."""
 _KEPT_SCRIPTS = 20_000
 
 
@@ -62,7 +65,8 @@ class Fault:
 
     Attributes:
         test: Number of the test.
-        what: "raised", "answer" (it was not usable), "hung" or "ended" (the AV's process did).
+        what: "raised", "answer" (it was not usable), "left" (the AV left the road), "hung" or "ended" (the AV's process
+            did).
         message: Rest of a sentence that begins with the AV's name.
     """
 
@@ -91,22 +95,28 @@ class ForeignAv:
     """A foreign AV, ready to drive tests; an instance is a `DriveChunk` (see `sim.runner`).
 
     An answer that is no array of (B, 2) real numbers, an exception, an end of the process, or an answer that takes
-    longer than `timeout` fails the whole batch; the AV is made anew and drives the tests again in ever smaller groups,
+    too long (`Pace.limit`) fails the whole batch; the AV is made anew and drives the tests again in smaller groups,
     until the tests that fail alone are found. An answer of NaN, infinity, or a lane order other than -1, 0, 1 fails its
     own test only. A test that fails is a fault: it is listed in `faults` and does not count as a test.
 
     Args:
-        spec: `module:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        spec: `module:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         odd: The ODD.
         seed: Seed of the run, told to the AV.
-        timeout: Time for one answer [s], 0.01 to 3600; the first answer of a process has `first_timeout`, or this if it
-            is more.
-        batch: Worlds side by side, 1 to 65,536.
+        timeout: Time for the answer in one world [s], 0.01 to 3600; the first answer of a process has `first_timeout`,
+            or this if it is more.
+        batch: Worlds side by side, 1 to 65,536; None: as many as it answers well together (`choose_batch`).
         first_timeout: Time for the first answer of a process [s], 60 unless said.
+        processes: AV processes that drive at the same time, 1 to 1024; None: as many as there are threads.
+        python: Interpreter in which it runs; None: the simulator's own.
 
     Attributes:
-        spec, batch: As given.
-        kind, hash: "class", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
+        spec, processes: As given.
+        batch: Worlds side by side.
+        pace: How fast the AV answers.
+        log: What it prints, and its tracebacks.
+        kind, hash: "class", "policy", "program", "onnx" or "zip"; SHA-256 (16 hex digits) of its source or file.
+        controller: Which controller it is to the simulator: `sim.OUTSIDE`, or `sim.STEERED` if it steers.
         faults: Faults so far, by (seed, test).
 
     Raises:
@@ -121,24 +131,38 @@ class ForeignAv:
         *,
         seed: int = 0,
         timeout: float = DEFAULT_TIMEOUT,
-        batch: int = BATCH,
+        batch: int | None = None,
         first_timeout: float = FIRST_TIMEOUT,
+        processes: int | None = None,
+        python: str | None = None,
     ) -> None:
         check_number("av_timeout", timeout, low=0.01, high=3600.0, unit="s")
-        check_integer("batch", batch, low=1, high=65_536)
-        self.spec, self.batch = spec, batch
-        self._context = context_of(odd, batch=batch, seed=seed)
-        self._timeouts = (timeout, first_timeout)
+        if batch is not None:
+            check_integer("av_batch", batch, low=1, high=65_536)
+        if processes is not None:
+            check_integer("av_processes", processes, low=1, high=1024)
+        self.spec, self.processes, self._asked_batch = spec, processes, batch
+        self._context, self._road = context_of(odd, batch=batch or 1, seed=seed), road_numbers(odd)
+        self.pace = Pace(timeout, first_timeout)
         self._lock = threading.Lock()
         self._free: queue.SimpleQueue[AvSession] = queue.SimpleQueue()
         self.faults: dict[tuple[int, int], Fault] = {}
         self._driven = 0
         self._keeps_scripts = False
         self._scripts: OrderedDict[tuple[int, int], NDArray[np.float64]] = OrderedDict()
-        first = AvSession(spec, self._context, *self._timeouts)
-        about = first.process().about
-        self.kind, self.hash = about["kind"], about["hash"]
-        self._try(first)
+        self.log = AvLog()
+        self._python = python
+        self._about: dict[str, str] | None = None
+        self._closer = f"cornerforge check-av {shlex.quote(spec)}" + (f" --av-python {python}" if python else "")
+        first = AvSession(spec, self._context, self._road, self.pace, self._started)
+        about = self._about = first.process().about
+        self.kind, self.hash, self.controller = about["kind"], about["hash"], controller_of(about["form"])
+        if batch is None:
+            batch = choose_batch(lambda worlds: self._seconds(first, worlds))
+            self._context = replace(self._context, batch=batch)
+        else:
+            self._seconds(first, batch)
+        self.batch = batch
         self._free.put(first)
 
     def ask_once(self, session: AvSession) -> None:
@@ -147,29 +171,71 @@ class ForeignAv:
         Raises:
             AvFailureError: It does not answer.
         """
-        view = np.zeros((session.batch_size, 13, 8), dtype=np.float32)
-        view[:, 0] = 1.0, self._context.test_length, 1.5 * self._context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
-        view[:, 1] = 1.0, 60.0, 0.0, 28.0, 0.0, 0.0, 1.0, 0.0
+        views = session.shown(ordinary_views(session.batch_size, self._context))
         everywhere = np.arange(session.batch_size)
-        session.process().act(view, everywhere, np.zeros_like(everywhere))
+        session.act(views, everywhere, np.zeros_like(everywhere))
 
-    def _try(self, session: AvSession) -> None:
-        """Ask once, so that an AV that never works is reported at once."""
+    def _seconds(self, session: AvSession, worlds: int) -> float:
+        """Measure how long the AV takes for an answer in so many worlds [s]; one that never works is reported at once.
+
+        The first answer of a process may take longer than others, so it does not count unless it is as expected.
+        """
+        session.resize(worlds)
+        expected = self.pace.usual(worlds)
         try:
+            begun = time.perf_counter()
             self.ask_once(session)
+            seconds = time.perf_counter() - begun
+            if seconds > 1.0 and (seconds < 1.5 * expected or worlds > 16):
+                self.pace.note(worlds, seconds)
+                return seconds
+            begun = time.perf_counter()
+            self.ask_once(session)
+            return time.perf_counter() - begun
         except AvFailureError as failure:
             raise AvFaultError(
-                f"The AV {self.spec} {failure} at its first question; "
-                f"look closer with: cornerforge check-av {self.spec}"
+                f"The AV {self.spec} {failure} at its first question; look closer with: {self.closer()}"
             ) from failure
+
+    def _started(self, spec: str, *, timeout: float, first_timeout: float, pace: Pace) -> AvProcess:
+        """Start a process of the AV.
+
+        Raises:
+            AvFaultError: It is another AV than before.
+        """
+        process = AvProcess(
+            spec, timeout=timeout, first_timeout=first_timeout, pace=pace, python=self._python, log=self.log
+        )
+        if self._about is not None and process.about != self._about:
+            process.close()
+            raise AvFaultError(
+                f"The AV {spec} is not the one that drove before: it was {_some(self._about)}, it is "
+                f"{_some(process.about)}. Leave its files alone while it drives, and begin anew."
+            )
+        return process
+
+    def closer(self) -> str:
+        """Give the end of a message on a failure: the command that looks closer, and the file of what was printed."""
+        return self._closer + self.log.pointer()
+
+    def explained(self, error: AvFaultError, how: str) -> AvFaultError:
+        """Add the AV's own traceback to an error, where there is one of a failure that `how` describes."""
+        if trace := self.log.trace(how):
+            error.add_note(f"The AV's own traceback:\n{trace}")
+        return error
 
     def warm_up(self, setting: Setting, slots: int) -> None:
         """Load the compiled kernels, or compile them, so that timings do not count it."""
-        batch = lockstep.allocate_batch(1, slots)
+        with self.lend_session() as session:
+            batch = lockstep.allocate_batch(1, slots, session.views(1, slots))
         lockstep.begin(0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), setting, batch)
-        steps = Steps(setting, slots, batch)
+        steps = Steps(self.steering(setting), slots, batch)
         steps.see()
-        steps.act(np.zeros((1, 2)))
+        steps.act(np.zeros((1, answer_width(setting))))
+
+    def steering(self, setting: Setting) -> Setting:
+        """Copy a setting in which this AV drives."""
+        return setting.with_drivers(av=self.controller)
 
     def close(self) -> None:
         """End the AV's processes; without this they end with this object or the program."""
@@ -178,16 +244,29 @@ class ForeignAv:
 
     def new_session(self, batch: int) -> AvSession:
         """Make a session of the caller's own, with so many worlds side by side; the caller drops it."""
-        return AvSession(self.spec, replace(self._context, batch=batch), *self._timeouts)
+        return AvSession(self.spec, replace(self._context, batch=batch), self._road, self.pace, self._started)
+
+    def range_size(self, usual: int, setting: Setting, tests: int, processes: int) -> int:
+        """Say how many of so many tests one process drives in a row (`Pace.range_size`)."""
+        return self.pace.range_size(usual, self.batch, tests, processes, answers_per_test(setting))
+
+    def group_size(self, worlds: int, threads: int) -> int:
+        """Say how many of a fixed number of worlds one process drives, so that all have some unless the AV is fast."""
+        most = self._asked_batch or MOST_WORLDS
+        busy = self.processes or (threads if self.pace.usual(min(worlds, most)) > 0.005 else 1)
+        return -(-worlds // max(-(-worlds // most), min(worlds, busy)))
 
     @contextmanager
-    def lend_session(self) -> Iterator[AvSession]:
-        """Lend this thread a session, with an AV process of its own."""
+    def lend_session(self, tests: int | None = None) -> Iterator[AvSession]:
+        """Lend this thread a session, with an AV process of its own, with no more worlds than `tests` need."""
+        rows = self.batch if tests is None else self.pace.rows(self.batch, tests)
         try:
             session = self._free.get_nowait()
         except queue.Empty:
-            session = self.new_session(self.batch)
+            session = self.new_session(rows)
         try:
+            if not rows <= session.batch_size < 2 * rows:
+                session.resize(rows)
             yield session
         except BaseException:
             session.drop()
@@ -208,7 +287,7 @@ class ForeignAv:
         census = statistics.census_of(counting)
         out, total = allocate_outcomes(count), statistics.allocate_counts()
         groups = [list(range(first, first + count))] if count else []
-        with self.lend_session() as session:
+        with self.lend_session(count) as session:
             while groups:
                 group = groups.pop()
                 is_fresh = session.is_fresh
@@ -240,6 +319,12 @@ class ForeignAv:
                 self.note(seed, Fault(test, spoiled.what, spoiled.message))
         elif spoiled.what == "hung" or len(suspects) == 1:  # a hang costs the whole time limit: look once at each
             groups += [[test] for test in reversed(suspects)]
+            if spoiled.what == "hung":
+                self.pace.allow_more(len(suspects))
+                announce(
+                    f"The AV {self.spec} {spoiled.message}; these tests are driven again one by one. If it is slow and "
+                    f"not hung: --av-batch below {len(suspects)}, or a longer --av-timeout."
+                )
         else:
             half = (len(suspects) + 1) // 2
             groups += [suspects[half:], suspects[:half]]
@@ -258,16 +343,18 @@ class ForeignAv:
         """
         with self._lock:
             self.faults[seed, fault.test] = fault
-            n = len(self.faults)
+            self.log.write(f"cornerforge: left out test {fault.test} of seed {seed}: the AV {fault.message}\n".encode())
+            self.log.named()
+            n = sum(other.what != "left" for other in self.faults.values())
             hangs = sum(other.what == "hung" for other in self.faults.values())
             driven = self._driven
         if n >= MAX_FAULTS or hangs >= MAX_HANGS:
             tests = ", ".join(str(test) for test in sorted(test for _, test in list(self.faults))[:5])
-            raise AvFaultError(
+            error = AvFaultError(
                 f"The AV {self.spec} spoiled {n} tests (such as {tests}; {driven:,} were done before). "
-                f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: "
-                f"cornerforge check-av {self.spec}"
+                f"In test {fault.test} it {fault.message}. Correct the AV; to look closer: {self.closer()}"
             )
+            raise self.explained(error, fault.message)
 
     def _drive(
         self, session: AvSession, setting: Setting, slots: int, seed: int, group: list[int], first: int,
@@ -278,7 +365,7 @@ class ForeignAv:
         Raises:
             _SpoiledError: The AV failed before all of them were driven.
         """
-        setting = setting.with_drivers(av=OUTSIDE)
+        setting = self.steering(setting)
         batch = session.batch(slots)
         size = batch.views.shape[0]
         scratch = allocate_scratch(slots, setting.who.policy)
@@ -286,7 +373,7 @@ class ForeignAv:
         done = np.zeros(size, dtype=np.int64)
         tests = np.array(group, dtype=np.int64)
         driven = batch.worlds.state["test"][:, 0]  # a view
-        log = np.zeros((size, _most_answers(setting), 2)) if self._keeps_scripts else None
+        log = np.zeros((size, _most_answers(setting), answer_width(setting))) if self._keeps_scripts else None
         answered = np.zeros(size, dtype=np.int64)
         begun = 0
         finished: set[int] = set()
@@ -301,7 +388,7 @@ class ForeignAv:
                 return
             lockstep.see(batch, setting, scratch)
             try:
-                answers = session.process().act(batch.views, fresh, seeds_of(seed, driven[fresh]))
+                answers, failed = session.act(batch.views, fresh, seeds_of(seed, driven[fresh]))
             except AvFailureError as failure:
                 session.renew()
                 suspects = sorted(int(test) for test in driven[driving])
@@ -310,9 +397,8 @@ class ForeignAv:
                 raise _SpoiledError(failure.what, str(failure), suspects, left, certain=False) from failure
             bad = driving[~usable(answers[driving])]
             if bad.size:
-                answers = answers.copy()
                 answers[bad] = 0.0
-                self._set_aside(batch, bad, group, finished, seed, first, census, out)
+                self._set_aside(batch, {int(b): failed[int(b)] for b in bad}, group, finished, seed, first, census, out)
                 if driving.size == bad.size:
                     continue
             if log is not None:
@@ -328,23 +414,24 @@ class ForeignAv:
                     self._keep_script(seed, test, log[b, : answered[b]].copy())
 
     def _set_aside(
-        self, batch: lockstep.Batch, bad: NDArray[np.int64], group: list[int], finished: set[int], seed: int,
-        first: int, census: statistics.Census, out: Outcomes,
+        self, batch: lockstep.Batch, failed: dict[int, tuple[str, str]], group: list[int], finished: set[int],
+        seed: int, first: int, census: statistics.Census, out: Outcomes,
     ) -> None:  # fmt: skip
         """End the tests with an unusable answer. Where traffic is counted, the whole group begins anew without them.
 
         Raises:
             _SpoiledError: The group must begin anew.
         """
-        spoiled = sorted(int(test) for test in batch.worlds.state["test"][bad, 0])
+        tests = {int(batch.worlds.state["test"][b, 0]): why for b, why in failed.items()}
         if census.on:
-            left = [test for test in group if test not in spoiled]
-            raise _SpoiledError("answer", UNUSABLE, spoiled, left, certain=True)
-        for test in spoiled:
+            what, message = next(iter(tests.values()))
+            same = [test for test, why in tests.items() if why == (what, message)]
+            raise _SpoiledError(what, message, sorted(same), [t for t in group if t not in same], certain=True)
+        for test in sorted(tests):
             _clear(out, test - first)
-            self.note(seed, Fault(test, "answer", UNUSABLE))
+            self.note(seed, Fault(test, *tests[test]))
             finished.add(test)
-        lockstep.stop(batch, bad)
+        lockstep.stop(batch, np.array(list(failed), dtype=np.int64))
 
     # --- scripts: what the AV answered in one test ---
 
@@ -364,7 +451,7 @@ class ForeignAv:
                 self._scripts.popitem(last=False)
 
     def script(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
-        """Give the AV's answers in one test, (number of answers, 2); the AV is asked again unless they are kept.
+        """Give the AV's answers in one test, (number of answers, W); the AV is asked again unless they are kept.
 
         Raises:
             AvFaultError: The AV fails in this test.
@@ -377,7 +464,7 @@ class ForeignAv:
         return script
 
     def ask(self, setting: Setting, slots: int, seed: int, test: int) -> NDArray[np.float64]:
-        """Let the AV drive one test of a setting, and give its answers, (number of answers, 2).
+        """Let the AV drive one test of a setting, and give its answers, (number of answers, W).
 
         Raises:
             AvFaultError: The AV fails in this test.
@@ -385,18 +472,19 @@ class ForeignAv:
         with self.lend_session() as session:
             batch = session.batch(slots)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
-            steps = Steps(setting, slots, batch)
+            steps = Steps(self.steering(setting), slots, batch)
             fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
             answers = []
             while lockstep.running(batch).size:
                 steps.see()
                 try:
-                    given = session.process().act(batch.views, fresh, seeds)
+                    given, failed = session.act(batch.views, fresh, seeds)
                 except AvFailureError as failure:
-                    raise AvFaultError(f"The AV {self.spec} {failure} in test {test}.") from failure
+                    raise AvFaultError(f"The AV {self.spec} {failure} in test {test}{self.log.pointer()}") from failure
                 fresh, seeds = fresh[:0], seeds[:0]
-                if not usable(given[:1]).all():
-                    raise AvFaultError(f"The AV {self.spec} gave no usable answer in test {test}: {given[0]}.")
+                if 0 in failed:
+                    error = AvFaultError(f"In test {test} the AV {self.spec} {failed[0][1]}{self.log.pointer()}")
+                    raise self.explained(error, failed[0][1])
                 answers.append(given[0])
                 steps.act(given)
         return np.array(answers)
@@ -416,11 +504,8 @@ class ForeignAv:
 
 
 def usable(answers: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Check answers (K, 2) row by row: is the acceleration finite and the lane order -1, 0 or 1?"""
-    order = answers[:, 1]
-    is_order = (order == 0.0) | (order == 1.0) | (order == -1.0)
-    found: NDArray[np.bool_] = is_order & np.isfinite(answers[:, 0])
-    return found
+    """Look which rows of answers (K, W) can be carried out (`answers.carry_out` makes the others NaN)."""
+    return np.asarray(np.isfinite(answers).all(axis=1))
 
 
 def answers_per_second(setting: Setting) -> int:
@@ -428,8 +513,18 @@ def answers_per_second(setting: Setting) -> int:
     return -(-SUBSTEPS // int(setting.road.av_substeps))
 
 
+def answers_per_test(setting: Setting) -> float:
+    """Compute about how often the AV answers in a test that it drives to its end, at 30 m/s."""
+    road = setting.road
+    return float(road.test_length) / 30.0 * answers_per_second(setting)
+
+
 def _most_answers(setting: Setting) -> int:
     return int(setting.road.max_decisions) * answers_per_second(setting)
+
+
+def _some(about: dict[str, str]) -> str:
+    return f"{about['hash']} with answers by {about['form']}"
 
 
 def _clear(out: Outcomes, k: int) -> None:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.foreign.interface import VIEW_SHAPE
+from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
+from cornerforge.foreign.scene import COLUMNS
 from cornerforge.types import Odd
 
-__all__ = ["EDGE_CASES", "EdgeCase", "edge_case", "random_views"]
+__all__ = ["EDGE_CASES", "EdgeCase", "edge_case", "ordinary_views", "random_views", "scenes_of"]
 
 _ROWS, _COLUMNS = VIEW_SHAPE
 
@@ -117,3 +118,45 @@ def random_views(rng: np.random.Generator, shape: tuple[int, int], odd: Odd) -> 
             view[step, b] = 0.0
             view[step, b, : len(rows)] = rows
     return view
+
+
+def ordinary_views(n: int, context: AvContext) -> NDArray[np.float32]:
+    """Make n views (n, 13, 8) of ordinary traffic: the AV in the second lane, and one vehicle ahead of it."""
+    view = np.zeros((n, _ROWS, _COLUMNS), dtype=np.float32)
+    view[:, 0] = 1.0, context.test_length, 1.5 * context.lane_width, 30.0, 0.0, 0.0, 1.0, 0.0
+    view[:, 1] = 1.0, 60.0, 0.0, 28.0, 0.0, 0.0, 1.0, 0.0
+    return view
+
+
+def scenes_of(views: NDArray[np.float32], rows: int, context: AvContext) -> NDArray[np.float64]:
+    """Turn views (..., 13, 8) into what an AV of interface 2 sees, (..., rows, 18): all cars, named by their rows."""
+    kept = min(rows, _ROWS)
+    seen = views[..., :kept, :].astype(np.float64)
+    there = seen[..., 0] == 1.0
+    running = there[..., :1]
+    own_x = np.where(there[..., 0], context.test_length - seen[..., 0, 1], 0.0)
+    ahead, left = seen[..., 1].copy(), seen[..., 2].copy()
+    ahead[..., 0] = 0.0
+    left[..., 0] = 0.0
+    y = seen[..., :1, 2] + left
+    columns: dict[str, NDArray[np.float64]] = {
+        "length": np.full(y.shape, context.vehicle_length),
+        "width": np.full(y.shape, context.vehicle_width),
+        "x": own_x[..., None] + ahead,
+        "y": y,
+        "heading": np.arctan2(seen[..., 4], np.maximum(seen[..., 3], 1e-9)),
+        "vx": seen[..., 3],
+        "vy": seen[..., 4],
+        "ax": seen[..., 5],
+        "lane": np.clip(np.floor(y / context.lane_width), 0, context.n_lanes - 1),
+    }
+    table = np.zeros((*views.shape[:-2], rows, len(COLUMNS)))
+    for name, values in columns.items():
+        table[..., :kept, COLUMNS.index(name)] = np.where(there, values, 0.0)
+    table[..., COLUMNS.index("id")] = np.where(running, -1.0, 0.0)
+    table[..., :kept, COLUMNS.index("id")] = np.where(
+        there, np.arange(kept, dtype=np.float64), table[..., :kept, COLUMNS.index("id")]
+    )
+    table[..., 0, COLUMNS.index("left_to_drive")] = seen[..., 0, 1]
+    table[..., 0, COLUMNS.index("target_lane")] = seen[..., 0, 6]
+    return table

@@ -5,22 +5,29 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import struct
 import subprocess
-import sys
+import threading
+import time
 import weakref
 from contextlib import suppress
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError, CornerForgeError, FileFormatError, InputError
-from cornerforge.foreign.protocol import ACT, FAILED, LOAD, SETUP, pack, pack_json, receive, unpack_json
+from cornerforge.foreign.av_log import AvLog
+from cornerforge.foreign.interpreter import environment, worker_command
+from cornerforge.foreign.pace import Pace
+from cornerforge.foreign.protocol import ACT, FAILED, LOAD, SETUP, JunkError, pack, pack_json, receive, unpack_json
+from cornerforge.foreign.scene import COLUMNS
 
 if TYPE_CHECKING:
     from cornerforge.foreign.interface import AvContext
+
+_LENGTH = COLUMNS.index("length")
 
 __all__ = ["DEFAULT_TIMEOUT", "FIRST_TIMEOUT", "AvFailureError", "AvProcess"]
 
@@ -28,7 +35,9 @@ DEFAULT_TIMEOUT = 5.0
 """Longest time that an AV may take for one answer [s]."""
 FIRST_TIMEOUT = 60.0
 """Longest time for loading an AV, for setting it up, and for its first answer [s], each."""
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_POSE = 5
+_SAID = struct.Struct("=q")
+_VERBS = {"answer": "gave no usable answer: ", "raised": "raised ", "ended": ""}
 
 
 class AvFailureError(Exception):
@@ -37,20 +46,36 @@ class AvFailureError(Exception):
     Args:
         what: "raised", "answer", "hung" or "ended".
         message: Rest of a sentence that begins with the AV's name.
+        trace: The AV's own traceback, if it raised.
     """
 
-    def __init__(self, what: str, message: str) -> None:
+    def __init__(self, what: str, message: str, trace: str = "") -> None:
         super().__init__(message)
-        self.what = what
+        self.what, self.trace = what, trace
+        if trace:
+            self.add_note(f"The AV's own traceback:\n{trace}")
 
 
-def _end(process: subprocess.Popen[bytes], connection: socket.socket) -> None:
-    """End a process and all processes that it started."""
+def _keep_printed(printed: int, log: AvLog) -> None:
+    """Put what comes through a pipe into the log, until its other ends are closed."""
+    with suppress(OSError):
+        while content := os.read(printed, 1 << 16):
+            log.write(content)
+    os.close(printed)
+
+
+def _end(
+    process: subprocess.Popen[bytes], connection: socket.socket, lifeline: int, printing: threading.Thread
+) -> None:
+    """End a process and all processes that it started, and wait until its last words are kept."""
     connection.close()
+    os.close(lifeline)
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     with suppress(subprocess.TimeoutExpired):
         process.wait(timeout=5.0)
+    if printing is not threading.current_thread():  # where memory is tidied, it may be
+        printing.join(1.0)
 
 
 class AvProcess:
@@ -58,42 +83,76 @@ class AvProcess:
 
     Args:
         spec: The AV, as behind --av.
-        timeout: Longest time for one answer [s].
+        timeout: Longest time for the answer in one world [s].
         first_timeout: Longest time for loading, for setting up, and for the first answer [s], each.
+        pace: What is known of the AV's speed, with these limits; None: nothing.
+        python: Interpreter in which it runs; None: the simulator's own.
+        log: Where what it prints is kept; None: in a log of this process.
 
     Attributes:
-        about: The AV's `kind` and `hash`, and whether it `remembers` what it saw before in a test ("yes" or "no").
+        log: Likewise.
+        about: The AV's `kind` and `hash`, and what `drivers.Driver.about` says of it.
 
     Raises:
         InputError, FileFormatError: `spec` names no AV.
         AvFaultError: The process ended or hung while the AV was loaded.
     """
 
-    def __init__(self, spec: str, *, timeout: float, first_timeout: float) -> None:
+    def __init__(
+        self,
+        spec: str,
+        *,
+        timeout: float,
+        first_timeout: float,
+        pace: Pace | None = None,
+        python: str | None = None,
+        log: AvLog | None = None,
+    ) -> None:
         self._spec = spec
-        self._timeout, self._first_timeout = timeout, max(first_timeout, timeout)
+        self._pace = pace or Pace(timeout, first_timeout)
+        self._first_timeout = self._pace.first_timeout
         self._batch = 0
         self._is_first = True
+        self.log = AvLog() if log is None else log
+        worker_command(python)  # before anything is opened: the interpreter may be none
         ours, theirs = socket.socketpair()
-        package = Path(__file__).parents[2]
-        search = [str(package), *filter(None, [os.environ.get("PYTHONPATH")])]
-        environment = dict.fromkeys(_ONE_THREAD, "1") | dict(os.environ) | {"PYTHONPATH": os.pathsep.join(search)}
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "cornerforge.foreign.worker", str(theirs.fileno())],
-                stdin=subprocess.DEVNULL,
-                stdout=sys.stderr.fileno() if _has_file(sys.stderr) else subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,
-                env=environment,
-            )
+        their_end, lifeline = os.pipe()
+        printed, print_to = os.pipe()
+        try:
+            with theirs:
+                self._process = subprocess.Popen(
+                    worker_command(python, theirs.fileno(), their_end),
+                    stdin=subprocess.DEVNULL,
+                    stdout=print_to,
+                    stderr=print_to,
+                    pass_fds=[theirs.fileno(), their_end],
+                    start_new_session=True,
+                    env=environment(python),
+                )
+        except BaseException:
+            os.close(printed)
+            os.close(lifeline)
+            raise
+        finally:
+            os.close(print_to)
+            os.close(their_end)
+        self._printing = threading.Thread(target=_keep_printed, args=(printed, self.log), daemon=True)
+        self._printing.start()
         self._connection = ours
-        self._finalizer = weakref.finalize(self, _end, self._process, ours)
+        self._finalizer = weakref.finalize(self, _end, self._process, ours, lifeline, self._printing)
         try:
             self.about: dict[str, str] = unpack_json(self._ask(pack_json(LOAD, {"av": spec}), self._first_timeout))
         except AvFailureError as failure:
             self.close()
-            raise AvFaultError(f"The AV {spec} {failure} while it was loaded.") from failure
+            raise AvFaultError(f"The AV {spec} {failure} while it was loaded{self.log.pointer()}") from failure
+        except JunkError as error:
+            disturbed = self._junk(error)
+            raise AvFaultError(f"The AV {spec} {disturbed} while it was loaded{self.log.pointer()}") from disturbed
+        except CornerForgeError as error:
+            self.close()
+            if trace := self.log.trace(str(error)):
+                error.add_note(f"The AV's own traceback:\n{trace}")
+            raise
 
     def setup(self, context: AvContext) -> None:
         """Tell the AV its world.
@@ -107,63 +166,109 @@ class AvProcess:
             self._ask(pack_json(SETUP, asdict(context)), self._first_timeout)
         except AvFailureError as failure:
             self.close()
-            raise AvFaultError(f"The AV {self._spec} {failure} in setup.") from failure
+            raise AvFaultError(f"The AV {self._spec} {failure} in setup{self.log.pointer()}") from failure
 
     def renew(self, context: AvContext) -> bool:
         """Make the AV anew in the same process, after it raised or gave no usable answer; False if that fails."""
         if not self._finalizer.alive:
             return False
         try:
-            self._ask(pack_json(LOAD, {"av": self._spec}), self._first_timeout)
+            if unpack_json(self._ask(pack_json(LOAD, {"av": self._spec}), self._first_timeout)) != self.about:
+                self.close()  # its files have changed
+                return False
             self.setup(context)
-        except (AvFailureError, CornerForgeError):
+        except (AvFailureError, CornerForgeError, JunkError):
             self.close()
             return False
         return True
 
     def act(
-        self, view: NDArray[np.float32], worlds: NDArray[np.int64], seeds: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        """Reset `worlds`, if there are any, and ask for the AV's answers to the view: (B, 2), as the AV gave them.
+        self, view: NDArray[Any], worlds: NDArray[np.int64], seeds: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], dict[int, tuple[str, str]]]:
+        """Reset `worlds`, if there are any, and ask for the AV's answers to what it sees, as the AV gave them.
+
+        Returns:
+            (B, 2), or poses (B, M, 5); the worlds in which it failed, though not in others, and what and how.
 
         Raises:
             AvFailureError: There is no usable answer.
         """
         head = np.array([worlds.size], dtype=np.int64)
         frame = pack(ACT, head.tobytes(), worlds.tobytes(), seeds.tobytes(), np.ascontiguousarray(view).tobytes())
-        body = self._ask(frame, self._first_timeout if self._is_first else self._timeout)
+        driving = int(np.count_nonzero(view[:, 0, 0 if self.about["form"] == "view" else _LENGTH]))
+        begun = time.perf_counter()
+        body = self._ask(frame, self._pace.limit(driving, first=self._is_first), driving)
+        if not self._is_first:  # the first answer may take longer: libraries are loaded, code is compiled
+            self._pace.note(driving, time.perf_counter() - begun)
         self._is_first = False
-        return np.frombuffer(body, dtype=np.float64).reshape(self._batch, 2)
+        try:
+            return self._read(body)
+        except (JunkError, ValueError, TypeError, KeyError) as error:
+            raise self._junk(error) from error
+
+    def _read(self, body: bytearray) -> tuple[NDArray[np.float64], dict[int, tuple[str, str]]]:
+        """Read the reply to a question.
+
+        Raises:
+            JunkError, ValueError, TypeError, KeyError: It is of the wrong form.
+        """
+        if len(body) < _SAID.size:
+            raise JunkError(f"a reply of {len(body)} bytes")
+        (said,) = _SAID.unpack_from(body)
+        begin = _SAID.size + said
+        if not _SAID.size <= begin <= len(body):
+            raise JunkError(f"a reply of {len(body)} bytes that begins with {said}")
+        told = unpack_json(body[_SAID.size : begin]) if said else {"failed": {}, "traces": {}}
+        failed = {int(b): (str(what), str(how)) for b, (what, how) in told["failed"].items()}
+        if not all(0 <= b < self._batch for b in failed):
+            raise JunkError(f"failures in worlds {sorted(failed)} of {self._batch}")
+        for how in dict.fromkeys(how for _, how in failed.values()):
+            self.log.note(how, str(told["traces"].get(how, "")))
+        shape = (self._batch, -1, _POSE) if self.about["form"] == "trajectory" else (self._batch, 2)
+        return np.frombuffer(bytes(body[begin:]), dtype=np.float64).reshape(shape), failed
+
+    def _junk(self, error: Exception) -> AvFailureError:
+        """Give up a process that does not keep to the protocol: what it says next means nothing."""
+        self.close()
+        return AvFailureError("ended", f"disturbed the socket through which it is asked ({error})")
 
     def close(self) -> None:
         """End the process."""
         self._finalizer()
 
-    def _ask(self, frame: bytes, timeout: float) -> bytearray:
+    def _ask(self, frame: bytes, timeout: float, driving: int = 1) -> bytearray:
         self._connection.settimeout(timeout)
         try:
             self._connection.sendall(frame)
             kind, body = receive(self._connection)
         except TimeoutError as error:
             self.close()
-            raise AvFailureError("hung", f"gave no answer within {timeout:g} s") from error
+            together = f" for {driving} worlds" if driving > 1 else ""
+            raise AvFailureError("hung", f"gave no answer within {timeout:.3g} s{together}") from error
         except (EOFError, BrokenPipeError, ConnectionResetError) as error:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=2.0)
             status = self._process.returncode
             self.close()
             raise AvFailureError("ended", f"ended its process ({_status(status)})") from error
+        except JunkError as error:
+            raise self._junk(error) from error
         except BaseException:  # an interrupt: a late answer would be taken for the answer to the next question
             self.close()
             raise
         if kind != FAILED:
             return body
-        failed = unpack_json(body)
-        if failed["what"] == "refused":
+        try:
+            failed = unpack_json(body)
+            what, message, trace = str(failed["what"]), str(failed["message"]), str(failed.get("trace", ""))
+            how = message if what == "refused" else _VERBS[what] + message
+        except (JunkError, KeyError) as error:
+            raise self._junk(error) from error
+        self.log.note(how, trace)
+        if what == "refused":
             self.close()
-            raise (FileFormatError if failed["error"] == "FileFormatError" else InputError)(failed["message"])
-        verb = "gave no usable answer:" if failed["what"] == "answer" else "raised"
-        raise AvFailureError(failed["what"], f"{verb} {failed['message']}")
+            raise (FileFormatError if failed["error"] == "FileFormatError" else InputError)(message)
+        raise AvFailureError(what, how, trace)
 
 
 def _status(code: int | None) -> str:
@@ -173,11 +278,3 @@ def _status(code: int | None) -> str:
         with suppress(ValueError):
             return f"signal {signal.Signals(-code).name}"
     return f"exit status {code}"
-
-
-def _has_file(stream: object) -> bool:
-    try:
-        stream.fileno()  # type: ignore[attr-defined]
-    except (AttributeError, OSError, ValueError):
-        return False
-    return True

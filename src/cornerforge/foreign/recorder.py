@@ -8,7 +8,7 @@ import numpy as np
 
 from cornerforge.foreign.driver import answers_per_second
 from cornerforge.foreign.session import Steps
-from cornerforge.sim import NATURAL, OUTSIDE, SCRIPTED, Recorder, World, lockstep, ordered_lane, warn_of_left_out
+from cornerforge.sim import NATURAL, SCRIPTED, STEERED, Recorder, World, lockstep, ordered_lane, warn_of_left_out
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,8 +40,7 @@ class ForeignRecorder(Recorder):
         self._answer(seed, test, self._setting, self._av.script(self._setting, slots, seed, test))
 
     def _answer(self, seed: int, test: int, setting: Setting, answers: NDArray[np.float64]) -> None:
-        setting = setting.with_drivers(av=OUTSIDE)
-        lockstep.drive_answered(self._world, seed, test, answers, setting, self._scratch, self._keep)
+        lockstep.drive_answered(self._world, seed, test, answers, self._av.steering(setting), self._scratch, self._keep)
         warn_of_left_out(self._scratch)
 
     def record_branch(
@@ -52,7 +51,7 @@ class ForeignRecorder(Recorder):
         Args:
             seed, test: Names of the test.
             actions: Of all vehicles at each decision, int8 (K, N); after them BVs do what is likeliest.
-            answers: Of the AV, (A, 2); None: it is asked.
+            answers: Of the AV, (A, W); None: it is asked.
 
         Raises:
             AvFaultError: The AV fails.
@@ -94,11 +93,13 @@ class ScriptedSeconds:
 
     def av_lane(self, world: World, setting: Setting) -> int:
         """Find the target lane that the AV chooses at this moment, when the BVs decide."""
+        if self._av.controller == STEERED:  # it chooses none
+            return int(world.vehicles[0]["target_lane"])
         order = self._answers(world, setting)[0, 1]
         return int(ordered_lane(world, 0, int(np.sign(order)), setting.road))
 
     def __call__(self, world: World, setting: Setting) -> None:
         """Advance a running world by one decision of the BVs."""
-        steps = Steps(setting, self._slots, batch_of(world))
+        steps = Steps(self._av.steering(setting), self._slots, batch_of(world))
         for answer in self._answers(world, setting):
             steps.act(answer[None])

@@ -8,7 +8,6 @@ of DQN, PPO, A2C, SAC, TD3 and DDPG can be read; for another policy its own code
 from __future__ import annotations
 
 import io
-import itertools
 import json
 import math
 import re
@@ -139,7 +138,8 @@ def _chain(weights: dict[str, Any], prefix: str) -> list[tuple[Any, Any]]:
 def _check_chain(name: str, layers: list[tuple[Any, Any]], settings: dict[str, Any]) -> None:
     shapes = [tuple(weight.shape) for weight, _ in layers]
     linear = all(len(shape) == 2 for shape in shapes) and all(bias is not None for _, bias in layers)
-    if not linear or any(a[0] != b[1] for a, b in itertools.pairwise(shapes)):
+    pairs = zip(shapes, shapes[1:])  # noqa: B905, RUF007 - for Python 3.9
+    if not linear or any(a[0] != b[1] for a, b in pairs):
         raise FileFormatError(f"{name} holds layers that are no chain of linear ones ({shapes}).")
     observed = (settings.get("observation_space") or {}).get("_shape")
     if shapes[0][1] != math.prod(VIEW_SHAPE) or observed not in ([*VIEW_SHAPE], [math.prod(VIEW_SHAPE)]):

@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.foreign.interface import AvContext
+from cornerforge.drivers.idm import IdmParams
+from cornerforge.foreign.answers import Carried, carry_out
+from cornerforge.foreign.edge_cases import scenes_of
+from cornerforge.foreign.interface import VIEW_SHAPE, AvContext
+from cornerforge.foreign.pace import Pace
 from cornerforge.foreign.process import AvProcess
 from cornerforge.sim import (
     AV_VIEW_VERSION,
-    OUTSIDE,
+    MOST_LATERAL_ACCELERATION,
+    SCENE_COLUMNS,
     Keep,
     Setting,
     allocate_scratch,
     keep_nothing,
     lockstep,
+    tracking,
     warn_of_left_out,
 )
 from cornerforge.types import FRAME_S, Odd
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from cornerforge.road.straight import RoadNumbers
+
+StartsProcess: TypeAlias = "Callable[..., AvProcess]"
+"""Starts a process of an AV: `start(spec, timeout=..., first_timeout=..., pace=...)`."""
 
 __all__ = ["AvSession", "Steps", "context_of"]
 
@@ -36,22 +53,27 @@ def context_of(odd: Odd, *, batch: int, seed: int) -> AvContext:
         test_length=odd.test_length,
         view_version=AV_VIEW_VERSION,
         seed=seed,
+        set_speed=IdmParams().desired_speed,
+        wheelbase=tracking.wheelbase(odd.vehicle_length),
+        most_lateral_acceleration=MOST_LATERAL_ACCELERATION,
     )
 
 
 class AvSession:
     """One AV process and the worlds that it drives; serves one thread at a time."""
 
-    def __init__(self, spec: str, context: AvContext, timeout: float, first_timeout: float) -> None:
-        self._spec, self._context = spec, context
-        self._timeouts = {"timeout": timeout, "first_timeout": first_timeout}
+    def __init__(
+        self, spec: str, context: AvContext, road: RoadNumbers, pace: Pace, start: StartsProcess = AvProcess
+    ) -> None:
+        self._spec, self._context, self._road, self._pace, self._start = spec, context, road, pace, start
         self._process: AvProcess | None = None
         self._batch: lockstep.Batch | None = None
 
     def process(self) -> AvProcess:
         """Give the AV's process, set up; a new one if it was given up."""
         if self._process is None:
-            process = AvProcess(self._spec, **self._timeouts)
+            pace = self._pace
+            process = self._start(self._spec, timeout=pace.timeout, first_timeout=pace.first_timeout, pace=pace)
             process.setup(self._context)
             self._process = process
         return self._process
@@ -66,6 +88,33 @@ class AvSession:
         """May the AV's answer depend on what it saw before in a test? An AV without `reset` can have no such memory."""
         return self.process().about["remembers"] == "yes"
 
+    def views(self, size: int, slots: int) -> NDArray[Any]:
+        """Allocate what the AV sees of `size` worlds of `slots` vehicle slots (`sim.av_scene`)."""
+        about = self.process().about
+        if about["form"] == "view":
+            return np.zeros((size, *VIEW_SHAPE), dtype=np.float32)
+        objects = int(about["objects"])
+        others = slots - 1 if objects < 0 else min(objects, slots - 1)
+        return np.zeros((size, 1 + others, SCENE_COLUMNS))
+
+    def shown(self, views: NDArray[np.float32]) -> NDArray[Any]:
+        """Turn views (B, 13, 8) into what this AV sees; for trials without a simulator."""
+        about = self.process().about
+        if about["form"] == "view":
+            return views
+        objects = int(about["objects"])
+        return scenes_of(views, VIEW_SHAPE[0] if objects < 0 else 1 + objects, self._context)
+
+    def act(self, views: NDArray[Any], fresh: NDArray[np.int64], seeds: NDArray[np.int64]) -> Carried:
+        """Ask the AV what it does; in rows `fresh` tests begin, for which it is told `seeds`.
+
+        Raises:
+            AvFailureError: It failed, and it is not known in which world.
+        """
+        process = self.process()
+        given, failed = process.act(views, fresh, seeds)
+        return carry_out(given, failed, process.about["form"], views, self._road)
+
     @property
     def is_fresh(self) -> bool:
         """Will the next question be the first to its process?"""
@@ -76,6 +125,12 @@ class AvSession:
         if self._process is not None and not self._process.renew(self._context):
             self.drop()
 
+    def resize(self, batch: int) -> None:
+        """Drive so many worlds side by side from now on; where that is another number, the AV is made anew."""
+        if batch != self._context.batch:
+            self._context, self._batch = replace(self._context, batch=batch), None
+            self.renew()
+
     def drop(self) -> None:
         """End the process, if there is one."""
         if self._process is not None:
@@ -85,16 +140,19 @@ class AvSession:
     def batch(self, slots: int) -> lockstep.Batch:
         """Give the batch with all worlds idle."""
         if self._batch is None or self._batch.worlds.vehicles.shape[1] != slots:
-            self._batch = lockstep.allocate_batch(self._context.batch, slots)
+            self._batch = lockstep.allocate_batch(self._context.batch, slots, self.views(self._context.batch, slots))
         lockstep.stop(self._batch, np.arange(len(self._batch.views)))
         return self._batch
 
 
 class Steps:
-    """Drives the test in world 0 of a batch, answer by answer; frames, decisions and counts go into `keep`."""
+    """Drives the test in world 0 of a batch, answer by answer; frames, decisions and counts go into `keep`.
+
+    The setting's AV is OUTSIDE or STEERED.
+    """
 
     def __init__(self, setting: Setting, slots: int, batch: lockstep.Batch, keep: Keep | None = None) -> None:
-        self._setting, self._batch = setting.with_drivers(av=OUTSIDE), batch
+        self._setting, self._batch = setting, batch
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots) if keep is None else keep
         self._done = np.zeros(batch.views.shape[0], dtype=np.int64)

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import AvFaultError
 from cornerforge.execution import is_given_up
-from cornerforge.foreign.driver import UNUSABLE, ForeignAv, seeds_of, usable
-from cornerforge.foreign.interface import VIEW_SHAPE
+from cornerforge.foreign.driver import ForeignAv, seeds_of, usable
 from cornerforge.foreign.process import AvFailureError
 from cornerforge.foreign.session import AvSession
-from cornerforge.sim import OUTSIDE, Forest, grove
+from cornerforge.sim import Forest, answer_width, grove
 
 __all__ = ["ForeignGrower", "Watched"]
 
@@ -32,7 +32,7 @@ class Watched:
     """What was noted of an AV while trees grew.
 
     Attributes:
-        answers: What it answered on the way to each crash, in the order of the leaves, (K, A, 2); NaN after the last.
+        answers: What it answered on the way to each crash, in the order of the leaves, (K, A, W); NaN after the last.
         asked, again: Answers that worlds were driven with; answers asked for once more, for copies.
         strayed: Those of the latter that were others than before.
     """
@@ -46,15 +46,15 @@ class Watched:
 class _Past:
     """What the AV saw and answered, moment by moment; each moment knows the one before it."""
 
-    def __init__(self, room: int = 4096) -> None:
-        self.view = np.zeros((room, *VIEW_SHAPE), dtype=np.float32)
-        self.answer = np.zeros((room, 2))
+    def __init__(self, views: NDArray[Any], width: int, room: int = 4096) -> None:
+        self.view = np.zeros((room, *views.shape[1:]), dtype=views.dtype)
+        self.answer = np.zeros((room, width))
         self.before = np.zeros(room, dtype=np.int64)
         self._place = np.full(room, _NOTHING)
         self._free = list(range(room))
 
     def add(
-        self, views: NDArray[np.float32], answers: NDArray[np.float64], before: NDArray[np.int64],
+        self, views: NDArray[Any], answers: NDArray[np.float64], before: NDArray[np.int64],
         places: NDArray[np.int64],
     ) -> NDArray[np.int64]:  # fmt: skip
         """Note moments of trees at some places; returns their numbers."""
@@ -143,7 +143,7 @@ class ForeignGrower:
         Raises:
             AvFaultError: The AV fails.
         """
-        forest = forest._replace(setting=forest.setting.with_drivers(av=OUTSIDE))
+        forest = forest._replace(setting=self._av.steering(forest.setting))
         with self._av.lend_session() as session:
             return _Growing(self._av, session, seed, first, forest, roots).grow()
 
@@ -158,9 +158,10 @@ class _Growing:
         self._forest, self._roots = forest, roots
         nursery = forest.nursery
         self._grove = grove.allocate_grove(nursery.top.size, nursery.depth)
-        self._past = _Past()
         size = session.batch_size
-        self._views = np.zeros((size, *VIEW_SHAPE), dtype=np.float32)
+        self._views = session.views(size, nursery.worlds.vehicles.shape[1])
+        self._width = answer_width(forest.setting)
+        self._past = _Past(self._views, self._width)
         none = np.full(size, _NOTHING)
         self._seats = _Seats(none, none.copy(), np.zeros(size, dtype=np.bool_))
         self._seats.free.update(dict.fromkeys(range(size)))
@@ -188,7 +189,7 @@ class _Growing:
             elif planted == self._roots.size and waiting == 0:
                 break
         most = max((len(answers) for answers in self._answers), default=0)
-        answers = np.full((len(self._answers), most, 2), np.nan)
+        answers = np.full((len(self._answers), most, self._width), np.nan)
         for k, own in enumerate(self._answers):
             answers[k, : len(own)] = own
         return Watched(answers, self._asked, self._again, self._strayed)
@@ -225,13 +226,14 @@ class _Growing:
         seats.fresh[fresh] = False
         tests = self._forest.nursery.worlds.state["test"][:, 0]
         try:
-            answers = self._session.process().act(self._views, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
+            answers, failed = self._session.act(self._views, fresh, seeds_of(self._seed, tests[seats.row[fresh]]))
         except AvFailureError as failure:
             self._session.renew()
-            raise self._fault(f"in one of the tests {_some(tests[seats.row[asked]])} it {failure}") from failure
+            raise self._fault(f"in one of the tests {_some(tests[seats.row[asked]])} it {failure}", "") from failure
         bad = live[~usable(answers[live])]
         if bad.size:
-            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {UNUSABLE}")
+            how = failed[int(bad[0])][1]
+            raise self._fault(f"in test {tests[seats.row[bad[0]]]} it {how}", how)
         seats.memory[seats.row == _NOTHING] = _NOTHING  # the AV was shown zeros there: who knows what it makes of them
         if shown.size:
             self._go_over(shown, moments, answers)
@@ -262,11 +264,12 @@ class _Growing:
         self._views[gone] = 0.0
         seats.leave(gone)
 
-    def _fault(self, what: str) -> AvFaultError:
-        return AvFaultError(
-            f"The AV {self._av.spec} failed while trees of tests grew: {what}. Correct the AV (cornerforge check-av "
-            f"{self._av.spec}), or count with --method mc, which sets such tests aside."
+    def _fault(self, what: str, how: str) -> AvFaultError:
+        error = AvFaultError(
+            f"The AV {self._av.spec} failed while trees of tests grew: {what}. Count with --method mc, which sets such "
+            f"tests aside, or correct the AV; to look closer: {self._av.closer()}"
         )
+        return self._av.explained(error, how)
 
 
 def _some(tests: NDArray[np.int64]) -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from cornerforge.pipeline.setting import Experiment, check_threads, experiment
 from cornerforge.pipeline.train import (
     EVALUATION_TESTS,
     checkpoint_beside,
+    judge,
     learn,
     load_timed_policy,
     write_provenance_beside,
@@ -29,13 +31,10 @@ from cornerforge.pipeline.train import (
 from cornerforge.results import as_json
 from cornerforge.sim import (
     REWARDS,
-    Recorder,
     Tally,
     crashed_tests,
-    judge_crashes,
     reward_numbers,
     simulate_chunks,
-    warm_up,
 )
 from cornerforge.world_options import WorldOptions
 
@@ -43,8 +42,6 @@ __all__ = ["PLAIN", "REPRODUCE_EFFORTS", "Adversary", "Bench", "ReproduceEffort"
 
 PLAIN = ("uniform", "lane-changer", "swerve")
 """Plain adversaries, shown beside every learned one."""
-BRAKING = reward_numbers("avoidable").braking
-"""What "avoidable" means here: braking at 8 m/s2 from 1 s after the manoeuvre began."""
 NATURAL_TESTS = 1 << 43
 """Number of the first natural test of a bench: far from the tests of training and generation."""
 
@@ -129,11 +126,12 @@ class Bench:
         threads: None for all cores.
         progress: Told how far it is.
         paper_policy: A policy of preset `paper`, trained elsewhere, for Figure 2; or None.
+        more_avs: AVs besides the built-in ones, which the matrix shows too: files of `train-av`, or from outside.
     """
 
     def __init__(
         self, folder: Path, size: ReproduceEffort, world: WorldOptions, *, seed: int, threads: int | None,
-        progress: Progress, paper_policy: Path | None = None,
+        progress: Progress, paper_policy: Path | None = None, more_avs: Sequence[str] = (),
     ) -> None:  # fmt: skip
         self.folder = folder
         self.size = size
@@ -142,20 +140,30 @@ class Bench:
         self.progress = progress
         self.paper_policy = None if paper_policy is None else load_timed_policy(paper_policy)
         self._world = world
+        self._more_avs = tuple(dict.fromkeys(name for name in more_avs if name not in AVS))
+        self._av_hashes: dict[str, str] = {}
         self._policies: dict[tuple[str, int], Policy] = {}
 
     # --- names ---
 
     @property
     def avs(self) -> tuple[str, ...]:
-        """All built-in AVs, the paper's first."""
-        return ("idm-mobil", *(name for name in AVS if name != "idm-mobil"))
+        """All built-in AVs, the paper's first; then those that were asked for besides."""
+        return ("idm-mobil", *(name for name in AVS if name != "idm-mobil"), *self._more_avs)
+
+    def av_hash(self, av: str) -> str:
+        """Hash an AV as it drives: with the weights of a learned one, the source or file of one from outside."""
+        if av not in self._av_hashes:
+            run = self.experiment(av)
+            self._av_hashes[av] = run.av_hash
+            run.rest()
+        return self._av_hashes[av]
 
     @property
     def trained_on(self) -> tuple[str, ...]:
-        """The AVs that adversaries are trained on."""
+        """The AVs that adversaries are trained on, built-in ones."""
         wanted = self.size.trained_on
-        return self.avs if wanted is None else tuple(name for name in self.avs if name in wanted)
+        return tuple(name for name in self.avs if name in AVS and (wanted is None or name in wanted))
 
     @property
     def rewards(self) -> tuple[str, ...]:
@@ -187,10 +195,13 @@ class Bench:
     def experiment(self, av: str, adversary: Adversary | None = None, k: int = 0) -> Experiment:
         """An AV in natural traffic, or among an adversary's (learned: its k-th training) vehicles."""
         if adversary is None:
-            return experiment(self._world, av=av)
+            return experiment(self._world, av=av, takes_foreign=True, seed=self.seed)
+        bounded, seed = adversary.bounded, self.seed
         if adversary.trained_on is None:
-            return experiment(self._world, av=av, bv=adversary.name, bounded=adversary.bounded)
-        return experiment(self._world, av=av, policy=self.policy(adversary, k))
+            return experiment(
+                self._world, av=av, bv=adversary.name, bounded=bounded, takes_foreign=True, seed=seed
+            )  # fmt: skip
+        return experiment(self._world, av=av, policy=self.policy(adversary, k), takes_foreign=True, seed=seed)
 
     def config(self, adversary: Adversary) -> TrainConfig:
         """Return the hyperparameters of a learned adversary: preset `fast` with the effort's length and its reward."""
@@ -253,9 +264,10 @@ class Bench:
                 run, tests=self.size.natural_tests, seed=self.seed, first=NATURAL_TESTS, threads=self.threads,
                 progress=self.progress, stage=f"natural traffic ({av})",
             )  # fmt: skip
+            run.rest()
             return as_json(rate_summary(tally.av_crashes, tally.tests, tally.miles))
 
-        return self.kept(f"natural.{av}", {"av_hash": av_hash(run.av)}, work)
+        return self.kept(f"natural.{_file_name(av)}", {"av_hash": run.av_hash}, work)
 
     def judged(self, adversary: Adversary, av: str, k: int = 0) -> dict[str, Any]:
         """Measure an adversary against an AV on evaluation tests, which no training uses.
@@ -272,23 +284,27 @@ class Bench:
         return self._kept_judgement(experiment(self._world, av=av, policy=policy), name)
 
     def _kept_judgement(self, run: Experiment, name: str) -> dict[str, Any]:
-        made_of = {"av_hash": av_hash(run.av), "policy": None if run.policy is None else policy_hash(run.policy)}
+        made_of = {"av_hash": run.av_hash, "policy": None if run.policy is None else policy_hash(run.policy)}
         av = run.av.name
-        return self.kept(f"judged.{name}.{av}", made_of, lambda: self._judge(run, f"{name}, {av}"))
+        try:
+            return self.kept(f"judged.{name}.{_file_name(av)}", made_of, lambda: self._judge(run, f"{name}, {av}"))
+        finally:
+            run.rest()
 
     def _judge(self, run: Experiment, label: str) -> dict[str, Any]:
         tests = self.size.tests
-        warm_up(run.setting, run.slots)
+        run.warm_up()
+        if run.foreign is not None:
+            run.foreign.keep_scripts()  # crashes are judged by what the AV answered
         tally, crashed = Tally(), []
         for start, outcomes, counts in simulate_chunks(
-            run.setting, run.slots, seed=self.seed, first=EVALUATION_TESTS, tests=tests, threads=self.threads, chunk=128
-        ):
+            run.setting, run.slots, seed=self.seed, first=EVALUATION_TESTS, tests=tests,
+            threads=run.processes(self.threads), chunk=run.range_size(128, tests, self.threads), drive=run.drive,
+        ):  # fmt: skip
             tally.add(outcomes, counts)
             crashed += crashed_tests(start, outcomes)
             self.progress(f"evaluate ({label})", tally.tests, tests)
-        struck, avoidable = judge_crashes(
-            run.setting, run.slots, seed=self.seed, tests=crashed, braking=BRAKING, threads=self.threads
-        )
+        struck, avoidable = judge(run, self.seed, crashed, reward_numbers("avoidable"), self.threads)
         return {
             **as_json(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
             "crashes": tally.av_crashes,
@@ -298,7 +314,7 @@ class Bench:
         }
 
     def _classified(self, run: Experiment, crashed: list[int]) -> dict[str, Any]:
-        recorder = Recorder(run.setting, run.odd)
+        recorder = run.recorder()
         scenarios = [recorder.record(self.seed, test) for test in crashed]
         types: Counter[str] = Counter()
         strikers: Counter[str] = Counter()
@@ -310,6 +326,11 @@ class Bench:
             "crash_types": {name: types[name] for name in CRASH_TYPES.values()},
             "strikers": {name: strikers[name] for name in STRIKERS},
         }
+
+
+def _file_name(av: str) -> str:
+    """Name an AV in the name of a file; `my_av:MyAv` and `nets/net.onnx` are no such names."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", av)
 
 
 def keep(path: Path, inputs: dict[str, Any], work: Callable[[], dict[str, Any]]) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from cornerforge._checks import check_in, check_integer
-from cornerforge.drivers.avs import av_hash
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import model_hash
 from cornerforge.paper.bench import REPRODUCE_EFFORTS, Bench, keep
@@ -42,6 +41,7 @@ def reproduce(
     effort: str | None = None,
     budget: str | None = None,
     paper_policy: Path | str | None = None,
+    avs: Sequence[str] = (),
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
@@ -59,6 +59,7 @@ def reproduce(
         effort: "quick", "standard" or "full" (see `REPRODUCE_EFFORTS`); None: "standard".
         budget: The old name of `effort`; goes on working, with a warning.
         paper_policy: A policy of preset `paper`, for Figure 2; None to leave that curve out.
+        avs: AVs that the matrix shows besides the built-in ones: files of `train-av`, or AVs from outside.
         resume: Go on with what is in `out`: finished items, measurements and policies are kept as long as what they
             were made of is the same (policies even after changes of code), and an unfinished training goes on.
         seed: 0 or more; the k-th training of a kind has seed + k.
@@ -86,7 +87,7 @@ def reproduce(
     wanted = [ITEMS[check_in("figure", name, tuple(ITEMS))] for name in (ITEMS if figures is None else figures)]
     bench = Bench(
         folder, size, WorldOptions(**world), seed=seed, threads=threads, progress=progress,
-        paper_policy=None if paper_policy is None else Path(paper_policy),
+        paper_policy=None if paper_policy is None else Path(paper_policy), more_avs=avs,
     )  # fmt: skip
     run = bench.experiment("idm-mobil")
     check_reproduction()
@@ -123,8 +124,8 @@ def _inputs(bench: Bench) -> dict[str, Any]:
 
 
 def _av_hashes(bench: Bench) -> dict[str, str]:
-    """Hash each built-in AV as it drives, with the weights of a learned AV."""
-    return {name: av_hash(bench.experiment(name).av) for name in bench.avs}
+    """Hash each AV as it drives."""
+    return {name: bench.av_hash(name) for name in bench.avs}
 
 
 def _made(bench: Bench, item: Item) -> dict[str, Any]:

@@ -164,7 +164,9 @@ def _judge(
     from cornerforge.analysis.case_table import ShardReading, read_shards, values_of
 
     begin = time.perf_counter()
-    reading = ShardReading(cases.odd, chosen, AvoidParams(delay_s=float(reaction)), threads)
+    reading = ShardReading(
+        cases.odd, chosen, AvoidParams(delay_s=float(reaction), steers=bool(cases.identity.get("av_steers"))), threads
+    )
     parts, done = [], 0
     for part in read_shards(cases.shards(), reading):
         parts.append(part)

@@ -36,7 +36,7 @@ _NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "budget", "acting", "p
 _ANALYSED = "cases.parquet"
 
 
-def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Experiment:
+def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_python: str | None = None) -> Experiment:
     """Rebuild the experiment that made a library from its identity and the files beside it.
 
     Raises:
@@ -61,6 +61,7 @@ def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT) -> Ex
         takes_foreign=True,
         seed=int(str(identity["seed"])),
         av_timeout=av_timeout,
+        av_python=av_python,
     )
     for key, value in run.identity(int(str(identity["seed"]))).items():
         if identity.get(key) != value:
@@ -110,6 +111,7 @@ def replay(
     check: bool = False,
     picture: Path | str | None = None,
     av_timeout: float = DEFAULT_TIMEOUT,
+    av_python: str | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Replayed:
     """Drive a case again from its seed, or by its script (`shrink` makes such cases).
@@ -120,6 +122,7 @@ def replay(
         check: Also compare with what is stored.
         picture: New file, .png or .svg, to draw the crash and the latest way out of it (extra `report`); for one case.
         av_timeout: How long an AV that is not built in may take for an answer [s].
+        av_python: Python in which such an AV runs; a library does not remember it, because it belongs to the machine.
         progress: Told how far it is.
 
     Returns:
@@ -133,7 +136,7 @@ def replay(
             raise InputError("A picture shows one case; name it instead of all.")
         check_picture(Path(picture))
     cases = CaseLibrary.open(Path(library))
-    run = experiment_of(cases, av_timeout)
+    run = experiment_of(cases, av_timeout, av_python)
     again = driver_of_cases(run)
     ids = cases.scalars(["case_id"])["case_id"].to_pylist() if case == "all" else [case]
     if not ids:
@@ -151,7 +154,7 @@ def replay(
                 note = _why_different(cases, run, driven)
         progress("replay", done + 1, len(ids))
         if picture is not None:
-            write_picture(driven, Path(picture))
+            write_picture(driven, Path(picture), steers=run.av_steers)
     is_all = case == "all"
     return Replayed(
         case=case,

@@ -5,18 +5,23 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.foreign.driver import answers_per_test
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
+from cornerforge.pipeline.setting import Experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Simulated, from_json
 from cornerforge.results.driving import Distributions, Quantity
 from cornerforge.results.rates import Rate
-from cornerforge.sim import Tally, statistics
-from cornerforge.sim import simulate as drive
+from cornerforge.sim import Tally, simulate_chunks, statistics
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
+__all__ = ["CHUNK", "check_not_all_spoiled", "distributions_of", "rate_summary", "simulate_experiment", "tally_summary"]
+
+
+CHUNK = 512
+"""Tests in a range that one thread drives, unless the AV is slow."""
 
 
 def rate_summary(crashes: int, tests: int, miles: float) -> Rate:
@@ -80,10 +85,11 @@ def check_not_all_spoiled(run: Experiment, valid: int, tests: int) -> None:
     """
     if valid == 0 and tests > 0 and run.foreign is not None and run.foreign.faults:
         fault = next(iter(run.foreign.faults.values()))
-        raise AvFaultError(
+        error = AvFaultError(
             f"The AV {run.av.name} spoiled every one of {tests} tests. In test {fault.test} it {fault.message}. "
-            f"Correct the AV; to look closer: cornerforge check-av {run.av.name}"
+            f"Correct the AV; to look closer: {run.foreign.closer()}"
         )
+        raise run.foreign.explained(error, fault.message)
 
 
 def simulate_experiment(
@@ -98,18 +104,24 @@ def simulate_experiment(
     stage: str = "simulate",
 ) -> tuple[Tally, float]:
     """Drive tests of an experiment; return the sums and the time that it took [s]."""
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_integer("tests", tests, low=1, high=10**12)
     run.warm_up()
     start = time.perf_counter()
-    tally = drive(
-        run.setting,
-        run.slots,
-        seed=seed,
-        tests=tests,
-        first=first,
-        threads=check_threads(threads),
-        counting=counting,
-        progress=lambda done: progress(stage, done, tests),
-        drive=run.drive,
-    )
+    tally, each = Tally(), 1.0 / answers_per_test(run.setting)
+    with moving(progress, run.answered(), each, stage, 0, tests) as told:
+        for _, out, counts in simulate_chunks(
+            run.setting,
+            run.slots,
+            seed=seed,
+            first=first,
+            tests=tests,
+            threads=run.processes(threads),
+            counting=counting,
+            chunk=run.range_size(CHUNK, tests, threads),
+            drive=run.drive,
+        ):
+            tally.add(out, counts)
+            told(stage, tally.tests + tally.av_faults, tests)
     check_not_all_spoiled(run, tally.tests, tests)
     return tally, time.perf_counter() - start

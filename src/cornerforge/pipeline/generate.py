@@ -19,20 +19,22 @@ from cornerforge._checks import check_integer
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.execution import Rooms, in_order
+from cornerforge.foreign.driver import answers_per_test
 from cornerforge.library import CaseLibrary
 from cornerforge.library.harvester import CaseRoom, Harvested, Harvester, extra_columns, harvested_of
 from cornerforge.library.shards import EncodedShard, encode_tables
 from cornerforge.ndd.model import save_model
-from cornerforge.pipeline.counting import check_not_all_spoiled, tally_summary
+from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, tally_summary
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
+from cornerforge.pipeline.setting import AV_LOG, Experiment, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Filled, Simulated
 from cornerforge.sim import AV_FAULT, NOBODY, Recorder, Tally, crashed_tests, simulate_chunks
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "policy_file", "store_tests"]
+__all__ = ["MODEL_FILE", "fill_library", "generate", "harvest_tests", "library_summary", "policy_file", "store_tests"]
 
 _SHARD_CASES = 1000
 _COMMIT_SECONDS = 20.0
@@ -104,14 +106,15 @@ class _Harvest:
     def __init__(self, run: Experiment, seed: int, threads: int, *, counting: bool = False) -> None:
         policies = [policy_hash(policy) for policy in run.policies]
         self._drive = _Driving(run, seed, policies, counting=counting)
-        self._run, self._threads = run, threads
-        self.pool = ThreadPoolExecutor(threads)
+        self.run, self._threads = run, run.processes(threads)
+        self.pool = ThreadPoolExecutor(self._threads)
         self.extra = extra_columns(with_policy=bool(policies))
 
     def chunks(self, first: int, tests: int) -> Generator[Harvested, None, None]:
         """Yield ranges of tests with their cases; the number of threads and the ranges' size change no result."""
         # With an adversary most tests are cases, and cases fill memory; natural crashes are rare.
-        chunk = _CHUNK_NATURAL if self._run.setting.who.critical == NOBODY else _CHUNK
+        usual = _CHUNK_NATURAL if self.run.setting.who.critical == NOBODY else _CHUNK
+        chunk = self.run.range_size(usual, tests, self._threads)
         return in_order(self._drive, first, tests, chunk=chunk, threads=self._threads, pool=self.pool)
 
     def __enter__(self) -> _Harvest:
@@ -254,6 +257,7 @@ def fill_library(
     stage: str = "generate",
     counting: bool = False,
     tally: Tally | None = None,
+    tally_from: int = 0,
 ) -> Filled:
     """Drive tests 0, 1, 2, ... of a seed and store every AV crash until there are enough cases or tests.
 
@@ -266,27 +270,29 @@ def fill_library(
         threads, progress, stage: As for `simulate`.
         resume: Go on where an earlier call, or its kill, stopped.
         counting: Fill the histograms of `tally` too.
-        tally: Sums of all tests 0 .. `tests` - 1 are added to it.
+        tally: Sums of the tests `tally_from` .. `tests` - 1 are added to it.
+        tally_from: See `tally`.
 
     Raises:
         CornerForgeError: The place cannot be used, or crashes are so rare that `cases` is out of reach.
     """
-    n_threads = check_threads(threads)
+    n_threads = run.processes(threads)
     if run.foreign is None:
         Harvester(run.setting, run.slots).warm_up()
     else:
         run.warm_up()
     start = time.perf_counter()
     library = _open_library(run, out, seed, resume=resume)
+    run.keep_printed(out / AV_LOG)
     if tally is not None:
         # The library keeps only the crashes of tests that are done, so their sums need another drive.
-        earlier = min(library.next_test, tests or 0)
+        earlier = max(0, min(library.next_test, tests or 0) - tally_from)
         for first, outcomes, counts in simulate_chunks(
-            run.setting, run.slots, seed=seed, first=0, tests=earlier, threads=n_threads, counting=counting,
-            drive=run.drive,
+            run.setting, run.slots, seed=seed, first=tally_from, tests=earlier, threads=n_threads, counting=counting,
+            chunk=run.range_size(CHUNK, earlier, threads), drive=run.drive,
         ):  # fmt: skip
             tally.add(outcomes, counts)
-            progress("count again", first + outcomes.code.size, earlier)
+            progress("count again", first - tally_from + outcomes.code.size, earlier)
     with _Harvest(run, seed, n_threads, counting=counting) as harvest:
         filler = _Filler(library, harvest, tally)
         try:
@@ -298,7 +304,7 @@ def fill_library(
     library.finish()
     seconds = time.perf_counter() - start
     write_json(out / "provenance.json", provenance(library.identity, round(seconds, 3)))
-    return _library_summary(library, seconds)
+    return library_summary(library, seconds)
 
 
 def _fill(
@@ -309,11 +315,18 @@ def _fill(
         return
     last = tests if tests is not None else _MAX_TESTS_PER_CASE * (cases or 1)
     next_test = first
-    with contextlib.closing(harvest.chunks(first, max(0, last - first))) as chunks:
+
+    def done() -> tuple[int, int]:
+        return (next_test, last) if cases is None else (filler.crashes, cases)
+
+    each = 1.0 / answers_per_test(harvest.run.setting)  # in cases, as if half of the tests were one, until some are
+    with (
+        moving(progress, harvest.run.answered(), each if cases is None else each / 2.0, stage, *done()) as told,
+        contextlib.closing(harvest.chunks(first, max(0, last - first))) as chunks,
+    ):
         for harvested in chunks:
             next_test = filler.take(harvested, None if cases is None else cases - filler.crashes)
-            done, target = (next_test, last) if cases is None else (filler.crashes, cases)
-            progress(stage, done, target)
+            told(stage, *done())
             if filler.crashes == cases:
                 break
             filler.commit_if_due(next_test)
@@ -327,7 +340,7 @@ def _fill(
         )
 
 
-def _library_summary(library: CaseLibrary, seconds: float) -> Filled:
+def library_summary(library: CaseLibrary, seconds: float) -> Filled:
     """Make the result of `generate`: cases, and crashes per test over all tests that were driven."""
     return Filled(
         cases=len(library),
@@ -394,4 +407,5 @@ def generate(
         raise InputError(
             f"policy = {run.bv!r} is no adversary; to store natural crashes: cornerforge simulate --out LIB"
         )
+    forecast(run, threads, f"driving {cases:,} tests (if every one is a case)", tests=cases)
     return fill_library(run, Path(out), seed=seed, cases=cases, threads=threads, resume=resume, progress=progress)

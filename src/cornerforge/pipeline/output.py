@@ -10,8 +10,11 @@ import platform
 import shlex
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from cornerforge._files import part_of, reason, writing
@@ -19,6 +22,7 @@ from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.execution import code_hash
 
 __all__ = [
+    "called_with",
     "check_new_file",
     "check_path",
     "code_hash",
@@ -33,6 +37,7 @@ __all__ = [
 ]
 
 IDENTITY = "provenance.json"
+_CALL: ContextVar[Mapping[str, Any]] = ContextVar("call", default=MappingProxyType({}))
 
 
 def version() -> str:
@@ -75,6 +80,20 @@ def read_json_file(path: Path) -> dict[str, Any]:
     return content
 
 
+@contextmanager
+def called_with(stated: Mapping[str, Any]) -> Iterator[None]:
+    """Let `provenance` say more of the call, such as its options; for the command line.
+
+    Args:
+        stated: What it says, JSON-compatible.
+    """
+    token = _CALL.set(stated)
+    try:
+        yield
+    finally:
+        _CALL.reset(token)
+
+
 def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dict[str, Any]:
     """Describe how an output folder was made.
 
@@ -85,6 +104,7 @@ def provenance(identity: Mapping[str, Any], seconds: float | None = None) -> dic
     return {
         "cornerforge": version(),
         "command": _command(),
+        **_CALL.get(),
         "identity": dict(identity),
         "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "seconds": seconds,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cornerforge.analysis.avoidability import avoidability
+from cornerforge.analysis.avoidability import AvoidParams, avoidability
 from cornerforge.errors import InputError
 from cornerforge.ndd.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.pipeline.output import check_new_file, writing
@@ -30,13 +30,20 @@ def check_picture(path: Path) -> None:
     check_matplotlib()
 
 
-def write_picture(scenario: Scenario, path: Path) -> None:
+def write_picture(scenario: Scenario, path: Path, *, steers: bool = False) -> None:
     """Draw a crash of the AV: the road from above, speeds over time, and the latest way out, if there was one.
+
+    Args:
+        scenario: The crash.
+        path: The new file.
+        steers: The AV steers, so it may also get out between two lanes (`AvoidParams.steers`).
 
     Raises:
         InputError: The scenario holds no crash of the AV.
         OutputError: The file cannot be written.
     """
-    content = _FORMATS[path.suffix.lower()](avoidance_figure(scenario, avoidability(scenario)))
+    content = _FORMATS[path.suffix.lower()](
+        avoidance_figure(scenario, avoidability(scenario, AvoidParams(steers=steers)))
+    )
     with writing(path) as part:
         part.write_bytes(content)

@@ -15,17 +15,18 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.errors import CornerForgeError
+from cornerforge.foreign.driver import answers_per_test
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.counting import rate_summary
 from cornerforge.pipeline.crashes import NaturalCrashes, crash_tables
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, open_output, read_json_file, version, write_json
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
+from cornerforge.pipeline.setting import AV_LOG, Experiment
 from cornerforge.rates import binomial_interval, poisson_interval
 from cornerforge.rates.exposure import SAMPLE_TESTS, BvTravel, bv_travel
-from cornerforge.rates.monte_carlo import BLOCK, MonteCarlo, drive_blocks, relative_half_width
+from cornerforge.rates.monte_carlo import BLOCK, CHUNK, MonteCarlo, drive_blocks, relative_half_width
 from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import BvMilesEstimate, Cost, Effort, KindRate
 
@@ -118,10 +119,26 @@ class PlainTests:
             save = self.out / "counts.json"
             if open_output(self.out, identity, resume=resume) and save.exists():
                 self.counts = MonteCarlo.from_json(read_json_file(save))
+            self.run.keep_printed(self.out / AV_LOG)
         self.run.warm_up()
+
+    def take(self, counts: MonteCarlo, travel: BvTravel, reason: str) -> None:
+        """Take over tests that were driven elsewhere, and what their BVs drove, instead of driving any."""
+        self.counts, self._travel, self.reason = counts, travel, reason
 
     def drive(self, target: float, max_tests: int) -> str:
         """Drive until the interval is narrow enough ("target") or `max_tests` are done ("max_tests")."""
+        each = 1.0 / answers_per_test(self.run.setting)
+        stage, done = f"rate ({self.counts.av_crashes} crashes)", self.counts.tests
+        progress = self._progress
+        with moving(progress, self.run.answered(), each, stage, done, max_tests) as self._progress:
+            try:
+                return self._drive(target, max_tests)
+            finally:
+                self._progress = progress
+
+    def _drive(self, target: float, max_tests: int) -> str:
+        """Drive, as `drive`."""
         stored = time.monotonic()
         blocks = drive_blocks(
             self.run.setting,
@@ -129,8 +146,9 @@ class PlainTests:
             seed=self._seed,
             first=self.counts.tests,
             tests=max_tests - self.counts.tests,
-            threads=self._threads,
+            threads=self.run.processes(self._threads),
             block=_BLOCK,
+            chunk=self.run.range_size(CHUNK, min(max_tests - self.counts.tests, _BLOCK), self._threads),
             tell=lambda done, crashes: self._tell(target, max_tests, done, crashes),
             drive=self.run.drive,
         )
@@ -177,14 +195,14 @@ class PlainTests:
 
     def plain_part(self) -> dict[str, Any]:
         """Make the fields of `NaturalRate` that come from plain tests, whatever the method."""
-        if self._travel is None or self._travel.tests < SAMPLE_TESTS:
-            sample = min(SAMPLE_TESTS, self.counts.tests)
+        sample = min(SAMPLE_TESTS, self.counts.tests)
+        if self._travel is None or self._travel.tests < sample:
             self._travel = bv_travel(
                 self.run.setting,
                 self.run.slots,
                 seed=self._seed,
                 tests=sample,
-                threads=self._threads,
+                threads=self.run.processes(self._threads),
                 drive=self.run.drive,
             )
         return _plain_part(self.run, self.counts, self._travel)

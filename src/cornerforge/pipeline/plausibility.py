@@ -14,10 +14,11 @@ from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import check_budget, policy_hash, save_policy
 from cornerforge.errors import InputError
 from cornerforge.ndd.drawing import BLUE, GREY, ORANGE, check_matplotlib, new_figure, png_of
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.output import code_hash, open_output, provenance, read_json_file, version, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.train import EVALUATION_TESTS, evaluate, learn, training_faults
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Plausibility, as_json, from_json
@@ -87,12 +88,18 @@ def plausibility(
         "code": code_hash(),
     }
     open_output(folder, identity, resume=resume)
+    natural.keep_printed(folder / AV_LOG)
     n_threads = check_threads(threads)
     masks: list[tuple[float | None, bool]] = [(budget, True) for budget in sorted(budgets)]
     masks += [(None, True), (None, False)]
+    forecast(
+        natural, threads, f"{len(masks) * seeds} trainings and their tests",
+        decisions=len(masks) * seeds * config.decisions, tests=2 * len(masks) * seeds * tests,
+    )  # fmt: skip
     rows = []
     for budget, bounded in masks:
         run = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)
+        run.keep_printed(folder / AV_LOG)
         runs = tuple(
             _one(folder, run, config, seed + k, seed, tests, n_threads, progress, options)
             for k in range(seeds)
@@ -117,6 +124,7 @@ def _one(
     policy, result = learn(run, config, seed=train_seed, threads=threads, progress=progress)
     save_policy(policy, folder / f"{mask}-{train_seed}.safetensors")
     hostile = experiment(world, policy=policy, takes_foreign=True, seed=seed)
+    hostile.keep_printed(folder / AV_LOG)
     found = PlausibilityRun(
         train_seed=train_seed,
         decisions=result.decisions,

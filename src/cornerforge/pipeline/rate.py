@@ -15,6 +15,7 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import InputError
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.model_draws import check_model_draws, with_model_draws
 from cornerforge.pipeline.output import code_hash, provenance, version, write_json
 from cornerforge.pipeline.plain import ASKED, ENOUGH_TO_FORESEE, PlainTests, cost_of, kept_if_interrupted
@@ -90,6 +91,10 @@ def rate(
     folder = None if out is None else Path(out)
     session = PlainTests(run, seed, folder, threads=check_threads(threads), progress=progress)
     identity = {**run.identity(seed), "method": method, "cornerforge": version(), "code": code_hash()}
+    forecast(
+        run, threads, f"{max_tests:,} tests", tests=max_tests, bound="up to ",
+        advice="If that is too long: --max-tests, or run --hours, which counts as many as fit.",
+    )  # fmt: skip
     session.start(identity, resume=resume)
     split: Splitting | None = None
     if method == "mc" or only_mc is not None:
@@ -105,7 +110,7 @@ def rate(
         else:
             reason = _why_trees(session.counts) if method == "auto" else ASKED
             split = Splitting(
-                run, seed, folder, threads=check_threads(threads), progress=progress, tilted=method == "is"
+                run, seed, folder, threads=run.processes(threads), progress=progress, tilted=method == "is"
             )
             summary = _split(session, split, reason, target_rhw, max_tests)
             if folder is not None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import shlex
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
@@ -29,7 +30,7 @@ from cornerforge.sim import (
     IDM_BVS,
     NATURALISTIC,
     NO_CAST,
-    OUTSIDE,
+    STEERED,
     Controllers,
     DriveChunk,
     Recorder,
@@ -43,8 +44,19 @@ from cornerforge.sim import (
 from cornerforge.types import Odd, odd_named
 from cornerforge.world_options import WorldKeywords, WorldOptions
 
-__all__ = ["TEMPERATURE", "Experiment", "check_av_timeout", "check_threads", "experiment", "road_of", "temperature_of"]
+__all__ = [
+    "AV_LOG",
+    "TEMPERATURE",
+    "Experiment",
+    "check_av_options",
+    "check_threads",
+    "experiment",
+    "road_of",
+    "temperature_of",
+]
 
+AV_LOG = "av.log"
+"""File in an output folder that keeps what a foreign AV prints."""
 TEMPERATURE = 0.05
 """Temperature of `softmax` without a number [units of Q]: actions with nearly equal Q are taken nearly as often."""
 
@@ -84,9 +96,32 @@ class Experiment:
         return av_hash(self.av) if self.foreign is None else self.foreign.hash
 
     @property
+    def av_steers(self) -> bool:
+        """Does the AV steer or follow trajectories, instead of ordering lanes?"""
+        return self.setting.who.av == STEERED
+
+    @property
     def drive(self) -> DriveChunk:
         """Return the function that drives a range of tests."""
         return drive_chunk if self.foreign is None else self.foreign
+
+    def processes(self, threads: int | None) -> int:
+        """Return how many ranges of tests are driven at the same time: as many as threads, or processes of the AV."""
+        n = check_threads(threads)
+        return n if self.foreign is None else self.foreign.processes or n
+
+    def range_size(self, usual: int, tests: int, threads: int | None) -> int:
+        """Return how many tests are driven as one range: `usual`, or fewer of a slow AV, so that all processes work."""
+        if self.foreign is None:
+            return usual
+        return self.foreign.range_size(usual, self.setting, tests, self.processes(threads))
+
+    def answered(self) -> Callable[[], int] | None:
+        """Return what counts the answers of a slow AV from outside, for `moving`; None for all others."""
+        if self.foreign is None or self.foreign.pace.usual(self.foreign.batch) < 0.05:
+            return None
+        pace = self.foreign.pace
+        return lambda: pace.answers
 
     def warm_up(self) -> None:
         """Load the compiled kernels, or compile them (once per installation), so that timings leave it out."""
@@ -99,6 +134,11 @@ class Experiment:
         """End the processes of a foreign AV; when it drives again, new ones are started."""
         if self.foreign is not None:
             self.foreign.close()
+
+    def keep_printed(self, file: Path) -> None:
+        """Keep what a foreign AV prints, and its tracebacks, in a file, unless they have another one already."""
+        if self.foreign is not None:
+            self.foreign.log.keep_in(file)
 
     def recorder(self) -> Recorder:
         """Return the recorder of tests; it serves one thread."""
@@ -126,6 +166,7 @@ class Experiment:
             "acting": self.acting,
             "policies": len(self.policies),
             "policy_hash": _joint_hash(self.policies),
+            **({"av_steers": True} if self.av_steers else {}),
             # Hashes come last: where two runs differ, messages name the first key, and a setting says more than a hash.
             "config_hash": config_hash(
                 {
@@ -148,13 +189,17 @@ def check_threads(threads: int | None) -> int:
     return default_threads() if threads is None else check_integer("threads", threads, low=1, high=1024)
 
 
-def check_av_timeout(seconds: float) -> float:
-    """Check how long a foreign AV may take for an answer [s].
+def check_av_options(world: WorldOptions) -> None:
+    """Check how a foreign AV is asked: its time for an answer [s], worlds together, and processes.
 
     Raises:
-        InputError: The time is not in [0.01, 3600].
+        InputError: A number is out of range.
     """
-    return check_number("av_timeout", seconds, low=0.01, high=3600.0, unit="s")
+    check_number("av_timeout", world.av_timeout, low=0.01, high=3600.0, unit="s")
+    if world.av_batch is not None:
+        check_integer("av_batch", world.av_batch, low=1, high=65_536)
+    if world.av_processes is not None:
+        check_integer("av_processes", world.av_processes, low=1, high=1024)
 
 
 def _joint_hash(policies: Sequence[Policy]) -> str | None:
@@ -267,13 +312,15 @@ def experiment(
     """
     world = replace(world or WorldOptions(), **keywords)
     av, model, bounded, budget = world.av, world.model, world.bounded, world.budget
-    av_timeout = check_av_timeout(world.av_timeout)
+    check_av_options(world)
     road = road or road_of(world)
     if is_foreign(av) and not takes_foreign:
         raise InputError(
             f"The AV {av} is not built in, and built-in ones only are taken here. To train an adversary against it: "
-            f"cornerforge train --av {av} --out P.safetensors"
+            f"cornerforge train --av {shlex.quote(av)} --out P.safetensors"
         )
+    if world.av_python is not None and not is_foreign(av):
+        raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():
         raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
     av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
@@ -307,12 +354,23 @@ def experiment(
     if temperature > 0.0 and not policies:
         raise InputError(f"acting = {acting!r} needs a policy; {driver} has its own way. Give a policy file.")
     numbers = [policy_numbers(p) for p in policies]
+    foreign = None
+    if is_foreign(av):
+        foreign = ForeignAv(
+            av,
+            road,
+            seed=seed,
+            timeout=world.av_timeout,
+            batch=world.av_batch,
+            processes=world.av_processes,
+            python=world.av_python,
+        )
     setting = Setting(
         road=road_numbers(road),
         av=numbers_of_av(av_model),
         tables=tables_of(ndd),
         who=Controllers(
-            av=OUTSIDE if is_foreign(av) else BUILT_IN,
+            av=BUILT_IN if foreign is None else foreign.controller,
             critical=ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
             others=IDM_BVS if driver == "idm" else NATURALISTIC,
             bounded=int(bounded),
@@ -325,5 +383,4 @@ def experiment(
         ),
     )
     spoken = "greedy" if temperature == 0.0 else f"softmax:{temperature:g}"
-    foreign = ForeignAv(av, road, seed=seed, timeout=av_timeout) if is_foreign(av) else None
     return Experiment(road, av_model, ndd, driver, bounded, policies, budget, spoken, setting, n_slots(road), foreign)

@@ -9,6 +9,7 @@ from typing import Unpack
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.generate import store_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import experiment
@@ -57,6 +58,7 @@ def simulate(
     if resume and out is None:
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(WorldOptions(**world), bv=bv, acting=acting, takes_foreign=True, seed=seed)
+    forecast(run, threads, f"driving {tests:,} tests", tests=tests)
     if out is not None:
         return store_tests(
             run, Path(out), tests=tests, seed=seed, threads=threads, counting=stats, resume=resume, progress=progress

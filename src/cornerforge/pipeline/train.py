@@ -14,11 +14,13 @@ from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import Policy, load_policy, policy_hash, save_policy
 from cornerforge.errors import OutputError
+from cornerforge.foreign.driver import answers_per_second, answers_per_test
 from cornerforge.ndd.model import model_hash
-from cornerforge.pipeline.counting import check_not_all_spoiled, rate_summary
+from cornerforge.pipeline.counting import CHUNK, check_not_all_spoiled, rate_summary
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, check_threads, experiment
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
+from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
@@ -39,6 +41,7 @@ __all__ = [
     "checkpoint_beside",
     "curve_report",
     "evaluate",
+    "judge",
     "learn",
     "load_timed_policy",
     "measure_baselines",
@@ -47,10 +50,14 @@ __all__ = [
     "train",
     "training_faults",
     "write_provenance_beside",
+    "yield_of",
 ]
 
 EVALUATION_TESTS = 1 << 41
 """Number of the first evaluation test: far from those of training and of generation."""
+STAND_IN_ADVICE = (
+    "Of a slow AV, train against a stand-in (--av idm-mobil) and generate cases with the AV itself; run --hours does."
+)
 BASELINES = ("uniform", "lane-changer", "swerve")
 """Plain adversaries, each unmasked and masked, and traffic without an adversary stand beside every yield."""
 
@@ -155,17 +162,20 @@ def learn(
     from cornerforge.adversary.train import train_adversary
 
     run.rest()  # a training has processes of its own
-    result = train_adversary(
-        run.setting,
-        run.slots,
-        config,
-        av=run.foreign,
-        seed=seed,
-        threads=check_threads(threads),
-        max_seconds=max_seconds,
-        progress=curve_report(progress, config, max_seconds),
-        checkpoint=checkpoint,
-    )
+    answered = run.answered() if max_seconds is None else None
+    each = 1.0 / answers_per_second(run.setting)
+    with moving(progress, answered, each, "train", 0, config.decisions) as told:
+        result = train_adversary(
+            run.setting,
+            run.slots,
+            config,
+            av=run.foreign,
+            seed=seed,
+            threads=check_threads(threads),
+            max_seconds=max_seconds,
+            progress=curve_report(told, config, max_seconds),
+            checkpoint=checkpoint,
+        )
     policy = Policy(result.weights, config.network, run.bounded, _about(run, config, result, seed), run.budget)
     return policy, result
 
@@ -195,29 +205,35 @@ def evaluate(
         progress: Told how far it is.
     """
     tally, crashed = Tally(), []
-    n_threads = check_threads(threads)
     if run.foreign is not None:
         run.foreign.keep_scripts()  # crashes are judged by what the AV answered
         run.foreign.forget_scripts()
-    for first, out, counts in simulate_chunks(
-        run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=n_threads, drive=run.drive
-    ):
-        tally.add(out, counts)
-        crashed += crashed_tests(first, out)
-        progress("evaluate", tally.tests + tally.av_faults, tests)
+    each = 1.0 / answers_per_test(run.setting)
+    with moving(progress, run.answered(), each, "evaluate", 0, tests) as told:
+        for first, out, counts in simulate_chunks(
+            run.setting, run.slots, seed=seed, first=EVALUATION_TESTS, tests=tests, threads=run.processes(threads),
+            chunk=run.range_size(CHUNK, tests, threads), drive=run.drive,
+        ):  # fmt: skip
+            tally.add(out, counts)
+            crashed += crashed_tests(first, out)
+            told("evaluate", tally.tests + tally.av_faults, tests)
     check_not_all_spoiled(run, tally.tests, tests)
-    strikes, avoidable = _judge(run, seed, crashed, reward_numbers("avoidable", delay_s), n_threads)
-    n_avoidable, n_strikes = int(avoidable.sum()), int(strikes.sum())
+    strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
+    return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), int(avoidable.sum()))
+
+
+def yield_of(crashes: int, tests: int, miles: float, strikes: int, avoidable: int) -> Yield:
+    """Make a yield of counts: crashes, in how many of them the AV struck, and how many braking would have avoided."""
     return Yield(
-        **vars(rate_summary(tally.av_crashes, tally.tests, tally.miles)),
-        avoidable_per_test=n_avoidable / tally.tests,
-        avoidable_interval95=binomial_interval(n_avoidable, tally.tests),
-        striking_share=n_strikes / len(crashed) if crashed else None,
-        striking_interval95=binomial_interval(n_strikes, len(crashed)) if crashed else None,
+        **vars(rate_summary(crashes, tests, miles)),
+        avoidable_per_test=avoidable / tests,
+        avoidable_interval95=binomial_interval(avoidable, tests),
+        striking_share=strikes / crashes if crashes else None,
+        striking_interval95=binomial_interval(strikes, crashes) if crashes else None,
     )
 
 
-def _judge(
+def judge(
     run: Experiment, seed: int, crashed: list[int], reward: RewardNumbers, threads: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Judge crashed tests: did the AV strike, would braking have avoided the crash? Bool (n,) each."""
@@ -317,6 +333,8 @@ def train(
     check_new_file(provenance_beside(path), overwrite=True)
     if not resume:
         checkpoint.check_absent()
+    log = path.with_name(f"{path.stem}.{AV_LOG}")
+    run.keep_printed(log)
     kept = resume and path.exists()
     if kept:
         policy = load_policy(path)
@@ -324,6 +342,11 @@ def train(
         checkpoint.read()  # only a checkpoint of this training is removed below
         seconds = 0.0
     else:
+        if minutes is None:
+            forecast(
+                run, threads, f"training for {config.decisions:,} decisions, and {8 * tests:,} tests for the yields",
+                decisions=config.decisions, tests=8 * tests, advice=STAND_IN_ADVICE,
+            )  # fmt: skip
         policy, result = learn(
             run,
             config,
@@ -338,6 +361,7 @@ def train(
         seconds = result.seconds
     checkpoint.remove()
     trained = experiment(options.without_mask(), policy=policy, takes_foreign=True, seed=seed)
+    trained.keep_printed(log)
     measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "threads": threads}
     about: Any = policy.about
     return Trained(

@@ -15,6 +15,7 @@ from cornerforge.errors import InputError
 from cornerforge.fields import HISTORY_SHAPE
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.counting import check_not_all_spoiled
+from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.generate import harvest_tests
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads, experiment
@@ -73,9 +74,11 @@ def variety(
     ways = [([name], way) for name in policies for way in ("greedy", acting)]
     if len(policies) > 1:
         ways += [(list(policies), way) for way in ("greedy", acting)]
-    rows = []
+    rows: list[VarietyRow] = []
     for names, way in ways:
         run = experiment(options, bv=[str(name) for name in names], acting=way, takes_foreign=True, seed=seed)
+        if not rows:
+            forecast(run, threads, f"driving {len(ways) * tests:,} tests", tests=len(ways) * tests)
         what = names[0] if len(names) == 1 else f"mixture of {len(names)}"
         rows.append(_generated_row(run, f"{what}, {run.acting}", tests, seed, n_threads, progress))
     return Varied(rows=tuple(rows), first_test=VARIETY_TESTS)

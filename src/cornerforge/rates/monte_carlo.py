@@ -24,11 +24,12 @@ from cornerforge.sim import (
 )
 from cornerforge.types import METRES_PER_MILE
 
-__all__ = ["BLOCK", "Block", "MonteCarlo", "drive_block", "drive_blocks", "relative_half_width"]
+__all__ = ["BLOCK", "CHUNK", "Block", "MonteCarlo", "drive_block", "drive_blocks", "relative_half_width"]
 
 BLOCK = 65_536
 """Tests between two saved states. The digest is a chain over blocks of this size, so the size must not change."""
-_CHUNK = 2048
+CHUNK = 2048
+"""Tests that one thread drives in a row, unless the AV is slow."""
 
 
 def relative_half_width(low: float, high: float, estimate: float) -> float | None:
@@ -75,6 +76,7 @@ def drive_blocks(
     block: int = BLOCK,
     tell: Callable[[int, int], None] | None = None,
     drive: DriveChunk = drive_chunk,
+    chunk: int = CHUNK,
 ) -> Generator[Block, None, None]:
     """Drive tests `first` .. `first` + `tests` - 1 of a seed, and yield them block by block; the last may be smaller.
 
@@ -87,8 +89,9 @@ def drive_blocks(
         block: Tests in a block.
         tell: Called with the tests and the AV crashes of the present block so far, about ten times a second.
         drive: Function that drives a chunk (`sim.runner.simulate`).
+        chunk: Tests that one thread drives in a row at most; does not change the result.
     """
-    chunk = min(_CHUNK, block)
+    chunk = min(chunk, block)
     while block % chunk:  # a block ends where a chunk does
         chunk -= 1
     chunks = simulate_chunks(

@@ -18,13 +18,14 @@ from cornerforge.results import Analysed
 from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval
 from cornerforge.results.reading import JsonFile, open_json
-from cornerforge.results.whole import Exposed, Exposure
+from cornerforge.results.whole import Exposed, Exposure, Spending
 
 if TYPE_CHECKING:
     from cornerforge.library import CaseLibrary
 
 __all__ = [
     "Artefacts",
+    "Emptiness",
     "FilledRate",
     "Points",
     "Rate",
@@ -32,6 +33,7 @@ __all__ = [
     "analyse_command",
     "library_artefacts",
     "read_artefacts",
+    "read_emptiness",
 ]
 
 
@@ -115,6 +117,7 @@ class Summary:
     nde: Rate | None = None
     natural: OnRoads | None = None
     natural_cases: Analysed | None = None
+    spending: Spending | None = None
     generate: FilledRate | None = None
     baselines: tuple[Rate, ...] = ()
 
@@ -168,6 +171,36 @@ class Artefacts:
         if natural is None:
             return None if self.analysis.natural is None else self.library
         return self.out / "natural" / ("library" if natural.method == "mc" else "weighted")
+
+
+@dataclass(frozen=True)
+class Emptiness:
+    """What there is to show of a run for some hours in which the adversary made the AV crash in no test.
+
+    Attributes:
+        summary: In numbers.
+        provenance: Where it comes from.
+    """
+
+    summary: Summary
+    provenance: Mapping[str, Any]
+
+
+def read_emptiness(out: Path) -> Emptiness | None:
+    """Read the artefacts of a run that found no case; None if it found some.
+
+    Raises:
+        FileFormatError: A file is missing or damaged; the message names it and what writes it again.
+    """
+    run = f"cornerforge run --out {out} --resume"
+    summary = open_json(out / "summary.json", run)
+    if summary.values.get("analyse") is not None or summary.values.get("spending") is None:
+        return None
+    found = _named(summary.read(Summary))
+    if found.nde is None or found.generate is None:
+        raise summary.fault("nde, generate", "are missing")
+    _check_summary(summary, found)
+    return Emptiness(found, open_json(out / "provenance.json", run).values)
 
 
 def read_artefacts(out: Path) -> Artefacts:

@@ -14,7 +14,15 @@ from cornerforge._files import writing
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
-from cornerforge.report.artefacts import Artefacts, Rate, analyse_command, library_artefacts, read_artefacts
+from cornerforge.report.artefacts import (
+    Artefacts,
+    Emptiness,
+    Rate,
+    analyse_command,
+    library_artefacts,
+    read_artefacts,
+    read_emptiness,
+)
 from cornerforge.report.cases import case_data, load_scenarios
 from cornerforge.report.judged import (
     FAULT_WORDS,
@@ -49,6 +57,9 @@ def write_report(out: Path) -> Path:
         OutputError: The page cannot be written.
     """
     plotly = _plotly_script()
+    nothing = read_emptiness(out)
+    if nothing is not None:
+        return _save(_render_nothing(nothing), out)
     return _write(read_artefacts(out), plotly)
 
 
@@ -68,8 +79,11 @@ def write_library_report(library: Path, out: Path) -> Path:
 
 def _write(artefacts: Artefacts, plotly: str) -> Path:
     cases, notes = _cases(artefacts)
-    page = _render(artefacts, cases, notes, plotly)
-    target = artefacts.out / "report.html"
+    return _save(_render(artefacts, cases, notes, plotly), artefacts.out)
+
+
+def _save(page: str, out: Path) -> Path:
+    target = out / "report.html"
     with writing(target) as part:
         part.write_text(page, encoding="utf-8", newline="\n")
     return target
@@ -300,10 +314,10 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
     return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in exposed.items()}
 
 
-def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
+def _environment() -> Any:
+    """Make the environment of the page's templates."""
     try:
         import jinja2
-        from markupsafe import Markup
     except ImportError:
         raise MissingExtraError("jinja2", "report") from None
     # StrictUndefined: a name that the template misspells is an error, not an empty place on the page.
@@ -317,9 +331,31 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False, "ensure_ascii": False}
     environment.filters |= {"rate": text.rate, "miles": text.miles, "count": text.count, "duration": text.duration}
     environment.filters |= {"share": text.share, "sentence": text.sentence}
+    return environment
+
+
+def _render_nothing(nothing: Emptiness) -> str:
+    """Render the page of a run that found no case: what was tried, and what that says."""
+    environment = _environment()
+    from markupsafe import Markup
+
+    return str(
+        environment.get_template("nothing.html.j2").render(
+            run=nothing.summary,
+            provenance=tables.provenance_table(nothing.provenance),
+            style=Markup(_template("report.css")),
+            policy=_policy([]),
+        )
+    )
+
+
+def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
+    environment = _environment()
+    from markupsafe import Markup
+
     kinds = kind_counts(artefacts.analysis.coverage)
     scripts = [plotly, *(_template(name) for name in SCRIPTS)]
-    return environment.get_template("report.html.j2").render(
+    page: str = environment.get_template("report.html.j2").render(
         run=artefacts.summary,
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
@@ -346,6 +382,7 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         scripts=[Markup(script) for script in scripts],
         policy=_policy(scripts),
     )
+    return page
 
 
 def _template(name: str) -> str:
@@ -355,6 +392,6 @@ def _template(name: str) -> str:
 def _policy(scripts: list[str]) -> str:
     """Content security policy: nothing is fetched, and only these scripts run, whatever a case's name may hold."""
     digests = (hashlib.sha256(script.encode("utf-8")).digest() for script in scripts)
-    sources = " ".join(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
+    sources = " ".join(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests) or "'none'"
     rest = "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
     return f"default-src 'none'; script-src {sources}; {rest}"

@@ -17,7 +17,7 @@ from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import Reproduced
 from cornerforge.results.stating import as_json
 from cornerforge.results.validation import NddValidated
-from cornerforge.results.whole import Exposure, Reported, RunDone
+from cornerforge.results.whole import Exposure, Initialised, Reported, RunDone
 
 __all__ = [
     "FILES",
@@ -26,6 +26,7 @@ __all__ = [
     "AvChecked",
     "Avs",
     "Filled",
+    "Initialised",
     "NaturalRate",
     "NddFitted",
     "NddImported",
@@ -47,6 +48,7 @@ __all__ = [
 ]
 
 VERBS: dict[str, type] = {
+    "init": Initialised,
     "report": Reported,
     "run": RunDone,
     "simulate": Simulated,

@@ -10,12 +10,21 @@ from cornerforge.results.learning import BOUNDED, BUDGET, Baseline, LearnedPolic
 from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
-__all__ = ["Exposed", "Exposure", "ExposureMiles", "RunDone", "RunTrained"]
+__all__ = [
+    "Exposed", "Exposure", "ExposureMiles", "Initialised", "Reported", "RunDone", "RunTrained", "Spending", "SpentOn",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunTrained(Yield, LearnedPolicy):
     """The adversary of a run, measured on tests that no training uses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initialised:
+    """A folder to start from."""
+
+    files: tuple[str, ...] = field(metadata=meant("The files that were written: the AV, the config, the README."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,12 +36,40 @@ class Reported:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpentOn:
+    """What one part of a run for some hours took, and what came of it."""
+
+    what: str = field(metadata=meant("The part, in words."))
+    seconds: float = field(metadata=meant("Wall-clock, over all sessions.", "s"))
+    tests: int | None = field(metadata=meant("Tests of the AV; null: none."))
+    came_of_it: str = field(metadata=meant("What came of it, in words."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spending:
+    """How a run for some hours spent its time; all counts were chosen by the clock, and stored when they were."""
+
+    hours: float = field(metadata=meant("The time that was given.", "h"))
+    stand_in: str | None = field(
+        metadata=meant("The AV that the adversary learned against; null: the AV under test itself.")
+    )
+    decisions: int = field(metadata=meant("Length of the training that was chosen, in decisions."))
+    answer_seconds: float | None = field(
+        metadata=meant("Time of the AV's answer in one world at the start; null: it is built in.", "s")
+    )
+    batch: int | None = field(metadata=meant("Worlds that it was asked about together at the start; null: built in."))
+    processes: int = field(metadata=meant("Tests, or AV processes, at the same time."))
+    parts: tuple[SpentOn, ...] = field(metadata=meant("What the time was spent on."))
+    not_found: tuple[str, ...] = field(metadata=meant("What it could not find out, in words."))
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunDone:
     """The whole job: what each stage came to."""
 
     out: str = field(metadata=meant("Folder of everything."))
     version: str = field(metadata=meant("Version of cornerforge that did it."))
-    effort: str = field(metadata=meant("quick, standard or paper."))
+    effort: str = field(metadata=meant('quick, standard or paper; or the hours that were given, such as "1 h".'))
     seed: int = field(metadata=meant("Seed of everything."))
     av: str = field(metadata=meant("Name of the AV."))
     bounded: bool = field(metadata=BOUNDED)
@@ -45,7 +82,10 @@ class RunDone:
     train: RunTrained = field(metadata=meant("The adversary."))
     baselines: tuple[Baseline, ...] = field(metadata=meant("Plain adversaries on the same tests as the adversary."))
     generate: Filled = field(metadata=meant("The case library."))
-    analyse: Analysed = field(metadata=meant("What is in it."))
+    analyse: Analysed | None = field(metadata=meant("What is in it; null: nothing, the AV did not crash."))
+    spending: Spending | None = field(
+        default=None, metadata=meant("How the time was spent; with `--hours`. Missing: counts of an effort.")
+    )
     report: str = field(metadata=meant("File of the report."))
     seconds: float = field(metadata=meant("Wall-clock of this call; stages of earlier ones are not in it.", "s"))
 

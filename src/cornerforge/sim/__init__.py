@@ -8,8 +8,8 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   (seed, test) and the setting determine; `RUNNING`, `AV_CRASH`, ... say how it stands. `copy_of`, `branch_of`, `packed`
   and `unpacked` copy, branch and store it at any moment.
 - *Setting*. A `Setting` is constant in a run: road, AV, naturalistic model and controllers. The `Controllers` say what
-  drives the AV (`BUILT_IN`, `OUTSIDE`), the critical BV, which is the one nearest to the AV (`ADVERSARIES`, `TOLD`),
-  and the other BVs (`NATURALISTIC`, `IDM_BVS`).
+  drives the AV (`BUILT_IN`, `OUTSIDE`, `STEERED`), the critical BV, which is the one nearest to the AV (`ADVERSARIES`,
+  `TOLD`), and the other BVs (`NATURALISTIC`, `IDM_BVS`).
 - *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), when `until` seconds have passed
   (`MILESTONE`), or when somebody outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`); the answer goes into the
   world, and the next `advance` goes on from there. `Scratch` is memory to work in; nothing in it outlives a call.
@@ -29,9 +29,9 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 
 Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scratch`; `keep`; `loop`. Within the loop:
 `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av` and `av_kinds`
-(built-in AVs), `actions`, `step` and `reach` (motion and contact), `neighbours`. Views: `observe`, `av_view`,
-`av_features`. Callers: `drive` (whole tests), `runner`, `scripted`, `lockstep`, `agents`, `drive_bv`,
-`drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
+(built-in AVs), `actions`, `motion`, `bicycle` (an AV that steers), `step` and `reach` (contact), `neighbours`. Views:
+`observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole tests),
+`runner`, `scripted`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
 Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`, `forest`, `tilt`, `trees`,
 `grove`. What the adversary is paid for: `rewards`, `braking`.
 
@@ -46,11 +46,13 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
-    from cornerforge.sim import agents, danger, drive_bv_outside, grove, lessons, lockstep, statistics, trees
+    from cornerforge.sim import agents, danger, drive_bv_outside, grove, lessons, lockstep, statistics, tracking, trees
     from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, hold, ordered_lane, start_lane_change
     from cornerforge.sim.av_features import AV_FEATURES_VERSION, N_AV_FEATURES
     from cornerforge.sim.av_kinds import DECIDES_EVERY, built_in_av_decides
+    from cornerforge.sim.av_scene import SCENE_COLUMNS
     from cornerforge.sim.av_view import AV_VIEW_VERSION, VIEW_COLUMNS, VIEW_ROWS
+    from cornerforge.sim.bicycle import MOST_LATERAL_ACCELERATION
     from cornerforge.sim.braking import lateral_plan, manoeuvre_begin
     from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
     from cornerforge.sim.drive import drive_range
@@ -63,6 +65,7 @@ if TYPE_CHECKING:
         start_av_worlds,
     )
     from cornerforge.sim.drive_bv import (
+        FINISHED,
         Actors,
         Exploring,
         Transitions,
@@ -94,6 +97,7 @@ if TYPE_CHECKING:
         answer_as_av,
         answer_as_bv,
     )
+    from cornerforge.sim.motion import move_vehicle
     from cornerforge.sim.neighbours import SIGHT
     from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
     from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
@@ -129,13 +133,16 @@ if TYPE_CHECKING:
         OUTSIDE,
         POLICY,
         SCRIPTED,
+        STEERED,
         TOLD,
         Controllers,
         Setting,
+        answer_width,
         cast_of,
+        is_outside,
     )
     from cornerforge.sim.snapshot import branch_of, copy_of, packed, unpacked
-    from cornerforge.sim.step import SUBSTEPS, allocate_recording, move_vehicle
+    from cornerforge.sim.step import SUBSTEPS, allocate_recording
     from cornerforge.sim.traffic import reset_world
     from cornerforge.sim.world import (
         AV_CRASH,
@@ -155,22 +162,23 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
-    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "HIGHEST_COMMAND", "HOSTILE", "IDM_BVS",
-    "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "NATURAL", "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST",
-    "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "REWARDS", "ROOT",
-    "RUNNING", "SCRIPTED", "SIGHT", "START_FIELDS", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS",
-    "VIEW_ROWS", "Actors", "AvReward", "Buffers", "Controllers", "DriveChunk", "Ending", "Exploring", "Forest",
-    "Harvest", "Keep", "Outcomes", "Plan", "Recorder", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting",
-    "Tally", "Tilt", "Transitions", "World", "action_probabilities", "advance", "agents", "all_current",
-    "allocate_actors", "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history",
-    "allocate_leaves", "allocate_nursery", "allocate_outcomes", "allocate_recording", "allocate_scratch",
-    "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av", "answer_as_bv", "arrays_of",
-    "average_traits", "branch_of", "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av",
-    "copy_of", "crashed_tests", "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range",
-    "grove", "harvest_range", "hold", "is_full", "judge_crashes", "keep_nothing", "keep_whole_test", "lateral_plan",
-    "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of",
-    "reset_world", "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
-    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "tree_of", "trees", "unpacked", "warm_up",
+    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "FINISHED", "HIGHEST_COMMAND", "HOSTILE",
+    "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC",
+    "NEVER", "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
+    "POLICY", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED",
+    "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "AvReward", "Buffers",
+    "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Recorder",
+    "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt", "Transitions", "World",
+    "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
+    "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves", "allocate_nursery",
+    "allocate_outcomes", "allocate_recording", "allocate_scratch", "allocate_starter_scratch", "allocate_windows",
+    "allocate_worlds", "answer_as_av", "answer_as_bv", "answer_width", "arrays_of", "average_traits", "branch_of",
+    "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
+    "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range", "grove", "harvest_range",
+    "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing", "keep_whole_test", "lateral_plan", "lessons",
+    "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of", "reset_world",
+    "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "start_av_worlds",
+    "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked", "warm_up",
     "warn_of_left_out", "world_of", "write_outcome",
 ]  # fmt: skip
 
@@ -193,7 +201,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # setting
     "setting": (
         "Setting", "Controllers", "BUILT_IN", "OUTSIDE", "ADVERSARIES", "NOBODY", "POLICY", "TOLD", "SCRIPTED",
-        "NATURALISTIC", "IDM_BVS", "NO_CAST", "cast_of",
+        "NATURALISTIC", "IDM_BVS", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
     ),
     "av_kinds": ("DECIDES_EVERY", "built_in_av_decides"),
     # advance
@@ -201,7 +209,9 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "advance", "NEVER", "OVER", "MILESTONE", "AV_MUST_ANSWER", "BV_MUST_ANSWER", "answer_as_av", "answer_as_bv",
     ),
     "scratch": ("Scratch", "allocate_scratch", "warn_of_left_out", "LEARNED_WIDTH"),
-    "step": ("SUBSTEPS", "allocate_recording", "move_vehicle"),
+    "step": ("SUBSTEPS", "allocate_recording"),
+    "motion": ("move_vehicle",),
+    "bicycle": ("MOST_LATERAL_ACCELERATION",),
     # drive
     "runner": (
         "simulate", "Tally", "simulate_chunks", "DriveChunk", "drive_chunk", "drive_chunk_by_window", "crashed_tests",
@@ -222,6 +232,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # views
     "observe": ("N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "budget_units"),
     "av_view": ("AV_VIEW_VERSION", "VIEW_ROWS", "VIEW_COLUMNS"),
+    "av_scene": ("SCENE_COLUMNS",),
     "av_features": ("AV_FEATURES_VERSION", "N_AV_FEATURES"),
     "neighbours": ("SIGHT",),
     # parts
@@ -231,13 +242,14 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # training
     "rewards": ("REWARDS", "RewardNumbers", "reward_numbers"),
     "drive_bv": (
-        "Actors", "Exploring", "Transitions", "allocate_actors", "allocate_history", "collect", "start_worlds",
+        "Actors", "Exploring", "FINISHED", "Transitions", "allocate_actors", "allocate_history", "collect",
+        "start_worlds",
     ),
     "drive_av": ("AV_DECISIONS", "HOSTILE", "AvReward", "allocate_av_actors", "collect_av", "start_av_worlds"),
     # trees
     "forest": ("Plan", "Tilt", "Forest", "ROOT", "allocate_leaves", "allocate_nursery", "tree_of"),
     # modules
-    "": ("lockstep", "drive_bv_outside", "agents", "statistics", "trees", "grove", "lessons", "danger"),
+    "": ("lockstep", "tracking", "drive_bv_outside", "agents", "statistics", "trees", "grove", "lessons", "danger"),
 }  # fmt: skip
 """By module, the names that it gives; modules that are given as a whole come last."""
 

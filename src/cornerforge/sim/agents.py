@@ -14,8 +14,8 @@ from cornerforge._jit import kernel
 from cornerforge.road.straight import driven
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
-from cornerforge.sim.drive_bv import History, act_as_bv
-from cornerforge.sim.loop import NEVER, advance, answer_as_av, look_as_bv
+from cornerforge.sim.drive_bv import History, reward_of
+from cornerforge.sim.loop import NEVER, advance, answer_as_av, answer_as_bv, look_as_bv
 from cornerforge.sim.observe import N_OBSERVATION
 from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.step import bring_up_to_date
@@ -38,14 +38,16 @@ __all__ = [
     "BvAgents",
     "allocate_av_agents",
     "allocate_bv_agents",
+    "begin_step_as_bv",
     "drive_on_as_av",
+    "end_step_as_bv",
     "start_as_av",
     "start_as_bv",
     "step_as_bv",
     "substitute_action",
 ]
 
-NOBODY_LEFT = 5
+NOBODY_LEFT = 6
 """Outcome besides the codes of `world.py`: no BV is left to control."""
 MAX_TRIES = 1000
 """Tests without any BV that `start_as_bv` passes over before it gives up."""
@@ -135,6 +137,36 @@ def start_as_bv(begin: int, end: int, setting: Setting, agents: BvAgents, s: Scr
 
 
 @kernel
+def begin_step_as_bv(begin: int, end: int, agents: BvAgents, history: History) -> None:
+    """Let the critical BV of each chosen world of [begin, end) answer with the agent's action (`step_as_bv`)."""
+    for b in range(begin, end):
+        if agents.chosen[b]:
+            w = world_row(agents.worlds, b)
+            action = substitute_action(agents.action[b], agents.allowed[b])
+            agents.action[b] = action
+            history.action[b, w.state[0].decisions] = action
+            answer_as_bv(w, action)
+
+
+@kernel
+def end_step_as_bv(
+    begin: int, end: int, setting: Setting, reward: RewardNumbers, agents: BvAgents, history: History, s: Scratch
+) -> None:
+    """Give reward, outcome, and the new observation and mask of each chosen world, whose second is over."""
+    for b in range(begin, end):
+        if not agents.chosen[b]:
+            continue
+        w = world_row(agents.worlds, b)
+        agents.reward[b] = reward_of(w, b, setting, reward, history, s)
+        code = w.state[0].outcome
+        if code != RUNNING:
+            bring_up_to_date(w, setting.road)
+        if look_as_bv(w, setting, s, agents.observation[b], agents.allowed[b]) < 0 and code == RUNNING:
+            code = NOBODY_LEFT
+        agents.outcome[b] = code
+
+
+@kernel
 def step_as_bv(
     begin: int, end: int, setting: Setting, reward: RewardNumbers, agents: BvAgents, history: History, s: Scratch,
     keep: Keep,
@@ -151,19 +183,11 @@ def step_as_bv(
         s: Scratch.
         keep: Nothing is kept.
     """
+    begin_step_as_bv(begin, end, agents, history)
     for b in range(begin, end):
-        if not agents.chosen[b]:
-            continue
-        w = world_row(agents.worlds, b)
-        action = substitute_action(agents.action[b], agents.allowed[b])
-        agents.action[b] = action
-        agents.reward[b] = act_as_bv(w, b, action, setting, reward, history, s, keep)
-        code = w.state[0].outcome
-        if code != RUNNING:
-            bring_up_to_date(w, setting.road)
-        if look_as_bv(w, setting, s, agents.observation[b], agents.allowed[b]) < 0 and code == RUNNING:
-            code = NOBODY_LEFT
-        agents.outcome[b] = code
+        if agents.chosen[b]:
+            advance(world_row(agents.worlds, b), setting, s, keep, NEVER)
+    end_step_as_bv(begin, end, setting, reward, agents, history, s)
 
 
 class AvAgents(NamedTuple):

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACCELERATION", "AHEAD", "AV_VIEW_VERSION", "CHANGES", "LANE", "LATERAL_SPEED", "LEFT", "SPEED", "THERE",
-    "VIEW_COLUMNS", "VIEW_ROWS", "view_of_av",
+    "VIEW_COLUMNS", "VIEW_ROWS", "nearest_along", "view_of_av",
 ]  # fmt: skip
 
 AV_VIEW_VERSION = 1
@@ -50,8 +50,8 @@ VIEW_COLUMNS = CHANGES + 1
 
 
 @inlined_kernel
-def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
-    """List the slots of the vehicles nearest to the AV along the road in `found`, nearest first; return how many."""
+def nearest_along(w: World, found: NDArray[np.int64], most: int) -> int:
+    """List the slots of at most `most` vehicles nearest to the AV along the road in `found`; return how many."""
     v = w.vehicles
     count = 0
     for j in range(1, w.state[0].n_vehicles):
@@ -60,12 +60,12 @@ def _nearest_along(w: World, found: NDArray[np.int64]) -> int:
             continue
         place = count
         while place > 0 and abs(ahead_by(v, 0, found[place - 1])) > distance:
-            if place < found.size:
+            if place < most:
                 found[place] = found[place - 1]
             place -= 1
-        if place < found.size:
+        if place < most:
             found[place] = j
-            count = min(count + 1, found.size)
+            count = min(count + 1, most)
     return count
 
 
@@ -79,14 +79,14 @@ def view_of_av(
         w: The world; the state of every vehicle must be that of this moment (`step.begin_to_act` with `everybody`).
         road: Constants.
         sight: What is seen of lane changes; by decision, columns 6 and 7 mean in all rows what they mean in row 0.
-        found: Scratch, int64 (VIEW_ROWS - 1,).
+        found: Scratch, int64 (VIEW_ROWS - 1,) or more.
         out: float32 (VIEW_ROWS, VIEW_COLUMNS), as the head of this module says.
     """
     v = w.vehicles
     for row in range(VIEW_ROWS):
         for column in range(VIEW_COLUMNS):
             out[row, column] = 0.0
-    for row in range(1 + _nearest_along(w, found)):
+    for row in range(1 + nearest_along(w, found, VIEW_ROWS - 1)):
         j = 0 if row == 0 else found[row - 1]
         out[row, THERE] = 1.0
         out[row, AHEAD] = ahead_by(v, 0, j)

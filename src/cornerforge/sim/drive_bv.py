@@ -2,7 +2,7 @@
 
 The adversary stands outside the loop: the critical BV is TOLD what to do (`setting.Controllers.critical`), by training,
 which chooses here (`collect`; with an AV outside the kernels `drive_bv_outside`), or by an environment's agent
-(`act_as_bv`).
+(`collect`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cornerforge.sim.lockstep import answer_with
 from cornerforge.sim.loop import AV_MUST_ANSWER, BV_MUST_ANSWER, NEVER, advance, answer_as_bv, look_as_bv
 from cornerforge.sim.neighbours import nearest_bv
 from cornerforge.sim.rewards import AVOIDABLE, av_strikes, is_paid
-from cornerforge.sim.setting import OUTSIDE, SWERVE, UNIFORM
+from cornerforge.sim.setting import SWERVE, UNIFORM, answer_width, is_outside
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, forget_frames
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import (
@@ -51,12 +51,12 @@ __all__ = [
     "Exploring",
     "History",
     "Transitions",
-    "act_as_bv",
     "advance_again",
     "allocate_actors",
     "allocate_history",
     "choose",
     "collect",
+    "reward_of",
     "settle",
     "start_worlds",
 ]
@@ -78,8 +78,8 @@ class History(NamedTuple):
 
     Attributes:
         action: Action of the critical BV at each decision, (B, decisions).
-        answers: Answers of an AV outside the kernels, as `lockstep.answer_with` takes them, (B, answers, 2); (B, 0, 2)
-            for others.
+        answers: Answers of an AV outside the kernels, as `lockstep.answer_with` takes them, (B, answers, W); no
+            answers for others.
         answered: How many of them were given, int64 (B,).
         world: One world to drive in.
         keep: Holds the frames of one whole test.
@@ -95,10 +95,10 @@ class History(NamedTuple):
 def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
     """Allocate the history of `n_worlds` worlds of `slots` vehicle slots."""
     decisions = int(setting.road.max_decisions)
-    answers = decisions * -(-SUBSTEPS // int(setting.road.av_substeps)) if setting.who.av == OUTSIDE else 0
+    answers = decisions * -(-SUBSTEPS // int(setting.road.av_substeps)) if is_outside(setting.who) else 0
     return History(
         np.zeros((n_worlds, decisions), dtype=np.int8),
-        np.zeros((n_worlds, answers, 2)),
+        np.zeros((n_worlds, answers, answer_width(setting))),
         np.zeros(n_worlds, dtype=np.int64),
         world_of(allocate_worlds(1, slots)),
         keep_nothing(slots)._replace(recording=allocate_recording(SUBSTEPS * decisions + 1, slots)),
@@ -211,12 +211,12 @@ def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratc
     reset_world(again, w.state[0].seed, w.state[0].test, setting)
     k = 0
     while advance_again(history, b, again, setting, s, history.keep) == AV_MUST_ANSWER:
-        answer_with(again, history.answers[b, k, 0], history.answers[b, k, 1], setting.road)
+        answer_with(again, history.answers[b, k], setting)
         k += 1
 
 
 @kernel
-def _reward_of(
+def reward_of(
     w: World, b: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch
 ) -> float:  # fmt: skip
     """Compute the reward of the decision that world b has just carried out.
@@ -243,18 +243,6 @@ def _reward_of(
     else:
         strikes = av_strikes(w.vehicles, 0, w.state[0].slot_b)
     return 1.0 if is_paid(reward.code, strikes, avoidable) else 0.0
-
-
-@kernel
-def act_as_bv(
-    w: World, b: int, action: int, setting: Setting, reward: RewardNumbers, history: History, s: Scratch, keep: Keep
-) -> float:
-    """Drive world b, a row of `history`, for one decision: the critical BV does `action`. Return the reward."""
-    history.action[b, w.state[0].decisions] = action
-    answer_as_bv(w, action)
-    advance(w, setting, s, keep, NEVER)
-    paid: float = _reward_of(w, b, setting, reward, history, s)
-    return paid
 
 
 @kernel
@@ -320,7 +308,7 @@ def settle(
     """
     w = world_row(actors.worlds, b)
     observation, allowed = actors.observation[b], actors.allowed[b]
-    paid = _reward_of(w, b, setting, reward, actors.history, s)
+    paid = reward_of(w, b, setting, reward, actors.history, s)
     out.reward[b] = paid
     code = w.state[0].outcome
     ended = code != RUNNING or look_as_bv(w, setting, s, observation, allowed) < 0
@@ -347,7 +335,7 @@ def collect(
         n: 0 (to compile) or the number of worlds.
         exploring: How actions are chosen.
         setting: The run, whose critical BV is TOLD.
-        reward: Which crashes are paid (`_reward_of`).
+        reward: Which crashes are paid (`reward_of`).
         actors: The worlds.
         s: Scratch.
         keep: Nothing is kept.

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
+from cornerforge.sim.av_scene import show_to_av
 from cornerforge.sim.drive_bv import advance_again, choose, settle
 from cornerforge.sim.lockstep import answer_with
 from cornerforge.sim.loop import advance, answer_as_bv
-from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import AV_FAULT, RUNNING, World, world_row
 
@@ -58,14 +57,11 @@ def look(
     rows: NDArray[np.int64], seats: NDArray[np.int64], worlds: World, setting: Setting, s: Scratch,
     views: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Write what the AV of world rows[seat] sees into views[seat], for `seats`; zeros into all others, (S, 13, 8)."""
-    for seat in range(views.shape[0]):
-        for row in range(VIEW_ROWS):
-            for column in range(VIEW_COLUMNS):
-                views[seat, row, column] = 0.0
+    """Write what the AV of world rows[seat] sees into views[seat], for `seats`; zeros into all others."""
+    views[:] = 0.0
     for k in range(seats.size):
         w = world_row(worlds, rows[seats[k]])
-        view_of_av(w, setting.road, VISIBLE, s.av.found, views[seats[k]])
+        show_to_av(w, setting.road, s.av.found, views[seats[k]])
 
 
 @kernel
@@ -75,7 +71,7 @@ def go_on(
 ) -> None:  # fmt: skip
     """Let the AV of world rows[seat] act as answers[seat] says, for `seats`, until it must answer again.
 
-    A world stands still at the end of the second that it is in. The answers (S, 2) are as for
+    A world stands still at the end of the second that it is in. The answers (S, W) are as for
     `lockstep.answer_with`, and are noted in the history.
     """
     history = actors.history
@@ -83,11 +79,11 @@ def go_on(
         seat = seats[k]
         b = rows[seat]
         w = world_row(actors.worlds, b)
-        history.answers[b, history.answered[b], 0] = answers[seat, 0]
-        history.answers[b, history.answered[b], 1] = answers[seat, 1]
+        for k in range(answers.shape[1]):
+            history.answers[b, history.answered[b], k] = answers[seat, k]
         history.answered[b] += 1
         until = w.state[0].decisions + (1 if w.state[0].substep == 0 else 0)
-        answer_with(w, answers[seat, 0], answers[seat, 1], setting.road)
+        answer_with(w, answers[seat], setting)
         advance(w, setting, s, keep, until)
 
 
@@ -121,5 +117,5 @@ def go_on_again(
     for k in range(seats.size):
         b = rows[seats[k]]
         w = world_row(again, seats[k])
-        answer_with(w, history.answers[b, moments[k], 0], history.answers[b, moments[k], 1], setting.road)
+        answer_with(w, history.answers[b, moments[k]], setting)
         advance_again(history, b, w, setting, s, keep)

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cornerforge._jit import kernel
-from cornerforge.sim.av_view import view_of_av
+from cornerforge.sim.av_scene import show_to_av
 from cornerforge.sim.lockstep import answer_with
 from cornerforge.sim.loop import AV_MUST_ANSWER
-from cornerforge.sim.sight import VISIBLE
 from cornerforge.sim.trees import branch_out, drive_on, plant
 from cornerforge.sim.world import world_row
 
@@ -99,10 +98,10 @@ def tend(forest: Forest, grove: Grove, roots: NDArray[np.void]) -> tuple[int, in
 
 @kernel
 def look(rows: NDArray[np.int64], seats: NDArray[np.int64], forest: Forest, views: NDArray[np.float32]) -> None:
-    """Write what the AV of each row sees into views[seat], float32 (B, 13, 8)."""
+    """Write what the AV of each row sees into views[seat]."""
     for k in range(rows.size):
         w = world_row(forest.nursery.worlds, rows[k])
-        view_of_av(w, forest.setting.road, VISIBLE, forest.scratch.av.found, views[seats[k]])
+        show_to_av(w, forest.setting.road, forest.scratch.av.found, views[seats[k]])
 
 
 @kernel
@@ -114,14 +113,13 @@ def answer(
     Args:
         rows: Rows that wait.
         answers: As for `lockstep.act`, one a row.
-        forest: Its setting's AV is OUTSIDE.
+        forest: Its setting's AV is OUTSIDE or STEERED.
         grove: Of the same rows; those driven move no more.
         driven: Receives for each row whether its second, or its test, is over.
     """
-    road = forest.setting.road
     for k in range(rows.size):
         row = rows[k]
         w = world_row(forest.nursery.worlds, row)
-        answer_with(w, answers[k, 0], answers[k, 1], road)
+        answer_with(w, answers[k], forest.setting)
         driven[k] = drive_on(row, forest) != AV_MUST_ANSWER
         grove.moves[row] = 0 if driven[k] else 1

@@ -7,22 +7,22 @@ it another test. Worlds know nothing of each other, so a test comes out the same
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND, ordered_lane
-from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS, view_of_av
-from cornerforge.sim.loop import AV_MUST_ANSWER, NEVER, OVER, advance, answer_as_av
-from cornerforge.sim.sight import VISIBLE
+from cornerforge.sim.av_scene import show_to_av
+from cornerforge.sim.av_view import VIEW_COLUMNS, VIEW_ROWS
+from cornerforge.sim.loop import AV_MUST_ANSWER, NEVER, OVER, advance, answer_as_av, steer_as_av
+from cornerforge.sim.setting import STEERED
 from cornerforge.sim.traffic import reset_world
 from cornerforge.sim.world import IDLE, RUNNING, World, allocate_worlds, world_row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.keep import Keep
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
@@ -46,16 +46,18 @@ class Batch(NamedTuple):
 
     Attributes:
         worlds: Their states, (B, ...).
-        views: What each AV sees, float32 (B, 13, 8); zeros where a world is idle.
+        views: What each AV sees (`av_scene.show_to_av`), (B, rows, columns); zeros where a world is idle.
     """
 
     worlds: World
-    views: NDArray[np.float32]
+    views: NDArray[Any]
 
 
-def allocate_batch(n_worlds: int, slots: int) -> Batch:
-    """A batch of idle worlds."""
-    return Batch(allocate_worlds(n_worlds, slots), np.zeros((n_worlds, VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32))
+def allocate_batch(n_worlds: int, slots: int, views: NDArray[Any] | None = None) -> Batch:
+    """A batch of idle worlds; `views` is where what AVs see is written, None: float32 (B, 13, 8)."""
+    if views is None:
+        views = np.zeros((n_worlds, VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32)
+    return Batch(allocate_worlds(n_worlds, slots), views)
 
 
 def running(batch: Batch) -> NDArray[np.int64]:
@@ -81,10 +83,13 @@ def begin(seed: int, chosen: NDArray[np.int64], tests: NDArray[np.int64], settin
 
 
 @inlined_kernel
-def answer_with(w: World, acceleration: float, order: float, road: RoadNumbers) -> None:
-    """Answer for an AV outside as it gave it: an acceleration [m/s2], cut to [-8, 2], and a lane order."""
-    command = min(max(acceleration, LOWEST_COMMAND), HIGHEST_COMMAND)
-    answer_as_av(w, command, ordered_lane(w, 0, int(np.sign(order)), road))
+def answer_with(w: World, answer: NDArray[np.float64], setting: Setting) -> None:
+    """Answer for an AV outside as it gave it, (W,), see `answer_width`; accelerations [m/s2] are cut to [-8, 2]."""
+    if setting.who.av == STEERED:
+        steer_as_av(w, answer)
+    else:
+        command = min(max(answer[0], LOWEST_COMMAND), HIGHEST_COMMAND)
+        answer_as_av(w, command, ordered_lane(w, 0, int(np.sign(answer[1])), setting.road))
 
 
 @kernel
@@ -93,11 +98,9 @@ def see(batch: Batch, setting: Setting, s: Scratch) -> None:
     for b in range(batch.views.shape[0]):
         w = world_row(batch.worlds, b)
         if w.state[0].outcome == RUNNING:
-            view_of_av(w, setting.road, VISIBLE, s.av.found, batch.views[b])
+            show_to_av(w, setting.road, s.av.found, batch.views[b])
         else:
-            for row in range(VIEW_ROWS):
-                for column in range(VIEW_COLUMNS):
-                    batch.views[b, row, column] = 0.0
+            batch.views[b] = 0.0
 
 
 @kernel
@@ -108,9 +111,9 @@ def act(
     """Let the AV of every world that is not idle act, and go on to where it decides again or its test ends.
 
     Args:
-        answers: float64 (B, 2): acceleration [m/s2], cut to [-8, 2], and lane order (`ordered_lane`); finite.
+        answers: float64 (B, W), finite (`answer_with`).
         as_lanes: Take the second column as a target lane, and accelerations as they are: answers of a built-in AV.
-        setting: The run, whose AV is OUTSIDE.
+        setting: The run, whose AV is OUTSIDE or STEERED.
         batch: The worlds; a test that ends leaves its world idle, with its outcome in the world's state.
         s: Scratch.
         keep: What is kept; frames and decisions only where B is 1.
@@ -119,7 +122,6 @@ def act(
     Returns:
         The number of worlds in `done`.
     """
-    road = setting.road
     ended = 0
     for b in range(answers.shape[0]):
         w = world_row(batch.worlds, b)
@@ -128,7 +130,7 @@ def act(
         if as_lanes:
             answer_as_av(w, answers[b, 0], int(answers[b, 1]))
         else:
-            answer_with(w, answers[b, 0], answers[b, 1], road)
+            answer_with(w, answers[b], setting)
         if advance(w, setting, s, keep, NEVER) == OVER:
             done[ended] = b
             ended += 1
@@ -139,10 +141,10 @@ def act(
 def drive_answered(
     w: World, seed: int, test: int, answers: NDArray[np.float64], setting: Setting, s: Scratch, keep: Keep
 ) -> None:
-    """Drive a test once more with the answers that its AV gave, (A, 2); it stops where more would be needed."""
+    """Drive a test once more with the answers that its AV gave, (A, W); it stops where more would be needed."""
     reset_world(w, seed, test, setting)
     for k in range(answers.shape[0]):
         if advance(w, setting, s, keep, NEVER) != AV_MUST_ANSWER:
             return
-        answer_with(w, answers[k, 0], answers[k, 1], setting.road)
+        answer_with(w, answers[k], setting)
     advance(w, setting, s, keep, NEVER)

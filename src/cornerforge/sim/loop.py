@@ -15,6 +15,7 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import uniform
+from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
 from cornerforge.sim.adversaries import choose_action, sample_action
 from cornerforge.sim.av_kinds import built_in_av_decides
 from cornerforge.sim.chances import action_probabilities, remember_action
@@ -22,7 +23,7 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
-from cornerforge.sim.setting import LIKELIEST, NOBODY, OUTSIDE, POLICY, SCRIPTED, TOLD, critical_of
+from cornerforge.sim.setting import LIKELIEST, NOBODY, POLICY, SCRIPTED, TOLD, critical_of, is_outside
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
 from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
@@ -47,6 +48,7 @@ __all__ = [
     "answer_as_av",
     "answer_as_bv",
     "look_as_bv",
+    "steer_as_av",
 ]
 
 OVER, AV_MUST_ANSWER, BV_MUST_ANSWER, MILESTONE = range(4)
@@ -67,6 +69,23 @@ def answer_as_av(w: World, command: float, lane: int) -> None:
     state.av_has_answered = 1
     state.av_command = command
     state.av_lane = lane
+
+
+@inlined_kernel
+def steer_as_av(w: World, controls: NDArray[np.float64]) -> None:
+    """Answer for an AV outside that steers.
+
+    Args:
+        w: The world.
+        controls: Acceleration [m/s2], cut to [-8, 2], and curvature [1/m] for each tenth of a second until it answers
+            again, one pair after the other, at most 20 numbers.
+    """
+    state = w.state[0]
+    state.av_steers = 1
+    for k in range(0, controls.size, 2):
+        state.av_controls[k] = min(max(controls[k], LOWEST_COMMAND), HIGHEST_COMMAND)
+        state.av_controls[k + 1] = controls[k + 1]
+    answer_as_av(w, state.av_controls[0], w.vehicles[0].target_lane)
 
 
 @inlined_kernel
@@ -143,7 +162,7 @@ def _drives_as_natural(w: World, substep: int, setting: Setting, s: Scratch) -> 
 def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[float, int]:
     """Ask the AV's controller what the AV does from now on: acceleration [m/s2] and target lane."""
     state = w.state[0]
-    if setting.who.av == OUTSIDE:
+    if is_outside(setting.who):
         state.av_has_answered = 0
         return state.av_command, state.av_lane
     if setting.who.av == LIKELIEST:
@@ -262,7 +281,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
         decide_bvs(w, action, lane, setting, s)
     if recorded:
         record_choice(w, bv, log_prob_policy, s.choice, keep.decisions)
-    is_looked_at = keep.recording.shape[0] > SUBSTEPS * step or who.av == OUTSIDE or who.others == SCRIPTED
+    is_looked_at = keep.recording.shape[0] > SUBSTEPS * step or is_outside(who) or who.others == SCRIPTED
     begin_to_act(w, command, lane, is_looked_at, setting, s)
 
 
@@ -277,7 +296,7 @@ def _count_second(w: World, road: RoadNumbers, keep: Keep) -> None:
 def _who_must_answer(w: World, substep: int, setting: Setting) -> int:
     """Say which controller outside the kernels must answer now: AV_MUST_ANSWER, BV_MUST_ANSWER or _NOBODY_MUST."""
     state = w.state[0]
-    if setting.who.av == OUTSIDE and state.av_has_answered == 0:
+    if is_outside(setting.who) and state.av_has_answered == 0:
         return AV_MUST_ANSWER
     if substep == 0 and setting.who.critical == TOLD and state.bv_has_answered == 0:
         return BV_MUST_ANSWER

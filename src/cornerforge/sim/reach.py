@@ -27,6 +27,8 @@ _ROUNDING = 0.01
 """Added to bounds of motion [m], far more than rounding errors."""
 _SWING = 2.5
 """Half length [m] of a body whose swing in a turn the other bounds already cover; longer bodies get more."""
+_HARDEST_TURNING = 12.0
+"""More than any AV that steers accelerates in any direction [m/s2]: 8 along its way and 8 across it."""
 _UNSURE = 1
 """Mark of a vehicle that may leave its lane or the road within the second."""
 _ALL_LANES = -1
@@ -36,6 +38,9 @@ _ALL_LANES = -1
 def _lateral_reach(w: World, i: int, road: RoadNumbers) -> float:
     """Bound from above how far slot i, a long body's ends included, moves sideways within the coming second [m]."""
     v = w.vehicles
+    if i == 0 and w.state[0].av_steers:
+        far: float = abs(v[0].lateral_speed) + 0.5 * _HARDEST_TURNING + v[0].length
+        return far
     if i > 0 and v[i].duration == 0.0:
         return 0.0
     swing: float = max(0.0, 0.5 * v[i].length - _SWING)

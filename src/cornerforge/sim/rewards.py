@@ -188,7 +188,7 @@ for _name, _rule in _RULES.items():
     if _asks and REWARDS[_name].code != AVOIDABLE:  # without this its rule would always get False
         raise LookupError(
             f'Reward "{_name}" asks whether braking would have avoided the crash, which is found out for "avoidable" '
-            "only; name its code in `_reward_of` of sim/drive_bv.py, and here."
+            "only; name its code in `reward_of` of sim/drive_bv.py, and here."
         )
 
 

@@ -87,7 +87,7 @@ def allocate_scratch(slots: int, policy: PolicyNumbers) -> Scratch:
         ahead=np.zeros(MAX_LANES),
         behind=np.zeros(MAX_LANES),
         av=AvScratch(
-            found=np.zeros(VIEW_ROWS - 1, dtype=np.int64),
+            found=np.zeros(max(slots, VIEW_ROWS - 1), dtype=np.int64),
             seen=np.zeros((VIEW_ROWS, VIEW_COLUMNS), dtype=np.float32),
             features=np.zeros(N_AV_FEATURES, dtype=np.float32),
             allowed=np.zeros(N_ACTIONS, dtype=np.bool_),

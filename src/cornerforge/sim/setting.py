@@ -28,17 +28,21 @@ __all__ = [
     "NO_SCRIPT",
     "OUTSIDE",
     "SCRIPTED",
+    "STEERED",
     "Cast",
     "Controllers",
     "Setting",
+    "answer_width",
     "cast_index",
     "cast_of",
     "critical_of",
+    "is_outside",
 ]
 
-BUILT_IN, OUTSIDE, LIKELIEST = range(3)
-"""Controllers of the AV. BUILT_IN: its own law. OUTSIDE: somebody outside the kernels. LIKELIEST: the likeliest action
-of the naturalistic model."""
+BUILT_IN, OUTSIDE, LIKELIEST, STEERED = range(4)
+"""Controllers of the AV. BUILT_IN: its own law. OUTSIDE: somebody outside the kernels, who orders accelerations and
+lane changes. LIKELIEST: the likeliest action of the naturalistic model. STEERED: somebody outside, who accelerates and
+steers."""
 NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
 ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
 """Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a Q-network. uniform: any
@@ -83,7 +87,7 @@ class Controllers(NamedTuple):
     """The controllers of the AV, of the critical BV (the BV nearest to the AV) and of the other BVs.
 
     Attributes:
-        av: BUILT_IN, OUTSIDE or LIKELIEST.
+        av: BUILT_IN, OUTSIDE, LIKELIEST or STEERED.
         critical: Code of ADVERSARIES, or TOLD.
         others: NATURALISTIC, IDM_BVS or SCRIPTED.
         bounded: 1 for the NDD-bounded mask.
@@ -125,6 +129,15 @@ class Setting(NamedTuple):
         return self._replace(who=self.who._replace(**changed))  # type: ignore[arg-type]
 
 
+def answer_width(setting: Setting) -> int:
+    """Count the numbers of an answer of an AV outside the kernels.
+
+    Two, an acceleration [m/s2] and a lane order. From an AV that steers (STEERED) two for each tenth of a second until
+    it answers again, an acceleration [m/s2] and a curvature [1/m].
+    """
+    return 2 * int(setting.road.av_substeps) if setting.who.av == STEERED else 2
+
+
 def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets: Sequence[int]) -> Cast:
     """Make a mixture of policies.
 
@@ -140,6 +153,13 @@ def cast_of(policies: Sequence[PolicyNumbers], bounded: Sequence[bool], budgets:
         members[k] = (begin, end, *policy[1:], is_bounded, budget if is_bounded else 0)
         begin = end
     return Cast(np.concatenate([policy.weights for policy in policies]), members)
+
+
+@inlined_kernel
+def is_outside(who: Controllers) -> bool:
+    """Does somebody outside the kernels answer for the AV?"""
+    outside: bool = who.av == OUTSIDE or who.av == STEERED
+    return outside
 
 
 @kernel

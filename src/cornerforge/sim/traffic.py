@@ -282,6 +282,9 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
     state.bv_action = NO_ACTION
     state.av_command = 0.0
     state.travel = 0.0
+    state.av_steers = 0
+    state.av_curvature = 0.0
+    state.av_controls[:] = 0.0
     for i in range(w.vehicles.size):
         w.vehicles[i].present = 0
 

@@ -13,7 +13,7 @@ from cornerforge.drivers.idm import IdmParams
 from cornerforge.drivers.mobil import MobilParams
 from cornerforge.drivers.sight import Sight
 from cornerforge.geometry import Path
-from cornerforge.types import CAR, CLASSES, MAX_LANES, Odd
+from cornerforge.types import CAR, CLASSES, FRAME_S, MAX_LANES, Odd
 
 if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
@@ -134,6 +134,9 @@ STATE = np.dtype(
         ("bv_action", "i8"),
         ("av_command", "f8"),
         ("travel", "f8"),
+        ("av_steers", "i8"),
+        ("av_curvature", "f8"),
+        ("av_controls", "f8", (2 * round(1.0 / FRAME_S),)),
     ]
 )
 """What a world knows besides its vehicles.
@@ -146,7 +149,9 @@ contact; bv_crashes: crashes between BVs so far, bv_crashes_before: the same whe
 rest of the adversary's likelihood budget, in millionths of a nat, plus 1 (0: no limit); n_current, n_seen, n_pairs: how
 much of `current` and of the pairs is in use; av_has_answered, av_command [m/s2], av_lane (target lane): the answer of
 an AV outside; bv_has_answered, bv_action: the answer for a BV controlled from outside; travel: distance that the
-counted BVs drove [m].
+counted BVs drove [m]; av_steers: 1 if the AV outside answers by steering (`bicycle`); av_curvature: of its way now, to
+the left positive [1/m]; av_controls: its answer, an acceleration [m/s2] and a curvature [1/m] for each tenth of a
+second until it answers again.
 """
 
 

@@ -1,0 +1,158 @@
+"""The stages of `run`, each of which runs once: a finished one leaves a file, so a killed run goes on after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from cornerforge.adversary.checkpoint import CheckpointFile
+from cornerforge.adversary.config import TrainConfig
+from cornerforge.adversary.policy_file import policy_hash, save_policy
+from cornerforge.errors import FileFormatError
+from cornerforge.pipeline.analyse import analyse
+from cornerforge.pipeline.counting import simulate_experiment, tally_summary
+from cornerforge.pipeline.output import read_json_file, write_json
+from cornerforge.pipeline.progress import Progress
+from cornerforge.pipeline.setting import Experiment
+from cornerforge.pipeline.train import canonical_curve, learn, measure_baselines, point_seconds, training_faults
+from cornerforge.results import Analysed, NaturalRate, Simulated, as_json, from_json
+from cornerforge.results.learning import Baseline, LearnedPolicy, TrainingCurve, TrainingPoint
+from cornerforge.results.whole import Exposed, Exposure, ExposureMiles
+from cornerforge.sim import Tally, statistics
+
+__all__ = [
+    "Counted", "NaturalCases", "PlainRates", "Stages", "TrainedStage", "analyse_natural", "count", "exposure_counts",
+    "plain_rates", "train_stage", "write_exposure",
+]  # fmt: skip
+
+T = TypeVar("T")
+
+
+class Stages:
+    """Runner of stages: each runs once; `stages/NAME.json` holds its result and appears only when it is complete."""
+
+    def __init__(self, out: Path) -> None:
+        self._folder = out / "stages"
+
+    def do(self, name: str, kind: type[T], work: Callable[[], T]) -> T:
+        """Give the result of a stage, from its file if it is there; else do the work and leave the file.
+
+        Raises:
+            FileFormatError: The file is damaged.
+        """
+        path = self._folder / f"{name}.json"
+        if not path.exists():
+            write_json(path, as_json(work()))
+        # A resumed run reads the result from the file, so this run goes on with the same values.
+        content = read_json_file(path)
+        try:
+            return from_json(kind, content)
+        except FileFormatError as error:
+            raise FileFormatError(f"{path} is damaged ({error}); remove it, or choose another place.") from error
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Tests with all histograms: their result, and the AV's exposure as counts by quantity."""
+
+    rate: Simulated
+    exposure: dict[str, tuple[int, ...]]
+
+
+@dataclass(frozen=True)
+class TrainedStage:
+    """A training, and when the points of its curve were reached [s]."""
+
+    policy: LearnedPolicy
+    point_seconds: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class PlainRates:
+    """The yields of plain adversaries."""
+
+    rates: tuple[Baseline, ...]
+
+
+@dataclass(frozen=True)
+class NaturalCases:
+    """What is in the library of natural crashes; None: nothing."""
+
+    analysed: Analysed | None
+
+
+def exposure_counts(tally: Tally) -> dict[str, tuple[int, ...]]:
+    """Give the AV's exposure as counts by quantity, from tests that were counted with all histograms."""
+    rows = tally.counts.histograms[len(statistics.TRAFFIC) :]
+    return {grid.name: tuple(rows[k][: grid.bins].tolist()) for k, grid in enumerate(statistics.EXPOSURE)}
+
+
+def count(
+    run: Experiment, tests: int, first: int, seed: int, threads: int | None, progress: Progress, stage: str
+) -> Counted:
+    """Drive tests and count all histograms."""
+    tally, seconds = simulate_experiment(
+        run, tests=tests, seed=seed, first=first, threads=threads, counting=True, progress=progress, stage=stage
+    )
+    return Counted(tally_summary(tally, seconds, with_distributions=True), exposure_counts(tally))
+
+
+_LABELS = {
+    "bbd_front": "Bumper-to-bumper distance to the vehicle ahead",
+    "bbd_rear": "Bumper-to-bumper distance to the vehicle behind",
+    "ttc_front": "Time to collision with the vehicle ahead, when closing",
+    "ttc_rear": "Time to collision with the vehicle behind, when closing",
+}
+
+
+def write_exposure(out: Path, nde: Counted, adversary: Counted) -> None:
+    """Write `exposure.json`, the paper's Figure 3, without the last bin, which holds all values beyond the grid."""
+    quantities = {
+        grid.name: Exposed(
+            label=_LABELS[grid.name],
+            unit=grid.unit,
+            edges=tuple(statistics.grid_edges(grid)[:-1].tolist()),
+            nde=nde.exposure[grid.name][:-1],
+            adversary=adversary.exposure[grid.name][:-1],
+        )
+        for grid in statistics.EXPOSURE
+    }
+    miles = ExposureMiles(nde=nde.rate.miles, adversary=adversary.rate.miles)
+    write_json(out / "exposure.json", as_json(Exposure(miles=miles, quantities=quantities)))
+
+
+def train_stage(
+    run: Experiment, config: TrainConfig, checkpoint: CheckpointFile, out: Path, seed: int, threads: int | None,
+    progress: Progress,
+) -> TrainedStage:  # fmt: skip
+    """Train, and write `policy.safetensors` and `training.json`."""
+    policy, result = learn(run, config, seed=seed, threads=threads, progress=progress, checkpoint=checkpoint)
+    save_policy(policy, out / "policy.safetensors")
+    points = tuple(TrainingPoint(**point) for point in canonical_curve(result))
+    curve = TrainingCurve(preset=config.preset, config=asdict(config), points=points)
+    write_json(out / "training.json", asdict(curve))  # not as_json, which leaves out null
+    learned = LearnedPolicy(
+        decisions=result.decisions,
+        updates=result.updates,
+        seconds=round(result.seconds, 3),
+        preset=config.preset,
+        policy_hash=policy_hash(policy),
+        av_faults=training_faults(run),
+    )
+    return TrainedStage(learned, tuple(point_seconds(result)))
+
+
+def plain_rates(plain: Experiment, tests: int, seed: int, threads: int | None, progress: Progress) -> PlainRates:
+    """Measure the plain adversaries; traffic without an adversary is measured as the baseline, on many more tests."""
+    rates = measure_baselines(plain, tests=tests, seed=seed, threads=threads, progress=progress)
+    return PlainRates(tuple(rate for rate in rates if rate.name != "nobody"))
+
+
+def analyse_natural(found: NaturalRate, folder: Path, seed: int, progress: Progress) -> NaturalCases:
+    """Analyse the crashes that a natural rate left in its folder."""
+    if found.crashes_per_test == 0.0:
+        return NaturalCases(None)
+    cases = folder / ("library" if found.method == "mc" else "weighted")
+    return NaturalCases(analyse(cases, out=folder / "analysis", seed=seed, progress=progress))
