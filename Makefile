@@ -7,14 +7,19 @@ OUT ?= out/demo
 BIN := .venv/bin
 SETUP := .venv/.stamp-setup
 BENCH := .venv-bench/.stamp-setup
+DOCS := .venv-docs/.stamp-setup
+WHEEL := .venv-wheel
 PIP := -m pip -qq --disable-pip-version-check
-SCRIPTS := $(wildcard benchmarks/*.py examples/*.py)
+SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py)
 LINTED := src tests $(SCRIPTS)
+# Tests of the installed wheel: storage, queries, processes of AVs, pictures, metrics, and the bits of a drive. They compile little.
+WHEEL_TESTS := tests/adversary/test_policy_file.py tests/foreign/test_av_process.py tests/library tests/metrics \
+	tests/report/test_report_figures.py tests/sim/test_digests.py tests/test_public_api.py
 MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format bench model rl-av golden clean-cache clean
+.PHONY: help setup demo test test-slow check format docs wheel bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -42,6 +47,24 @@ format: $(SETUP) ## write the agreed format and mend what lint can mend by itsel
 	@$(BIN)/ruff check --quiet --fix-only $(LINTED)
 	@$(BIN)/ruff format $(LINTED)
 
+docs: $(DOCS) ## build the documentation as a site that loads nothing from elsewhere: site/index.html
+	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict --quiet
+	@.venv-docs/bin/python docs/_site/site_check.py site
+
+# The tests run from the unpacked source archive, without its src/: what they import can only be the installed wheel.
+wheel: $(SETUP) ## build the source archive and the wheel, and try them in an environment of their own: dist/
+	@rm -rf build dist $(WHEEL)
+	@$(BIN)/python -m build --outdir dist . >build.log 2>&1 || { cat build.log; exit 1; }
+	@$(BIN)/python -m build --wheel --outdir build/direct . >build.log 2>&1 || { cat build.log; exit 1; }
+	@rm build.log
+	@$(BIN)/python tests/installed/archives.py dist build/direct
+	@$(call venv,$(WHEEL))
+	@$(WHEEL)/bin/python $(PIP) install -c constraints.txt dist/*.whl
+	@$(WHEEL)/bin/python -I tests/installed/as_a_user.py
+	@$(WHEEL)/bin/python $(PIP) install -c constraints.txt "$$(ls dist/*.whl)[all]" hypothesis onnx pytest pytest-xdist
+	@mkdir $(WHEEL)/source && tar -xzf dist/*.tar.gz --strip-components 1 -C $(WHEEL)/source && rm -r $(WHEEL)/source/src
+	@cd $(WHEEL)/source && env -u PYTHONPATH ../bin/python -m pytest -q -n auto --dist loadfile $(WHEEL_TESTS)
+
 bench: $(BENCH) ## measure speeds (benchmarks/run.py), in an environment of its own with the tools we compare with
 	@.venv-bench/bin/python benchmarks/run.py
 
@@ -61,7 +84,7 @@ clean-cache: ## drop the compiled kernels; the next start compiles them anew (ne
 	@find src \( -name '*.nbi' -o -name '*.nbc' \) -delete
 
 clean: clean-cache ## drop all that make made, .venv too; keeps out/
-	@rm -rf .venv .venv-bench build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@rm -rf .venv .venv-* build dist site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is newer than the two files that decide what gets installed, or the installation runs again.
@@ -73,6 +96,13 @@ $(SETUP): pyproject.toml constraints.txt
 $(BENCH): pyproject.toml constraints.txt
 	@$(call venv,.venv-bench)
 	@.venv-bench/bin/python $(PIP) install -c constraints.txt -e ".[all,bench]"
+	@touch $@
+
+# The site is made from texts: the package itself is not installed, only the tools that the extra `docs` names.
+$(DOCS): pyproject.toml constraints.txt
+	@$(call venv,.venv-docs)
+	@.venv-docs/bin/python $(PIP) install -c constraints.txt $$($(PYTHON) -c 'import tomllib; \
+	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')
 	@touch $@
 
 define venv

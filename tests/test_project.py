@@ -17,7 +17,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parents[1]
-MADE = {".git", ".venv", ".venv-bench", "out", "build", "cornerforge-out", "__pycache__"}
+MADE = {".git", "out", "build", "dist", "site", "cornerforge-out", "__pycache__"}
 LARGE_BYTES = 500_000
 MAY_BE_LARGE = {"src/cornerforge/ndd/default_model.npz"}
 PROBE = Path(__file__).with_name("import_probe.py")
@@ -28,7 +28,8 @@ def project_files() -> Iterator[Path]:
     folders = [ROOT]
     while folders:
         for path in sorted(folders.pop().iterdir()):
-            if path.name in MADE or path.name.endswith((".egg-info", "_cache")) or path.name == ".hypothesis":
+            made = path.name in MADE or path.name.startswith(".venv")
+            if made or path.name.endswith((".egg-info", "_cache")) or path.name == ".hypothesis":
                 continue
             if path.is_dir():
                 folders.append(path)

@@ -5,16 +5,11 @@ from __future__ import annotations
 import json
 import math
 import re
-import runpy
-import shlex
-import sys
 from pathlib import Path
 
 import pytest
+from pages_as_run import ROOT, run
 
-from cornerforge.cli import main
-
-ROOT = Path(__file__).parents[1]
 TUTORIAL = ROOT / "docs" / "tutorial-your-own-data.md"
 SMALLER = {
     "--recordings 24": "--recordings 3", "--recordings 6": "--recordings 1", "--out validation": "--out v --miles 2e5",
@@ -31,25 +26,6 @@ def smaller(command: str) -> str:
     for here, instead in SMALLER.items():
         command = command.replace(here, instead)
     return command
-
-
-def expanded(words: list[str], folder: Path) -> list[str]:
-    """What a shell makes of a pattern."""
-    return [
-        part
-        for word in words
-        for part in (sorted(str(path.relative_to(folder)) for path in folder.glob(word)) if "*" in word else [word])
-    ]
-
-
-def run(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *more: str) -> int:
-    program, *words = shlex.split(command)
-    if program == "python":
-        monkeypatch.setattr(sys, "argv", [*expanded(words, folder)])
-        runpy.run_path(str(ROOT / words[0]), run_name="__main__")
-        return 0
-    assert program == "cornerforge"
-    return main([*expanded(words, folder), *more])
 
 
 def test_the_commands_are_those_that_are_run_here() -> None:
