@@ -25,9 +25,9 @@ from cornerforge.road.straight import road_numbers
 from cornerforge.sim.actions import hold
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.loop import BV_MUST_ANSWER, NEVER, advance, answer_as_bv
+from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import TOLD
-from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.step import allocate_recording
 from cornerforge.sim.world import NO_VEHICLE, RUNNING, VEHICLE, all_current, allocate_worlds, av_numbers, world_of
 from cornerforge.types import ACCELERATIONS, Odd
