@@ -183,11 +183,12 @@ def test_check_av_of_an_av_that_hangs_ends_soon(avs: Path, capsys: Capture, monk
     limits: list[float] = []
     monkeypatch.setattr(check_av, "FIRST_TIMEOUT", 3.0)
     asked = AvProcess._ask
-    monkeypatch.setattr(
-        AvProcess,
-        "_ask",
-        lambda self, frame, timeout, *rest: limits.append(timeout) or asked(self, frame, timeout, *rest),
-    )
+
+    def noted(self: AvProcess, frame: bytes, timeout: float, *rest: int) -> bytearray:
+        limits.append(timeout)
+        return asked(self, frame, timeout, *rest)
+
+    monkeypatch.setattr(AvProcess, "_ask", noted)
     status, result, _ = call(capsys, "check-av", "avs:HangsAtOnce", "--av-timeout", 1)
     assert status == 1
     assert verdicts(result) == {"loads": "ok", "first questions": "FAIL", "tests in natural traffic": "FAIL"}

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -200,7 +201,7 @@ def test_what_is_too_slow_for_many_worlds_is_said_and_costs_no_test(avs: Path) -
 
 
 @pytest.mark.parametrize("arguments", [{"batch": 0}, {"batch": 65_537}, {"processes": 0}, {"processes": 1025}])
-def test_numbers_are_checked(arguments: dict[str, int]) -> None:
+def test_numbers_are_checked(arguments: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="av_"):
         ForeignAv("avs:Good", Odd(), **arguments)
 

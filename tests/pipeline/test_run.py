@@ -90,6 +90,7 @@ def test_the_summary_is_of_what_was_asked_for(finished: tuple[Path, RunDone]) ->
     assert summary.train.tests == 300
     assert {"decisions", "seconds", "crashes_per_test", "interval95"} <= set(as_json(summary.train))
     assert {"cases", "tests", "crashes_per_test", "interval95", "seconds", "library"} <= set(as_json(summary.generate))
+    assert summary.analyse is not None
     assert summary.generate.cases == summary.analyse.cases == len(CaseLibrary.open(folder / "library")) == 25
     assert [rate.name for rate in summary.baselines] == [
         "uniform",

@@ -33,7 +33,7 @@ LENGTH = ODD.vehicle_length
 WHEELBASE = float(wheelbase_of(LENGTH))
 
 
-def by_the_centre(pose: list[float], speed: float, acceleration: float, curvature: float) -> np.ndarray:
+def by_the_centre(pose: tuple[float, float, float], speed: float, acceleration: float, curvature: float) -> np.ndarray:
     """Pose of the centre after a step, by the bicycle as textbooks have it: at the centre, with a slip angle."""
     slip = np.arctan(0.5 * WHEELBASE * curvature)
 
@@ -48,7 +48,7 @@ def by_the_centre(pose: list[float], speed: float, acceleration: float, curvatur
 def test_it_moves_as_the_equations_say(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for _ in range(100):
-        pose = [0.0, float(rng.uniform(0, 12)), float(rng.uniform(-0.5, 0.5))]
+        pose = 0.0, float(rng.uniform(0, 12)), float(rng.uniform(-0.5, 0.5))
         speed, a = float(rng.uniform(3.0, 38.0)), float(rng.uniform(-6.0, 1.5))
         curvature = float(rng.uniform(-1, 1) * min(0.9 * HARDEST_TURN, 0.9 * MOST_LATERAL_ACCELERATION / speed**2))
         x, y, heading, after, now, bent = roll(*pose, speed, a, curvature, a, curvature, LENGTH, ROAD)
