@@ -21,7 +21,7 @@ def test_the_page_has_what_help_has() -> None:
     for command in ("simulate", "ndd fit"):
         words = [sys.executable, "-m", "cornerforge", *command.split(), "--help"]
         said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-        options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", said.partition("Options")[2]))
+        options = set(re.findall(r"^[│* ]*(--[a-z-]*[a-z])(?![\w-])", said, flags=re.MULTILINE))
         assert len(options) > 5
         (part,) = re.findall(rf"^## {command}\n(.*?)(?=^## |\Z)", page, flags=re.MULTILINE | re.DOTALL)
         shared = page.partition("## What all commands take")[2].partition("\n## ")[0]
