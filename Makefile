@@ -15,11 +15,16 @@ LINTED := src tests $(SCRIPTS)
 # Tests of the installed wheel: storage, queries, processes of AVs, pictures, metrics, and the bits of a drive. They compile little.
 WHEEL_TESTS := tests/adversary/test_policy_file.py tests/foreign/test_av_process.py tests/library tests/metrics \
 	tests/report/test_report_figures.py tests/sim/test_digests.py tests/test_public_api.py
+# Tests with the lowest versions: all that calls a library besides Numba and NumPy. Old releases warn of newer ones beneath them.
+LOWEST := .venv-lowest/.stamp-setup
+LOWEST_TESTS := tests/adversary tests/analysis tests/envs tests/foreign/test_av_process.py tests/foreign/test_network_files.py \
+	tests/library tests/metrics tests/ndd tests/report tests/sim/test_digests.py tests/test_public_api.py
+TEST_TOOLS := hypothesis mpmath onnx pytest
 MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format docs wheel bench model rl-av golden clean-cache clean
+.PHONY: help setup demo test test-slow check format docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -61,9 +66,13 @@ wheel: $(SETUP) ## build the source archive and the wheel, and try them in an en
 	@$(call venv,$(WHEEL))
 	@$(WHEEL)/bin/python $(PIP) install -c constraints.txt dist/*.whl
 	@$(WHEEL)/bin/python -I tests/installed/as_a_user.py
-	@$(WHEEL)/bin/python $(PIP) install -c constraints.txt "$$(ls dist/*.whl)[all]" hypothesis onnx pytest pytest-xdist
+	@$(WHEEL)/bin/python $(PIP) install --no-compile -c constraints.txt "$$(ls dist/*.whl)[all]" hypothesis onnx pytest pytest-xdist
 	@mkdir $(WHEEL)/source && tar -xzf dist/*.tar.gz --strip-components 1 -C $(WHEEL)/source && rm -r $(WHEEL)/source/src
 	@cd $(WHEEL)/source && env -u PYTHONPATH ../bin/python -m pytest -q -n auto --dist loadfile $(WHEEL_TESTS)
+
+lowest: $(LOWEST) ## run tests with the lowest versions that pyproject.toml allows (some gigabytes: old torch with its GPU libraries)
+	@env -u PYTHONPATH .venv-lowest/bin/python -m pytest -q -p no:cacheprovider -W default::DeprecationWarning \
+	  -W default::PendingDeprecationWarning -W default::FutureWarning $(LOWEST_TESTS)
 
 bench: $(BENCH) ## measure speeds (benchmarks/run.py), in an environment of its own with the tools we compare with
 	@.venv-bench/bin/python benchmarks/run.py
@@ -103,6 +112,20 @@ $(DOCS): pyproject.toml constraints.txt
 	@$(call venv,.venv-docs)
 	@.venv-docs/bin/python $(PIP) install -c constraints.txt $$($(PYTHON) -c 'import tomllib; \
 	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')
+	@touch $@
+
+# Direct requirements in their lowest versions, what these require in its newest; the package is not editable, since the
+# kernels' machine code beside src/ belongs to the Numba of .venv.
+$(LOWEST): pyproject.toml
+	@rm -rf .venv-lowest
+	@$(call venv,.venv-lowest)
+	@.venv-lowest/bin/python $(PIP) install uv
+	@$(PYTHON) -c 'import sys, tomllib; dev = tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["dev"]; \
+	  print(*(line for line in dev if line.split(">=")[0] in sys.argv[1:]), sep="\n")' $(TEST_TOOLS) >.venv-lowest/tools.in
+	@.venv-lowest/bin/uv pip compile -q --resolution lowest-direct --python .venv-lowest/bin/python --extra all --extra sb3 \
+	  pyproject.toml .venv-lowest/tools.in -o .venv-lowest/lowest.txt
+	@.venv-lowest/bin/uv pip install -q --python .venv-lowest/bin/python -r .venv-lowest/lowest.txt
+	@.venv-lowest/bin/uv pip install -q --python .venv-lowest/bin/python --no-deps .
 	@touch $@
 
 define venv

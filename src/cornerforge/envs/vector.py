@@ -181,8 +181,9 @@ class _BatchVectorEnv(VectorEnv[NDArray[np.float32], NDArray[Any], NDArray[Any]]
         return tuple(top_view(self._batch.worlds, b, self._batch.run.setting.road) for b in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
-        """End the threads."""
-        self._batch.close()
+        """End the threads. Gymnasium before 1.2 calls this also for an object that could not be made."""
+        if hasattr(self, "_batch"):
+            self._batch.close()
 
 
 class AdversaryVectorEnv(_BatchVectorEnv):

@@ -136,12 +136,13 @@ def bin_index(acceleration: Floats) -> NDArray[np.int64]:
 def bin_probabilities(mean: Floats, scale: Floats, degrees: float) -> Floats:
     """Return Student-t probabilities of the 31 acceleration bins, shape (*d, 31), from centre and scale, shape (*d).
 
-    The outermost bins include the tails, so rows sum to 1 for every centre.
+    The outermost bins include the tails, so rows sum to 1 for every centre. None is negative: before SciPy 1.15 the
+    distribution function goes down by its last bit in places, and a model with such a row is refused.
     """
     from scipy.special import stdtr
 
     cumulative = stdtr(degrees, (_EDGES - mean[..., None]) / scale[..., None])
-    return np.asarray(np.diff(cumulative, axis=-1), dtype=np.float64)
+    return np.asarray(np.maximum(np.diff(cumulative, axis=-1), 0.0), dtype=np.float64)
 
 
 def log_likelihood(law: FollowingLaw, speed: Floats, gap: Floats, range_rate: Floats, acceleration: Floats) -> float:
