@@ -307,8 +307,8 @@ def test_mistakes_are_named(steps: list[Any], message: str) -> None:
 @pytest.mark.parametrize("kind", [AdversaryEnv, DrivingEnv, AdversaryVectorEnv, DrivingVectorEnv])
 def test_an_option_of_another_world_is_refused(kind: Any, option: str) -> None:
     """In Python's words; the AV is an option where it is not the agent."""
-    if option == "av" and kind in (AdversaryEnv, AdversaryVectorEnv):
-        assert kind(av="rl")._batch.run.av.name == "rl"
+    if option in {"av", "av_timeout"} and kind in (AdversaryEnv, AdversaryVectorEnv):
+        assert kind(av="rl", av_timeout=3.0)._batch.run.av.name == "rl"
         return
     words = rf"^{kind.__name__}\.__init__\(\) got an unexpected keyword argument '{option}'"
     with pytest.raises(TypeError, match=words):
