@@ -17,6 +17,7 @@ from cornerforge.sim.bicycle import (
     LARGEST_HEADING,
     MOST_LATERAL_ACCELERATION,
     STEERING_RATE,
+    Motion,
     roll,
     steer_on,
     wheelbase_of,
@@ -51,7 +52,7 @@ def test_it_moves_as_the_equations_say(seed: int) -> None:
         pose = 0.0, float(rng.uniform(0, 12)), float(rng.uniform(-0.5, 0.5))
         speed, a = float(rng.uniform(3.0, 38.0)), float(rng.uniform(-6.0, 1.5))
         curvature = float(rng.uniform(-1, 1) * min(0.9 * HARDEST_TURN, 0.9 * MOST_LATERAL_ACCELERATION / speed**2))
-        x, y, heading, after, now, bent = roll(*pose, speed, a, curvature, a, curvature, LENGTH, ROAD)
+        x, y, heading, after, now, bent = roll(Motion(*pose, speed, a, curvature), a, curvature, LENGTH, ROAD)
         np.testing.assert_allclose([x, y, heading], by_the_centre(pose, speed, a, curvature), atol=1e-9)
         assert abs(after - (speed + 0.1 * a)) < 1e-12
         assert now == a
@@ -62,11 +63,11 @@ def test_the_limits_hold_for_any_answer(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cut = 0
     for _ in range(50):
-        state = (0.0, 6.0, 0.0, float(rng.uniform(0.0, ROAD.max_speed)), 0.0, 0.0)
+        state = Motion(0.0, 6.0, 0.0, float(rng.uniform(0.0, ROAD.max_speed)), 0.0, 0.0)
         for _ in range(60):
             before = state
             wish = float(rng.normal() * rng.choice([0.01, 1.0, 100.0]))
-            state = roll(*state, float(rng.uniform(-8.0, 2.0)), wish, LENGTH, ROAD)
+            state = roll(state, float(rng.uniform(-8.0, 2.0)), wish, LENGTH, ROAD)
             x, _, heading, speed, a, curvature = state
             assert np.isfinite(state).all()
             assert x > before[0] - 1e-12
@@ -83,13 +84,13 @@ def test_the_limits_hold_for_any_answer(seed: int) -> None:
 
 
 def test_a_standing_car_does_not_turn() -> None:
-    pose = roll(5.0, 6.0, 0.1, 0.0, 0.0, 0.0, -3.0, 0.2, LENGTH, ROAD)
+    pose = roll(Motion(5.0, 6.0, 0.1, 0.0, 0.0, 0.0), -3.0, 0.2, LENGTH, ROAD)
     assert pose[:4] == (5.0, 6.0, 0.1, 0.0)
 
 
 def test_mirrored_it_does_the_mirrored() -> None:
-    left = roll(0.0, 0.0, 0.05, 30.0, -1.0, 0.001, -2.0, 0.004, LENGTH, ROAD)
-    right = roll(0.0, 0.0, -0.05, 30.0, -1.0, -0.001, -2.0, -0.004, LENGTH, ROAD)
+    left = roll(Motion(0.0, 0.0, 0.05, 30.0, -1.0, 0.001), -2.0, 0.004, LENGTH, ROAD)
+    right = roll(Motion(0.0, 0.0, -0.05, 30.0, -1.0, -0.001), -2.0, -0.004, LENGTH, ROAD)
     assert [left[0], -left[1], -left[2], *left[3:5], -left[5]] == list(right)
 
 

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from cornerforge.road.straight import road_numbers
 from cornerforge.sim import av_scene
-from cornerforge.sim.bicycle import rear_axle_behind, roll
+from cornerforge.sim.bicycle import Motion, rear_axle_behind, roll
 from cornerforge.sim.tracking import POSE_COLUMNS, bend, place_at, track, wheelbase
 from cornerforge.types import FRAME_S, Odd
 
@@ -55,7 +55,7 @@ class Car:
     """An AV that tracks, alone."""
 
     def __init__(self, speed: float) -> None:
-        self.state = (0.0, 6.0, 0.0, speed, 0.0, 0.0)
+        self.state = Motion(0.0, 6.0, 0.0, speed, 0.0, 0.0)
 
     def own(self) -> np.ndarray:
         x, y, heading, speed, a, curvature = self.state
@@ -71,7 +71,7 @@ class Car:
         controls = np.zeros(2 * tenths)
         track(self.own(), plan, len(plan), ROAD, controls)
         for k in range(tenths):
-            self.state = roll(*self.state, controls[2 * k], controls[2 * k + 1], LENGTH, ROAD)
+            self.state = roll(self.state, controls[2 * k], controls[2 * k + 1], LENGTH, ROAD)
 
 
 def smooth(s: np.ndarray) -> np.ndarray:
@@ -129,7 +129,7 @@ def test_a_planner_that_begins_where_it_is_each_time_gets_where_it_wants(speed: 
 def test_small_errors_die_out() -> None:
     for beside, turned, slower in ((0.3, 0.0, 0.0), (0.0, 0.02, 0.0), (0.0, 0.0, 1.0)):
         car = Car(28.0)
-        car.state = (0.0, 6.0 + beside, turned, 28.0 - slower, 0.0, 0.0)
+        car.state = Motion(0.0, 6.0 + beside, turned, 28.0 - slower, 0.0, 0.0)
         for k in range(40):
             t = np.arange(0.0, 2.0, 0.2)
             car.follow(plan_of(t, 28.0 * (0.1 * k + t), np.full(t.size, 6.0)))

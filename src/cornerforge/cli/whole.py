@@ -179,7 +179,7 @@ def reproduce(
     paper_policy: Annotated[
         Path | None, typer.Option(help="A policy of preset paper, for Figure 2.", show_default=False)
     ] = None,
-    av: Annotated[
+    more_av: Annotated[
         list[str] | None,
         typer.Option(help="AV for the matrix besides the built-in ones; give it again for more.", show_default=False),
     ] = None,
@@ -198,7 +198,7 @@ def reproduce(
     figures = [*(figure or []), *(more or [])] or None
     run_command(
         lambda bars: cornerforge.reproduce(
-            out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, avs=av or (),
+            out=out, figures=figures, effort=effort, budget=budget, paper_policy=paper_policy, avs=more_av or (),
             resume=resume,
             seed=seed, threads=threads, progress=bars, **world,
         ),

@@ -27,7 +27,7 @@ from cornerforge.results import NaturalRate, as_json
 from cornerforge.results.driving import Effort
 from cornerforge.world_options import AvKeywords, WorldOptions
 
-__all__ = ["rate"]
+__all__ = ["rate", "why_only_counting"]
 
 PLAIN_TESTS = 4 * BLOCK
 """Plain tests that trees begin with: kinds of crash that a network does not know show there, if they are frequent."""
@@ -85,7 +85,7 @@ def rate(
         raise InputError("There is nothing to resume without out; name the folder: --out FOLDER --resume")
     run = experiment(WorldOptions(**world), takes_foreign=True, seed=seed)
     check_model_draws(model_draws, run.model)
-    only_mc = _why_only_counting(max_tests)
+    only_mc = why_only_counting(max_tests)
     if method in ("is", "splitting") and only_mc is not None:
         raise InputError(f"Method {method} cannot be used: {only_mc}")
     folder = None if out is None else Path(out)
@@ -130,8 +130,8 @@ def rate(
 # Choosing
 
 
-def _why_only_counting(max_tests: int) -> str | None:
-    """Say why only counting is possible; None if trees are."""
+def why_only_counting(max_tests: int) -> str | None:
+    """Say why only counting is possible; None if trees and importance sampling are."""
     if importlib.util.find_spec("torch") is None:
         return 'teaching needs torch; install it with: pip install "cornerforge[learn]"'
     from cornerforge.rates.teaching import TEACHING_TREES

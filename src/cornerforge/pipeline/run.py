@@ -24,7 +24,7 @@ from cornerforge.pipeline.output import (
     write_json,
 )
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.rate import rate
+from cornerforge.pipeline.rate import rate, why_only_counting
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
 from cornerforge.pipeline.stages import (
     Counted,
@@ -89,9 +89,9 @@ def _train_config(size: Effort) -> TrainConfig:
     return replace(preset_named("fast"), decisions=size.decisions)
 
 
-def _natural_method(natural: Experiment) -> str:
+def _natural_method(natural: Experiment, max_tests: int) -> str:
     """Choose the method of the natural rate: for an AV from outside one that need not be taught by 300,000 trees."""
-    return "auto" if natural.foreign is None else "is"
+    return "auto" if natural.foreign is None or why_only_counting(max_tests) is not None else "is"
 
 
 def _identity(plain: Experiment, effort: str, seed: int) -> dict[str, Any]:
@@ -185,8 +185,9 @@ def run(
         "natural",
         NaturalRate,
         lambda: rate(
-            method=_natural_method(natural), target_rhw=size.natural_rhw, max_tests=size.natural_tests,
-            out=folder / "natural", resume=True, seed=seed, threads=threads, progress=progress, **world,
+            method=_natural_method(natural, size.natural_tests), target_rhw=size.natural_rhw,
+            max_tests=size.natural_tests, out=folder / "natural", resume=True, seed=seed, threads=threads,
+            progress=progress, **world,
         ),
     )  # fmt: skip
     natural_cases = once(

@@ -10,7 +10,7 @@ wheels turn by 0.7 rad/s. The heading stays within 0.8 rad of the road's directi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
@@ -26,6 +26,7 @@ __all__ = [
     "LARGEST_HEADING",
     "MOST_LATERAL_ACCELERATION",
     "STEERING_RATE",
+    "Motion",
     "rear_axle_behind",
     "roll",
     "steer_on",
@@ -58,34 +59,47 @@ def rear_axle_behind(length: float) -> float:
     return 0.5 * _WHEELBASE_SHARE * length
 
 
-@kernel
-def roll(
-    x: float, y: float, heading: float, speed: float, acceleration: float, curvature: float, command: float,
-    wish: float, length: float, road: RoadNumbers,
-) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """Drive a vehicle that steers for a tenth of a second.
+class Motion(NamedTuple):
+    """How a vehicle that steers moves.
 
-    Args:
-        x, y, heading: Pose of its box's centre [m], [m], [rad].
+    Attributes:
+        ahead, y, heading: Pose of its box's centre: along the road from anywhere [m], across it [m], [rad].
         speed: Of its rear axle, where it points [m/s], in [0, max_speed].
         acceleration: Likewise [m/s2].
         curvature: Of its way now, to the left positive [1/m].
+    """
+
+    ahead: float
+    y: float
+    heading: float
+    speed: float
+    acceleration: float
+    curvature: float
+
+
+@kernel
+def roll(m: Motion, command: float, wish: float, length: float, road: RoadNumbers) -> Motion:
+    """Drive a vehicle that steers for a tenth of a second.
+
+    Args:
+        m: Its motion before.
         command: Acceleration to which it goes [m/s2].
         wish: Curvature that it wants, to which it goes within its limits [1/m].
         length: Of the vehicle [m].
         road: Constants.
 
     Returns:
-        The first six arguments after the step.
+        Its motion after.
     """
+    heading, speed = m.heading, m.speed
     behind = rear_axle_behind(length)
     step = STEERING_RATE * _DT / wheelbase_of(length)
-    turned = min(max(wish, curvature - step), curvature + step)
+    turned = min(max(wish, m.curvature - step), m.curvature + step)
     most = HARDEST_TURN
     if most * speed * speed > MOST_LATERAL_ACCELERATION:
         most = MOST_LATERAL_ACCELERATION / (speed * speed)
     turned = min(max(turned, -most), most)
-    gone, at_top, after, now = go_on(speed, acceleration, command, _DT, road)
+    gone, at_top, after, now = go_on(speed, m.acceleration, command, _DT, road)
     way = gone + at_top
     angle = turned * way
     if heading + angle > LARGEST_HEADING:
@@ -99,9 +113,9 @@ def roll(
     sine, cosine = sin_cos(heading)
     across, along = sin_cos(heading + half)
     sine_after, cosine_after = sin_cos(heading + angle)
-    x += chord * along + behind * (cosine_after - cosine)
-    y += chord * across + behind * (sine_after - sine)
-    return x, y, heading + angle, after, now, turned
+    ahead = m.ahead + (chord * along + behind * (cosine_after - cosine))
+    y = m.y + (chord * across + behind * (sine_after - sine))
+    return Motion(ahead, y, heading + angle, after, now, turned)
 
 
 @inlined_kernel
@@ -144,9 +158,8 @@ def steer_on(w: World, command: float, wish: float, road: RoadNumbers) -> None:
     sine, cosine = sin_cos(heading)
     speed = min(max(v[0].speed * cosine + v[0].lateral_speed * sine, 0.0), road.max_speed)
     begin_along(v, 0, 0.0)
-    ahead, y, heading, speed, now, curvature = roll(
-        0.0, v[0].y, heading, speed, v[0].acceleration, state.av_curvature, command, wish, v[0].length, road
-    )
+    before = Motion(0.0, v[0].y, heading, speed, v[0].acceleration, state.av_curvature)
+    ahead, y, heading, speed, now, curvature = roll(before, command, wish, v[0].length, road)
     sine, cosine = sin_cos(heading)
     swing = rear_axle_behind(v[0].length) * speed * curvature
     go_along(v, 0, ahead)

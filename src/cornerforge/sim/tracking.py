@@ -22,7 +22,7 @@ from cornerforge._elementary import atan, sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.sim.actions import HIGHEST_COMMAND, LOWEST_COMMAND
 from cornerforge.sim.av_scene import AX, CURVATURE, HEADING, LENGTH, VX, VY, X, Y
-from cornerforge.sim.bicycle import rear_axle_behind, roll, wheelbase_of
+from cornerforge.sim.bicycle import Motion, rear_axle_behind, roll, wheelbase_of
 from cornerforge.types import FRAME_S
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def _slope(plan: NDArray[np.float64], j: int, n: int, axis: int) -> float:
 @inlined_kernel
 def _velocity(plan: NDArray[np.float64], j: int, n: int) -> tuple[float, float]:
     """Velocity along x and y at pose j of n [m/s]: as stated, else estimated."""
-    if math.isfinite(plan[j, 3]) and math.isfinite(plan[j, 4]):
+    if abs(plan[j, 3]) < math.inf and abs(plan[j, 4]) < math.inf:  # neither is NaN
         sine, cosine = sin_cos(plan[j, 3])
         return plan[j, 4] * cosine, plan[j, 4] * sine
     return _slope(plan, j, n, 1), _slope(plan, j, n, 2)
@@ -133,16 +133,15 @@ def place_at(plan: NDArray[np.float64], n: int, t: float) -> tuple[float, float,
 
 
 @inlined_kernel
-def _control(
-    plan: NDArray[np.float64], n: int, t: float, x: float, y: float, heading: float, speed: float, length: float
-) -> tuple[float, float]:
+def _control(plan: NDArray[np.float64], n: int, t: float, m: Motion, length: float) -> tuple[float, float]:
     """Choose acceleration [m/s2] and curvature [1/m] for the step that begins at time t, by the law of tracking."""
+    ahead, y, heading, speed = m.ahead, m.y, m.heading, m.speed
     behind = rear_axle_behind(length)
     v = max(speed, _SLOWEST)
     late = behind / v
     px, py, vx, vy, _, _ = place_at(plan, n, t)
     sine, cosine = sin_cos(atan(vy / vx) if vx > _STANDS else heading)
-    lacks = cosine * (px - x) + sine * (py - y)
+    lacks = cosine * (px - ahead) + sine * (py - y)
     wanted = vx * cosine + vy * sine
     _, _, mx, my, ax, ay = place_at(plan, n, t + 0.5 * _DT)
     swift = math.sqrt(mx * mx + my * my)
@@ -152,7 +151,7 @@ def _control(
     course = atan(vy / vx) if vx > _STANDS else heading
     sine, cosine = sin_cos(course)
     own_sine, own_cosine = sin_cos(heading)
-    left = cosine * (y - behind * own_sine - ry) - sine * (x - behind * own_cosine - rx)
+    left = cosine * (y - behind * own_sine - ry) - sine * (ahead - behind * own_cosine - rx)
     bent = (mx * ay - my * ax) / (swift * swift * swift) if swift > _STANDS else 0.0
     turned = sin_cos(heading - course)[0]
     curvature = bent - 2.0 * _LATERAL * turned / v - _LATERAL * _LATERAL * left / (v * v)
@@ -173,16 +172,14 @@ def track(
         controls: Receives an acceleration [m/s2] and a curvature [1/m] for each tenth of a second (`loop.steer_as_av`).
     """
     length = own[LENGTH]
-    x, y, heading, acceleration, curvature = own[X], own[Y], own[HEADING], own[AX], own[CURVATURE]
-    sine, cosine = sin_cos(heading)
+    sine, cosine = sin_cos(own[HEADING])
     speed = min(max(own[VX] * cosine + own[VY] * sine, 0.0), road.max_speed)
+    m = Motion(own[X], own[Y], own[HEADING], speed, own[AX], own[CURVATURE])
     for k in range(controls.size // 2):
-        command, wish = _control(plan, n, k * _DT, x, y, heading, speed, length)
+        command, wish = _control(plan, n, k * _DT, m, length)
         controls[2 * k] = command
         controls[2 * k + 1] = wish
-        x, y, heading, speed, acceleration, curvature = roll(
-            x, y, heading, speed, acceleration, curvature, command, wish, length, road
-        )
+        m = roll(m, command, wish, length, road)
 
 
 @kernel
