@@ -146,6 +146,14 @@ class Turns(Bad):
         plan[:, 3:] = 0
         return np.c_[plan, np.full(len(plan), 1.5), np.full(len(plan), 30.0)]
 
+class Swift(Bad):
+    def bad(self, plan):
+        return np.c_[plan, np.zeros(len(plan)), np.full(len(plan), 1e300)]
+class Steep(Curve):
+    answers = "steering"
+    def plan(self, scene):
+        return (0, 1.5) if 0.95 < scene.time < 1.05 and scene.left_to_drive < 370 else super().plan(scene)
+
 class Form(Curve):
     answers = "wish"
 class Objects(Curve):
@@ -223,6 +231,7 @@ def test_what_it_sees_is_whole_and_goes_on_from_scene_to_scene() -> None:
         ("Raises", r"raised ValueError\(on purpose\) \(planners.py:\d+\)"),
         ("Leaves", r"left the road: it is \d\.\d\d m beyond the shoulder"),
         ("Turns", "heading of 1.50 rad"),
+        ("Swift", r"planned a speed of 1e\+300 m/s; allowed: 0 to 50"),
     ],
 )
 def test_a_bad_answer_costs_its_test_only(name: str, text: str) -> None:
@@ -242,6 +251,17 @@ def test_a_bad_answer_costs_its_test_only(name: str, text: str) -> None:
     recorder = bad.recorder()
     untouched = next(test for test in range(30) if test not in left_out)
     np.testing.assert_array_equal(recorder.record(0, untouched).y, good.recorder().record(0, untouched).y)
+
+
+@pytest.mark.usefixtures("planners")
+def test_front_wheels_turn_no_farther_than_wheels_can() -> None:
+    run = experiment(av="planners:Steep", takes_foreign=True)
+    assert run.foreign is not None
+    tally = simulate(run.setting, run.slots, seed=0, tests=12, threads=1, drive=run.drive)
+    assert 0 < tally.av_faults < 12
+    assert {fault.message for fault in run.foreign.faults.values()} == {
+        "answered with NaN, infinity, or front wheels turned by 1.4 rad or more"
+    }
 
 
 @pytest.mark.usefixtures("planners")

@@ -25,6 +25,7 @@ SHOULDER = 2.5
 UNUSABLE = "answered with NaN, infinity, or a lane order other than -1, 0 and 1"
 """What an AV did whose answer is not usable."""
 _NOT_FINITE = "answered with NaN or infinity"
+_TOO_STEEP = "answered with NaN, infinity, or front wheels turned by 1.4 rad or more"
 _JUMP = 3.0
 _BEYOND_TOP_SPEED = 10.0
 _STEEPEST = 1.4
@@ -68,11 +69,12 @@ def carry_out(
     if form == "trajectory":
         answers, failed = _followed(given, failed, views, road, steps)
     else:
-        pairs = given.copy()
+        pairs, how = given.copy(), _NOT_FINITE
         if form == "steering":
             tracking.bend(pairs, float(road.length))
+            how = _TOO_STEEP
         answers = np.tile(pairs, (1, steps))
-        answers, failed = _with_faults(answers, np.asarray(np.isfinite(answers).all(axis=1)), _NOT_FINITE, failed)
+        answers, failed = _with_faults(answers, np.asarray(np.isfinite(answers).all(axis=1)), how, failed)
     return _on_the_road(answers, failed, views, road)
 
 
@@ -133,7 +135,12 @@ def _wrong_with(
     if fast.any():
         k = int(np.argmax(fast))
         return f"planned a trajectory that jumps by {way[k]:.1f} m between {t[k]:g} and {t[k + 1]:g} s"
-    headings = plan[:n, 3][np.isfinite(plan[:n, 3])]
+    stated = plan[:n, 4][~np.isnan(plan[:n, 4])]
+    top = road.max_speed + _BEYOND_TOP_SPEED
+    if ((stated < 0.0) | (stated > top)).any():
+        wrong = stated[(stated < 0.0) | (stated > top)][0]
+        return f"planned a speed of {wrong:g} m/s; allowed: 0 to {top:g}"
+    headings = plan[:n, 3][~np.isnan(plan[:n, 3])]
     if (np.abs(headings) > _STEEPEST).any():
         return f"planned a heading of {headings[np.abs(headings).argmax()]:.2f} rad to the road; at most {_STEEPEST}"
     now_x, now_y, *_ = tracking.place_at(plan, n, 0.0)

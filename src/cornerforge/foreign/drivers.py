@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import traceback
+from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -201,12 +202,12 @@ class _ForAll(Driver):
         return numbers_of(given, (self.context.batch, 2))
 
 
-class WorldDriver(_ForAll):
+class WorldDriver(_ForAll, ABC):
     """An AV of interface 2 whose answers come world by world, so that one may fail without the others."""
 
+    @abstractmethod
     def given(self, scenes: Scenes) -> dict[int, NDArray[np.float64]]:
         """Ask for the answers in the worlds that drive, (2,) or (M, 5); those that fail go into `failed`."""
-        raise NotImplementedError
 
     def decide(self, scenes: Scenes) -> NDArray[np.float64]:
         """Ask the AV; rows of worlds in which it fails are NaN."""

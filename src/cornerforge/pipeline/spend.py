@@ -72,6 +72,8 @@ _DECISIONS_PER_SECOND = 30_000.0
 """What a training against a built-in AV does on two busy cores, with room to spare."""
 _MOST_CASES = 3_000
 """So many cases are enough for an analysis; what time is left goes to natural tests."""
+_ENOUGH_NATURAL = 1_000
+"""So many natural crashes give a rate to some 6 %; to store many more would take longer than to drive them."""
 _PORTIONS = 12
 _MOST_PORTION = 65_536
 _TREES_LEAST = PLAIN_TESTS + 450_000
@@ -425,11 +427,11 @@ def spend(
     spent += sum(p.seconds for p in attacks)
     hostile.rest()
 
-    baselines = PlainRates(())
-    if plan.baselines:
-        own = _logged(experiment(options, takes_foreign=True, **masked), folder)
-        baselines = once("baselines", PlainRates, lambda: plain_rates(own, plan.baselines, seed, threads, progress))
-        own.rest()
+    baselines = _compared(
+        stages, lambda: _logged(experiment(options, takes_foreign=True, **masked), folder),
+        plan.baselines, seed, threads, progress,
+    )  # fmt: skip
+    spent += baselines.seconds
     nde, often = _roads(stages, natural, options, plan, limit, spent, folder, seed, threads, progress)
     natural.rest()
     roads = once("natural_cases", NaturalCases, lambda: analyse_natural(often, folder / "natural", seed, progress))
@@ -487,6 +489,20 @@ def spend(
     return done
 
 
+def _compared(
+    stages: Stages, make: Callable[[], Experiment], tests: int, seed: int, threads: int | None, progress: Progress
+) -> PlainRates:
+    """Measure the plain adversaries, if the plan has tests for them; `make` builds the run, which may start an AV."""
+
+    def measured() -> PlainRates:
+        own = make()
+        found = plain_rates(own, tests, seed, threads, progress)
+        own.rest()
+        return found
+
+    return stages.do("baselines", PlainRates, measured) if tests else PlainRates((), 0.0)
+
+
 def _roads(
     stages: Stages, natural: Experiment, options: WorldOptions, plan: Plan, limit: float, spent: float, folder: Path,
     seed: int, threads: int | None, progress: Progress,
@@ -509,6 +525,7 @@ def _roads(
     portions = _in_portions(
         stages, "natural", plan, _NATURAL_UNTIL * limit, spent,
         lambda first, tests: _drive_natural(natural, seed, threads, progress, first, tests),
+        lambda done: sum(len(p.crashed) for p in done) >= _ENOUGH_NATURAL,
     )  # fmt: skip
     found = stages.do(
         "natural",
@@ -550,8 +567,8 @@ def _parts(
     if baselines.rates:
         parts.append(
             SpentOn(
-                what="plain adversaries", seconds=0.0, tests=sum(rate.tests for rate in baselines.rates),
-                came_of_it="yields to compare with; the time was not noted",
+                what="plain adversaries", seconds=round(baselines.seconds, 1),
+                tests=sum(rate.tests for rate in baselines.rates), came_of_it="yields to compare with",
             )
         )  # fmt: skip
     how = {"mc": "counted", "is": "weighted tests", "splitting": "trees of tests"}[often.method]

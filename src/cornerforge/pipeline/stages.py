@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -71,9 +72,10 @@ class TrainedStage:
 
 @dataclass(frozen=True)
 class PlainRates:
-    """The yields of plain adversaries."""
+    """The yields of plain adversaries, and what measuring them took [s]."""
 
     rates: tuple[Baseline, ...]
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -146,8 +148,9 @@ def train_stage(
 
 def plain_rates(plain: Experiment, tests: int, seed: int, threads: int | None, progress: Progress) -> PlainRates:
     """Measure the plain adversaries; traffic without an adversary is measured as the baseline, on many more tests."""
+    begun = time.perf_counter()
     rates = measure_baselines(plain, tests=tests, seed=seed, threads=threads, progress=progress)
-    return PlainRates(tuple(rate for rate in rates if rate.name != "nobody"))
+    return PlainRates(tuple(rate for rate in rates if rate.name != "nobody"), round(time.perf_counter() - begun, 3))
 
 
 def analyse_natural(found: NaturalRate, folder: Path, seed: int, progress: Progress) -> NaturalCases:
