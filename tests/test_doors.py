@@ -126,7 +126,7 @@ def test_a_script_of_a_recorded_test() -> None:
     for test in range(TESTS):
         scenario = recorder.record(SEED, test)
         script = Script(scenario.slot, scripts.start_of_test(SEED, test), scenario.action)
-        again, _ = scripts.record(script, seed=SEED, test=test)
+        again, _ = scripts.record(script)
         assert scenario_digest(again) == scenario_digest(scenario)
 
 

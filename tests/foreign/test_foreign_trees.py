@@ -15,7 +15,7 @@ from cornerforge.foreign.trees import ForeignGrower
 from cornerforge.ndd.model import NddModel
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.rates.trees import Grown, grow
-from cornerforge.sim import OUTSIDE, STEERED, Setting, n_slots, simulate
+from cornerforge.sim import OUTSIDE, STEERED, Script, ScriptDriver, Setting, n_slots, simulate
 from cornerforge.sim.danger import N_SEEN, WIDTH, Network
 from cornerforge.sim.forest import ROOT, Plan, Tilt
 from cornerforge.types import Odd
@@ -153,13 +153,15 @@ def test_a_branch_is_recorded_with_the_answers_that_led_to_its_crash(reckless: N
     run = setting_of(reckless, ODD, av=av_of("idm-mobil")).with_drivers(av=OUTSIDE)
     av = ForeignAv("avs:Good", ODD)
     grown = trees(run, av, 20, plan(0, 1e-2))
-    recorder = ForeignRecorder(av, run, ODD)
+    recorder, scripts = ForeignRecorder(av, run, ODD), ScriptDriver(run, ODD, av)
     assert len(grown.crashes) > 5
     for k in range(0, len(grown.crashes), max(1, len(grown.crashes) // 10)):
         leaf, answers = grown.crashes[k], grown.answers[k]
         actions = grown.actions[k, : leaf["begun"]]
         kept = recorder.record_branch(4, int(leaf["root"]), actions, answers[np.isfinite(answers[:, 0])])
-        asked = recorder.record_branch(4, int(leaf["root"]), actions)
+        start = scripts.start_of_test(4, int(leaf["root"]))
+        slots = np.arange(start.size, dtype=np.int16)
+        asked, _ = scripts.record(Script(slots, start, actions[:, : start.size], 4, int(leaf["root"])))
         for scenario in (kept, asked):
             assert scenario.crash is not None
             assert scenario.crash.slot_a == 0

@@ -309,7 +309,7 @@ def chance_from(driver: ScriptDriver, start: NDArray[np.void]) -> float:
         """Chance of all futures that begin with these actions, of that chance together, and end in a crash."""
         script = np.full((CUT_IN_S, 2), NATURAL, dtype=np.int8)
         script[: len(begun), 1] = begun
-        drive, chances = driver.record(Script(slot, start, script), seed=0, test=0)
+        drive, chances = driver.record(Script(slot, start, script))
         taken = drive.action[:, 1].tolist()  # where the script says NATURAL, the likeliest
         total = 0.0
         for second in range(len(begun), len(taken)):

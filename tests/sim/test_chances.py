@@ -473,7 +473,7 @@ def test_who_states_too_crowded_chances_says_so(model: NddModel) -> None:
         script = Script(np.arange(bvs + 1, dtype=np.int16), start, np.full((1, bvs + 1), NATURAL, dtype=np.int8))
         script.start["x_held"], script.start["speed_held"] = script.start["x"], script.start["speed"]
         with pytest.warns(UserWarning, match="More than 32 vehicles") if warns else nullcontext():
-            driver.record(script, seed=0, test=0)
+            driver.record(script)
 
 
 def test_everything_that_drives_with_scratch_warns_of_what_was_left_out() -> None:

@@ -83,7 +83,7 @@ def test_the_script_of_a_test_is_that_test_bit_for_bit(name: str) -> None:
         scenario, script = recorded(run, driver, test)
         if scenario.crash is not None and scenario.crash.slot_a != 0:
             continue  # the controlled BV's crash ends a test of an adversary, and nobody is controlled in a script
-        again, _ = driver.record(script, seed=3, test=test)
+        again, _ = driver.record(script)
         assert scenario_digest(again) == scenario_digest(scenario)
         assert again.crash == scenario.crash
         assert again.log_prob_nde[0] == scenario.log_prob_nde[0]
@@ -109,7 +109,7 @@ def test_without_memory_the_chances_are_those_of_the_test_too(name: str, forgetf
         scenario, script = recorded(run, driver, test)
         if scenario.crash is not None and scenario.crash.slot_a != 0:
             continue
-        again, _ = driver.record(script, seed=3, test=test)
+        again, _ = driver.record(script)
         assert scenario_digest(again) == scenario_digest(scenario)
         np.testing.assert_array_equal(again.log_prob_nde, scenario.log_prob_nde)
         compared += 1
@@ -121,7 +121,7 @@ def test_another_action_of_one_bv_gives_another_test(swerve: Experiment, driver:
     for scenario, script in crashes(swerve, driver, 5):
         action = script.action.copy()
         action[0, -1] = 2 if action[0, -1] != 2 else 3
-        again, _ = driver.record(replace(script, action=action), seed=3, test=0)
+        again, _ = driver.record(replace(script, action=action))
         assert scenario_digest(again) != scenario_digest(scenario)
 
 
@@ -134,7 +134,7 @@ def test_a_later_start_is_the_rest_of_the_drive(name: str) -> None:
         for k in range(1, len(script.action)):
             later = driver.later(script, k)
             assert later is not None
-            rest, _ = driver.record(later, seed=3, test=0)
+            rest, _ = driver.record(later)
             there = scenario.present[10 * k]
             for series in ("x", "y", "speed", "heading", "acceleration", "target_lane", "present"):
                 np.testing.assert_array_equal(getattr(rest, series), getattr(scenario, series)[10 * k :, there])
@@ -156,7 +156,7 @@ def test_a_drive_and_its_recording_end_alike(swerve: Experiment, driver: ScriptD
 
 def test_chances_are_probabilities_and_natural_is_the_likeliest(swerve: Experiment, driver: ScriptDriver) -> None:
     for scenario, script in crashes(swerve, driver, 5):
-        again, chances = driver.record(script, seed=3, test=0)
+        again, chances = driver.record(script)
         bvs = scenario.present[::10][: len(scenario.action)].copy()
         bvs[:, 0] = False
         np.testing.assert_allclose(chances[: len(bvs)][bvs].sum(axis=1), 1.0, atol=1e-12)
@@ -166,10 +166,10 @@ def test_chances_are_probabilities_and_natural_is_the_likeliest(swerve: Experime
         with np.errstate(divide="ignore"):
             np.testing.assert_allclose(np.log(p), again.log_prob_nde, rtol=1e-12)
         free = replace(script, action=np.full_like(script.action, NATURAL))
-        driven, chances = driver.record(free, seed=3, test=0)
+        driven, chances = driver.record(free)
         decided = driven.action >= 0
         assert (driven.action[decided] == np.nan_to_num(chances).argmax(axis=2)[: len(decided)][decided]).all()
-        named, _ = driver.record(Script(script.slot, script.start, driven.action), seed=3, test=0)
+        named, _ = driver.record(replace(script, action=driven.action))
         assert scenario_digest(named) == scenario_digest(driven)
 
 
@@ -177,12 +177,12 @@ def test_a_natural_av_drives_like_a_bv_in_its_place(driver: ScriptDriver) -> Non
     """The same pair, once with the AV behind, once with a BV behind; that AV is out of sight."""
     as_av = natural(start_of((300.0, 1, 30.0), (340.0, 1, 22.0)), 6)
     as_bv = natural(start_of((10.0, 0, 0.0), (300.0, 1, 30.0), (340.0, 1, 22.0)), 6)
-    first, _ = driver.record(as_av, seed=0, test=0, av_is_natural=True)
-    second, _ = driver.record(as_bv, seed=0, test=0)
+    first, _ = driver.record(as_av, av_is_natural=True)
+    second, _ = driver.record(as_bv)
     np.testing.assert_allclose(first.x, second.x[:, 1:], atol=1e-9)  # sums of another number of steps
     np.testing.assert_allclose(first.speed[::10], second.speed[::10, 1:], atol=1e-9)
     assert (first.acceleration[10:, 0] < 0.0).any()
-    itself, _ = driver.record(as_av, seed=0, test=0)
+    itself, _ = driver.record(as_av)
     assert not np.isin(np.round(itself.acceleration[:, 0], 6), ACCELERATIONS).all(), "the AV's own law has no steps"
 
 
@@ -195,10 +195,10 @@ def test_bvs_that_crash_are_taken_off_the_road(driver: ScriptDriver) -> None:
     assert later.slot.tolist() == [0]
     assert later.action.shape == (1, 1)
     # where one of the two is missing, the other goes on naturally after what is told
-    scenario, _ = driver.record(script, seed=0, test=0)
+    scenario, _ = driver.record(script)
     assert scenario.action[:, 2].tolist() == [22, NATURAL, NATURAL]
     alone = Script(script.slot, start, scenario.action).of(np.array([True, True, False]))
-    assert driver.record(alone, seed=0, test=0)[0].present.all()
+    assert driver.record(alone)[0].present.all()
 
 
 def test_there_is_no_later_start_after_the_end(swerve: Experiment, driver: ScriptDriver) -> None:
@@ -259,7 +259,7 @@ def test_only_sizes_of_the_odd_are_driven(odd: str, kind: int, size: tuple[float
     if message is None:
         assert (driver.drive(script).partner == 1) == (kind == TRUCK)
         return
-    for attempt in (lambda: driver.drive(script), lambda: driver.record(script, seed=0, test=0)):
+    for attempt in (lambda: driver.drive(script), lambda: driver.record(script)):
         with pytest.raises(InputError, match=message):
             attempt()
     with pytest.raises(InputError, match=message):

@@ -14,7 +14,7 @@ from cornerforge.errors import InputError
 from cornerforge.sim import NATURAL, Ending, Script, ScriptDriver
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "Reproducer", "Shrunk", "Size", "shrink"]
+__all__ = ["AFTERMATH_S", "AV", "BVS", "CAUSES", "NOBODY", "STEERS_M_PER_S", "Reproducer", "Shrunk", "Size", "shrink"]
 
 BVS, AV, NOBODY = CAUSES = ("bvs", "av", "nobody")
 """Whose driving causes the crash: the BVs', if nothing happens when all BVs drive naturally instead; else the AV's, if
@@ -22,6 +22,9 @@ nothing happens when the AV drives naturally too; else nobody's."""
 
 AFTERMATH_S = 5
 """A start is lost if natural driving from it ends in a crash of the AV within the window or so long after it [s]."""
+
+STEERS_M_PER_S = 0.1
+"""Up to this speed across the road an AV that steers keeps its lane [m/s]."""
 
 _DECISION_FRAMES = round(1.0 / FRAME_S)
 
@@ -119,22 +122,28 @@ class Reproducer:
         return is_no_more and self._kind(script, ending) == self.kind
 
     def is_lost(self, script: Script) -> bool:
-        """Say whether the AV would crash, with any vehicle, if natural drivers drove from this start on."""
+        """Say whether the AV would crash, with any vehicle, if natural drivers drove from this start on.
+
+        True also where an AV from outside fails by then: nothing is known.
+        """
         if self.cause == NOBODY:
             return False
         decisions = min(len(script.action) + AFTERMATH_S, self._most)
         natural = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
         ending = self._driver.drive(replace(script, action=natural), av_is_natural=self.cause == AV)
-        return ending.pose is not None
+        return ending.failed or ending.pose is not None
 
     def shows(self, script: Script) -> bool:
         """Say whether a script fulfils all of these conditions."""
         # Whoever has stopped in the middle of a lane change is settled too; it may stand there for a long time.
-        is_settled = not script.start["lateral_speed"].any()
+        across = np.abs(script.start["lateral_speed"])
+        if self._driver.av_steers:  # it is never exactly parallel to the road
+            across[0] = max(across[0] - STEERS_M_PER_S, 0.0)
+        is_settled = not across.any()
         return is_settled and self.crashes_alike(script) and not self.is_lost(script)
 
 
-def shrink(driver: ScriptDriver, script: Script, *, seed: int = 0, test: int = 0) -> Shrunk:
+def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
     """Make a crash of the AV as small as it gets.
 
     In turn, until nothing changes: leave out vehicles; start later; replace actions of BVs by the naturalistic
@@ -144,13 +153,12 @@ def shrink(driver: ScriptDriver, script: Script, *, seed: int = 0, test: int = 0
     Args:
         driver: Drives scripts.
         script: The case; it ends in a crash of the AV.
-        seed, test: What the scenario of the result is named after.
 
     Raises:
         InputError: The script does not end in a crash of the AV.
     """
     first = driver.drives
-    whole, chances = driver.record(script, seed=seed, test=test)
+    whole, chances = driver.record(script)
     case = Reproducer(driver, script)
     search = _Search(driver, case)
     small = _cut(script, case.ending.frame)
@@ -164,7 +172,7 @@ def shrink(driver: ScriptDriver, script: Script, *, seed: int = 0, test: int = 0
         small = _cut(small, driver.drive(small).frame)
         if _equal(before, small):
             break
-    scenario, small_chances = driver.record(small, seed=seed, test=test)
+    scenario, small_chances = driver.record(small)
     _, code, striker = case.kind
     return Shrunk(
         script=replace(small, action=scenario.action),
@@ -208,7 +216,7 @@ class _Search:
 
     def named(self, script: Script) -> Script:
         """Name all actions; what happens stays the same."""
-        return replace(script, action=self._driver.record(script, seed=0, test=0)[0].action)
+        return replace(script, action=self._driver.record(script)[0].action)
 
     def naturally(self, script: Script) -> Script:
         """Name only those actions that deviate; what happens stays the same."""
@@ -230,7 +238,7 @@ class _Search:
     def softened(self, script: Script) -> Script:
         """Replace each deviating action by the likeliest that `case` accepts, the earliest first."""
         for k, i in np.argwhere(script.action != NATURAL).tolist():
-            _, chances = self._driver.record(script, seed=0, test=0)
+            _, chances = self._driver.record(script)
             p = chances[k, i]
             for action in np.argsort(-p, kind="stable").tolist():
                 if p[action] <= p[script.action[k, i]]:
@@ -245,7 +253,7 @@ class _Search:
 
     def _deviating(self, script: Script) -> NDArray[np.bool_]:
         """Mark actions of the script that are named and not the likeliest in their state, bool (K, N)."""
-        scenario, chances = self._driver.record(script, seed=0, test=0)
+        scenario, chances = self._driver.record(script)
         deviating = np.zeros(script.action.shape, dtype=np.bool_)
         deviating[: len(scenario.action)] = _deviations(scenario, chances)
         return np.asarray(deviating & (script.action != NATURAL), np.bool_)

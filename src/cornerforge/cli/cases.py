@@ -135,6 +135,7 @@ def analyse(
 
 
 @command("cornerforge shrink out/demo/library 0:0 --out out/small")
+@takes_world("av_timeout", "av_python")
 def shrink(
     library: Library,
     cases: Annotated[list[str], typer.Argument(metavar="CASE...", help='Case ids, or "all".', show_default=False)],
@@ -145,6 +146,7 @@ def shrink(
     resume: Resume = False,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
+    world: World = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
@@ -153,7 +155,7 @@ def shrink(
     from cornerforge.pipeline.shrink import shrink_text
 
     run_command(
-        lambda bars: cornerforge.shrink(library, cases, out=out, resume=resume, progress=bars),
+        lambda bars: cornerforge.shrink(library, cases, out=out, resume=resume, progress=bars, **world),
         shrink_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 

@@ -7,9 +7,10 @@ import shlex
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -469,25 +470,47 @@ class ForeignAv:
         Raises:
             AvFaultError: The AV fails in this test.
         """
-        with self.lend_session() as session:
-            batch = session.batch(slots)
+        with self.in_test(slots, seed, test) as (views, ask):
+            batch = lockstep.allocate_batch(1, slots, views)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
             steps = Steps(self.steering(setting), slots, batch)
-            fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
             answers = []
             while lockstep.running(batch).size:
                 steps.see()
+                answers.append(ask())
+                steps.act(answers[-1])
+        return np.concatenate(answers)
+
+    @contextmanager
+    def in_test(
+        self, slots: int, seed: int, test: int
+    ) -> Iterator[tuple[NDArray[Any], Callable[[], NDArray[np.float64]]]]:
+        """Let it begin a test that the caller drives (`sim.Asked`); a whole batch is asked, zeros elsewhere."""
+        fault: AvFaultError | None = None
+        with self.lend_session() as session:
+            views = session.batch(slots).views
+            views[:] = 0.0
+            fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))
+
+            def ask() -> NDArray[np.float64]:
+                nonlocal fresh, seeds
                 try:
-                    given, failed = session.act(batch.views, fresh, seeds)
+                    given, failed = session.act(views, fresh, seeds)
                 except AvFailureError as failure:
+                    session.drop()
                     raise AvFaultError(f"The AV {self.spec} {failure} in test {test}{self.log.pointer()}") from failure
                 fresh, seeds = fresh[:0], seeds[:0]
                 if 0 in failed:
                     error = AvFaultError(f"In test {test} the AV {self.spec} {failed[0][1]}{self.log.pointer()}")
                     raise self.explained(error, failed[0][1])
-                answers.append(given[0])
-                steps.act(given)
-        return np.array(answers)
+                return given[:1]
+
+            try:
+                yield views[:1], ask
+            except AvFaultError as error:  # where its process still answers, it goes on with other tests
+                fault = error
+        if fault is not None:
+            raise fault
 
     def repeats(self, setting: Setting, slots: int, seed: int, test: int) -> bool:
         """Does the AV give the same answers when it drives the test twice more?

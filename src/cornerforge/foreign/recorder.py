@@ -43,24 +43,17 @@ class ForeignRecorder(Recorder):
         lockstep.drive_answered(self._world, seed, test, answers, self._av.steering(setting), self._scratch, self._keep)
         warn_of_left_out(self._scratch)
 
-    def record_branch(
-        self, seed: int, test: int, actions: NDArray[np.int8], answers: NDArray[np.float64] | None = None
-    ) -> Scenario:
+    def record_branch(self, seed: int, test: int, actions: NDArray[np.int8], answers: NDArray[np.float64]) -> Scenario:
         """Record a branch of a test's tree: the test from its start on, with other actions of its BVs.
 
         Args:
             seed, test: Names of the test.
             actions: Of all vehicles at each decision, int8 (K, N); after them BVs do what is likeliest.
-            answers: Of the AV, (A, W); None: it is asked.
-
-        Raises:
-            AvFaultError: The AV fails.
+            answers: Of the AV, (A, W).
         """
         script = np.full((int(self._setting.road.max_decisions), actions.shape[1]), NATURAL, dtype=np.int8)
         script[: len(actions)] = actions
         setting = self._setting.with_drivers(others=SCRIPTED, script=script)
-        if answers is None:
-            answers = self._av.ask(setting, self._world.vehicles.size, seed, test)
         self._keep.recording["present"] = 0
         self._answer(seed, test, setting, answers)
         return self._scenario(seed, test)

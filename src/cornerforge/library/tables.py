@@ -193,4 +193,4 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     missing = START_FIELDS[fields.shape[1] :]
     if missing and set(missing) <= set(later):
         fields = np.hstack([fields, np.stack([later[name] for name in missing], axis=1)])
-    return Script(scenario.slot, scripted_start(fields), scenario.action)
+    return Script(scenario.slot, scripted_start(fields), scenario.action, scenario.seed, scenario.test)

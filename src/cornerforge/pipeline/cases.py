@@ -17,7 +17,6 @@ from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
-from cornerforge.foreign.recorder import ForeignRecorder
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import run_sql
@@ -27,7 +26,7 @@ from cornerforge.pipeline.picture import check_picture, write_picture
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.results import Queried, Replayed
-from cornerforge.sim import ScriptDriver, scenario_digest
+from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
 
 __all__ = ["driver_of_cases", "experiment_of", "is_same", "query", "replay"]
@@ -91,15 +90,12 @@ def is_same(driven: Scenario, stored: StoredCase) -> bool:
 def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
     """Return a function that drives a stored case again, from its seed or by its script; it serves one thread."""
     recorder = run.recorder()
-    scripts = ScriptDriver(run.setting, run.odd)
+    scripts = run.script_driver()
 
     def again(stored: StoredCase) -> Scenario:
-        seed, test = stored.scenario.seed, stored.scenario.test
         if stored.script is None:
-            return recorder.record(seed, test)
-        if isinstance(recorder, ForeignRecorder):
-            return recorder.record_branch(seed, test, stored.script.action)
-        return scripts.record(stored.script, seed=seed, test=test)[0]
+            return recorder.record(stored.scenario.seed, stored.scenario.test)
+        return scripts.record(stored.script)[0]
 
     return again
 

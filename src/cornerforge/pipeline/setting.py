@@ -34,6 +34,7 @@ from cornerforge.sim import (
     Controllers,
     DriveChunk,
     Recorder,
+    ScriptDriver,
     Setting,
     budget_units,
     cast_of,
@@ -145,6 +146,10 @@ class Experiment:
         if self.foreign is not None:
             return ForeignRecorder(self.foreign, self.setting, self.odd)
         return Recorder(self.setting, self.odd)
+
+    def script_driver(self) -> ScriptDriver:
+        """Return the driver of scripts, with the run's AV; it serves one thread."""
+        return ScriptDriver(self.setting, self.odd, self.foreign)
 
     @property
     def policy(self) -> Policy | None:

@@ -7,14 +7,14 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
-from cornerforge.foreign.loaders import is_foreign
+from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.schema import SCRIPTED
 from cornerforge.ndd.model import save_model
@@ -22,7 +22,7 @@ from cornerforge.pipeline.cases import driver_of_cases, experiment_of, is_same
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import code_hash, config_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.pipeline.setting import Experiment
 from cornerforge.results import ShrunkLibrary
 from cornerforge.results.cases import CaseMedians, CaseSize, MedianSize, ShrunkCase
 from cornerforge.sim import Script, ScriptDriver
@@ -49,6 +49,8 @@ def shrink(
     *,
     out: Path | str | None = None,
     resume: bool = False,
+    av_timeout: float = DEFAULT_TIMEOUT,
+    av_python: str | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> ShrunkLibrary:
     """Make cases as small as possible: fewest vehicles, shortest window, most natural actions, the same crash.
@@ -59,25 +61,22 @@ def shrink(
         out: Folder of the library of shrunk cases, new or empty unless `resume`; cases keep their names. None: beside
             the library, named after it and the case; for one case only.
         resume: Go on with the library of an earlier call, finished or ended by Ctrl-C.
+        av_timeout: How long an AV that is not built in may take for an answer [s].
+        av_python: Python in which such an AV runs.
         progress: Told how far it is.
 
     Returns:
         What `cornerforge shrink --json` prints: each case before and after, and medians.
 
     Raises:
-        CornerForgeError: No such case, the AV is not built in, a case no longer replays, or the place cannot be used.
+        CornerForgeError: No such case, a case no longer replays, the place cannot be used, or the AV fails 20 times in
+            a row.
     """
     began = time.perf_counter()
     source = CaseLibrary.open(Path(library))
     ids = _ids(source, [cases] if isinstance(cases, str) else cases)
-    if is_foreign(str(source.identity.get("av"))):
-        raise InputError(
-            f"The AV {source.identity['av']} of the library {library} is not built in. A smaller case starts in the "
-            "middle of a test, and what such an AV remembers of the time before cannot be put back; shrink cases of a "
-            "built-in AV."
-        )
     place = _place(Path(library), ids) if out is None else Path(out)
-    run = experiment_of(source)
+    run = experiment_of(source, av_timeout, av_python)
     _check_same(source.scenario(ids[0]), driver_of_cases(run))  # a case that does not replay fails before out is made
     shrunk = _open(source, run, place, resume=resume)
     left = _left(shrunk, ids)
@@ -120,7 +119,7 @@ def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) ->
     Its identity is that of natural traffic: the scripts hold the actions, so the adversary does not matter any more.
     """
     seed = int(str(source.identity["seed"]))
-    natural = experiment(av=run.av.name, road=run.odd, model=source.path / MODEL_FILE, seed=seed)
+    natural = replace(run, bv="nde", bounded=False, policies=(), budget=None, acting="greedy")
     origin = {key: value for key, value in source.identity.items() if key not in ("cornerforge", "code")}
     identity = {
         **natural.identity(seed),
@@ -154,7 +153,7 @@ def _left(shrunk: CaseLibrary, ids: Sequence[str]) -> list[str]:
 def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequence[str], progress: Progress) -> None:
     """Shrink cases and store them; when the work is stopped, store the finished ones."""
     again = driver_of_cases(run)
-    driver = ScriptDriver(run.setting, run.odd)
+    driver = run.script_driver()
     loose: list[CaseRecord] = []
 
     def commit() -> None:
@@ -168,9 +167,7 @@ def _fill(source: CaseLibrary, run: Experiment, shrunk: CaseLibrary, ids: Sequen
     try:
         for done, case_id in enumerate(ids):
             stored = source.scenario(case_id)
-            seed, test = stored.scenario.seed, stored.scenario.test
-            script = _script(stored, _check_same(stored, again), driver)
-            small = shrink_script(driver, script, seed=seed, test=test)
+            small = shrink_script(driver, _script(stored, _check_same(stored, again), driver))
             loose.append(_record(small))
             if len(loose) == _SHARD_CASES or time.monotonic() - committed_at >= _COMMIT_SECONDS:
                 commit()
@@ -206,7 +203,8 @@ def _check_same(stored: StoredCase, again: Callable[[StoredCase], Scenario]) -> 
 
 def _script(stored: StoredCase, driven: Scenario, driver: ScriptDriver) -> Script:
     """Make a script of the whole case."""
-    return stored.script or Script(driven.slot, driver.start_of_test(driven.seed, driven.test), driven.action)
+    seed, test = driven.seed, driven.test
+    return stored.script or Script(driven.slot, driver.start_of_test(seed, test), driven.action, seed, test)
 
 
 def _record(small: Shrunk) -> CaseRecord:

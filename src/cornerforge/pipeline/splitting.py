@@ -47,7 +47,7 @@ from cornerforge.rates.weighted import (
     weighted_rate,
 )
 from cornerforge.results.driving import Cost, KindRate
-from cornerforge.sim import Plan, Script, ScriptDriver, danger, tree_of
+from cornerforge.sim import Plan, Script, danger, tree_of
 
 __all__ = ["ALL_CRASHES", "TREES", "PickedCrash", "Splitting", "kind_rates", "pick"]
 
@@ -327,7 +327,7 @@ class Splitting:
             for block in self._blocks
             for k, test in enumerate(block["root"].tolist())
         }
-        driver, recorder = ScriptDriver(self._run.setting, self._run.odd), self._run.recorder()
+        driver, recorder = self._run.script_driver(), self._run.recorder()
         seen = [root in kept for root in roots.tolist()]  # of others the crashes found no room
         self._unseen = 1.0 - float(stands_for[seen].sum() / stands_for.sum())
         roots, stands_for = roots[seen], stands_for[seen] * (weights.sum() / stands_for[seen].sum())
@@ -338,13 +338,13 @@ class Splitting:
             block, k, test = kept[root]
             start = driver.start_of_test(self._tree_seed, test)
             actions = block["actions"][k, : block["begun"][k], : start.size]
-            script = Script(np.arange(start.size, dtype=np.int16), start, actions)
+            script = Script(np.arange(start.size, dtype=np.int16), start, actions, self._tree_seed, test)
             if isinstance(recorder, ForeignRecorder):
                 answers = block["answers"][k]
                 answers = answers[np.isfinite(answers[:, 0])]
                 scenario = recorder.record_branch(self._tree_seed, test, actions, answers)
             else:
-                scenario, _ = driver.record(script, seed=self._tree_seed, test=test)
+                scenario, _ = driver.record(script)
             mechanism = mechanism_of(scenario)
             kind = crash_types_of([scenario]).names[0]
             picked.append(PickedCrash(weight, kind, mechanism.name))

@@ -117,6 +117,7 @@ if TYPE_CHECKING:
         NATURAL,
         START_FIELDS,
         TRAITS,
+        Asked,
         Ending,
         Script,
         ScriptDriver,
@@ -166,7 +167,7 @@ __all__ = [
     "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC",
     "NEVER", "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
     "POLICY", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED",
-    "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "AvReward", "Buffers",
+    "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers",
     "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Recorder",
     "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt", "Transitions", "World",
     "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
@@ -220,7 +221,8 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "drive": ("drive_range",),
     "judge": ("judge_crashes",),
     "scripted": (
-        "Script", "ScriptDriver", "Ending", "NATURAL", "START_FIELDS", "TRAITS", "average_traits", "scripted_start",
+        "Asked", "Script", "ScriptDriver", "Ending", "NATURAL", "START_FIELDS", "TRAITS", "average_traits",
+        "scripted_start",
     ),
     # keep
     "keep": (

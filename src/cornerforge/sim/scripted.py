@@ -8,26 +8,30 @@ that crash again, bit for bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from cornerforge._checks import check_integer
 from cornerforge._jit import kernel
-from cornerforge.errors import InputError
+from cornerforge.errors import AvFaultError, InputError
 from cornerforge.fields import POSE
+from cornerforge.sim import lockstep
 from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
-from cornerforge.sim.loop import MILESTONE, advance
+from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, advance
 from cornerforge.sim.recorder import scenario_of
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, SCRIPTED
+from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, SCRIPTED, STEERED
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
 from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current, allocate_worlds, n_slots, world_of
 from cornerforge.types import N_ACTIONS, Odd, Scenario
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
     from numpy.typing import NDArray
 
     from cornerforge.sim.scratch import Scratch
@@ -38,6 +42,7 @@ __all__ = [
     "NATURAL",
     "START_FIELDS",
     "TRAITS",
+    "Asked",
     "Ending",
     "Script",
     "ScriptDriver",
@@ -51,6 +56,7 @@ equally likely). In recordings it stands where a vehicle is absent, and means no
 
 TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise", "inattention")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
+_MOST_FAULTS = 20
 _FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
 """Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
@@ -81,11 +87,14 @@ class Script:
         start: States of all vehicles, (N,) of `world.VEHICLE`; make them with `scripted_start`.
         action: Action index of each vehicle at each decision (1 s apart), int8 (K, N), K at least 1; NATURAL for the
             likeliest. The AV's column is ignored: the AV decides by itself.
+        seed, test: Its name, of which an AV from outside is told a number (`foreign.driver.seeds_of`).
     """
 
     slot: NDArray[np.int16]
     start: NDArray[np.void]
     action: NDArray[np.int8]
+    seed: int = 0
+    test: int = 0
 
     def __post_init__(self) -> None:
         n = self.slot.size
@@ -101,7 +110,7 @@ class Script:
 
     def of(self, columns: NDArray[np.bool_]) -> Script:
         """Take the script of some vehicles only, bool (N,); the AV must be one of them."""
-        return Script(self.slot[columns], self.start[columns], self.action[:, columns])
+        return replace(self, slot=self.slot[columns], start=self.start[columns], action=self.action[:, columns])
 
 
 @dataclass(frozen=True)
@@ -114,12 +123,32 @@ class Ending:
         partner: Slot of the crash partner, -1 without a crash of the AV.
         frame: Frame (0.1 s) of the contact, counted from the start; 0 without a crash of the AV.
         bv_crashes: Crashes between BVs.
+        failed: An AV from outside failed before it was over, so that nothing is known of the rest.
     """
 
     pose: NDArray[np.float64] | None
     partner: int
     frame: int
     bv_crashes: int
+    failed: bool = False
+
+
+class Asked(Protocol):
+    """An AV outside the kernels that can be asked about a test of one's own making."""
+
+    @property
+    def controller(self) -> int:
+        """OUTSIDE or STEERED."""
+
+    def in_test(
+        self, slots: int, seed: int, test: int
+    ) -> AbstractContextManager[tuple[NDArray[Any], Callable[[], NDArray[np.float64]]]]:
+        """Let it begin a test of this name: it remembers nothing of before.
+
+        Returns:
+            Where what it sees goes, (1, rows, columns), and what asks it about that: it returns its answer, (1, W), or
+            raises AvFaultError.
+        """
 
 
 def scripted_start(fields: NDArray[np.float64]) -> NDArray[np.void]:
@@ -151,36 +180,45 @@ def _put(w: World, start: NDArray[np.void]) -> None:
 
 
 @kernel
-def _drive_script(w: World, start: NDArray[np.void], setting: Setting, s: Scratch, keep: Keep) -> None:
-    """Drive from a start until the script or the test ends; the outcome is RUNNING if the script ended first.
+def _go_on(w: World, setting: Setting, s: Scratch, keep: Keep) -> int:
+    """Drive on until an AV outside must answer, or the script or the test ends; returns what `advance` does.
 
-    Args:
-        w: The world, with at least as many slots as the start has vehicles.
-        start: See `Script`.
-        setting: The run; its controllers are those of the script.
-        s: Scratch.
-        keep: What is kept.
+    The outcome is RUNNING if the script ended first.
     """
-    _put(w, start)
     state = w.state[0]
-    if advance(w, setting, s, keep, setting.who.script.shape[0]) == MILESTONE:
+    reason = advance(w, setting, s, keep, setting.who.script.shape[0])
+    if reason == MILESTONE:
         state.frame = SUBSTEPS * state.decisions
         record_frame(w, state.frame, keep.recording)
+    return reason
+
+
+@kernel
+def _answer(w: World, answer: NDArray[np.float64], setting: Setting) -> None:
+    lockstep.answer_with(w, answer, setting)
 
 
 class ScriptDriver:
     """Drives scripts in the world of one run; keeps its buffers, so one driver serves one thread.
 
     Args:
-        setting: The run, with a built-in AV; its adversary, if any, is ignored.
+        setting: The run; its adversary, if any, is ignored.
         odd: The ODD that `setting.road` was made of.
+        av: The AV from outside that drives; None: the built-in one of the setting.
+
+    Raises (all that drives):
+        InputError: The script has more vehicles or decisions than a test can have, or a vehicle of a size that does
+            not occur in the ODD: contacts and bounds of motion know its sizes only.
+        AvFaultError: An AV from outside fails; `drive` raises it when that happens 20 times in a row.
     """
 
-    def __init__(self, setting: Setting, odd: Odd) -> None:
+    def __init__(self, setting: Setting, odd: Odd, av: Asked | None = None) -> None:
         self._setting = setting
         self._odd = odd
+        self._av = av
         slots, most = n_slots(odd), setting.road.max_decisions
-        self._world: World = world_of(allocate_worlds(1, slots))
+        self._worlds = allocate_worlds(1, slots)
+        self._world: World = world_of(self._worlds)
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._recording = allocate_recording(SUBSTEPS * most + 1, slots)
         self._decisions = allocate_decisions(most, slots)
@@ -189,6 +227,12 @@ class ScriptDriver:
         """Largest number of decisions of a script."""
         self.drives = 0
         """Scripts driven so far."""
+        self._faults = 0  # in a row
+
+    @property
+    def av_steers(self) -> bool:
+        """Does the AV steer, so that it hardly ever moves exactly along the road?"""
+        return self._av is not None and self._av.controller == STEERED
 
     def _check(self, script: Script) -> None:
         check_integer("vehicles of a script", script.slot.size, low=1, high=self._world.order.size)
@@ -205,14 +249,26 @@ class ScriptDriver:
     def _drive(self, script: Script, av_is_natural: bool, keep: Keep) -> None:
         self._check(script)
         self.drives += 1
+        av = BUILT_IN if self._av is None else self._av.controller
         drivers = self._setting.with_drivers(
-            av=LIKELIEST if av_is_natural else BUILT_IN,
+            av=LIKELIEST if av_is_natural else av,
             critical=NOBODY,
             others=SCRIPTED,
             script=np.ascontiguousarray(script.action),
         )
-        _drive_script(self._world, script.start, drivers, self._scratch, keep)
+        _put(self._world, script.start)
+        if self._av is None or av_is_natural:
+            _go_on(self._world, drivers, self._scratch, keep)
+        else:
+            self._drive_asking(self._av, script, drivers, keep)
         warn_of_left_out(self._scratch)
+
+    def _drive_asking(self, av: Asked, script: Script, drivers: Setting, keep: Keep) -> None:
+        with av.in_test(self._world.vehicles.size, script.seed, script.test) as (views, ask):
+            batch = lockstep.Batch(self._worlds, views)
+            while _go_on(self._world, drivers, self._scratch, keep) == AV_MUST_ANSWER:
+                lockstep.see(batch, drivers, self._scratch)
+                _answer(self._world, ask()[0], drivers)
 
     def drive(self, script: Script, *, av_is_natural: bool = False) -> Ending:
         """Drive a script and say how it ended.
@@ -220,12 +276,16 @@ class ScriptDriver:
         Args:
             script: The script.
             av_is_natural: The AV too takes the likeliest action of the naturalistic model, once a second.
-
-        Raises:
-            InputError: The script has more vehicles or decisions than a test can have, or a vehicle of a size that does
-                not occur in the ODD: contacts and bounds of motion know its sizes only.
         """
-        self._drive(script, av_is_natural, self._nothing)
+        try:
+            self._drive(script, av_is_natural, self._nothing)
+        except AvFaultError:
+            self._faults += 1
+            if self._faults >= _MOST_FAULTS:
+                raise
+            return Ending(None, -1, 0, 0, failed=True)
+        if not av_is_natural:
+            self._faults = 0
         state = self._world.state[0]
         if state["outcome"] != AV_CRASH:
             return Ending(None, -1, 0, int(state["bv_crashes"]))
@@ -233,28 +293,22 @@ class ScriptDriver:
         pose = np.stack([pair[name] for name in POSE], axis=1)
         return Ending(pose, int(script.slot[state["slot_b"]]), int(state["frame"]), int(state["bv_crashes"]))
 
-    def record(
-        self, script: Script, *, seed: int, test: int, av_is_natural: bool = False
-    ) -> tuple[Scenario, NDArray[np.float64]]:
+    def record(self, script: Script, *, av_is_natural: bool = False) -> tuple[Scenario, NDArray[np.float64]]:
         """Drive a script and keep everything.
 
         Args:
             script: The script.
-            seed, test: Name of the scenario; nothing is drawn.
             av_is_natural: As for `drive`.
 
         Returns:
             The recording, and P(action) of each BV at each decision under the naturalistic model, float64 (K, N, 33);
             NaN where it is absent, for the AV, and after the end.
-
-        Raises:
-            InputError: As for `drive`.
         """
         chances = np.full((len(script.action), script.slot.size, N_ACTIONS), np.nan)
         self._recording["present"] = 0
         keep = self._nothing._replace(recording=self._recording, decisions=self._decisions, chances=chances)
         self._drive(script, av_is_natural, keep)
-        scenario = scenario_of(self._world, keep, script.slot, self._odd, seed, test)
+        scenario = scenario_of(self._world, keep, script.slot, self._odd, script.seed, script.test)
         return scenario, chances
 
     def start_of_test(self, seed: int, test: int) -> NDArray[np.void]:
@@ -266,15 +320,17 @@ class ScriptDriver:
         """Make the script that starts where this one is after some decisions, 0 or more; None if it is over by then.
 
         Vehicles taken off the road by then are left out. An AV that decides by the present state alone (all built-in
-        AVs do) goes on from there as it did.
+        AVs do) goes on from there as it did; one that remembers begins there without memory.
         """
         if decisions == 0:
             return script
         check_integer("decisions", decisions, low=0, high=len(script.action) - 1)
-        self._drive(Script(script.slot, script.start, script.action[:decisions]), False, self._nothing)
-        if self._world.state["outcome"][0] != RUNNING:
+        if (
+            self.drive(replace(script, action=script.action[:decisions])).failed
+            or self._world.state["outcome"][0] != RUNNING
+        ):
             return None
         states = self._world.vehicles[: script.slot.size]
         there = states["present"] == 1
         start = scripted_start(np.stack([states[name] for name in START_FIELDS], axis=1)[there].astype(np.float64))
-        return Script(script.slot[there], start, script.action[decisions:, there])
+        return replace(script, slot=script.slot[there], start=start, action=script.action[decisions:, there])
