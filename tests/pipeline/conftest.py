@@ -53,6 +53,8 @@ def small_trees(monkeypatch: pytest.MonkeyPatch) -> None:
     teaching = importlib.import_module("cornerforge.rates.teaching")
     monkeypatch.setattr(teaching, "_EXPLORING", 200)
     monkeypatch.setattr(teaching, "_ROUNDS", (300,))
+    monkeypatch.setattr(teaching, "_ROUNDS_OF_STAND_IN", (100,))
+    monkeypatch.setattr(teaching, "_OWN_ROUNDS", (200,))
     monkeypatch.setattr(teaching, "TEACHING_TREES", 500)
     monkeypatch.setattr(teaching, "_PILOT", 200)
     monkeypatch.setattr(teaching, "_STEPS", 150)

@@ -29,6 +29,8 @@ Floats = NDArray[np.float64]
 
 _EXPLORING = 16_000
 _ROUNDS = (16_000, 32_000, 64_000, 128_000, 128_000)
+_ROUNDS_OF_STAND_IN = (16_000, 32_000, 64_000, 128_000)
+_OWN_ROUNDS = (64_000, 64_000)
 TEACHING_TREES = _EXPLORING + sum(_ROUNDS)
 """So many trees are grown to teach a network."""
 _LEVEL = 3.0
@@ -92,6 +94,7 @@ def teach(
     seed: int,
     threads: int,
     grower: Grower = BUILT_IN_GROWER,
+    stand_in: bool = False,
     tell: Callable[[str, Grown], None] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Taught:
@@ -102,7 +105,9 @@ def teach(
         seed: Of the trees, and of the network's first weights.
         threads: Pool size; does not change the result.
         grower: As of `grow`.
-        tell: Told each round's name and trees.
+        stand_in: The setting's built-in AV drives in all rounds but the last two, and is then forgotten: it is far
+            faster than one from outside, and trees that grow by what is dangerous near it find what is near another.
+        tell: Told name and trees of each round in which the AV itself drives.
         progress: Told how many of `TEACHING_TREES` are grown.
     """
     tables: list[LessonTable] = []
@@ -111,22 +116,27 @@ def teach(
 
     def study(name: str, plan: Plan, tests: int) -> float:
         grown = grow(
-            setting, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, grower=grower,
+            drives, slots, plan, seed=seed, first=begun, tests=tests, threads=threads, learning=True, grower=grows,
             progress=None if progress is None else lambda done: progress(begun + done),
         )  # fmt: skip
-        if tell is not None:
+        if tell is not None and grows is grower:
             tell(name, grown)
         assert grown.lessons is not None
         tables.append(grown.lessons)
         if len(tables) > _KEPT_TABLES:
-            tables.pop(1)
+            tables.pop(1)  # the first is of chance, the others of ever better trees
         return grown.cpu_seconds + school.learn(tables, steps=_STEPS)
 
+    own = setting, grower
+    drives, grows = (setting.with_drivers(av=BUILT_IN), BUILT_IN_GROWER) if stand_in else own
     blind = Plan(1.0, _NOTHING, -1.0, _EXPLORE, 0, _FORGET, 0.0, danger.untaught(_NOTHING))
     cpu += study("explore", blind, _EXPLORING)
     begun += _EXPLORING
-    for tests in _ROUNDS:
+    for number, tests in enumerate((*_ROUNDS_OF_STAND_IN, *_OWN_ROUNDS) if stand_in else _ROUNDS):
         network = school.network()
+        if stand_in and number == len(_ROUNDS_OF_STAND_IN):
+            drives, grows = own
+            tables.clear()
         level, spent = level_of(network, setting, slots, seed, threads)
         cpu += spent + study(f"level {level:.2g}", plan_of(network, _LEVEL * level), tests)
         begun += tests
