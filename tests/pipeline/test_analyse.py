@@ -18,7 +18,9 @@ from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, LABELS
 from cornerforge.analysis.case_table import VALUE_COLUMNS
 from cornerforge.analysis.fault import FAULT_COLUMNS
 from cornerforge.analysis.measures import MEASURES
+from cornerforge.analysis.prevented import PREVENTED_COLUMNS
 from cornerforge.analysis.value import PARTS
+from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import InputError, OutputError
 from cornerforge.fields import SHORTFALL
 from cornerforge.results import Analysed, as_json
@@ -35,10 +37,16 @@ def test_every_case_has_its_row(analysed: tuple[Analysed, Path]) -> None:
     cases, points = pq.read_table(out / "cases.parquet"), pq.read_table(out / "points.parquet")
     assert cases.column("case_id").to_pylist() == points.column("case_id").to_pylist()
     assert cases.num_rows == summary.cases
-    wanted = {column.name for column in (*MEASURES, *FAULT_COLUMNS, *SHORTFALL, *VALUE_COLUMNS)}
+    wanted = {column.name for column in (*MEASURES, *FAULT_COLUMNS, *PREVENTED_COLUMNS, *SHORTFALL, *VALUE_COLUMNS)}
     assert wanted <= set(cases.column_names)
     for name in wanted:
         assert (cases.schema.field(name).metadata or {}).get(b"meaning"), f"{name} says what it is"
+    assert summary.prevented is not None
+    said = [names.split(", ") for names in cases.column("prevented_by").to_pylist()]
+    assert summary.prevented.cases == len(said)
+    assert {name: one.cases for name, one in summary.prevented.by.items()} == {
+        name: sum(name in names for names in said) for name in CAREFUL
+    }
     assert sum(summary.fault.values()) == sum(summary.fault_rules.values()) == summary.cases
     speed, of_av, of_bv = (
         cases.column(name).to_numpy() for name in ("impact_speed_mps", "av_delta_v_mps", "bv_delta_v_mps")
@@ -151,7 +159,14 @@ def test_the_command_line_tells_it(swerve_library: Path, capsys: pytest.CaptureF
     assert json.loads(capsys.readouterr().out)["avoidability"]["cases"] == 20
     assert cli.main(["analyse", str(swerve_library), "--avoidability", "20"]) == 0
     text = capsys.readouterr().out
-    for words in ("At fault (RSS): ", "Avoidable: ", "95 % interval", "Kinds: ", "Worth a look first"):
+    for words in (
+        "At fault (RSS): ",
+        "these would have prevented: cc-human ",
+        "Avoidable: ",
+        "95 % interval",
+        "Kinds: ",
+        "Worth a look first",
+    ):
         assert words in text
 
 
@@ -164,7 +179,7 @@ def test_the_columns_are_documented(golden) -> None:
         "that were looked at. This page is made from the code (`make golden`).", "",
         "| column | unit | meaning |", "| --- | --- | --- |",
     ]  # fmt: skip
-    lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*MEASURES, *FAULT_COLUMNS)]
+    lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*MEASURES, *FAULT_COLUMNS, *PREVENTED_COLUMNS)]
     lines += [_row(AVOIDABILITY_SCHEMA.field(name)) for name in AVOIDABILITY_SCHEMA.names[1:] if "witness" not in name]
     lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*SHORTFALL, *VALUE_COLUMNS)]
     lines += ["", "## witnesses.parquet", "", "| column | unit | meaning |", "| --- | --- | --- |"]

@@ -244,7 +244,7 @@ def test_one_time_for_the_last_way_out(run_folder: Path) -> None:
 def test_a_verdict_tells_the_kinds_of_no_way_out_apart(
     label: str | None, manoeuvre: float | None, latest: float | None, words: str
 ) -> None:
-    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None)
+    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None, None)
     assert words in page._verdict(known)
 
 
@@ -519,7 +519,7 @@ def test_a_browser_draws_the_page_without_complaint(run_folder: Path, tmp_path: 
     assert f'id="case-title" aria-live="polite">{case["title"]}<' in document
     assert 'id="read-before">0.0 s<' in document
     assert 'id="read-plane">0.00 s<' in document
-    assert len(re.findall(r'class="[^"]*js-plotly-plot', document)) == 13
+    assert len(re.findall(r'class="[^"]*js-plotly-plot', document)) == 14
 
 
 STEPS = """

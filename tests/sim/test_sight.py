@@ -80,7 +80,7 @@ def test_an_av_reacts_to_a_lane_change_when_it_shows(model: NddModel, name: str)
     differ = [k for k in range(30) if changes[k] != keeps[k]]
     assert differ, "the AV never reacts: the case shows nothing"
     seen = {"centre": 2.0, "motion": 0.375, "decision": 0.0}[model_of(name).sight.by]
-    if name in ("learned", "rl"):
+    if model_of(name).kind in ("learned", "careful"):
         assert offsets[differ[0]] > 0.0  # it is shown lateral position and speed too
     elif name in KNOW_DECISIONS:
         assert differ[0] <= 5

@@ -45,6 +45,9 @@ __all__ = [
     "avoidability",
     "avoidability_of_library",
     "avoidability_table",
+    "manoeuvres_of",
+    "problem_of",
+    "problems_of",
 ]
 
 LABELS: dict[str, str] = {
@@ -203,7 +206,7 @@ def avoidability(scenario: Scenario, params: AvoidParams | None = None) -> Avoid
     params = params or AvoidParams()
     recordings = recordings_of_scenarios([scenario])
     (name,) = recordings.case_ids
-    problem = _problem(recordings, -1, scenario.odd)
+    problem = problem_of(recordings, -1, scenario.odd)
     if problem is not None:
         raise InputError(f"Test {name}: {problem}.")
     out = _search(recordings, scenario.odd, params, threads=1)
@@ -234,8 +237,7 @@ def avoidability_table(
     recordings = recordings_of_tracks(cases, tracks, odd)
     if not recordings.n_cases:
         return AVOIDABILITY_SCHEMA.empty_table()
-    bv_slot = cases.column("bv_slot").to_pylist()
-    problems = [_problem(block, bv_slot[c], odd) for c, block in enumerate(recordings.blocks(1))]
+    problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), odd)
     judged = np.array([problem is None for problem in problems])
     recordings = recordings._replace(partner=np.where(judged, recordings.partner, 0))
     out = _search(recordings, odd, params, threads)
@@ -259,7 +261,7 @@ def avoidability_of_library(
 _SPEED_TOLERANCE = 1e-3
 
 
-def _problem(case: Recordings, bv_slot: int, odd: Odd) -> str | None:
+def problem_of(case: Recordings, bv_slot: int, odd: Odd) -> str | None:
     """Say why one case, whose crash partner has slot `bv_slot`, cannot be judged; None: it can."""
     frames, last, partner = int(case.frames[0]), int(case.last[0]), int(case.partner[0])
     there = case.present.reshape(-1, frames)
@@ -277,7 +279,12 @@ def _problem(case: Recordings, bv_slot: int, odd: Odd) -> str | None:
     return None
 
 
-def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
+def problems_of(recordings: Recordings, bv_slots: Sequence[int], odd: Odd) -> list[str | None]:
+    """Say of each case why it cannot be judged, given the slot that its AV touched; None: it can."""
+    return [problem_of(block, bv_slots[c], odd) for c, block in enumerate(recordings.blocks(1))]
+
+
+def manoeuvres_of(odd: Odd, params: AvoidParams) -> Manoeuvres:
     """Turn the parameters into what the kernel takes.
 
     A lane change from rest to rest over a way w within T has the peak acceleration 10 / sqrt(3) w / T^2.
@@ -307,7 +314,7 @@ def _manoeuvres(odd: Odd, params: AvoidParams) -> Manoeuvres:
 
 def _search(recordings: Recordings, odd: Odd, params: AvoidParams, threads: int) -> WaysOut:
     """Search all cases in a pool of threads, each of which takes a few cases at a time."""
-    manoeuvres = _manoeuvres(odd, params)
+    manoeuvres = manoeuvres_of(odd, params)
     n = recordings.n_cases
     frames, vehicles = int(recordings.frames.max()), int(recordings.vehicles.max())
     rooms = Rooms(partial(allocate_case_scratch, manoeuvres, frames, vehicles))

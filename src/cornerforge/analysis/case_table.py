@@ -12,9 +12,10 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_field, arrow_type
-from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table
+from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table, problems_of
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
+from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevention_of
 from cornerforge.analysis.value import (
     PARTS,
     Value,
@@ -45,8 +46,8 @@ class CaseTable:
     """One row a case.
 
     Attributes:
-        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where it was not looked for) and
-            `fields.SHORTFALL` (null where the library lacks it), after `case_id`.
+        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `PREVENTED_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where it was not
+            looked for) and `fields.SHORTFALL` (null where the library lacks it), after `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
     """
 
@@ -89,6 +90,9 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
     for cases, tracks in shards:
         recordings = recordings_of_tracks(cases, tracks, reading.odd)
         columns: dict[str, Any] = dict(measure_cases(recordings)) | assign_fault(recordings).columns()
+        problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), reading.odd)
+        prevention = prevention_of(recordings, problems, reading.odd, reading.params, threads=reading.threads)
+        columns |= prevention.columns()
         wanted = pc.is_in(cases.column("case_id"), value_set=pa.array(sorted(reading.look_at), pa.string()))
         witnesses = avoidability_table(
             cases.filter(wanted), tracks.filter(wanted), reading.odd, reading.params, threads=reading.threads
@@ -97,7 +101,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         place = pc.index_in(ids, value_set=witnesses.column("case_id").combine_chunks())
         fields = [pa.field("case_id", pa.string())]
         arrays: list[Any] = [ids.combine_chunks()]
-        for column in (*MEASURES, *FAULT_COLUMNS):
+        for column in (*MEASURES, *FAULT_COLUMNS, *PREVENTED_COLUMNS):
             fields.append(arrow_field(column))
             arrays.append(pa.array(columns[column.name], arrow_type(column.type), from_pandas=True))
         for name in AVOIDABILITY_SCHEMA.names[1:]:

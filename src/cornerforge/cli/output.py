@@ -212,6 +212,9 @@ def _miles(kind: NaturalKind) -> str:
 def judgement_text(r: Analysed) -> list[str]:
     """Fault, avoidability, coverage and the most valuable cases of an analysis."""
     lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
+    if r.prevented is not None:
+        shares = ", ".join(f"{name} {one.share:.1%}" for name, one in r.prevented.by.items())
+        lines.append(f"In the AV's place these would have prevented: {shares} of {r.prevented.cases:,} cases")
     if r.avoidability is not None:
         seen = r.avoidability
         low, high = seen.interval95

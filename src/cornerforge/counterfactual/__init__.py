@@ -2,7 +2,8 @@
 
 `search_cases` takes recordings and gives, for each, the latest moments from which the AV could still have avoided the
 crash. Within it: `search` tries every sequence of manoeuvres, `witness` drives what was found once more, `motion`
-continues a recording after its contact. All motion is the simulator's own.
+continues a recording after its contact.
+`judge_cases` lets reference drivers drive in the AV's place (`careful`). All motion is the simulator's own.
 """
 
 from __future__ import annotations
@@ -12,6 +13,13 @@ from typing import TYPE_CHECKING
 from cornerforge._doors import door
 
 if TYPE_CHECKING:
+    from cornerforge.counterfactual.careful import (
+        Judgements,
+        JudgeScratch,
+        allocate_judge_scratch,
+        allocate_judgements,
+        judge_cases,
+    )
     from cornerforge.counterfactual.cases import (
         CaseScratch,
         WaysOut,
@@ -26,10 +34,15 @@ __all__ = [
     "COMBINED",
     "STEERING",
     "CaseScratch",
+    "JudgeScratch",
+    "Judgements",
     "Manoeuvres",
     "WaysOut",
     "allocate_case_scratch",
+    "allocate_judge_scratch",
+    "allocate_judgements",
     "allocate_ways_out",
+    "judge_cases",
     "search_cases",
 ]
 
@@ -48,5 +61,10 @@ __getattr__ = door(
         "allocate_ways_out": "cases",
         "CaseScratch": "cases",
         "search_cases": "cases",
+        "Judgements": "careful",
+        "JudgeScratch": "careful",
+        "allocate_judge_scratch": "careful",
+        "allocate_judgements": "careful",
+        "judge_cases": "careful",
     },
 )

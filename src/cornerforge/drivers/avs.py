@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
+from cornerforge.drivers.careful import CAREFUL, CarefulParams
 from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers
@@ -45,11 +46,13 @@ AV_KINDS = {
     "watchful": AvLaw(1, None, None, sees_everybody=False, parameters=()),
     "cautious": AvLaw(2, 12.0, 10.0, sees_everybody=False, parameters=("rss",)),
     "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True, parameters=("network",)),
+    "careful": AvLaw(4, 8.0, None, sees_everybody=True, parameters=("careful",)),
 }
 """The laws by which an AV decides (docs/adr/0009-built-in-avs.md).
 
 plain: IDM and MOBIL. watchful: the same, and it watches both sides while it changes lanes, and evades a vehicle that
-comes into its lane beside it. cautious: it keeps RSS distances. learned: a Q-network.
+comes into its lane beside it. cautious: it keeps RSS distances. learned: a Q-network. careful: a reference driver of UN
+R157 and others (docs/adr/0039-reference-drivers.md), which keeps its lane.
 """
 
 
@@ -81,6 +84,7 @@ class AvModel:
         kind: One of `AV_KINDS`.
         rss: Safe distances, for the cautious kind.
         network: The network, for the learned kind; None until its file is read (`pipeline.av_file`).
+        careful: Which reference driver, for the careful kind.
 
     Raises:
         InputError: The kind is not known, or parameters are given by which it does not drive.
@@ -94,6 +98,7 @@ class AvModel:
     kind: str = "plain"
     rss: RssParams = field(default_factory=RssParams)
     network: AvNetwork | None = None
+    careful: CarefulParams = field(default_factory=CarefulParams)
 
     def __post_init__(self) -> None:
         check_in("av.kind", self.kind, tuple(AV_KINDS))
@@ -113,6 +118,8 @@ _COMMON = ("name", "about", "idm", "mobil", "sight", "kind")
 _D2RL = IdmParams(
     max_acceleration=1.5, comfortable_braking=2.0, standstill_gap=2.0, time_gap=1.2, desired_speed=33.3, max_braking=4.0
 )
+_GENTLE = IdmParams(max_braking=2.0)
+"""How reference drivers drive without danger: harder braking is left to what they do when they see danger."""
 _AFTER_PERCEPTION = Sight(perception_time=0.4)
 """UN R157: its careful driver begins to react 0.4 s after a cut-in can be seen."""
 
@@ -169,6 +176,17 @@ AVS: dict[str, AvModel] = {
             MobilParams(),
             kind="learned",
         ),
+        *(
+            AvModel(
+                name, f"reference driver: {about}", _GENTLE, MobilParams(), kind="careful", careful=CarefulParams(name)
+            )
+            for name, about in {
+                "cc-human": "the competent and careful human of UN R157; brakes late, keeps its lane",
+                "reg157": "what UN R157 demands of a cut-in's victim at least; keeps its lane",
+                "rss-brake": "brakes where a distance of RSS is violated; keeps its lane",
+                "fsm": "the fuzzy safety model of UN R157; brakes early, keeps its lane",
+            }.items()
+        ),
     )
 }
 """All built-in AVs."""
@@ -181,7 +199,7 @@ class AvNumbers(NamedTuple):
         idm, mobil: Parameters of the built-in AV.
         sight: As in `AvModel`.
         kind: Code of its law.
-        rss, network: Parameters of the cautious and the learned kind.
+        rss, network, careful: Parameters of the cautious, the learned and the careful kind.
         hardest_braking, strongest_acceleration: It never commands more [m/s2].
         sees_everybody: 1 if it looks at more than its nearest neighbours in each lane.
     """
@@ -192,6 +210,7 @@ class AvNumbers(NamedTuple):
     kind: int
     rss: RssNumbers
     network: PolicyNumbers
+    careful: int
     hardest_braking: float
     strongest_acceleration: float
     sees_everybody: int
@@ -211,6 +230,7 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
         law.code,
         RssNumbers(*astuple(model.rss)),
         network,
+        CAREFUL[model.careful.driver],
         hardest_braking=model.idm.max_braking if law.hardest_braking is None else law.hardest_braking,
         strongest_acceleration=model.idm.max_acceleration
         if law.strongest_acceleration is None

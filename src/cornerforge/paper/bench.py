@@ -115,6 +115,10 @@ class Adversary:
         return f"{what}.{'bounded' if self.bounded else 'free'}"
 
 
+_TRIED = tuple(name for name, model in AVS.items() if model.kind != "careful")
+"""Built-in AVs that are tried unless more are asked for: reference drivers are a yardstick."""
+
+
 class Bench:
     """Adversaries and measurements of one folder.
 
@@ -140,7 +144,7 @@ class Bench:
         self.progress = progress
         self.paper_policy = None if paper_policy is None else load_timed_policy(paper_policy)
         self._world = world
-        self._more_avs = tuple(dict.fromkeys(name for name in more_avs if name not in AVS))
+        self._more_avs = tuple(dict.fromkeys(name for name in more_avs if name not in _TRIED))
         self._av_hashes: dict[str, str] = {}
         self._policies: dict[tuple[str, int], Policy] = {}
 
@@ -148,8 +152,8 @@ class Bench:
 
     @property
     def avs(self) -> tuple[str, ...]:
-        """All built-in AVs, the paper's first; then those that were asked for besides."""
-        return ("idm-mobil", *(name for name in AVS if name != "idm-mobil"), *self._more_avs)
+        """All built-in AVs but the reference drivers, the paper's first; then those that were asked for besides."""
+        return ("idm-mobil", *(name for name in _TRIED if name != "idm-mobil"), *self._more_avs)
 
     def av_hash(self, av: str) -> str:
         """Hash an AV as it drives: with the weights of a learned one, the source or file of one from outside."""
@@ -163,7 +167,7 @@ class Bench:
     def trained_on(self) -> tuple[str, ...]:
         """The AVs that adversaries are trained on, built-in ones."""
         wanted = self.size.trained_on
-        return tuple(name for name in self.avs if name in AVS and (wanted is None or name in wanted))
+        return tuple(name for name in self.avs if name in _TRIED and (wanted is None or name in wanted))
 
     @property
     def rewards(self) -> tuple[str, ...]:

@@ -211,6 +211,7 @@ def _judged(found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: f
             for name in ("impact_speed_mps", "av_delta_v_mps", "av_injury_probability")
         },
         "avoidability": _avoidability(table, is_drawn, reaction),
+        "prevented": _prevented(_strings(table, "prevented_by")),
         "coverage": grid.to_json(),
     }
 
@@ -263,6 +264,24 @@ def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float)
     }
 
 
+def _prevented(said: list[str | None]) -> dict[str, Any] | None:
+    """Count what each reference driver would have prevented; None when no case could be judged."""
+    from cornerforge.drivers.careful import CAREFUL
+
+    judged = [set(names.split(", ")) for names in said if names is not None]
+    if not judged:
+        return None
+
+    def share(n: int) -> dict[str, Any]:
+        return {"cases": n, "share": n / len(judged), "interval95": list(binomial_interval(n, len(judged)))}
+
+    return {
+        "cases": len(judged),
+        "by": {name: share(sum(name in names for names in judged)) for name in CAREFUL},
+        "any": share(sum(not names.isdisjoint(CAREFUL) for names in judged)),
+    }
+
+
 def _natural(
     cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], weights: NDArray[np.float64]
 ) -> Natural:
@@ -282,6 +301,7 @@ def _natural(
             "crash_types": found.crash_types.names,
             "mechanisms": mechanisms,
             "fault": _strings(table, "fault"),
+            "prevented_by": _strings(table, "prevented_by"),
         },
         avoidable=np.array([label not in without for label in labels], np.bool_),
         looked_at=np.array([case in drawn for case in found.case_ids], np.bool_),
@@ -318,6 +338,7 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, row
                 **{name: float(part[row]) for name, part in value.parts.items()},
                 "crash_type": found.crash_types.names[row],
                 "fault": known["fault"],
+                "prevented_by": known["prevented_by"],
                 "text": words,
             }
         )

@@ -95,7 +95,7 @@ def natural_shares(
     Args:
         weights: Of the cases, above 0, shape (S,).
         odd: Of the library.
-        kinds: "clusters", "crash_types", "mechanisms" and "fault": what each case is.
+        kinds: "clusters", "crash_types", "mechanisms", "fault" and "prevented_by": what each case is.
         avoidable: Whether a way out was found, shape (S,).
         looked_at: Whether the case was drawn for that, shape (S,).
         injury: Chance of a serious injury in the AV, shape (S,).
@@ -112,6 +112,7 @@ def natural_shares(
         crash_types=rates.by(kinds["crash_types"]),
         mechanisms=rates.by(kinds["mechanisms"]),
         fault=rates.by(kinds["fault"]),
+        prevented_by=rates.by(kinds["prevented_by"]),
         avoidable=ways,
         serious_injuries=rates.of(weights * injury, float((weights * injury).max())),
     )

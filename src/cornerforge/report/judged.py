@@ -56,6 +56,7 @@ class CaseJudgement:
     avoidability: str | None
     manoeuvre_s: float | None
     latest_s: float | None
+    prevented_by: str | None
     way_out: WayOut | None
 
 
@@ -163,7 +164,9 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
     return {name: table.column(name).to_pylist() for name in names}
 
 
-_CASE = ["case_id", "fault", "fault_rule", "fault_s", "avoidability", "manoeuvre_begin_s", "latest_any_s"]
+_CASE = [
+    "case_id", "fault", "fault_rule", "fault_s", "avoidability", "manoeuvre_begin_s", "latest_any_s", "prevented_by",
+]  # fmt: skip
 _WAY = ["witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad"]
 
 
@@ -187,6 +190,6 @@ def read_case_judgements(analysis: Path, case_ids: Iterable[str], command: str) 
         if begin_s is not None and way[0]
     }
     return {
-        case_id: CaseJudgement(fault, rule, fault_s, label, manoeuvre_s, latest_s, way_out.get(case_id))
-        for case_id, fault, rule, fault_s, label, manoeuvre_s, latest_s in zip(*known.values(), strict=True)
+        case_id: CaseJudgement(fault, rule, fault_s, label, manoeuvre_s, latest_s, prevented, way_out.get(case_id))
+        for case_id, fault, rule, fault_s, label, manoeuvre_s, latest_s, prevented in zip(*known.values(), strict=True)
     }

@@ -189,10 +189,20 @@ def _verdict(known: CaseJudgement) -> str:
         who = {"av": "The AV", "bv": "The BV"}.get(known.fault, "Both")
         when = "" if known.fault_s is None else f", {known.fault_s:.1f} s before contact"
         fault = f"{who} broke a rule of RSS ({known.rule}{when})"
+    fault += f".{_prevented_in_words(known.prevented_by)}"
     if known.avoidability is None:
-        return f"{fault}."
+        return fault
     begun = "" if known.manoeuvre_s is None else f" The manoeuvre began {known.manoeuvre_s:.1f} s before contact."
-    return f"{fault}.{begun} {_way_in_words(known)}"
+    return f"{fault}{begun} {_way_in_words(known)}"
+
+
+def _prevented_in_words(prevented_by: str | None) -> str:
+    """Say which reference drivers would have prevented a case; "" where it was not judged."""
+    if prevented_by is None:
+        return ""
+    if prevented_by == "nobody":
+        return " No reference driver would have prevented it."
+    return f" In the AV's place it would have been prevented by {prevented_by}."
 
 
 _HOW = {"by both": "by braking or by steering", "by combination": "by braking and steering together"}
@@ -281,6 +291,11 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
         made["rates"] = figures.rate_figure([summary.generate, *summary.baselines], natural)
     if artefacts.training is not None and natural is not None:
         made["training"] = figures.training_figure(artefacts.training, natural)
+    if analysis.prevented is not None:
+        made["prevented"] = figures.share_figure(
+            {name: one.cases for name, one in analysis.prevented.by.items()},
+            analysis.prevented.cases, "share of the judged cases",
+        )  # fmt: skip
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = figures.share_figure(kinds, n, "share of the cases looked at")
@@ -307,6 +322,11 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
         made["training"] = tables.training_table(artefacts.training)
     if summary.natural_cases is not None and summary.natural_cases.natural is not None:
         made["natural"] = tables.natural_table(summary.natural_cases.natural)
+    if analysis.prevented is not None:
+        made["prevented"] = tables.share_table(
+            "Crashes that a reference driver would have prevented", "driver",
+            {name: one.cases for name, one in analysis.prevented.by.items()}, analysis.prevented.cases,
+        )  # fmt: skip
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = tables.share_table("Cases looked at", "avoidability", kinds, n)

@@ -72,6 +72,7 @@ def natural_table(found: Natural) -> Table:
     kinds |= {MECHANISMS.get(name, name): kind for name, kind in found.mechanisms.items()}
     kinds |= {f"crash type: {name}": kind for name, kind in found.crash_types.items()}
     kinds |= {f"at fault (RSS): {_who(name)}": kind for name, kind in found.fault.items()}
+    kinds |= {f"prevented by {name}": kind for name, kind in (found.prevented_by or {}).items()}
     if found.avoidable is not None:
         kinds["avoidable by the AV"] = found.avoidable
     kinds["a serious injury in the AV (MAIS 3 or more)"] = found.serious_injuries

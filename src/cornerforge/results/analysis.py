@@ -19,6 +19,8 @@ __all__ = [
     "Coverage",
     "Natural",
     "NaturalKind",
+    "Prevented",
+    "PreventedShare",
     "TopCase",
     "ValueFound",
 ]
@@ -75,6 +77,24 @@ class Avoidability:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PreventedShare:
+    """How many crashes a reference driver would have prevented."""
+
+    cases: int = field(metadata=meant("Cases that it would have prevented."))
+    share: float = field(metadata=share("Of the judged cases, 0 to 1."))
+    interval95: Interval = field(metadata=meant("Exact interval of `share`."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prevented:
+    """What reference drivers would have prevented in the AV's place (docs/adr/0039)."""
+
+    cases: int = field(metadata=meant("Cases that were judged."))
+    by: dict[str, PreventedShare] = field(metadata=meant("By reference driver."))
+    any: PreventedShare = field(metadata=meant("By at least one of them."))
+
+
+@dataclass(frozen=True, kw_only=True)
 class TopCase:
     """A case that is worth a look, with the parts of its value (docs/adr/0017)."""
 
@@ -85,6 +105,10 @@ class TopCase:
     novelty: float = field(metadata=share("Part of the value, 0 to 1."))
     crash_type: str = field(metadata=meant("Name of its crash type."))
     fault: AtFault | None = field(metadata=meant("Who is at fault by RSS; null: not judged."))
+    prevented_by: str | None = field(
+        default=None,
+        metadata=meant('Reference drivers that would have prevented it, or "nobody"; missing: nobody looked.'),
+    )
     text: str = field(metadata=meant("What happened, in a sentence."))
 
 
@@ -140,6 +164,10 @@ class Natural:
     avoidable: NaturalKind | None = field(
         metadata=meant("Those with a way out, from the cases drawn for it; null: none was, or none had one.")
     )
+    prevented_by: dict[str, NaturalKind] | None = field(
+        default=None,
+        metadata=meant("By the reference drivers that would have prevented it; missing in files of earlier versions."),
+    )
     serious_injuries: NaturalKind = field(
         metadata=meant("Crashes in which somebody in the AV is seriously injured (MAIS 3 or more), from its chance.")
     )
@@ -177,6 +205,10 @@ class Analysed:
         metadata=meant("By measure, its 5, 50, 95 and 99 % quantiles.", "as its name says")
     )
     avoidability: Avoidability | None = field(metadata=meant("Ways out; null: none was searched."))
+    prevented: Prevented | None = field(
+        default=None,
+        metadata=meant("What reference drivers would have prevented; missing in files of earlier versions."),
+    )
     value: ValueFound = field(metadata=meant("Cases that are worth a look."))
     coverage: Coverage = field(metadata=meant("Kinds that were seen."))
     natural: Natural | None = field(

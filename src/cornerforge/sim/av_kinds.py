@@ -1,6 +1,6 @@
-"""The built-in AVs that are not plain IDM and MOBIL: one that watches both sides, a cautious one, a learned one.
+"""The built-in AVs that are not plain IDM and MOBIL: watchful, cautious, learned, and the reference drivers.
 
-What each does and why is in docs/adr/0009-built-in-avs.md.
+What each does and why is in docs/adr/0009-built-in-avs.md and, for reference drivers, 0039-reference-drivers.md.
 """
 
 from __future__ import annotations
@@ -11,16 +11,17 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
 from cornerforge.drivers.avs import AV_KINDS
+from cornerforge.drivers.careful import Threat, braking_demanded, braking_of
 from cornerforge.drivers.mobil import NO_CHANGE, mobil_gain
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
-from cornerforge.road.straight import ahead_by, gap, half_lengths, lane_of
+from cornerforge.road.straight import ahead_by, gap, half_lengths, half_widths, lane_of
 from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
 from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
 from cornerforge.sim.av_view import view_of_av
-from cornerforge.sim.neighbours import neighbours_in_lane
+from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.sight import lane_entered
-from cornerforge.types import ACCELERATIONS
+from cornerforge.types import ACCELERATIONS, FRAME_S
 
 if TYPE_CHECKING:
     from cornerforge.road.straight import RoadNumbers
@@ -36,6 +37,7 @@ BESIDE = 2.0
 """A vehicle is beside the AV when their boxes overlap lengthwise, or would if one were this much longer [m]."""
 DECIDES_EVERY = 5
 """Substeps (0.1 s) between two decisions of the learned AV."""
+_PER_SECOND = round(1.0 / FRAME_S)
 _PLAIN, _CAUTIOUS = AV_KINDS["plain"].code, AV_KINDS["cautious"].code
 _ACCELERATIONS = ACCELERATIONS
 _SIDES = (1, -1)
@@ -195,9 +197,48 @@ def _learned(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScra
     return av_order(w, best_action(s.q, s.allowed), _ACCELERATIONS)
 
 
-_DECISIONS = {"watchful": _watchful, "cautious": _cautious, "learned": _learned}
+@inlined_kernel
+def _braking_demanded_of_all(w: World, av: AvNumbers) -> float:
+    """Ask the reference driver about all vehicles ahead of it: the hardest braking that one of them demands [m/s2]."""
+    v = w.vehicles
+    demanded = 0.0
+    for k in range(w.state[0].n_current):
+        j = w.current[k]
+        ahead = ahead_by(v, 0, j)
+        if j == 0 or not 0.0 < ahead < SIGHT:
+            continue
+        half = half_lengths(v, 0, j)
+        across = v[j].y - v[0].y
+        drifts = v[j].lateral_speed - v[0].lateral_speed
+        aside = abs(across) - half_widths(v, 0, j)
+        threat = Threat(ahead - half, ahead + half, aside, -drifts if across > 0.0 else drifts, v[j].speed)
+        demanded = max(demanded, braking_demanded(av.careful, v[0].speed, v[0].acceleration, threat))
+    return demanded
+
+
+@inlined_kernel
+def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
+    """Follow gently, and brake as the reference driver does from when it sees danger until nothing asks for braking."""
+    v = w.vehicles
+    state = w.state[0]
+    lane = v[0].target_lane
+    gentle = lead_acceleration(w, 0, v[0].lanes, av.sight, road, av)
+    demanded = _braking_demanded_of_all(w, av)
+    now = _PER_SECOND * (state.decisions if substep == 0 else state.decisions - 1) + substep + 1
+    if demanded > 0.0 and state.av_alarmed == 0:
+        state.av_alarmed = now
+    if demanded == 0.0 and gentle >= 0.0:
+        state.av_alarmed = 0
+    if state.av_alarmed == 0:
+        return gentle, lane
+    since = (now - state.av_alarmed) * FRAME_S
+    return min(gentle, braking_of(av.careful, since, demanded, v[0].acceleration, road.av_substeps * FRAME_S)), lane
+
+
+_DECISIONS = {"watchful": _watchful, "cautious": _cautious, "learned": _learned, "careful": _careful}
 """The decision of each law except the plain one. Each takes the world, the substep (0 to 9), road, AV and scratch, and
-returns an acceleration [m/s2] and a target lane; it changes nothing but the scratch."""
+returns an acceleration [m/s2] and a target lane. It changes nothing but the scratch and, in the state, what the law
+remembers; asked again at the same moment it gives the same answer."""
 _decision_of: Any = kernel_by_code({name: law.code for name, law in AV_KINDS.items() if name != "plain"}, _DECISIONS)
 
 
@@ -209,7 +250,9 @@ def _decides_otherwise(w: World, substep: int, road: RoadNumbers, av: AvNumbers,
 
 @inlined_kernel
 def built_in_av_decides(w: World, substep: int, road: RoadNumbers, av: AvNumbers, s: AvScratch) -> tuple[float, int]:
-    """Decide for a built-in AV of any kind: acceleration [m/s2] and target lane. Changes nothing but the scratch.
+    """Decide for a built-in AV of any kind: acceleration [m/s2] and target lane.
+
+    Changes nothing but the scratch and what the AV remembers; asked again at the same moment it answers the same.
 
     Args:
         w: The world.

@@ -285,6 +285,7 @@ def clear_world(w: World, seed: int, test: int, branch: int) -> None:
     state.av_steers = 0
     state.av_curvature = 0.0
     state.av_controls[:] = 0.0
+    state.av_alarmed = 0
     for i in range(w.vehicles.size):
         w.vehicles[i].present = 0
 

@@ -137,6 +137,7 @@ STATE = np.dtype(
         ("av_steers", "i8"),
         ("av_curvature", "f8"),
         ("av_controls", "f8", (2 * round(1.0 / FRAME_S),)),
+        ("av_alarmed", "i8"),
     ]
 )
 """What a world knows besides its vehicles.
@@ -151,7 +152,8 @@ much of `current` and of the pairs is in use; av_has_answered, av_command [m/s2]
 an AV outside; bv_has_answered, bv_action: the answer for a BV controlled from outside; travel: distance that the
 counted BVs drove [m]; av_steers: 1 if the AV outside answers by steering (`bicycle`); av_curvature: of its way now, to
 the left positive [1/m]; av_controls: its answer, an acceleration [m/s2] and a curvature [1/m] for each tenth of a
-second until it answers again.
+second until it answers again; av_alarmed: when a reference driver saw the danger that it reacts to, in tenths of a
+second since the start plus 1, 0 while it reacts to none.
 """
 
 

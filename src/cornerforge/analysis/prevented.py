@@ -1,0 +1,167 @@
+"""Which reference drivers would have prevented a crash, in the AV's place (ADR 39; `counterfactual.careful`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
+from cornerforge.counterfactual import (
+    Judgements,
+    JudgeScratch,
+    Manoeuvres,
+    allocate_judge_scratch,
+    allocate_judgements,
+    judge_cases,
+)
+from cornerforge.drivers.careful import CAREFUL
+from cornerforge.errors import InputError
+from cornerforge.execution import Rooms, in_order
+from cornerforge.fields import Field
+from cornerforge.recordings import Recordings, recordings_of_scenarios
+from cornerforge.types import FRAME_S, Odd, Scenario
+
+__all__ = ["PREVENTED_COLUMNS", "Prevented", "Prevention", "prevented_by", "prevention_of"]
+
+_CHUNK = 256
+_NOBODY = "nobody"
+
+
+def _column(driver: str) -> str:
+    return driver.replace("-", "_")
+
+
+PREVENTED_COLUMNS: tuple[Field, ...] = (
+    Field("prevented_by", "string", "", f"Reference drivers that would have prevented it, of {', '.join(CAREFUL)}; "
+          f'"{_NOBODY}": none; null: it cannot be judged.'),
+    *(Field(f"least_ttc_{_column(name)}_s", "float64", "s", f"Least time to collision of {name} in the AV's place; "
+            "null: it never closes in on a vehicle in front.") for name in CAREFUL),
+    *(Field(f"braking_{_column(name)}_mps2", "float64", "m/s2", f"Hardest braking of {name} in the AV's place, at "
+            "least 0.") for name in CAREFUL),
+)  # fmt: skip
+"""Columns of `Prevention.columns`."""
+
+
+@dataclass(frozen=True)
+class Prevented:
+    """What a reference driver makes of one crash.
+
+    Attributes:
+        prevented: Nobody touches it until the horizon, and from there it can stop.
+        reacts_s: When it sees danger first, before the contact; negative: after it; None: never.
+        least_ttc_s: Least time to collision with a vehicle in front; inf where it never closes in.
+        braking_mps2: Its hardest braking, at least 0.
+    """
+
+    prevented: bool
+    reacts_s: float | None = field(metadata={"unit": "s"})
+    least_ttc_s: float = field(metadata={"unit": "s"})
+    braking_mps2: float = field(metadata={"unit": "m/s2"})
+
+
+@dataclass(frozen=True)
+class Prevention:
+    """What the reference drivers make of C cases; columns in the order of `CAREFUL`.
+
+    Attributes:
+        judged: False where the recording cannot be judged, (C,).
+        prevented: (C, drivers), False where not judged.
+        least_ttc: [s], inf where it never closes in, (C, drivers).
+        braking: Hardest braking [m/s2], (C, drivers).
+    """
+
+    judged: NDArray[np.bool_]
+    prevented: NDArray[np.bool_]
+    least_ttc: NDArray[np.float64]
+    braking: NDArray[np.float64]
+
+    def columns(self) -> dict[str, Any]:
+        """Make the values of `PREVENTED_COLUMNS`; NaN stands for null."""
+        names = list(CAREFUL)
+        said = [
+            (", ".join(n for n, yes in zip(names, row, strict=True) if yes) or _NOBODY) if judged else None
+            for row, judged in zip(self.prevented.tolist(), self.judged.tolist(), strict=True)
+        ]
+        ttc = np.where(self.judged[:, None] & np.isfinite(self.least_ttc), self.least_ttc, np.nan)
+        braking = np.where(self.judged[:, None], self.braking, np.nan)
+        return {
+            "prevented_by": said,
+            **{f"least_ttc_{_column(name)}_s": ttc[:, k] for k, name in enumerate(names)},
+            **{f"braking_{_column(name)}_mps2": braking[:, k] for k, name in enumerate(names)},
+        }
+
+
+def prevention_of(
+    recordings: Recordings, problems: list[str | None], odd: Odd, params: AvoidParams, *, threads: int = 1
+) -> Prevention:
+    """Let each reference driver drive in the AV's place in each case.
+
+    Args:
+        recordings: Of the cases.
+        problems: Why a case cannot be judged (`avoidability.problem_of`); None: it can.
+        odd: Road and rules of all of them.
+        params: `horizon_s`, `others` and `steers` are read.
+        threads: Size of the pool; does not change the result.
+    """
+    check_integer("threads", threads, low=1, high=1024)
+    judged = np.array([problem is None for problem in problems], np.bool_)
+    out = allocate_judgements(0)
+    if recordings.n_cases:
+        recordings = recordings._replace(partner=np.where(judged, recordings.partner, 0))
+        manoeuvres = manoeuvres_of(odd, params)
+        frames, vehicles = int(recordings.frames.max()), int(recordings.vehicles.max())
+        rooms = Rooms(partial(allocate_judge_scratch, manoeuvres, frames, vehicles))
+        judge = partial(_judge_range, recordings, manoeuvres, rooms)
+        parts = list(in_order(judge, 0, recordings.n_cases, chunk=_CHUNK, threads=threads))
+        out = Judgements(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return Prevention(judged, (out.touched < 0) & judged[:, None], out.least_ttc, out.braking)
+
+
+def _judge_range(
+    recordings: Recordings, manoeuvres: Manoeuvres, rooms: Rooms[JudgeScratch], first: int, count: int
+) -> Judgements:
+    out = allocate_judgements(count)
+    with rooms.lend() as scratch:
+        judge_cases(recordings, first, first + count, manoeuvres, scratch, out)
+    return out
+
+
+def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[str, Prevented]:
+    """Let each reference driver drive in the AV's place in one recorded crash.
+
+    It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and then brakes
+    on the path that the AV was on; the others drive as recorded, and after the contact as for the ways out (ADR 14).
+
+    Args:
+        scenario: Recording of a test that ended in a crash of the AV; vehicles that never came near may be missing.
+        params: `horizon_s`, `others` and `steers` are read; None: the defaults.
+
+    Returns:
+        By name of the driver (`drivers.careful.CAREFUL`).
+
+    Raises:
+        InputError: As `avoidability.avoidability`.
+    """
+    recordings = recordings_of_scenarios([scenario])
+    problem = problem_of(recordings, -1, scenario.odd)
+    if problem is not None:
+        raise InputError(f"Test {recordings.case_ids[0]}: {problem}.")
+    m = manoeuvres_of(scenario.odd, params or AvoidParams())
+    out = allocate_judgements(1)
+    scratch = allocate_judge_scratch(m, int(recordings.frames[0]), int(recordings.vehicles[0]))
+    judge_cases(recordings, 0, 1, m, scratch, out)
+    last = int(recordings.last[0])
+    return {
+        name: Prevented(
+            prevented=bool(out.touched[0, k] < 0),
+            reacts_s=None if out.reacted[0, k] < 0 else round((last - int(out.reacted[0, k])) * FRAME_S, 1),
+            least_ttc_s=float(out.least_ttc[0, k]),
+            braking_mps2=float(out.braking[0, k]),
+        )
+        for name, k in CAREFUL.items()
+    }

@@ -1,0 +1,188 @@
+"""What reference drivers would have done: each drives in the AV's place among the recorded others (ADR 39).
+
+It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
+(`drivers.careful`) on the path that the AV was on. The others, the end, and what counts are those of the ways out.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cornerforge._elementary import sin_cos
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.counterfactual.motion import allocate_rows, continue_recording, take_over_av
+from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
+from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of
+from cornerforge.geometry import Box, boxes_overlap
+from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, box_in, unpack
+from cornerforge.sim import World, allocate_recording, hold, manoeuvre_begin, move_vehicle
+from cornerforge.types import FRAME_S
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = [
+    "JudgeScratch",
+    "Judgements",
+    "allocate_judge_scratch",
+    "allocate_judgements",
+    "judge_cases",
+]
+
+DRIVERS = len(CAREFUL)
+AT_ONCE = CAREFUL["reg157"]
+"""It has its braking at once; the others have a jerk of their own, which the ODD may limit further."""
+_DT = FRAME_S
+
+
+class Judgements(NamedTuple):
+    """What became of the reference drivers, one row a case, one column a driver in the order of `CAREFUL`.
+
+    Attributes:
+        begin: Frame at which they take over, int64 (C,).
+        touched: Frame at which a vehicle touches the driver, -1 for none, int64 (C, DRIVERS).
+        reacted: Frame at which the driver sees danger first, -1 for never, int64 (C, DRIVERS).
+        least_ttc: Least time to collision with a vehicle in front until the horizon [s], inf where it never closes in,
+            (C, DRIVERS).
+        braking: Its hardest braking until the horizon [m/s2], at least 0, (C, DRIVERS).
+    """
+
+    begin: NDArray[np.int64]
+    touched: NDArray[np.int64]
+    reacted: NDArray[np.int64]
+    least_ttc: NDArray[np.float64]
+    braking: NDArray[np.float64]
+
+
+class JudgeScratch(NamedTuple):
+    """Memory for `judge_cases`; one serves one thread."""
+
+    frames: NDArray[np.void]
+    bodies: NDArray[np.void]
+    rows: World
+    tail: int
+
+
+def allocate_judgements(cases: int) -> Judgements:
+    """Allocate the results of so many cases."""
+    shape = (cases, DRIVERS)
+    none = np.full(shape, -1, dtype=np.int64)
+    return Judgements(np.zeros(cases, dtype=np.int64), none, none.copy(), np.full(shape, np.inf), np.zeros(shape))
+
+
+def allocate_judge_scratch(m: Manoeuvres, frames: int, vehicles: int) -> JudgeScratch:
+    """Allocate memory for cases of at most so many frames and vehicles."""
+    tail = stopping_frames(m.road, m.stopping)
+    return JudgeScratch(
+        allocate_recording(frames + m.horizon + tail, vehicles),
+        np.zeros(vehicles, dtype=BODY_FIELDS),
+        allocate_rows(1),
+        tail,
+    )
+
+
+@inlined_kernel
+def _look(test: Trajectories, f: int, kind: int, w: World, ttc: float) -> tuple[float, float]:
+    """Ask the driver about all vehicles ahead of it at a frame.
+
+    Returns:
+        The hardest braking that one of them demands [m/s2]; the least of `ttc` and the times to collision [s].
+    """
+    me, body = w.vehicles[0], test.bodies[0]
+    demanded = 0.0
+    for j in range(1, test.n):
+        other = test.frames[f, j]
+        ahead = other.x - me.x
+        if other.present == 0 or ahead <= 0.0:
+            continue
+        half = 0.5 * (body.length + test.bodies[j].length)
+        across = other.y - me.y
+        sine, cosine = sin_cos(other.heading)
+        drifts = other.speed * sine / cosine - me.lateral_speed
+        threat = Threat(
+            ahead - half,
+            ahead + half,
+            abs(across) - 0.5 * (body.width + test.bodies[j].width),
+            -drifts if across > 0.0 else drifts,
+            other.speed,
+        )
+        demanded = max(demanded, braking_demanded(kind, me.speed, me.acceleration, threat))
+        closing = me.speed - other.speed
+        if threat.aside <= 0.0 and closing > 0.0:
+            ttc = min(ttc, max(threat.gap, 0.0) / closing)
+    return demanded, ttc
+
+
+@kernel
+def _drive(
+    test: Trajectories, moment: int, end: int, kind: int, m: Manoeuvres, w: World
+) -> tuple[int, int, float, float]:
+    """Let a reference driver drive from a moment to `end` and then stop; returns the columns of `Judgements`."""
+    v = w.vehicles
+    frames, body = test.frames, test.bodies[0]
+    take_over_av(w, 0, test, moment, m.parts, m.road, m.evasive)
+    since, reacted, ttc, hardest = -1.0, -1, np.inf, 0.0
+    x_end = 0.0
+    f = moment
+    while True:
+        if f > moment:
+            for j in range(1, test.n):
+                counts = frames[f, j].present != 0 and (f <= end or frames[end, j].x > x_end)
+                if counts and boxes_overlap(
+                    Box(v[0].x, v[0].y, v[0].heading, body.length, body.width), box_in(test, f, j)
+                ):
+                    return f, reacted, ttc, hardest
+        if f >= end:
+            if f == end:
+                x_end = v[0].x
+                hold(v, 0, -m.stopping, m.evasive)
+            elif v[0].speed == 0.0:
+                return -1, reacted, ttc, hardest
+            f += 1
+            move_vehicle(v, 0, (f - end) * _DT, m.evasive)
+            continue
+        demanded, ttc = _look(test, f, kind, w, ttc)
+        if demanded > 0.0 and since < 0.0:
+            since, reacted = 0.0, f
+        command = 0.0
+        if since >= 0.0:
+            command = braking_of(kind, since, demanded, v[0].acceleration, _DT)
+            since += _DT
+        hardest = max(hardest, -command)
+        if kind == AT_ONCE:
+            v[0].acceleration = command
+        hold(v, 0, command, m.evasive)
+        f += 1
+        move_vehicle(v, 0, _DT, m.evasive)
+
+
+@kernel
+def judge_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: JudgeScratch, out: Judgements) -> None:
+    """Let each reference driver drive in cases first .. stop - 1; a case with partner 0 is left out.
+
+    Args:
+        r: The recordings.
+        first, stop: Range of cases.
+        m: As for the search of ways out; `accelerations`, `every`, `lane_changes` and `lookback` are not read.
+        s: Scratch.
+        out: Holds stop - first rows, for the cases in order.
+    """
+    for c in range(first, stop):
+        row = c - first
+        if r.partner[c] == 0:
+            continue
+        last = r.last[c]
+        unpack(r, c, s.frames, s.bodies)
+        test = Trajectories(s.frames, s.bodies, r.vehicles[c])
+        begin = max(0, min(manoeuvre_begin(s.frames, r.partner[c], last, m.road), last - 1))
+        end = last + m.horizon
+        continue_recording(test, last, end + s.tail, r.partner[c], m.only_partner, m.road, s.rows)
+        out.begin[row] = begin
+        for kind in range(DRIVERS):
+            touched, reacted, ttc, hardest = _drive(test, begin, end, kind, m, s.rows)
+            out.touched[row, kind] = touched
+            out.reacted[row, kind] = reacted
+            out.least_ttc[row, kind] = ttc
+            out.braking[row, kind] = hardest
