@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
     from cornerforge.pipeline.plausibility import plausibility
     from cornerforge.pipeline.rate import rate
+    from cornerforge.pipeline.retest import retest
     from cornerforge.pipeline.run import run
     from cornerforge.pipeline.show import ndd_show
     from cornerforge.pipeline.shrink import shrink
@@ -50,6 +51,7 @@ __all__ = [
     "rate",
     "replay",
     "reproduce",
+    "retest",
     "run",
     "shrink",
     "simulate",
@@ -79,6 +81,7 @@ __getattr__ = door(
         "rate": "pipeline.rate",
         "replay": "pipeline.cases",
         "reproduce": "paper.reproduce",
+        "retest": "pipeline.retest",
         "run": "pipeline.run",
         "shrink": "pipeline.shrink",
         "simulate": "pipeline.simulate",

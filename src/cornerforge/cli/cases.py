@@ -24,6 +24,7 @@ from cornerforge.cli.options import (
     Seed,
     Threads,
     World,
+    complete_av,
     completing,
     flag,
     takes_world,
@@ -35,7 +36,7 @@ from cornerforge.world_options import PLAIN_ADVERSARIES
 if TYPE_CHECKING:
     from cornerforge.results import Analysed, Queried, Replayed
 
-__all__ = ["analyse", "generate", "plausibility", "query", "replay", "shrink", "variety"]
+__all__ = ["analyse", "generate", "plausibility", "query", "replay", "retest", "shrink", "variety"]
 
 
 @command(
@@ -199,6 +200,49 @@ def replay(
     if result.identical is False:
         if result.note is not None:
             typer.echo(result.note, err=True)
+        raise typer.Exit(EXIT_GATE)
+
+
+@command(
+    "cornerforge retest out/demo/library --av rss-cautious",
+    "cornerforge retest out/cases --av my_av:New --baseline my_av:Old",
+)
+@takes_world("av", "av_timeout", "av_batch", "av_processes", "av_python")
+def retest(
+    library: Library,
+    world: World = None,
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            help="AV to compare with; by default the one that made the library.",
+            show_default=False,
+            autocompletion=complete_av,
+        ),
+    ] = None,
+    natural_tests: Annotated[
+        int | None,
+        typer.Option(help="Natural tests of both, at most; 10,000 with a baseline, else none.", show_default=False),
+    ] = None,
+    junit: Annotated[Path | None, typer.Option(help="New file: JUnit XML.", show_default=False)] = None,
+    sarif: Annotated[Path | None, typer.Option(help="New file: SARIF 2.1.0.", show_default=False)] = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    out: JsonFile = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Drive another AV through stored cases, and compare; exit status 1 if it got worse."""
+    from cornerforge.pipeline.retest import retest_text
+
+    result = run_command(
+        lambda bars: cornerforge.retest(
+            library, baseline=baseline, natural_tests=natural_tests, junit=junit, sarif=sarif, seed=seed,
+            threads=threads, progress=bars, **world,
+        ),
+        retest_text, as_json=as_json, quiet=quiet, out=out,
+    )  # fmt: skip
+    if result.got_worse:
         raise typer.Exit(EXIT_GATE)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import decimal
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,11 @@ from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
+from cornerforge.world_options import WorldOptions
 
-__all__ = ["driver_of_cases", "experiment_of", "is_same", "query", "replay"]
+__all__ = ["driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
 
-_NEEDED = ("seed", "av", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
+_NEEDED = ("seed", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
 _ANALYSED = "cases.parquet"
 
 
@@ -41,14 +43,31 @@ def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_py
     Raises:
         FileFormatError: A file is missing or is not the one of the library.
     """
+    _check_told(cases, ("av",))
+    world = WorldOptions(av=str(cases.identity["av"]), av_timeout=av_timeout, av_python=av_python)
+    return experiment_with(cases, world, changed=())
+
+
+def experiment_with(
+    cases: CaseLibrary, world: WorldOptions, *, changed: Sequence[str] = ("av", "av_hash", "av_steers")
+) -> Experiment:
+    """Build the experiment that made a library, but with the AV of `world` and as that says it is asked.
+
+    Args:
+        cases: The library.
+        world: The AV; road, model and mask are those of the library.
+        changed: Keys of the identity that may be others than the library's.
+
+    Raises:
+        FileFormatError: A file is missing or is not the one of the library.
+    """
     identity = cases.identity
-    missing = [name for name in _NEEDED if name not in identity]
-    if missing:
-        raise FileFormatError(f"The library {cases.path} does not say its {missing[0]}, so it cannot be driven again.")
+    _check_told(cases, _NEEDED)
     budget = identity["budget"]
     policies = [load_policy(cases.path / policy_file(index)) for index in range(int(str(identity["policies"])))]
+    seed = int(str(identity["seed"]))
     run = experiment(
-        av=str(identity["av"]),
+        replace(world, odd=cases.odd.name, lanes=None),
         road=cases.odd,
         model=cases.path / MODEL_FILE,
         bv=str(identity["bv"]),
@@ -58,18 +77,22 @@ def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_py
         budget=None if budget is None or policies else float(budget),
         acting=str(identity["acting"]),
         takes_foreign=True,
-        seed=int(str(identity["seed"])),
-        av_timeout=av_timeout,
-        av_python=av_python,
+        seed=seed,
     )
-    for key, value in run.identity(int(str(identity["seed"]))).items():
-        if identity.get(key) != value:
+    for key, value in run.identity(seed).items():
+        if key not in changed and identity.get(key) != value:
             raise FileFormatError(
                 f"The library {cases.path} was made with {key} = {identity.get(key)!r}, "
                 f"but what is here gives {value!r}; "
                 "put the original file back, or install the version that made it."
             )
     return run
+
+
+def _check_told(cases: CaseLibrary, names: Sequence[str]) -> None:
+    missing = [name for name in names if name not in cases.identity]
+    if missing:
+        raise FileFormatError(f"The library {cases.path} does not say its {missing[0]}, so it cannot be driven again.")
 
 
 def is_same(driven: Scenario, stored: StoredCase) -> bool:

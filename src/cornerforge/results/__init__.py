@@ -15,6 +15,7 @@ from cornerforge.results.learning import Trained, TrainedAv, TrainingCurve
 from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
 from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import Reproduced
+from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
 from cornerforge.results.validation import NddValidated
 from cornerforge.results.whole import Exposure, Initialised, Reported, RunDone
@@ -37,6 +38,7 @@ __all__ = [
     "Replayed",
     "Reported",
     "Reproduced",
+    "Retested",
     "RunDone",
     "ShrunkLibrary",
     "Simulated",
@@ -61,6 +63,7 @@ VERBS: dict[str, type] = {
     "analyse": Analysed,
     "shrink": ShrunkLibrary,
     "replay": Replayed,
+    "retest": Retested,
     "query": Queried,
     "variety": Varied,
     "plausibility": Plausibility,

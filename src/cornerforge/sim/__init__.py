@@ -178,9 +178,9 @@ __all__ = [
     "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range", "grove", "harvest_range",
     "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing", "keep_whole_test", "lateral_plan", "lessons",
     "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of", "reset_world",
-    "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "start_av_worlds",
-    "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked", "warm_up",
-    "warn_of_left_out", "world_of", "write_outcome",
+    "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
+    "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked",
+    "warm_up", "warn_of_left_out", "world_of", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (

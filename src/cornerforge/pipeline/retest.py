@@ -1,0 +1,315 @@
+"""`retest` drives another AV through the cases of a library, and compares: fixed, still crashing, new (ADR 40)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._checks import check_integer
+from cornerforge.drivers.avs import numbers_of_av
+from cornerforge.errors import InputError, ReplayError
+from cornerforge.execution import Rooms, in_order
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.pipeline.av_file import av_of
+from cornerforge.pipeline.cases import experiment_with
+from cornerforge.pipeline.findings import write_junit, write_sarif
+from cornerforge.pipeline.forecast import forecast
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.rates.paired import difference_interval, sequential_verdict
+from cornerforge.results.retest import Compared, Retested, RetestedCase
+from cornerforge.sim import (
+    NATURAL,
+    NATURALISTIC,
+    NOBODY,
+    Script,
+    ScriptDriver,
+    crashed_tests,
+    simulate_chunks,
+)
+from cornerforge.world_options import AvKeywords, WorldOptions
+
+__all__ = ["retest", "retest_text"]
+
+_SAME_M = 1e-3
+"""Stored positions have 32 bits: this far along the road they are the same [m]."""
+_AFTER_S = 3
+"""How long after the end of a recording the others drive on naturally [s]: as long as nobody may touch a way out."""
+_CHUNK = 32
+_BLOCK = 2_048
+"""Natural tests between two looks at the verdict."""
+FIXED, STILL, NEW, NEVER = "fixed", "still crashing", "new", "never"
+
+
+def retest(
+    library: Path | str,
+    *,
+    baseline: str | None = None,
+    natural_tests: int | None = None,
+    junit: Path | str | None = None,
+    sarif: Path | str | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress = NO_PROGRESS,
+    **world: Unpack[AvKeywords],
+) -> Retested:
+    """Drive another AV through the cases of a library, and say what it crashes in that the old one did not.
+
+    The cases are driven twice. *As recorded*: every other vehicle that was stored does what it did, whatever the AV
+    does. *Reacting*: the tests of the library are driven anew with the same random numbers, so the others see the new
+    AV; this covers all tests of the library, not only those that became cases.
+
+    Args:
+        library: The library's folder.
+        baseline: AV to compare with; None: the AV that made the library, as its cases tell.
+        natural_tests: Natural tests that both drive, for their natural rates; None: 10,000 with a baseline, else none.
+        junit, sarif: New files for machines that run tests: JUnit XML, SARIF 2.1.0.
+        seed: Of the natural tests.
+        threads: None for all cores; does not change the result.
+        progress: Told how far it is.
+        world: `av`, and how an AV from outside is asked; the road and the model are those of the library.
+
+    Returns:
+        What `cornerforge retest --json` prints. `got_worse` is True if a sequential test says that it crashes more
+        often (`rates.paired`).
+
+    Raises:
+        CornerForgeError: The library, an AV or a file cannot be read or written, or an AV fails too often.
+    """
+    began = time.perf_counter()
+    check_integer("seed", seed, low=0, high=2**63 - 1)
+    for file in (junit, sarif):
+        if file is not None and Path(file).exists():
+            raise InputError(f"{file} is there already; name a new file.")
+    if natural_tests is None:
+        natural_tests = 0 if baseline is None else 10_000
+    check_integer("natural_tests", natural_tests, low=0, high=10**9)
+    if natural_tests and baseline is None:
+        raise InputError("Natural rates need both AVs; name the old one with --baseline.")
+    options = WorldOptions(**world)
+    cases = CaseLibrary.open(Path(library))
+    if len(cases) == 0:
+        raise InputError(f"The library {library} holds no cases yet, so there is none to drive again.")
+    n_threads = check_threads(threads)
+    new = experiment_with(cases, options)
+    old = None if baseline is None else experiment_with(cases, replace(options, av=baseline))
+    tests = 0 if cases.scripted else cases.next_test
+    forecast(new, threads, f"{len(cases):,} cases and {tests + natural_tests:,} tests", tests=tests + natural_tests)
+    recorded = _as_recorded(cases, new, old, n_threads, progress)
+    reacting = None if cases.scripted else _reacting(cases, new, old, n_threads, progress)
+    natural = None
+    if old is not None and natural_tests:
+        natural = _natural(new, old, seed, natural_tests, n_threads, progress)
+    ids = cases.scalars(["case_id", "test"])
+    now = {} if reacting is None else dict(zip(reacting.tests.tolist(), reacting.kinds(), strict=True))
+    each = tuple(
+        RetestedCase(case=case, recorded=kind, reacting=now.get(test))
+        for case, test, kind in zip(ids["case_id"].to_pylist(), ids["test"].to_pylist(), recorded.kinds(), strict=True)
+    )
+    parts = [part.compared() for part in (recorded, reacting, natural) if part is not None]
+    first = parts[0] if reacting is None else parts[1]
+    result = Retested(
+        library=str(library),
+        av=options.av,
+        baseline=str(cases.identity["av"]) if baseline is None else baseline,
+        cases=len(cases),
+        fixed=first.fixed,
+        still_crashing=first.still_crashing,
+        new_crashes=first.new_crashes,
+        rate_difference=first.rate_difference,
+        interval95=first.interval95,
+        got_worse=any(part.verdict == "worse" for part in parts),
+        recorded=parts[0],
+        reacting=None if reacting is None else parts[1],
+        natural=None if natural is None else parts[-1],
+        each=each,
+        seconds=round(time.perf_counter() - began, 3),
+    )
+    if junit is not None:
+        write_junit(Path(junit), result)
+    if sarif is not None:
+        write_sarif(Path(sarif), result)
+    return result
+
+
+class _Both:
+    """The same tests for both AVs.
+
+    Attributes:
+        tests: Their numbers, (N,).
+        new, old: Who crashed, (N,).
+        picked: They were picked because an AV crashed in them.
+    """
+
+    def __init__(
+        self, tests: NDArray[np.int64], new: NDArray[np.bool_], old: NDArray[np.bool_], *, picked: bool = False
+    ) -> None:
+        self.tests, self.new, self.old, self.picked = tests, new, old, picked
+
+    def kinds(self) -> list[str]:
+        """Say what became of each."""
+        return [
+            (STILL if was else NEW) if crashes else (FIXED if was else NEVER)
+            for crashes, was in zip(self.new.tolist(), self.old.tolist(), strict=True)
+        ]
+
+    def compared(self) -> Compared:
+        """Sum up."""
+        new_only, old_only = int((self.new & ~self.old).sum()), int((self.old & ~self.new).sum())
+        verdict = sequential_verdict(self.new, self.old)
+        return Compared(
+            tests=self.new.size,
+            baseline_crashes=int(self.old.sum()),
+            av_crashes=int(self.new.sum()),
+            fixed=old_only,
+            still_crashing=int((self.new & self.old).sum()),
+            new_crashes=new_only,
+            rate_difference=None if self.picked else (new_only - old_only) / self.new.size,
+            interval95=None if self.picked else difference_interval(new_only, old_only, self.new.size),
+            verdict=None if self.picked else verdict.word,
+            verdict_after=None if self.picked else verdict.tests,
+        )
+
+
+def _as_recorded(
+    cases: CaseLibrary, new: Experiment, old: Experiment | None, threads: int, progress: Progress
+) -> _Both:
+    """Drive every case with the others as recorded; without a baseline the old AV crashed in each."""
+    made_by = str(cases.identity["av"])
+    ids = cases.scalars(["case_id"])["case_id"].to_pylist()
+    made = numbers_of_av(av_of("idm-mobil" if is_foreign(made_by) else made_by))
+
+    def driven(run: Experiment, what: str) -> NDArray[np.bool_]:
+        # Where vehicles start depends on the gaps that the AV wants: those of the one that made the library.
+        rooms = Rooms(lambda: (run.script_driver(), ScriptDriver(run.setting._replace(av=made), run.odd)))
+
+        def drive(first: int, count: int) -> NDArray[np.bool_]:
+            with rooms.lend() as (driver, starts):
+                return np.array(
+                    [
+                        driver.drive(_script(cases.scenario(case), starts)).pose is not None
+                        for case in ids[first : first + count]
+                    ],
+                    np.bool_,
+                )
+
+        parts = []
+        for part in in_order(drive, 0, len(ids), chunk=_CHUNK, threads=run.processes(threads)):
+            parts.append(part)
+            progress(what, sum(len(one) for one in parts), len(ids))
+        return np.concatenate(parts)
+
+    crashed = driven(new, "cases as recorded")
+    was = np.ones(len(ids), np.bool_) if old is None else driven(old, "cases as recorded, baseline")
+    return _Both(np.arange(len(ids)), crashed, was, picked=True)
+
+
+def _script(stored: StoredCase, starts: ScriptDriver) -> Script:
+    """Make a script of a case: what is stored of the others; the far ones, and all after its end, drive naturally.
+
+    Raises:
+        ReplayError: The case does not begin where tests of its name begin.
+    """
+    script = stored.script
+    if script is None:
+        case = stored.scenario
+        start = starts.start_of_test(case.seed, case.test)
+        if np.abs(start["x"][case.slot] - case.x[0]).max() > _SAME_M:
+            raise ReplayError(
+                f"Case {case.seed}:{case.test} does not begin as stored; install the version that made the library."
+            )
+        action = np.full((len(case.action), start.size), NATURAL, dtype=np.int8)
+        action[:, case.slot] = case.action
+        script = Script(np.arange(start.size, dtype=np.int16), start, action, case.seed, case.test)
+    decisions = min(len(script.action) + _AFTER_S, starts.max_decisions)
+    action = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
+    action[: len(script.action)] = script.action[:decisions]
+    return replace(script, action=action)
+
+
+def _reacting(cases: CaseLibrary, new: Experiment, old: Experiment | None, threads: int, progress: Progress) -> _Both:
+    """Drive all tests of the library anew; without a baseline the old AV crashed in those that became cases."""
+    seed, tests = int(str(cases.identity["seed"])), cases.next_test
+    crashed = _crashes(new, seed, 0, tests, threads, progress, "tests with others who react")
+    if old is None:
+        was = np.zeros(tests, np.bool_)
+        was[cases.scalars(["test"])["test"].to_numpy()] = True
+    else:
+        was = _crashes(old, seed, 0, tests, threads, progress, "tests with others who react, baseline")
+    return _Both(np.arange(tests), crashed, was)
+
+
+def _natural(new: Experiment, old: Experiment, seed: int, most: int, threads: int, progress: Progress) -> _Both:
+    """Drive natural tests until the verdict is clear, or there are `most`."""
+    runs = [_naturally(run) for run in (new, old)]
+    found: list[list[NDArray[np.bool_]]] = [[], []]
+    done = 0
+    while done < most:
+        count = min(_BLOCK, most - done)
+        for run, parts in zip(runs, found, strict=True):
+            parts.append(_crashes(run, seed, done, count, threads, NO_PROGRESS, ""))
+        done += count
+        progress("natural tests of both", done, most)
+        if sequential_verdict(np.concatenate(found[0]), np.concatenate(found[1])).word != "open":
+            break
+    return _Both(np.arange(done), np.concatenate(found[0]), np.concatenate(found[1]))
+
+
+def _naturally(run: Experiment) -> Experiment:
+    """The same AV and road, with natural drivers only."""
+    setting = run.setting.with_drivers(critical=NOBODY, others=NATURALISTIC, bounded=0)
+    return replace(run, bv="nde", policies=(), bounded=False, budget=None, acting="greedy", setting=setting)
+
+
+def _crashes(
+    run: Experiment, seed: int, first: int, tests: int, threads: int, progress: Progress, what: str
+) -> NDArray[np.bool_]:
+    """Drive tests, and say in which the AV crashed, (tests,); one that it spoiled counts as none."""
+    crashed = np.zeros(tests, np.bool_)
+    chunks = simulate_chunks(
+        run.setting, run.slots, seed=seed, first=first, tests=tests, threads=run.processes(threads),
+        chunk=run.range_size(512, tests, threads), drive=run.drive,
+    )  # fmt: skip
+    done = 0
+    for start, out, _ in chunks:
+        crashed[np.array(crashed_tests(start - first, out), dtype=np.int64)] = True
+        done += out.code.size
+        progress(what, done, tests)
+    return crashed
+
+
+def retest_text(r: Retested) -> str:
+    """Tell the result in text."""
+    lines = [f"{r.av} in the {r.cases:,} cases of {r.baseline} ({r.library}):"]
+    for what, part in (("others as recorded", r.recorded), ("others who react", r.reacting), ("natural", r.natural)):
+        if part is None:
+            continue
+        told = (
+            f"  {what}, {part.tests:,} {'cases' if part is r.recorded else 'tests'}: {part.baseline_crashes:,} crashes "
+            f"before, {part.av_crashes:,} now; fixed {part.fixed:,}, still crashing {part.still_crashing:,}, new "
+            f"{part.new_crashes:,}"
+        )
+        if part.rate_difference is not None and part.interval95 is not None and part.verdict is not None:
+            low, high = part.interval95
+            told += f"; difference {part.rate_difference:+.4g} per test ({low:+.4g} to {high:+.4g}); "
+            told += _WORDS[part.verdict]
+        lines.append(told)
+    fresh = [one.case for one in r.each if NEW in (one.recorded, one.reacting)]
+    if fresh:
+        lines.append(f"  New crashes in cases: {', '.join(fresh[:10])}{', ...' if len(fresh) > 10 else ''}")
+    lines.append("It got WORSE." if r.got_worse else "It did not get worse, as far as these tests can tell.")
+    return "\n".join(lines)
+
+
+_WORDS = {
+    "worse": "it crashes more often",
+    "better": "it crashes less often",
+    "alike": "alike, within a factor of two",
+    "open": "too few tests differ to tell",
+}
