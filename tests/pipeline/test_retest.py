@@ -138,3 +138,33 @@ def test_bad_input_is_named(swerve_library: Path, tmp_path: Path) -> None:
     CaseLibrary.create(tmp_path / "none", library.identity, library.odd)
     with pytest.raises(InputError, match="holds no cases yet"):
         cornerforge.retest(tmp_path / "none", av="rl")
+
+
+FAILS = """
+import numpy as np
+
+class Fails:
+    def reset(self, worlds, seeds):
+        self.bad = getattr(self, "bad", np.zeros(70000, bool))
+        self.bad[worlds] = seeds % 16 == 0
+    def act(self, view):
+        answers = np.zeros((len(view), 2))
+        answers[self.bad[: len(view)] & (view[:, 0, 0] == 1), 0] = np.nan
+        return answers
+"""
+
+
+def test_a_test_that_the_av_spoils_is_not_fixed(
+    swerve_library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fails.py").write_text(FAILS, encoding="utf-8")
+    said = cornerforge.retest(swerve_library, av="fails:Fails", junit="found.xml")
+    assert said.reacting is not None
+    assert said.reacting.left_out > 0
+    failed = [one for one in said.each if one.reacting == "failed"]
+    assert all(one.recorded == "failed" for one in failed)
+    assert said.recorded.left_out == len(failed)
+    library = CaseLibrary.open(swerve_library)
+    assert said.reacting.tests + said.reacting.left_out == library.next_test
+    assert ElementTree.parse("found.xml").getroot().get("errors") == str(len(failed))

@@ -16,13 +16,15 @@ _SCHEMA = "https://raw.githubusercontent.com/oasis-tcs/sarif-spec/main/sarif-2.1
 _RULES = {
     "new-crash": ("error", "The AV crashes in a case in which the baseline does not."),
     "still-crashing": ("warning", "The AV crashes in a case in which the baseline crashes too."),
+    "failed": ("error", "The AV raised, hung or gave no usable answer in a case."),
 }
+_TAGS = {"new-crash": "failure", "failed": "error", "still-crashing": "skipped"}
 
 
 def _found(one: RetestedCase) -> str | None:
-    """Name the worse of what became of a case; None: it does not crash."""
-    ways = (one.recorded, one.reacting)
-    return "new-crash" if "new" in ways else "still-crashing" if "still crashing" in ways else None
+    """Name the worst of what became of a case; None: the AV does not crash in it."""
+    names = {"new": "new-crash", "failed": "failed", "still crashing": "still-crashing"}
+    return next((name for kind, name in names.items() if kind in (one.recorded, one.reacting)), None)
 
 
 def _words(one: RetestedCase) -> str:
@@ -31,7 +33,7 @@ def _words(one: RetestedCase) -> str:
 
 
 def write_junit(file: Path, result: Retested) -> None:
-    """Write a test for each case: new crashes fail, those that go on are skipped, so that they do not hide new ones.
+    """Write a test for each case: new crashes fail; those that go on are skipped, so that they do not hide new ones.
 
     Raises:
         OutputError: The file cannot be written.
@@ -39,13 +41,14 @@ def write_junit(file: Path, result: Retested) -> None:
     kinds = [_found(one) for one in result.each]
     suite = ElementTree.Element(
         "testsuite", name=f"cornerforge retest {result.library}", tests=str(len(kinds)),
-        failures=str(kinds.count("new-crash")), skipped=str(kinds.count("still-crashing")), errors="0",
+        failures=str(kinds.count("new-crash")), skipped=str(kinds.count("still-crashing")),
+        errors=str(kinds.count("failed")),
         time=str(result.seconds),
     )  # fmt: skip
     for one, kind in zip(result.each, kinds, strict=True):
         case = ElementTree.SubElement(suite, "testcase", classname=result.av, name=f"case {one.case}")
         if kind is not None:
-            ElementTree.SubElement(case, "failure" if kind == "new-crash" else "skipped", message=_words(one))
+            ElementTree.SubElement(case, _TAGS[kind], message=_words(one))
     tree = ElementTree.ElementTree(suite)
     ElementTree.indent(tree)
     with writing(file) as part:

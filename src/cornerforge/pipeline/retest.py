@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.drivers.avs import numbers_of_av
-from cornerforge.errors import InputError, ReplayError
+from cornerforge.errors import AvFaultError, InputError, ReplayError
 from cornerforge.execution import Rooms, in_order
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, StoredCase
@@ -25,12 +25,13 @@ from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.rates.paired import difference_interval, sequential_verdict
 from cornerforge.results.retest import Compared, Retested, RetestedCase
 from cornerforge.sim import (
+    AV_CRASH,
+    AV_FAULT,
     NATURAL,
     NATURALISTIC,
     NOBODY,
     Script,
     ScriptDriver,
-    crashed_tests,
     simulate_chunks,
 )
 from cornerforge.world_options import AvKeywords, WorldOptions
@@ -44,7 +45,10 @@ _AFTER_S = 3
 _CHUNK = 32
 _BLOCK = 2_048
 """Natural tests between two looks at the verdict."""
-FIXED, STILL, NEW, NEVER = "fixed", "still crashing", "new", "never"
+FIXED, STILL, NEW, NEVER, FAILED = "fixed", "still crashing", "new", "never", "failed"
+"""What became of a test. FAILED: an AV from outside raised, hung or gave no usable answer, so nothing is known."""
+_NO, _YES, _UNKNOWN = 0, 1, -1
+"""Did an AV crash in a test?"""
 
 
 def retest(
@@ -107,9 +111,9 @@ def retest(
     if old is not None and natural_tests:
         natural = _natural(new, old, seed, natural_tests, n_threads, progress)
     ids = cases.scalars(["case_id", "test"])
-    now = {} if reacting is None else dict(zip(reacting.tests.tolist(), reacting.kinds(), strict=True))
+    now = None if reacting is None else reacting.kinds()
     each = tuple(
-        RetestedCase(case=case, recorded=kind, reacting=now.get(test))
+        RetestedCase(case=case, recorded=kind, reacting=None if now is None else now[test])
         for case, test, kind in zip(ids["case_id"].to_pylist(), ids["test"].to_pylist(), recorded.kinds(), strict=True)
     )
     parts = [part.compared() for part in (recorded, reacting, natural) if part is not None]
@@ -142,38 +146,45 @@ class _Both:
     """The same tests for both AVs.
 
     Attributes:
-        tests: Their numbers, (N,).
-        new, old: Who crashed, (N,).
-        picked: They were picked because an AV crashed in them.
+        new, old: Did each crash: _NO, _YES or _UNKNOWN, (N,).
+        picked: The tests were picked because an AV crashed in them.
     """
 
-    def __init__(
-        self, tests: NDArray[np.int64], new: NDArray[np.bool_], old: NDArray[np.bool_], *, picked: bool = False
-    ) -> None:
-        self.tests, self.new, self.old, self.picked = tests, new, old, picked
+    def __init__(self, new: NDArray[np.int64], old: NDArray[np.int64], *, picked: bool = False) -> None:
+        self._known = (new != _UNKNOWN) & (old != _UNKNOWN)
+        self._new, self._old, self._picked = new == _YES, old == _YES, picked
 
     def kinds(self) -> list[str]:
         """Say what became of each."""
+        rows = zip(self._known.tolist(), self._new.tolist(), self._old.tolist(), strict=True)
         return [
-            (STILL if was else NEW) if crashes else (FIXED if was else NEVER)
-            for crashes, was in zip(self.new.tolist(), self.old.tolist(), strict=True)
+            FAILED if not known else (STILL if was else NEW) if crashes else (FIXED if was else NEVER)
+            for known, crashes, was in rows
         ]
 
     def compared(self) -> Compared:
-        """Sum up."""
-        new_only, old_only = int((self.new & ~self.old).sum()), int((self.old & ~self.new).sum())
-        verdict = sequential_verdict(self.new, self.old)
+        """Sum up.
+
+        Raises:
+            AvFaultError: An AV failed in all of them.
+        """
+        new, old = self._new[self._known], self._old[self._known]
+        if new.size == 0:
+            raise AvFaultError(f"An AV failed in all of {self._known.size:,} tests, so there is nothing to compare.")
+        new_only, old_only = int((new & ~old).sum()), int((old & ~new).sum())
+        verdict = sequential_verdict(new, old)
         return Compared(
-            tests=self.new.size,
-            baseline_crashes=int(self.old.sum()),
-            av_crashes=int(self.new.sum()),
+            tests=new.size,
+            left_out=int((~self._known).sum()),
+            baseline_crashes=int(old.sum()),
+            av_crashes=int(new.sum()),
             fixed=old_only,
-            still_crashing=int((self.new & self.old).sum()),
+            still_crashing=int((new & old).sum()),
             new_crashes=new_only,
-            rate_difference=None if self.picked else (new_only - old_only) / self.new.size,
-            interval95=None if self.picked else difference_interval(new_only, old_only, self.new.size),
-            verdict=None if self.picked else verdict.word,
-            verdict_after=None if self.picked else verdict.tests,
+            rate_difference=None if self._picked else (new_only - old_only) / new.size,
+            interval95=None if self._picked else difference_interval(new_only, old_only, new.size),
+            verdict=None if self._picked else verdict.word,
+            verdict_after=None if self._picked else verdict.tests,
         )
 
 
@@ -185,19 +196,14 @@ def _as_recorded(
     ids = cases.scalars(["case_id"])["case_id"].to_pylist()
     made = numbers_of_av(av_of("idm-mobil" if is_foreign(made_by) else made_by))
 
-    def driven(run: Experiment, what: str) -> NDArray[np.bool_]:
+    def driven(run: Experiment, what: str) -> NDArray[np.int64]:
         # Where vehicles start depends on the gaps that the AV wants: those of the one that made the library.
         rooms = Rooms(lambda: (run.script_driver(), ScriptDriver(run.setting._replace(av=made), run.odd)))
 
-        def drive(first: int, count: int) -> NDArray[np.bool_]:
+        def drive(first: int, count: int) -> NDArray[np.int64]:
             with rooms.lend() as (driver, starts):
-                return np.array(
-                    [
-                        driver.drive(_script(cases.scenario(case), starts)).pose is not None
-                        for case in ids[first : first + count]
-                    ],
-                    np.bool_,
-                )
+                ends = [driver.drive(_script(cases.scenario(case), starts)) for case in ids[first : first + count]]
+            return np.array([_UNKNOWN if end.failed else _NO if end.pose is None else _YES for end in ends], np.int64)
 
         parts = []
         for part in in_order(drive, 0, len(ids), chunk=_CHUNK, threads=run.processes(threads)):
@@ -206,8 +212,8 @@ def _as_recorded(
         return np.concatenate(parts)
 
     crashed = driven(new, "cases as recorded")
-    was = np.ones(len(ids), np.bool_) if old is None else driven(old, "cases as recorded, baseline")
-    return _Both(np.arange(len(ids)), crashed, was, picked=True)
+    was = np.full(len(ids), _YES) if old is None else driven(old, "cases as recorded, baseline")
+    return _Both(crashed, was, picked=True)
 
 
 def _script(stored: StoredCase, starts: ScriptDriver) -> Script:
@@ -238,17 +244,17 @@ def _reacting(cases: CaseLibrary, new: Experiment, old: Experiment | None, threa
     seed, tests = int(str(cases.identity["seed"])), cases.next_test
     crashed = _crashes(new, seed, 0, tests, threads, progress, "tests with others who react")
     if old is None:
-        was = np.zeros(tests, np.bool_)
-        was[cases.scalars(["test"])["test"].to_numpy()] = True
+        was = np.full(tests, _NO)
+        was[cases.scalars(["test"])["test"].to_numpy()] = _YES
     else:
         was = _crashes(old, seed, 0, tests, threads, progress, "tests with others who react, baseline")
-    return _Both(np.arange(tests), crashed, was)
+    return _Both(crashed, was)
 
 
 def _natural(new: Experiment, old: Experiment, seed: int, most: int, threads: int, progress: Progress) -> _Both:
     """Drive natural tests until the verdict is clear, or there are `most`."""
     runs = [_naturally(run) for run in (new, old)]
-    found: list[list[NDArray[np.bool_]]] = [[], []]
+    found: list[list[NDArray[np.int64]]] = [[], []]
     done = 0
     while done < most:
         count = min(_BLOCK, most - done)
@@ -256,9 +262,10 @@ def _natural(new: Experiment, old: Experiment, seed: int, most: int, threads: in
             parts.append(_crashes(run, seed, done, count, threads, NO_PROGRESS, ""))
         done += count
         progress("natural tests of both", done, most)
-        if sequential_verdict(np.concatenate(found[0]), np.concatenate(found[1])).word != "open":
+        both = _Both(np.concatenate(found[0]), np.concatenate(found[1]))
+        if both.compared().verdict != "open":
             break
-    return _Both(np.arange(done), np.concatenate(found[0]), np.concatenate(found[1]))
+    return both
 
 
 def _naturally(run: Experiment) -> Experiment:
@@ -269,16 +276,17 @@ def _naturally(run: Experiment) -> Experiment:
 
 def _crashes(
     run: Experiment, seed: int, first: int, tests: int, threads: int, progress: Progress, what: str
-) -> NDArray[np.bool_]:
-    """Drive tests, and say in which the AV crashed, (tests,); one that it spoiled counts as none."""
-    crashed = np.zeros(tests, np.bool_)
+) -> NDArray[np.int64]:
+    """Drive tests, and say in which the AV crashed, (tests,)."""
+    crashed = np.full(tests, _NO)
     chunks = simulate_chunks(
         run.setting, run.slots, seed=seed, first=first, tests=tests, threads=run.processes(threads),
         chunk=run.range_size(512, tests, threads), drive=run.drive,
     )  # fmt: skip
     done = 0
     for start, out, _ in chunks:
-        crashed[np.array(crashed_tests(start - first, out), dtype=np.int64)] = True
+        part = crashed[start - first : start - first + out.code.size]
+        part[out.code == AV_CRASH], part[out.code == AV_FAULT] = _YES, _UNKNOWN
         done += out.code.size
         progress(what, done, tests)
     return crashed
@@ -295,6 +303,8 @@ def retest_text(r: Retested) -> str:
             f"before, {part.av_crashes:,} now; fixed {part.fixed:,}, still crashing {part.still_crashing:,}, new "
             f"{part.new_crashes:,}"
         )
+        if part.left_out:
+            told += f"; left out {part.left_out:,} in which an AV failed"
         if part.rate_difference is not None and part.interval95 is not None and part.verdict is not None:
             low, high = part.interval95
             told += f"; difference {part.rate_difference:+.4g} per test ({low:+.4g} to {high:+.4g}); "

@@ -19,6 +19,7 @@ class Compared:
     """Two AVs in the same tests."""
 
     tests: int = field(metadata=meant("Tests, or cases, that both drove."))
+    left_out: int = field(metadata=meant("Further ones in which an AV raised, hung or gave no usable answer."))
     baseline_crashes: int = field(metadata=meant("Of the baseline."))
     av_crashes: int = field(metadata=meant("Of the AV."))
     fixed: int = field(metadata=meant("Tests in which only the baseline crashed."))
@@ -44,7 +45,7 @@ class RetestedCase:
     """What became of one case."""
 
     case: str = field(metadata=meant("Case id."))
-    recorded: str = field(metadata=meant('Others as recorded: "fixed", "still crashing", "new" or "never".'))
+    recorded: str = field(metadata=meant('Others as recorded: "fixed", "still crashing", "new", "never" or "failed".'))
     reacting: str | None = field(metadata=meant("Others who react: the same; null: the case is no test of a seed."))
 
 
