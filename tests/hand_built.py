@@ -26,6 +26,7 @@ from cornerforge.types import Odd
 __all__ = ["Car", "change_lane", "glide", "reckless_drivers", "setting_of", "world_of"]
 
 _tables: dict[int, tuple[NddModel, NddTables]] = {}
+_MOST_TABLES = 8
 
 
 class Car(NamedTuple):
@@ -69,6 +70,8 @@ def setting_of(
     """A run as the kernels take it; a model's tables are prepared once (kept with it, so that its id stays its own)."""
     if id(model) not in _tables:
         _tables[id(model)] = model, tables_of(model)
+        if len(_tables) > _MOST_TABLES:  # the oldest: a model and its tables take 17 MB
+            del _tables[next(iter(_tables))]
     av = av or av_named("idm-mobil")
     return Setting(
         road=road_numbers(odd or Odd()),

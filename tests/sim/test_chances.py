@@ -394,7 +394,7 @@ def test_equal_to_a_sum_over_all_cases(model: NddModel, wish: float, seed: int) 
     av = av_named("idm-mobil")
     odd = replace(LANES, truck_share=0.3)  # trucks, which are there by hand, are allowed for
     compared = mattered = attentive_zeros = 0
-    for habit in np.linspace(0.0, 0.5, 30):  # a model and its tables take 25 MB
+    for habit in np.linspace(0.0, 0.5, 30):
         conflict, overlook = float(rng.choice([0.0, 0.1, 0.6])), float(rng.choice([0.0, 0.2]))
         drivers = eager(model, wish=wish, conflict=conflict, overlook=overlook)
         memory = replace(model.memory, habit=habit, habit_width=0.2, away=0.1, away_again=0.6)
