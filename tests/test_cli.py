@@ -128,6 +128,14 @@ def test_every_help_has_an_example_whose_words_are_known(
         assert context_of(words, read=True).params, "an option of it does not exist, or one is missing"
 
 
+def test_the_workflow_file_calls_what_there_is() -> None:
+    yaml = pytest.importorskip("yaml")
+    file = Path(__file__).parents[1] / "examples" / "ci" / "retest.yml"
+    steps = yaml.safe_load(file.read_text(encoding="utf-8"))["jobs"]["retest"]["steps"]
+    (line,) = (step["run"] for step in steps if step.get("run", "").startswith("cornerforge "))
+    assert context_of(shlex.split(line)[1:], read=True).params["junit"] == Path("retest.xml")
+
+
 def test_an_example_with_a_wrong_option_would_be_found() -> None:
     with pytest.raises(Exception, match="No such option"):
         context_of(shlex.split("simulate --test 5"), read=True)
