@@ -17,6 +17,7 @@ from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import (
     AdversaryEnvKeywords,
+    AvAloneKeywords,
     AvKeywords,
     DrivingEnvKeywords,
     RoadKeywords,
@@ -28,13 +29,16 @@ NAMES = {one.name for one in fields(WorldOptions)}
 VERBS = {
     "simulate": WorldKeywords, "generate": WorldKeywords, "train": WorldKeywords, "variety": WorldKeywords,
     "rate": AvKeywords, "run": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
-    "train_av": RoadKeywords, "reproduce": RoadKeywords,
+    "train_av": RoadKeywords, "reproduce": RoadKeywords, "retest": AvAloneKeywords,
 }  # fmt: skip
-# `budget` of run and reproduce is an old name of effort too; replay knows its world from the library.
+# `budget` of run and reproduce is an old name of effort too; replay and shrink know their world from the library.
 # The model of `ndd` is what they show, check or fill.
-OWN = {"run": {"bounded", "budget"}, "reproduce": {"budget"}, "replay": {"av_timeout", "av_python"}} | {
-    f"ndd_{name}": {"model"} for name in ("import", "show", "validate")
-}
+OWN = {
+    "run": {"bounded", "budget"},
+    "reproduce": {"budget"},
+    "replay": {"av_timeout", "av_python"},
+    "shrink": {"av_timeout", "av_python"},
+} | {f"ndd_{name}": {"model"} for name in ("import", "show", "validate")}
 OF_COMMANDS = {"run": {"budget"}, "reproduce": {"budget"}, "plausibility": {"budget"}}
 
 

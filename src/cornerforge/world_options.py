@@ -18,6 +18,7 @@ __all__ = [
     "PLAIN_ADVERSARIES",
     "REWARD_NAMES",
     "AdversaryEnvKeywords",
+    "AvAloneKeywords",
     "AvKeywords",
     "DrivingEnvKeywords",
     "RoadKeywords",
@@ -111,14 +112,18 @@ class RoadKeywords(TypedDict, total=False):
     model: Path | str | NddModel | None
 
 
-class AvKeywords(RoadKeywords, total=False):
-    """Keywords of verbs that drive an AV."""
+class AvAloneKeywords(TypedDict, total=False):
+    """Keywords of verbs that drive an AV on a road that is known."""
 
     av: str
     av_timeout: float
     av_batch: int | None
     av_processes: int | None
     av_python: str | None
+
+
+class AvKeywords(RoadKeywords, AvAloneKeywords, total=False):
+    """Keywords of verbs that drive an AV."""
 
 
 class WorldKeywords(AvKeywords, total=False):

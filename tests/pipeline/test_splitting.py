@@ -196,5 +196,5 @@ def test_an_av_from_outside(
     assert cornerforge.rate(**given, method=method, max_tests=8_000, out="r", resume=True).digest == found.digest
     again = cornerforge.replay("r/weighted", "all", check=True)
     assert again.identical
-    assert again.cases == len(CaseLibrary.open(Path("r/weighted"))) > 20
+    assert again.cases == len(CaseLibrary.open(Path("r/weighted"))) >= 15
     assert cornerforge.analyse("r/weighted", out="a").cases == again.cases

@@ -17,6 +17,7 @@ from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
 from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, box_in, unpack
+from cornerforge.road.straight import way_from
 from cornerforge.sim import World, allocate_recording, hold, manoeuvre_begin, move_vehicle
 from cornerforge.types import FRAME_S
 
@@ -94,7 +95,7 @@ def _look(test: Trajectories, f: int, kind: int, w: World, ttc: float) -> tuple[
     demanded = 0.0
     for j in range(1, test.n):
         other = test.frames[f, j]
-        ahead = other.x - me.x
+        ahead = way_from(me.x, other.x)
         if other.present == 0 or ahead <= 0.0:
             continue
         half = 0.5 * (body.length + test.bodies[j].length)

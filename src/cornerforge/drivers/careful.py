@@ -238,7 +238,7 @@ def crashes_at_cut_ins(
         UnknownNameError: There is no such driver.
         InputError: A value is negative or not finite, or the shapes do not match.
 
-    >>> crashes_at_cut_ins("cc-human", 36.0, 20.0, [10.0, 40.0], 1.0).tolist()
+    >>> crashes_at_cut_ins("cc-human", 36.0, 20.0, [40.0, 80.0], 1.0).tolist()
     [True, False]
     """
     check_in("reference driver", driver, tuple(CAREFUL))

@@ -24,6 +24,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.rates.paired import difference_interval, sequential_verdict
 from cornerforge.results.retest import Compared, Retested, RetestedCase
+from cornerforge.road.straight import along
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
@@ -34,7 +35,7 @@ from cornerforge.sim import (
     ScriptDriver,
     simulate_chunks,
 )
-from cornerforge.world_options import AvKeywords, WorldOptions
+from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = ["retest", "retest_text"]
 
@@ -61,7 +62,7 @@ def retest(
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvKeywords],
+    **world: Unpack[AvAloneKeywords],
 ) -> Retested:
     """Drive another AV through the cases of a library, and say what it crashes in that the old one did not.
 
@@ -226,7 +227,7 @@ def _script(stored: StoredCase, starts: ScriptDriver) -> Script:
     if script is None:
         case = stored.scenario
         start = starts.start_of_test(case.seed, case.test)
-        if np.abs(start["x"][case.slot] - case.x[0]).max() > _SAME_M:
+        if np.abs(along(case.x[0], start["x"][case.slot])).max() > _SAME_M:
             raise ReplayError(
                 f"Case {case.seed}:{case.test} does not begin as stored; install the version that made the library."
             )

@@ -36,6 +36,7 @@ __all__ = [
     "part_right",
     "road_numbers",
     "truck_share_in",
+    "way_from",
 ]
 
 
@@ -159,6 +160,12 @@ def ahead_by(v: NDArray[np.void], i: int, j: int) -> float:
     """Compute how far the centre of vehicle j is ahead of the centre of vehicle i [m]; negative: behind."""
     distance: float = v[j].x - v[i].x
     return distance
+
+
+@inlined_kernel
+def way_from(start: float, end: float) -> float:
+    """Compute how far `end` is ahead of `start`, both positions along the road [m], in a kernel."""
+    return end - start
 
 
 def along(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
