@@ -374,13 +374,16 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
     from markupsafe import Markup
 
     kinds = kind_counts(artefacts.analysis.coverage)
+    natural_cases = artefacts.summary.natural_cases
+    natural = None if natural_cases is None else natural_cases.natural
     scripts = [plotly, *(_template(name) for name in SCRIPTS)]
     page: str = environment.get_template("report.html.j2").render(
         run=artefacts.summary,
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
         preset="" if artefacts.training is None else artefacts.training.preset,
-        natural=None if artefacts.summary.natural_cases is None else artefacts.summary.natural_cases.natural,
+        natural=natural,
+        careful={} if natural is None else tables.prevented_shares(natural),
         natural_library=artefacts.natural_library,
         folder=artefacts.out,
         library=artefacts.library,
