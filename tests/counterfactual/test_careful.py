@@ -63,19 +63,22 @@ def survives(traffic: Traffic, moment: int, driver: str, margin: float) -> bool:
 def test_they_drive_as_objects_do() -> None:
     rng = np.random.default_rng(20_260_103)
     found = [traffic for traffic in (random_crash(rng) for _ in range(300)) if traffic is not None]
-    seen = {True: 0, False: 0}
+    seen, held = {True: 0, False: 0}, {True: 0, False: 0}
     for traffic in found:
         scenario = scenario_of(traffic)
         if traffic.rows[0][0].target_lane != traffic.rows[-1][0].target_lane:
             continue  # the objects' AV would go on with a change that it begins later
         begin = traffic.last - begin_of(scenario)
         for driver, said in prevented_by(scenario, PARAMS).items():
+            assert said.by_holding == said.prevented or said.reacts_s is not None
+            held[said.by_holding] += 1
             seen[said.prevented] += 1
             if said.prevented:
                 assert survives(traffic, begin, driver, -0.05)
             else:
                 assert not survives(traffic, begin, driver, 0.05)
     assert min(seen.values()) >= 20
+    assert held[False] > 0
 
 
 def begin_of(scenario: object) -> int:
@@ -92,6 +95,7 @@ def test_before_a_standing_car_each_brakes_from_where_it_sees_danger() -> None:
     said = prevented_by(crash(Mover(400.75, 1, 12.0), Mover(520.0, 1, 0.0), frames=150))
     assert {name: one.prevented for name, one in said.items()} == dict.fromkeys(CAREFUL, True)
     assert said["cc-human"].braking_mps2 == pytest.approx(0.774 * 9.81)
+    assert not said["cc-human"].by_holding
     assert said["reg157"].braking_mps2 == pytest.approx(6.0)
     assert 0.0 < said["cc-human"].least_ttc_s < 2.0
     late, early = said["cc-human"].reacts_s, said["fsm"].reacts_s
@@ -117,12 +121,14 @@ def test_columns_say_nobody_and_null() -> None:
     three = Prevention(
         np.array([True, True, False]),
         np.array([[True] * n, [False] * n, [False] * n]),
+        np.array([True, False, False]),
         np.full((3, n), [[1.5], [np.inf], [np.inf]]),
         np.full((3, n), 2.0),
     )
     columns = three.columns()
     assert list(columns) == [column.name for column in PREVENTED_COLUMNS]
     assert columns["prevented_by"] == [", ".join(CAREFUL), "nobody", None]
+    assert list(columns["held_speed_prevents"]) == [True, False, None]
     assert columns["least_ttc_fsm_s"][0] == 1.5
     assert np.isnan(columns["least_ttc_fsm_s"][1:]).all()
     assert np.isnan(columns["braking_fsm_mps2"]).tolist() == [False, False, True]

@@ -44,9 +44,12 @@ def test_every_case_has_its_row(analysed: tuple[Analysed, Path]) -> None:
     assert summary.prevented is not None
     said = [names.split(", ") for names in cases.column("prevented_by").to_pylist()]
     assert summary.prevented.cases == len(said)
-    assert {name: one.cases for name, one in summary.prevented.by.items()} == {
-        name: sum(name in names for names in said) for name in CAREFUL
-    }
+    held = cases.column("held_speed_prevents").to_pylist()
+    assert summary.prevented.held == sum(held)
+    for name, one in summary.prevented.by.items():
+        kept = [enough for names, enough in zip(said, held, strict=True) if name in names]
+        assert (one.cases, one.by_braking) == (len(kept), kept.count(False))
+    assert list(summary.prevented.by) == list(CAREFUL)
     assert sum(summary.fault.values()) == sum(summary.fault_rules.values()) == summary.cases
     speed, of_av, of_bv = (
         cases.column(name).to_numpy() for name in ("impact_speed_mps", "av_delta_v_mps", "bv_delta_v_mps")
@@ -161,7 +164,7 @@ def test_the_command_line_tells_it(swerve_library: Path, capsys: pytest.CaptureF
     text = capsys.readouterr().out
     for words in (
         "At fault (RSS): ",
-        "these would have prevented: cc-human ",
+        "would have prevented (by braking): cc-human ",
         "Avoidable: ",
         "95 % interval",
         "Kinds: ",

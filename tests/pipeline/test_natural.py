@@ -87,8 +87,8 @@ def test_weights_make_the_shares() -> None:
             "crash_types": ["angle", "sideswipe", "sideswipe", "sideswipe"],
             "mechanisms": [None, None, None, None],
             "fault": ["bv", "bv", "av", "bv"],
-            "prevented_by": ["fsm", "nobody", "fsm", None],
         },
+        prevented={"fsm": np.array([True, False, True, False]), "fsm, by braking": np.zeros(4, np.bool_)},
         avoidable=np.array([True, True, True, True]),
         looked_at=np.array([False, True, False, True]),
         injury=np.array([0.0, 0.0, 0.5, 0.0]),
@@ -106,6 +106,7 @@ def test_weights_make_the_shares() -> None:
     assert found.fault["av"].share == pytest.approx(0.125)
     assert found.prevented_by is not None
     assert found.prevented_by["fsm"].share == pytest.approx(0.625)
+    assert list(found.prevented_by) == ["fsm"]
     assert found.avoidable is not None
     assert found.avoidable.crashes_per_test == pytest.approx(8e-7)  # both that were drawn, which stand for all
     assert found.serious_injuries.crashes_per_test == pytest.approx(0.5e-7)
@@ -113,9 +114,9 @@ def test_weights_make_the_shares() -> None:
 
 def test_without_a_drawn_way_out_nothing_is_said_of_avoidable() -> None:
     nobody = np.zeros(2, np.bool_)
-    kinds = {name: ["0", "0"] for name in ("clusters", "crash_types", "mechanisms", "fault", "prevented_by")}
+    kinds = {name: ["0", "0"] for name in ("clusters", "crash_types", "mechanisms", "fault")}
     found = natural_shares(
-        np.full(2, 1e-7), Odd(), kinds=kinds, avoidable=nobody, looked_at=nobody, injury=np.full(2, 0.1)
+        np.full(2, 1e-7), Odd(), kinds=kinds, prevented={}, avoidable=nobody, looked_at=nobody, injury=np.full(2, 0.1)
     )
     assert found.avoidable is None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,7 +11,7 @@ import pytest
 
 import cornerforge
 from cornerforge import cli
-from cornerforge.errors import InputError
+from cornerforge.errors import InputError, OutputError
 from cornerforge.library import CaseLibrary
 from cornerforge.results import Retested
 
@@ -64,6 +65,7 @@ def test_another_av_crashes_where_it_crashes_without_the_library(swerve_library:
     assert said.interval95[0] < said.rate_difference < said.interval95[1]
     for one in said.each:
         assert (one.reacting == "fixed") == (int(one.case.partition(":")[2]) in old - new)
+    assert said.note is None, "nobody has learned against either"
     # the library's own AV, driven again, is the same baseline
     again = cornerforge.retest(swerve_library, av="idm-mobil-d2rl", baseline="idm-mobil", natural_tests=3_000)
     assert again.reacting == said.reacting
@@ -138,6 +140,21 @@ def test_bad_input_is_named(swerve_library: Path, tmp_path: Path) -> None:
     CaseLibrary.create(tmp_path / "none", library.identity, library.odd)
     with pytest.raises(InputError, match="holds no cases yet"):
         cornerforge.retest(tmp_path / "none", av="rl")
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="Cannot write"):
+        cornerforge.retest(swerve_library, av="rl", junit=tmp_path / "file" / "x.xml")
+    with pytest.raises(InputError, match="No module nowhere"):  # a Python is for the one AV that is not built in
+        cornerforge.retest(swerve_library, av="rl", baseline="nowhere:Av", av_python=sys.executable)
+
+
+def test_it_needs_to_know_where_the_old_av_crashed(swerve_library: Path, tmp_path: Path) -> None:
+    for file in swerve_library.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    manifest = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))
+    manifest["crashes"] += 1
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    with pytest.raises(InputError, match=r"holds 60 of 61 crashes.* --baseline idm-mobil"):
+        cornerforge.retest(tmp_path, av="rl")
 
 
 FAILS = """

@@ -244,7 +244,7 @@ def test_one_time_for_the_last_way_out(run_folder: Path) -> None:
 def test_a_verdict_tells_the_kinds_of_no_way_out_apart(
     label: str | None, manoeuvre: float | None, latest: float | None, words: str
 ) -> None:
-    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None, None)
+    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None, None, None)
     assert words in page._verdict(known)
 
 

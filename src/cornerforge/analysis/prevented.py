@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
 from cornerforge.counterfactual import (
+    HOLDS,
     Judgements,
     JudgeScratch,
     Manoeuvres,
@@ -39,6 +40,8 @@ def _column(driver: str) -> str:
 PREVENTED_COLUMNS: tuple[Field, ...] = (
     Field("prevented_by", "string", "", f"Reference drivers that would have prevented it, of {', '.join(CAREFUL)}; "
           f'"{_NOBODY}": none; null: it cannot be judged.'),
+    Field("held_speed_prevents", "bool", "", "Would it have been prevented by holding the speed, without any braking? "
+          "null: it cannot be judged."),
     *(Field(f"least_ttc_{_column(name)}_s", "float64", "s", f"Least time to collision of {name} in the AV's place; "
             "null: it never closes in on a vehicle in front.") for name in CAREFUL),
     *(Field(f"braking_{_column(name)}_mps2", "float64", "m/s2", f"Hardest braking of {name} in the AV's place, at "
@@ -53,12 +56,14 @@ class Prevented:
 
     Attributes:
         prevented: Nobody touches it until the horizon, and from there it can stop.
+        by_holding: Holding the speed alone is enough, so that no braking has prevented it.
         reacts_s: When it sees danger first, before the contact; negative: after it; None: never.
         least_ttc_s: Least time to collision with a vehicle in front; inf where it never closes in.
         braking_mps2: Its hardest braking, at least 0.
     """
 
     prevented: bool
+    by_holding: bool
     reacts_s: float | None = field(metadata={"unit": "s"})
     least_ttc_s: float = field(metadata={"unit": "s"})
     braking_mps2: float = field(metadata={"unit": "m/s2"})
@@ -71,12 +76,14 @@ class Prevention:
     Attributes:
         judged: False where the recording cannot be judged, (C,).
         prevented: (C, drivers), False where not judged.
+        held: By holding the speed alone, (C,), False where not judged.
         least_ttc: [s], inf where it never closes in, (C, drivers).
         braking: Hardest braking [m/s2], (C, drivers).
     """
 
     judged: NDArray[np.bool_]
     prevented: NDArray[np.bool_]
+    held: NDArray[np.bool_]
     least_ttc: NDArray[np.float64]
     braking: NDArray[np.float64]
 
@@ -91,6 +98,9 @@ class Prevention:
         braking = np.where(self.judged[:, None], self.braking, np.nan)
         return {
             "prevented_by": said,
+            "held_speed_prevents": [
+                held if judged else None for held, judged in zip(self.held.tolist(), self.judged.tolist(), strict=True)
+            ],
             **{f"least_ttc_{_column(name)}_s": ttc[:, k] for k, name in enumerate(names)},
             **{f"braking_{_column(name)}_mps2": braking[:, k] for k, name in enumerate(names)},
         }
@@ -119,7 +129,10 @@ def prevention_of(
         judge = partial(_judge_range, recordings, manoeuvres, rooms)
         parts = list(in_order(judge, 0, recordings.n_cases, chunk=_CHUNK, threads=threads))
         out = Judgements(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-    return Prevention(judged, (out.touched < 0) & judged[:, None], out.least_ttc, out.braking)
+    untouched = (out.touched < 0) & judged[:, None]
+    return Prevention(
+        judged, untouched[:, :HOLDS], untouched[:, HOLDS], out.least_ttc[:, :HOLDS], out.braking[:, :HOLDS]
+    )
 
 
 def _judge_range(
@@ -159,6 +172,7 @@ def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[
     return {
         name: Prevented(
             prevented=bool(out.touched[0, k] < 0),
+            by_holding=bool(out.touched[0, HOLDS] < 0),
             reacts_s=None if out.reacted[0, k] < 0 else round((last - int(out.reacted[0, k])) * FRAME_S, 1),
             least_ttc_s=float(out.least_ttc[0, k]),
             braking_mps2=float(out.braking[0, k]),

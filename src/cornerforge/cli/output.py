@@ -213,8 +213,12 @@ def judgement_text(r: Analysed) -> list[str]:
     """Fault, avoidability, coverage and the most valuable cases of an analysis."""
     lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
     if r.prevented is not None:
-        shares = ", ".join(f"{name} {one.share:.1%}" for name, one in r.prevented.by.items())
-        lines.append(f"In the AV's place these would have prevented: {shares} of {r.prevented.cases:,} cases")
+        told = r.prevented
+        shares = ", ".join(f"{name} {one.cases:,} ({one.by_braking:,})" for name, one in told.by.items())
+        lines.append(
+            f"Of {told.cases:,} cases reference drivers in the AV's place would have prevented (by braking): {shares}; "
+            f"holding the speed is enough in {told.held:,}"
+        )
     if r.avoidability is not None:
         seen = r.avoidability
         low, high = seen.interval95

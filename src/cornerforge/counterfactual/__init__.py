@@ -14,6 +14,7 @@ from cornerforge._doors import door
 
 if TYPE_CHECKING:
     from cornerforge.counterfactual.careful import (
+        HOLDS,
         Judgements,
         JudgeScratch,
         allocate_judge_scratch,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BRAKING",
     "COMBINED",
+    "HOLDS",
     "STEERING",
     "CaseScratch",
     "JudgeScratch",
@@ -61,6 +63,7 @@ __getattr__ = door(
         "allocate_ways_out": "cases",
         "CaseScratch": "cases",
         "search_cases": "cases",
+        "HOLDS": "careful",
         "Judgements": "careful",
         "JudgeScratch": "careful",
         "allocate_judge_scratch": "careful",

@@ -2,6 +2,7 @@
 
 It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
 (`drivers.careful`) on the path that the AV was on. The others, the end, and what counts are those of the ways out.
+Beside them drives one that only holds its speed: where that is enough, a driver's braking has prevented nothing.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
+    "HOLDS",
     "JudgeScratch",
     "Judgements",
     "allocate_judge_scratch",
@@ -32,14 +34,16 @@ __all__ = [
     "judge_cases",
 ]
 
-DRIVERS = len(CAREFUL)
+HOLDS = len(CAREFUL)
+"""Column of the driver that only holds its speed."""
+DRIVERS = HOLDS + 1
 AT_ONCE = CAREFUL["reg157"]
 """It has its braking at once; the others have a jerk of their own, which the ODD may limit further."""
 _DT = FRAME_S
 
 
 class Judgements(NamedTuple):
-    """What became of the reference drivers, one row a case, one column a driver in the order of `CAREFUL`.
+    """What became of the reference drivers, one row a case, one column a driver in the order of `CAREFUL`, then HOLDS.
 
     Attributes:
         begin: Frame at which they take over, int64 (C,).
@@ -145,6 +149,8 @@ def _drive(
             move_vehicle(v, 0, (f - end) * _DT, m.evasive)
             continue
         demanded, ttc = _look(test, f, kind, w, ttc)
+        if kind == HOLDS:
+            demanded = 0.0
         if demanded > 0.0 and since < 0.0:
             since, reacted = 0.0, f
         command = 0.0
@@ -161,7 +167,7 @@ def _drive(
 
 @kernel
 def judge_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: JudgeScratch, out: Judgements) -> None:
-    """Let each reference driver drive in cases first .. stop - 1; a case with partner 0 is left out.
+    """Let each driver drive in cases first .. stop - 1; a case with partner 0 is left out.
 
     Args:
         r: The recordings.

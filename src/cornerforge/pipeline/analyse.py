@@ -211,7 +211,7 @@ def _judged(found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: f
             for name in ("impact_speed_mps", "av_delta_v_mps", "av_injury_probability")
         },
         "avoidability": _avoidability(table, is_drawn, reaction),
-        "prevented": _prevented(_strings(table, "prevented_by")),
+        "prevented": _prevented(table),
         "coverage": grid.to_json(),
     }
 
@@ -264,21 +264,42 @@ def _avoidability(table: pa.Table, is_drawn: NDArray[np.bool_], reaction: float)
     }
 
 
-def _prevented(said: list[str | None]) -> dict[str, Any] | None:
+def _prevented_masks(table: pa.Table) -> dict[str, NDArray[np.bool_]]:
+    """Mark the cases that each reference driver would have prevented: at all, and by braking."""
+    from cornerforge.drivers.careful import CAREFUL
+
+    said = [set() if names is None else set(names.split(", ")) for names in _strings(table, "prevented_by")]
+    held = np.array([bool(value) for value in table.column("held_speed_prevents").to_pylist()], np.bool_)
+    by = {name: np.array([name in names for names in said], np.bool_) for name in CAREFUL}
+    return by | {f"{name}, by braking": cases & ~held for name, cases in by.items()}
+
+
+def _prevented(table: pa.Table) -> dict[str, Any] | None:
     """Count what each reference driver would have prevented; None when no case could be judged."""
     from cornerforge.drivers.careful import CAREFUL
 
-    judged = [set(names.split(", ")) for names in said if names is not None]
-    if not judged:
+    masks = _prevented_masks(table)
+    n = table.num_rows - table.column("prevented_by").null_count
+    if n == 0:
         return None
 
-    def share(n: int) -> dict[str, Any]:
-        return {"cases": n, "share": n / len(judged), "interval95": list(binomial_interval(n, len(judged)))}
+    def share(cases: NDArray[np.bool_], braking: NDArray[np.bool_]) -> dict[str, Any]:
+        k = int(cases.sum())
+        return {
+            "cases": k,
+            "share": k / n,
+            "interval95": list(binomial_interval(k, n)),
+            "by_braking": int(braking.sum()),
+        }
 
+    by = {name: (masks[name], masks[f"{name}, by braking"]) for name in CAREFUL}
+    every, braked = (np.logical_or.reduce(part) for part in zip(*by.values(), strict=True))
+    held = sum(bool(value) for value in table.column("held_speed_prevents").to_pylist())
     return {
-        "cases": len(judged),
-        "by": {name: share(sum(name in names for names in judged)) for name in CAREFUL},
-        "any": share(sum(not names.isdisjoint(CAREFUL) for names in judged)),
+        "cases": n,
+        "by": {name: share(*pair) for name, pair in by.items()},
+        "any": share(every, braked),
+        "held": held,
     }
 
 
@@ -301,8 +322,8 @@ def _natural(
             "crash_types": found.crash_types.names,
             "mechanisms": mechanisms,
             "fault": _strings(table, "fault"),
-            "prevented_by": _strings(table, "prevented_by"),
         },
+        prevented=_prevented_masks(table),
         avoidable=np.array([label not in without for label in labels], np.bool_),
         looked_at=np.array([case in drawn for case in found.case_ids], np.bool_),
         injury=_column(table, "av_injury_probability"),
@@ -339,6 +360,7 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, row
                 "crash_type": found.crash_types.names[row],
                 "fault": known["fault"],
                 "prevented_by": known["prevented_by"],
+                "held_speed_prevents": known["held_speed_prevents"],
                 "text": words,
             }
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import decimal
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +66,7 @@ def experiment_with(
     policies = [load_policy(cases.path / policy_file(index)) for index in range(int(str(identity["policies"])))]
     seed = int(str(identity["seed"]))
     run = experiment(
-        replace(world, odd=cases.odd.name, lanes=None),
+        world,
         road=cases.odd,
         model=cases.path / MODEL_FILE,
         bv=str(identity["bv"]),

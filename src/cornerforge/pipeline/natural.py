@@ -86,6 +86,7 @@ def natural_shares(
     odd: Odd,
     *,
     kinds: Mapping[str, Kinds],
+    prevented: Mapping[str, NDArray[np.bool_]],
     avoidable: NDArray[np.bool_],
     looked_at: NDArray[np.bool_],
     injury: NDArray[np.float64],
@@ -95,7 +96,8 @@ def natural_shares(
     Args:
         weights: Of the cases, above 0, shape (S,).
         odd: Of the library.
-        kinds: "clusters", "crash_types", "mechanisms", "fault" and "prevented_by": what each case is.
+        kinds: "clusters", "crash_types", "mechanisms" and "fault": what each case is.
+        prevented: By name, whether a reference driver would have prevented each case, shape (S,).
         avoidable: Whether a way out was found, shape (S,).
         looked_at: Whether the case was drawn for that, shape (S,).
         injury: Chance of a serious injury in the AV, shape (S,).
@@ -112,7 +114,7 @@ def natural_shares(
         crash_types=rates.by(kinds["crash_types"]),
         mechanisms=rates.by(kinds["mechanisms"]),
         fault=rates.by(kinds["fault"]),
-        prevented_by=rates.by(kinds["prevented_by"]),
+        prevented_by={name: rates.of(weights[cases]) for name, cases in prevented.items() if cases.any()},
         avoidable=ways,
         serious_injuries=rates.of(weights * injury, float((weights * injury).max())),
     )

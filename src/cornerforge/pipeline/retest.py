@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Unpack
 
@@ -18,12 +19,12 @@ from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.av_file import av_of
 from cornerforge.pipeline.cases import experiment_with
-from cornerforge.pipeline.findings import write_junit, write_sarif
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.retest_files import check_new_file, write_junit, write_sarif
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.rates.paired import difference_interval, sequential_verdict
-from cornerforge.results.retest import Compared, Retested, RetestedCase
+from cornerforge.results.retest import Compared, Difference, Retested, RetestedCase
 from cornerforge.road.straight import along
 from cornerforge.sim import (
     AV_CRASH,
@@ -90,50 +91,41 @@ def retest(
     began = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
     for file in (junit, sarif):
-        if file is not None and Path(file).exists():
-            raise InputError(f"{file} is there already; name a new file.")
+        if file is not None:
+            check_new_file(Path(file))
     if natural_tests is None:
         natural_tests = 0 if baseline is None else 10_000
     check_integer("natural_tests", natural_tests, low=0, high=10**9)
     if natural_tests and baseline is None:
         raise InputError("Natural rates need both AVs; name the old one with --baseline.")
     options = WorldOptions(**world)
-    cases = CaseLibrary.open(Path(library))
-    if len(cases) == 0:
-        raise InputError(f"The library {library} holds no cases yet, so there is none to drive again.")
+    cases = _opened(Path(library), baseline)
     n_threads = check_threads(threads)
-    new = experiment_with(cases, options)
-    old = None if baseline is None else experiment_with(cases, replace(options, av=baseline))
-    tests = 0 if cases.scripted else cases.next_test
-    forecast(new, threads, f"{len(cases):,} cases and {tests + natural_tests:,} tests", tests=tests + natural_tests)
+    new = _experiment(cases, options, options.av)
+    old = None if baseline is None else _experiment(cases, options, baseline)
+    tests = natural_tests + (0 if cases.scripted else cases.next_test)
+    for run in (new, old):
+        if run is not None:
+            forecast(run, threads, f"{len(cases):,} cases and {tests:,} tests", tests=tests)
     recorded = _as_recorded(cases, new, old, n_threads, progress)
     reacting = None if cases.scripted else _reacting(cases, new, old, n_threads, progress)
     natural = None
     if old is not None and natural_tests:
         natural = _natural(new, old, seed, natural_tests, n_threads, progress)
-    ids = cases.scalars(["case_id", "test"])
-    now = None if reacting is None else reacting.kinds()
-    each = tuple(
-        RetestedCase(case=case, recorded=kind, reacting=None if now is None else now[test])
-        for case, test, kind in zip(ids["case_id"].to_pylist(), ids["test"].to_pylist(), recorded.kinds(), strict=True)
-    )
-    parts = [part.compared() for part in (recorded, reacting, natural) if part is not None]
-    first = parts[0] if reacting is None else parts[1]
+    of_cases = recorded.compared()
+    of_tests, of_natural = (None if part is None else part.compared() for part in (reacting, natural))
     result = Retested(
+        **{one.name: getattr(of_tests or of_cases, one.name) for one in fields(Difference)},
         library=str(library),
         av=options.av,
         baseline=str(cases.identity["av"]) if baseline is None else baseline,
         cases=len(cases),
-        fixed=first.fixed,
-        still_crashing=first.still_crashing,
-        new_crashes=first.new_crashes,
-        rate_difference=first.rate_difference,
-        interval95=first.interval95,
-        got_worse=any(part.verdict == "worse" for part in parts),
-        recorded=parts[0],
-        reacting=None if reacting is None else parts[1],
-        natural=None if natural is None else parts[-1],
-        each=each,
+        got_worse=any(part is not None and part.verdict == "worse" for part in (of_tests, of_natural)),
+        note=_note(cases),
+        recorded=of_cases,
+        reacting=of_tests,
+        natural=of_natural,
+        each=_each(cases, recorded, reacting),
         seconds=round(time.perf_counter() - began, 3),
     )
     if junit is not None:
@@ -141,6 +133,48 @@ def retest(
     if sarif is not None:
         write_sarif(Path(sarif), result)
     return result
+
+
+def _opened(library: Path, baseline: str | None) -> CaseLibrary:
+    """Open the library.
+
+    Raises:
+        CornerForgeError: It cannot be read, holds no case, or does not tell where the old AV crashed.
+    """
+    cases = CaseLibrary.open(library)
+    if len(cases) == 0:
+        raise InputError(f"The library {library} holds no cases yet, so there is none to drive again.")
+    if baseline is None and not cases.scripted and cases.crashes != len(cases):
+        raise InputError(
+            f"The library {library} holds {len(cases):,} of {cases.crashes:,} crashes, so it does not tell in which "
+            f"tests its AV crashed; say what to compare with: --baseline {shlex.quote(str(cases.identity['av']))}"
+        )
+    return cases
+
+
+def _experiment(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
+    """Build the experiment of the library with one of the two AVs; only one from outside needs a Python."""
+    return experiment_with(cases, replace(options, av=av, av_python=options.av_python if is_foreign(av) else None))
+
+
+def _note(cases: CaseLibrary) -> str | None:
+    """Say what the traffic does to the comparison; None: nothing."""
+    if cases.identity.get("bv") != "policy":
+        return None
+    return (
+        "An adversary that learned makes its own AV crash more often than others, as a rule; where that is the "
+        'baseline, "less often" says little. Compare with --baseline in natural tests, or with an adversary of each.'
+    )
+
+
+def _each(cases: CaseLibrary, recorded: _Both, reacting: _Both | None) -> tuple[RetestedCase, ...]:
+    """Say case by case what became of it."""
+    ids = cases.scalars(["case_id", "test"])
+    now = None if reacting is None else reacting.kinds()
+    return tuple(
+        RetestedCase(case=case, recorded=kind, reacting=None if now is None else now[test])
+        for case, test, kind in zip(ids["case_id"].to_pylist(), ids["test"].to_pylist(), recorded.kinds(), strict=True)
+    )
 
 
 class _Both:
@@ -312,6 +346,8 @@ def retest_text(r: Retested) -> str:
             told += _WORDS[part.verdict]
         lines.append(told)
     fresh = [one.case for one in r.each if NEW in (one.recorded, one.reacting)]
+    if r.note is not None:
+        lines.append(f"  {r.note}")
     if fresh:
         lines.append(f"  New crashes in cases: {', '.join(fresh[:10])}{', ...' if len(fresh) > 10 else ''}")
     lines.append("It got WORSE." if r.got_worse else "It did not get worse, as far as these tests can tell.")

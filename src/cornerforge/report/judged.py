@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import FAULTS, PARTS, Avoidability, Coverage
+from cornerforge.results.analysis import FAULTS, PARTS, Avoidability, Coverage, Prevented
 from cornerforge.results.rates import Interval
 from cornerforge.results.reading import JsonFile
 
@@ -26,6 +26,7 @@ __all__ = [
     "check_interval",
     "faults_in_words",
     "kind_counts",
+    "prevented_kinds",
     "read_case_judgements",
     "read_table",
 ]
@@ -57,6 +58,7 @@ class CaseJudgement:
     manoeuvre_s: float | None
     latest_s: float | None
     prevented_by: str | None
+    held_speed_prevents: bool | None
     way_out: WayOut | None
 
 
@@ -132,6 +134,14 @@ def avoided_kinds(found: Avoidability) -> dict[str, int]:
     return found.labels | ({"cannot be judged": found.not_judged} if found.not_judged else {})
 
 
+def prevented_kinds(found: Prevented) -> dict[str, int]:
+    """Cases that each reference driver would have prevented, and those of them in which its braking did it."""
+    kinds: dict[str, int] = {}
+    for name, one in found.by.items():
+        kinds |= {name: one.cases, f"{name}, by braking": one.by_braking}
+    return kinds
+
+
 def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[str] | None = None) -> dict[str, Any]:
     """Columns of a Parquet file as lists, of some cases only if given.
 
@@ -166,6 +176,7 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
 
 _CASE = [
     "case_id", "fault", "fault_rule", "fault_s", "avoidability", "manoeuvre_begin_s", "latest_any_s", "prevented_by",
+    "held_speed_prevents",
 ]  # fmt: skip
 _WAY = ["witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad"]
 
@@ -190,6 +201,6 @@ def read_case_judgements(analysis: Path, case_ids: Iterable[str], command: str) 
         if begin_s is not None and way[0]
     }
     return {
-        case_id: CaseJudgement(fault, rule, fault_s, label, manoeuvre_s, latest_s, prevented, way_out.get(case_id))
-        for case_id, fault, rule, fault_s, label, manoeuvre_s, latest_s, prevented in zip(*known.values(), strict=True)
+        case_id: CaseJudgement(fault, rule, fault_s, label, manoeuvre_s, latest_s, by, held, way_out.get(case_id))
+        for case_id, fault, rule, fault_s, label, manoeuvre_s, latest_s, by, held in zip(*known.values(), strict=True)
     }

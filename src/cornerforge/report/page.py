@@ -30,6 +30,7 @@ from cornerforge.report.judged import (
     avoided_kinds,
     faults_in_words,
     kind_counts,
+    prevented_kinds,
     read_case_judgements,
 )
 from cornerforge.results import Analysed
@@ -189,20 +190,22 @@ def _verdict(known: CaseJudgement) -> str:
         who = {"av": "The AV", "bv": "The BV"}.get(known.fault, "Both")
         when = "" if known.fault_s is None else f", {known.fault_s:.1f} s before contact"
         fault = f"{who} broke a rule of RSS ({known.rule}{when})"
-    fault += f".{_prevented_in_words(known.prevented_by)}"
+    fault += f".{_prevented_in_words(known)}"
     if known.avoidability is None:
         return fault
     begun = "" if known.manoeuvre_s is None else f" The manoeuvre began {known.manoeuvre_s:.1f} s before contact."
     return f"{fault}{begun} {_way_in_words(known)}"
 
 
-def _prevented_in_words(prevented_by: str | None) -> str:
+def _prevented_in_words(known: CaseJudgement) -> str:
     """Say which reference drivers would have prevented a case; "" where it was not judged."""
-    if prevented_by is None:
+    if known.prevented_by is None:
         return ""
-    if prevented_by == "nobody":
+    if known.held_speed_prevents:
+        return " To hold the speed would have been enough to prevent it."
+    if known.prevented_by == "nobody":
         return " No reference driver would have prevented it."
-    return f" In the AV's place it would have been prevented by {prevented_by}."
+    return f" In the AV's place it would have been prevented, by braking, by {known.prevented_by}."
 
 
 _HOW = {"by both": "by braking or by steering", "by combination": "by braking and steering together"}
@@ -292,10 +295,8 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
     if artefacts.training is not None and natural is not None:
         made["training"] = figures.training_figure(artefacts.training, natural)
     if analysis.prevented is not None:
-        made["prevented"] = figures.share_figure(
-            {name: one.cases for name, one in analysis.prevented.by.items()},
-            analysis.prevented.cases, "share of the judged cases",
-        )  # fmt: skip
+        kinds, n = prevented_kinds(analysis.prevented), analysis.prevented.cases
+        made["prevented"] = figures.share_figure(kinds, n, "share of the judged cases")
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = figures.share_figure(kinds, n, "share of the cases looked at")
@@ -323,10 +324,8 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
     if summary.natural_cases is not None and summary.natural_cases.natural is not None:
         made["natural"] = tables.natural_table(summary.natural_cases.natural)
     if analysis.prevented is not None:
-        made["prevented"] = tables.share_table(
-            "Crashes that a reference driver would have prevented", "driver",
-            {name: one.cases for name, one in analysis.prevented.by.items()}, analysis.prevented.cases,
-        )  # fmt: skip
+        kinds, n = prevented_kinds(analysis.prevented), analysis.prevented.cases
+        made["prevented"] = tables.share_table("Cases that a reference driver would have prevented", "driver", kinds, n)
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = tables.share_table("Cases looked at", "avoidability", kinds, n)
@@ -374,16 +373,13 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
     from markupsafe import Markup
 
     kinds = kind_counts(artefacts.analysis.coverage)
-    natural_cases = artefacts.summary.natural_cases
-    natural = None if natural_cases is None else natural_cases.natural
     scripts = [plotly, *(_template(name) for name in SCRIPTS)]
     page: str = environment.get_template("report.html.j2").render(
         run=artefacts.summary,
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
         preset="" if artefacts.training is None else artefacts.training.preset,
-        natural=natural,
-        careful={} if natural is None else tables.prevented_shares(natural),
+        natural=None if artefacts.summary.natural_cases is None else artefacts.summary.natural_cases.natural,
         natural_library=artefacts.natural_library,
         folder=artefacts.out,
         library=artefacts.library,

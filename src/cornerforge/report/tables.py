@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.mechanism import MECHANISMS
-from cornerforge.drivers.careful import CAREFUL
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Rate
@@ -33,7 +32,6 @@ __all__ = [
     "exposure_table",
     "loading_table",
     "natural_table",
-    "prevented_shares",
     "provenance_table",
     "rate_table",
     "severity_table",
@@ -93,16 +91,6 @@ def natural_table(found: Natural) -> Table:
         ["what", "cases", "share", "once in", "95 % interval (chance only)"],
         rows,
     )
-
-
-def prevented_shares(found: Natural) -> dict[str, float]:
-    """Share of all natural crashes that each reference driver would have prevented; empty in files without it."""
-    kinds = (found.prevented_by or {}).items()
-    return {
-        name: min(1.0, sum(kind.share for names, kind in kinds if name in names.split(", ")))
-        for name in CAREFUL
-        if kinds
-    }
 
 
 def _who(fault: str) -> str:

@@ -83,6 +83,7 @@ class PreventedShare:
     cases: int = field(metadata=meant("Cases that it would have prevented."))
     share: float = field(metadata=share("Of the judged cases, 0 to 1."))
     interval95: Interval = field(metadata=meant("Exact interval of `share`."))
+    by_braking: int = field(metadata=meant("Of `cases` those in which holding the speed is not enough."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,6 +93,7 @@ class Prevented:
     cases: int = field(metadata=meant("Cases that were judged."))
     by: dict[str, PreventedShare] = field(metadata=meant("By reference driver."))
     any: PreventedShare = field(metadata=meant("By at least one of them."))
+    held: int = field(metadata=meant("Cases in which holding the speed is enough, whoever drives."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +110,9 @@ class TopCase:
     prevented_by: str | None = field(
         default=None,
         metadata=meant('Reference drivers that would have prevented it, or "nobody"; missing: nobody looked.'),
+    )
+    held_speed_prevents: bool | None = field(
+        default=None, metadata=meant("Would holding the speed have been enough? Missing: nobody looked.")
     )
     text: str = field(metadata=meant("What happened, in a sentence."))
 
@@ -166,7 +171,10 @@ class Natural:
     )
     prevented_by: dict[str, NaturalKind] | None = field(
         default=None,
-        metadata=meant("By the reference drivers that would have prevented it; missing in files of earlier versions."),
+        metadata=meant(
+            "What each reference driver would have prevented, and as `NAME, by braking` where holding the speed is not "
+            "enough; missing in files of earlier versions."
+        ),
     )
     serious_injuries: NaturalKind = field(
         metadata=meant("Crashes in which somebody in the AV is seriously injured (MAIS 3 or more), from its chance.")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from cornerforge.results.rates import Interval
 from cornerforge.results.stating import meant
 
-__all__ = ["Compared", "Retested", "RetestedCase"]
+__all__ = ["Compared", "Difference", "Retested", "RetestedCase"]
 
 _DIFFERENCE = "Crashes of the AV minus crashes of the baseline; above 0: it crashes more often."
 
@@ -15,13 +15,9 @@ _PICKED = "null: the tests were picked because an AV crashed in them, so another
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compared:
-    """Two AVs in the same tests."""
+class Difference:
+    """How two AVs differ in the same tests."""
 
-    tests: int = field(metadata=meant("Tests, or cases, that both drove."))
-    left_out: int = field(metadata=meant("Further ones in which an AV raised, hung or gave no usable answer."))
-    baseline_crashes: int = field(metadata=meant("Of the baseline."))
-    av_crashes: int = field(metadata=meant("Of the AV."))
     fixed: int = field(metadata=meant("Tests in which only the baseline crashed."))
     still_crashing: int = field(metadata=meant("Tests in which both crashed."))
     new_crashes: int = field(metadata=meant("Tests in which only the AV crashed."))
@@ -29,6 +25,16 @@ class Compared:
     interval95: Interval | None = field(
         metadata=meant("Of `rate_difference` (Agresti and Min 2005); null with it.", "per test")
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared(Difference):
+    """Two AVs in the same tests."""
+
+    tests: int = field(metadata=meant("Tests, or cases, that both drove."))
+    left_out: int = field(metadata=meant("Further ones in which an AV raised, hung or gave no usable answer."))
+    baseline_crashes: int = field(metadata=meant("Of the baseline."))
+    av_crashes: int = field(metadata=meant("Of the AV."))
     verdict: str | None = field(
         metadata=meant(
             'Of a sequential test: "worse" or "better" (wrong at most 1 in 20 times), "alike" (within a factor of two, '
@@ -50,19 +56,15 @@ class RetestedCase:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Retested:
-    """Another AV in the cases of a library. Sums are of `reacting`, or of `recorded` where there is none."""
+class Retested(Difference):
+    """Another AV in the cases of a library. What differs is of `reacting`, or of `recorded` where there is none."""
 
     library: str = field(metadata=meant("The library."))
     av: str = field(metadata=meant("The AV."))
     baseline: str = field(metadata=meant("What it is compared with."))
     cases: int = field(metadata=meant("Cases of the library."))
-    fixed: int = field(metadata=meant("Tests in which only the baseline crashed."))
-    still_crashing: int = field(metadata=meant("Tests in which both crashed."))
-    new_crashes: int = field(metadata=meant("Tests in which only the AV crashed."))
-    rate_difference: float | None = field(metadata=meant(f"{_DIFFERENCE} {_PICKED}", "per test"))
-    interval95: Interval | None = field(metadata=meant("Of `rate_difference`; null with it.", "per test"))
     got_worse: bool = field(metadata=meant('Is a verdict "worse"? Then the exit status is 1.'))
+    note: str | None = field(metadata=meant("What a reader must know about the tests; null: nothing."))
     recorded: Compared = field(metadata=meant("The cases, others as recorded."))
     reacting: Compared | None = field(
         metadata=meant("All tests of the library, others who react; null: its cases are no tests of a seed.")
