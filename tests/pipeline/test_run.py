@@ -272,5 +272,7 @@ def test_natural_crashes_are_analysed_and_stand_first_on_the_page(
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     first = found.natural_cases.value.top[0].case_id
     assert f'data-case="natural/{first}"' in page
-    assert "Of all these crashes reference drivers in the AV's place would have prevented" in page
+    assert found.natural_cases.prevented is not None
+    assert found.natural_cases.prevented.any.cases == 0
+    assert "No reference driver in the AV's place would have prevented any of these" in page
     assert page.index("<h2>On real roads</h2>") < page.index("Worth a look first, of what the adversary found</h2>")
