@@ -27,6 +27,7 @@ __all__ = [
     "fault_text",
     "judgement_text",
     "natural_text",
+    "paid_text",
     "rate_text",
     "run_command",
     "speed_text",
@@ -178,10 +179,20 @@ def rate_text(r: Rate | Filled, what: str) -> str:
     return line
 
 
-def yield_text(r: Yield, what: str) -> str:
+def paid_text(r: Yield, reward: str) -> str:
+    """Write how many crashes a reward pays for that is judged by cases, after a yield; "" under any other."""
+    if r.paid_per_test is None or r.paid_interval95 is None or r.strictly_paid_per_test is None:
+        return ""
+    low, high = r.paid_interval95
+    strictly = "AV alone at fault" if reward == "own-fault" else "by braking"
+    return f"; {reward}: {r.paid_per_test:.4g} ({low:.3g} to {high:.3g}; {strictly} {r.strictly_paid_per_test:.4g})"
+
+
+def yield_text(r: Yield, what: str, reward: str) -> str:
     """Write an adversary's yield, how much of it braking would have avoided, and in how many crashes the AV struck."""
     low, high = r.avoidable_interval95
     line = f"{rate_text(r, what)}, {r.avoidable_per_test:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
+    line += paid_text(r, reward)
     share = r.striking_share
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
 
