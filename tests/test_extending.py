@@ -82,7 +82,7 @@ _DECISIONS = {"gentle": _gentle, "watchful"''',
 }  # fmt: skip
 REWARD: Recipe = {
     "sim/rewards.py": [
-        ("REWARDS = {\n", 'REWARDS = {\n    "struck": Reward(3, "a crash in which the AV is struck"),\n'),
+        ("REWARDS = {\n", 'REWARDS = {\n    "struck": Reward(9, "a crash in which the AV is struck"),\n'),
         (
             "_RULES: dict[str, Any] = {",
             """@inlined_kernel
