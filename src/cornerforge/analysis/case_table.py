@@ -15,7 +15,7 @@ from cornerforge._arrow import arrow_field, arrow_type
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table, problems_of
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
-from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevention_of
+from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevented_at, prevention_of
 from cornerforge.analysis.value import (
     PARTS,
     Value,
@@ -49,10 +49,13 @@ class CaseTable:
         table: Columns of `MEASURES`, `FAULT_COLUMNS`, `PREVENTED_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where it was not
             looked for) and `fields.SHORTFALL` (null where the library lacks it), after `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
+        reacting: Of these, what reference drivers would have prevented had they reacted faster or more slowly, as
+            `prevented_at` says it.
     """
 
     table: pa.Table
     witnesses: pa.Table
+    reacting: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -94,8 +97,11 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         prevention = prevention_of(recordings, problems, reading.odd, reading.params, threads=reading.threads)
         columns |= prevention.columns()
         wanted = pc.is_in(cases.column("case_id"), value_set=pa.array(sorted(reading.look_at), pa.string()))
-        witnesses = avoidability_table(
-            cases.filter(wanted), tracks.filter(wanted), reading.odd, reading.params, threads=reading.threads
+        seen, moved = cases.filter(wanted), tracks.filter(wanted)
+        witnesses = avoidability_table(seen, moved, reading.odd, reading.params, threads=reading.threads)
+        given = [problem for problem, chosen in zip(problems, wanted.to_pylist(), strict=True) if chosen]
+        reacting = prevented_at(
+            recordings_of_tracks(seen, moved, reading.odd), given, reading.odd, reading.params, threads=reading.threads
         )
         ids = cases.column("case_id")
         place = pc.index_in(ids, value_set=witnesses.column("case_id").combine_chunks())
@@ -111,7 +117,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         for column in SHORTFALL:
             fields.append(arrow_field(column))
             arrays.append(cases.column(column.name).combine_chunks())
-        yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses)
+        yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses, reacting)
 
 
 def values_of(

@@ -22,7 +22,15 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.drivers.rss import rss_distance
 from cornerforge.errors import InputError
 
-__all__ = ["CAREFUL", "CarefulParams", "Threat", "braking_demanded", "braking_of", "crashes_at_cut_ins"]
+__all__ = [
+    "CAREFUL",
+    "CarefulParams",
+    "Threat",
+    "braking_demanded",
+    "braking_of",
+    "crashes_at_cut_ins",
+    "own_reaction",
+]
 
 CAREFUL = {"cc-human": 0, "reg157": 1, "rss-brake": 2, "fsm": 3}
 """Name and code of each reference driver."""
@@ -140,7 +148,13 @@ def braking_demanded(kind: int, speed: float, acceleration: float, t: Threat) ->
 
 
 @inlined_kernel
-def braking_of(kind: int, since: float, demanded: float, acceleration: float, step: float) -> float:
+def own_reaction(kind: int) -> float:
+    """Look up the time from seeing danger to braking that a driver's source gives it [s]."""
+    return _REG_DELAY if kind == _REG157 else _DELAY
+
+
+@inlined_kernel
+def braking_of(kind: int, since: float, demanded: float, acceleration: float, step: float, reaction: float) -> float:
     """Compute the acceleration [m/s2] that a reference driver has in a step that begins `since` it saw danger [s].
 
     Args:
@@ -149,12 +163,13 @@ def braking_of(kind: int, since: float, demanded: float, acceleration: float, st
         demanded: What `braking_demanded` says now [m/s2]; 0: danger is over, and it holds its speed.
         acceleration: Its own in the step before [m/s2].
         step: Length of a step [s].
+        reaction: From seeing danger to braking [s], `own_reaction` or another; what it calls danger stays as it is.
     """
     if demanded <= 0.0:
         return 0.0
     if kind == _REG157:
-        return 0.0 if since < _REG_DELAY - _SLIVER else -demanded
-    if since < _DELAY - _SLIVER:
+        return 0.0 if since < reaction - _SLIVER else -demanded
+    if since < reaction - _SLIVER:
         return -_OFF_PEDAL if kind == _CC_HUMAN else 0.0
     return max(-demanded, acceleration - _JERK * step)
 
@@ -197,7 +212,7 @@ def _crashes(kind: int, ego: float, other: float, gap: float, across: float) -> 
         if demanded > 0.0 and since < 0.0:
             since = 0.0
         if since >= 0.0:
-            acceleration = braking_of(kind, since, demanded, acceleration, _STEP)
+            acceleration = braking_of(kind, since, demanded, acceleration, _STEP, own_reaction(kind))
             since += _STEP
         speed = max(speed + acceleration * _STEP, 0.0)
         ahead += (other - speed) * _STEP
