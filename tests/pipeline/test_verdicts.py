@@ -38,7 +38,7 @@ from cornerforge.sim import (
 
 SEED = 3
 CASES = 300
-BY_CASE = [*(f"preventable:{driver}" for driver in CAREFUL), "own-fault"]
+BY_CASE = [*(f"preventable:{driver}" for driver in CAREFUL), "preventable-by-braking:fsm", "own-fault"]
 
 
 @pytest.fixture(scope="module", params=[("idm-mobil", "default"), ("rl", "mixed")], ids=lambda world: "-".join(world))
@@ -61,7 +61,8 @@ def analysed(folder: Path, reward: str) -> dict[int, tuple[bool, bool]]:
         if not driver:
             return row["fault"] in ("av", "both"), row["fault"] == "av"
         prevented = driver in str(row["prevented_by"]).split(", ")
-        return prevented, prevented and not row["held_speed_prevents"]
+        by_braking = prevented and not row["held_speed_prevents"]
+        return by_braking if reward.startswith("preventable-by-braking") else prevented, by_braking
 
     return {int(row["case_id"].partition(":")[2]): paid(row) for row in rows}
 

@@ -82,15 +82,17 @@ def test_who_is_paid_for_what() -> None:
         "crash": [True, True, True, True],
         "striking": [False, False, True, True],
         "avoidable": [False, True, False, True],
-        "preventable": [False] * 4,  # these two are given outside the kernels
+        "preventable": [False] * 4,  # these are given outside the kernels
+        "preventable-by-braking": [False] * 4,
         "own-fault": [False] * 4,
     }
-    assert {name for name, reward in REWARDS.items() if reward.by_case} == {"preventable", "own-fault"}
+    by_case = {name for name, reward in REWARDS.items() if reward.by_case}
+    assert by_case == {"preventable", "preventable-by-braking", "own-fault"}
 
 
 def test_a_reward_may_name_its_reference_driver() -> None:
     assert driver_of_reward("preventable") == driver_of_reward("preventable:cc-human") == "cc-human"
-    assert driver_of_reward("preventable:fsm") == "fsm"
+    assert driver_of_reward("preventable:fsm") == driver_of_reward("preventable-by-braking:fsm") == "fsm"
     assert driver_of_reward("own-fault") is None
     with pytest.raises(UnknownNameError, match=r'reference driver.*Did you mean "fsm"'):
         reward_named("preventable:fsn")

@@ -119,8 +119,8 @@ Resume = Annotated[bool, flag("--resume", "Go on with what is there.")]
 Reward = Annotated[
     str,
     typer.Option(
-        help=f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all. preventable:DRIVER names "
-        "the reference driver, cc-human by default.",
+        help=f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all. preventable:DRIVER and "
+        "preventable-by-braking:DRIVER name the reference driver, cc-human by default.",
         autocompletion=completing(*REWARD_NAMES),
     ),
 ]

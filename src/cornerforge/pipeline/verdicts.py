@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Paid", "count_paid", "judge_by_case", "verdict_of"]
 
+_BY_BRAKING = "preventable-by-braking"
 _ROOM = 32
 """Number of cases that one thread records and judges together."""
 
@@ -39,7 +40,7 @@ class Paid(NamedTuple):
     Attributes:
         paid: The reward pays for it.
         strictly: And by a stricter reading too: of `preventable`, holding the speed would not have been enough; of
-            `own-fault`, the AV alone was at fault.
+            `own-fault`, the AV alone was at fault. `preventable-by-braking` has no stricter one.
     """
 
     paid: NDArray[np.bool_]
@@ -75,8 +76,13 @@ def _judge_of(reward: str, run: Experiment) -> Callable[[Recordings], Paid] | No
     driver = driver_of_reward(reward)
     if driver is None:
         return _own_fault
-    odd, steers = run.odd, run.av_steers
-    return lambda recordings: _preventable(driver, odd, steers, recordings)
+    odd, steers, by_braking = run.odd, run.av_steers, reward.startswith(_BY_BRAKING)
+
+    def judge(recordings: Recordings) -> Paid:
+        found = _preventable(driver, odd, steers, recordings)
+        return Paid(found.strictly, found.strictly) if by_braking else found
+
+    return judge
 
 
 def verdict_of(reward: str, run: Experiment) -> Verdict | None:

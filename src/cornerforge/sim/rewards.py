@@ -33,9 +33,9 @@ __all__ = [
     "reward_numbers",
 ]
 
-CRASH, STRIKING, AVOIDABLE, PREVENTABLE, OWN_FAULT = range(5)
+CRASH, STRIKING, AVOIDABLE, PREVENTABLE, BY_BRAKING, OWN_FAULT = range(6)
 DRIVER = "cc-human"
-"""The reference driver of `preventable` where the name gives none."""
+"""The reference driver of rewards that ask one, where the name gives none."""
 _FACING = 0.5
 """Cosine of 60 degrees, as in `analysis.contact`: closer than that to facing the other box, a front takes part."""
 
@@ -69,9 +69,14 @@ REWARDS = {
         f"a crash that a reference driver in the AV's place would have prevented: {DRIVER}, or preventable:DRIVER",
         by_case=True,
     ),
+    "preventable-by-braking": Reward(
+        BY_BRAKING,
+        "such a crash that holding the speed would not have prevented, so that the driver's braking was needed",
+        by_case=True,
+    ),
     "own-fault": Reward(OWN_FAULT, "a crash in which the AV broke a rule of RSS, alone or both did", by_case=True),
 }
-"""The rewards by name; `preventable` may be followed by a colon and a name of `drivers.careful.CAREFUL`."""
+"""The rewards by name; the two that ask a reference driver may end in a colon and a name of `careful.CAREFUL`."""
 
 
 class RewardNumbers(NamedTuple):
@@ -98,7 +103,7 @@ def reward_named(name: str) -> Reward:
     plain, colon, driver = name.partition(":")
     if plain not in REWARDS:
         raise UnknownNameError("reward", name, REWARDS)
-    if colon and REWARDS[plain].code != PREVENTABLE:
+    if colon and REWARDS[plain].code not in (PREVENTABLE, BY_BRAKING):
         raise InputError(f'reward = "{name}" is not allowed: {plain} asks no driver; leave out "{colon}{driver}".')
     if colon and driver not in CAREFUL:
         raise UnknownNameError("reference driver", driver, CAREFUL)
@@ -111,7 +116,7 @@ def driver_of_reward(name: str) -> str | None:
     Raises:
         UnknownNameError, InputError: As `reward_named`.
     """
-    if reward_named(name).code != PREVENTABLE:
+    if reward_named(name).code not in (PREVENTABLE, BY_BRAKING):
         return None
     return name.partition(":")[2] or DRIVER
 
@@ -235,6 +240,7 @@ _RULES: dict[str, Any] = {
     "striking": _that_strikes,
     "avoidable": _that_was_avoidable,
     "preventable": _none_here,
+    "preventable-by-braking": _none_here,
     "own-fault": _none_here,
 }
 """Which crashes of the AV each reward pays for, by whether the AV strikes and whether braking would have avoided it."""
