@@ -238,7 +238,9 @@ def judgement_text(r: Analysed) -> list[str]:
     if r.avoidability is not None:
         seen = r.avoidability
         labels = ", ".join(f"{label} {n:,}" for label, n in seen.labels.items() if n)
-        lines.append(f"Ways out of {seen.cases:,} cases, {seen.reaction_s:g} s after it began or later: {labels}")
+        lines.append(
+            f"Ways out of {seen.cases:,} cases, {seen.reaction_s:g} s after the manoeuvre began or later: {labels}"
+        )
     cover = r.coverage
     low, high = cover.unseen_kind_interval95
     lines.append(
