@@ -281,9 +281,9 @@ def _headline(artefacts: Artefacts) -> str:
     return headline(natural.own_doing, found.own_doing)
 
 
-def _often(found: Analysed | None) -> str:
+def _often(found: Analysed) -> str:
     """Say how often a natural crash of the flaw happens, from what the AV did wrong; "" if none shows a flaw."""
-    if found is None or found.natural is None or found.own_doing is None or not found.own_doing.flaws:
+    if found.natural is None or found.own_doing is None or not found.own_doing.flaws:
         return ""
     between = found.natural.all.miles_between / found.own_doing.flaws[0].share
     return f"Such a crash happens once in {text.miles(between)} of natural traffic."
@@ -424,7 +424,7 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         kinds=kinds,
         coverage=tables.coverage_rows(artefacts.analysis.coverage.axes, kinds),
         headline=_headline(artefacts),
-        often=_often(artefacts.summary.natural_cases),
+        often=_often(artefacts.summary.natural_cases or artefacts.analysis),
         ratio=_ratio(artefacts.summary.generate, artefacts.summary.natural_rate),
         figures=_figures(artefacts, {case["id"] for case in cases}),
         tables=_tables(artefacts),
