@@ -97,7 +97,7 @@ def natural_shares(
     Args:
         weights: Of the cases, above 0, shape (S,).
         odd: Of the library.
-        kinds: "clusters", "crash_types", "mechanisms" and "fault": what each case is.
+        kinds: "clusters", "crash_types", "mechanisms", "fault" and "conducts": what each case is.
         prevented: By name, whether a reference driver would have prevented each case, shape (S,).
         avoidable: Whether a way out was found, shape (S,).
         avoidable_after_s: How long after the begin of the manoeuvre it may begin [s].
@@ -119,5 +119,6 @@ def natural_shares(
         prevented_by={name: rates.of(weights[cases]) for name, cases in prevented.items() if cases.any()},
         avoidable=ways,
         avoidable_after_s=avoidable_after_s,
+        conducts=rates.by(kinds["conducts"]),
         serious_injuries=rates.of(weights * injury, float((weights * injury).max())),
     )
