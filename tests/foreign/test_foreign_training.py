@@ -338,9 +338,9 @@ def _driven(av: str, mode: str, steps: int = 250, reward: str = "avoidable") -> 
     rng = np.random.default_rng(3)
     seen, paid, ends = [many.reset(seed=5)[0].tobytes()], [], []
     for _ in range(steps):
-        observation, reward, terminated, truncated, info = many.step(rng.integers(0, 33, 6))
+        observation, given, terminated, truncated, info = many.step(rng.integers(0, 33, 6))
         seen.append(observation.tobytes())
-        paid.append(reward.tolist())
+        paid.append(given.tolist())
         if (terminated | truncated).any():
             told = info if "outcome" in info else info["final_info"]
             ends.append([(told["outcome"][b], told["case"][b]) for b in np.flatnonzero(terminated | truncated)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -42,7 +43,7 @@ BY_CASE = [*(f"preventable:{driver}" for driver in CAREFUL), "preventable-by-bra
 
 
 @pytest.fixture(scope="module", params=[("idm-mobil", "default"), ("rl", "mixed")], ids=lambda world: "-".join(world))
-def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, str], Path]:
+def library(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """A few hundred crashes of an AV with `swerve`, and what `analyse` says of each."""
     world = dict(zip(("av", "odd"), request.param, strict=True))
     folder = tmp_path_factory.mktemp("verdicts")
@@ -57,7 +58,7 @@ def analysed(folder: Path, reward: str) -> dict[int, tuple[bool, bool]]:
     assert len(rows) == CASES
     _, _, driver = reward.partition(":")
 
-    def paid(row: dict[str, object]) -> tuple[bool, bool]:
+    def paid(row: dict[str, Any]) -> tuple[bool, bool]:
         if not driver:
             return row["fault"] in ("av", "both"), row["fault"] == "av"
         prevented = driver in str(row["prevented_by"]).split(", ")
@@ -68,7 +69,7 @@ def analysed(folder: Path, reward: str) -> dict[int, tuple[bool, bool]]:
 
 
 @pytest.mark.parametrize("reward", BY_CASE)
-def test_a_crash_is_paid_for_as_an_analysis_says(reward: str, library: tuple[dict[str, str], Path]) -> None:
+def test_a_crash_is_paid_for_as_an_analysis_says(reward: str, library: tuple[dict[str, Any], Path]) -> None:
     world, folder = library
     expected = analysed(folder, reward)
     found = judge_by_case(experiment(bv="swerve", **world), SEED, list(expected), reward, 1)
@@ -79,7 +80,7 @@ def test_a_crash_is_paid_for_as_an_analysis_says(reward: str, library: tuple[dic
     assert not all(paid for paid, _ in pairs)
 
 
-def test_a_learners_crashes_are_the_cases_of_the_library(library: tuple[dict[str, str], Path]) -> None:
+def test_a_learners_crashes_are_the_cases_of_the_library(library: tuple[dict[str, Any], Path]) -> None:
     """To the bit: what the worlds of a learner give a judge, and what a library gives back; and the rewards follow."""
     world, folder = library
     run = experiment(bv="swerve", **world)
