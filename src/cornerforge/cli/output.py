@@ -180,7 +180,7 @@ def rate_text(r: Rate | Filled, what: str) -> str:
     return line
 
 
-def paid_text(r: Yield, reward: str) -> str:
+def paid_text(r: Yield, reward: str | None) -> str:
     """Write how many crashes a reward pays for that is judged by cases, after a yield; "" under any other."""
     if r.paid_per_test is None or r.paid_interval95 is None or r.strictly_paid_per_test is None:
         return ""
@@ -210,7 +210,7 @@ def natural_text(r: Analysed) -> list[str]:
             for name, kind in kinds.items()
         ]
     if found.avoidable is not None:
-        after = f"{found.avoidable_after_s:g} s after the manoeuvre began"
+        after = f"{found.avoidable_after_s or 0.0:g} s after the manoeuvre began"
         lines.append(
             f"  {100.0 * found.avoidable.share:5.1f} %  avoidable by the AV, {after}: {_miles(found.avoidable)}"
         )

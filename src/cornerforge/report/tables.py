@@ -78,7 +78,7 @@ def natural_table(found: Natural) -> Table:
     kinds |= {f"the AV's part: {CONDUCTS[name]}": kind for name, kind in (found.conducts or {}).items()}
     kinds |= {f"prevented by {name}": kind for name, kind in (found.prevented_by or {}).items()}
     if found.avoidable is not None:
-        kinds[f"avoidable by the AV, {found.avoidable_after_s:g} s after the manoeuvre began"] = found.avoidable
+        kinds[f"avoidable by the AV, {found.avoidable_after_s or 0.0:g} s after the manoeuvre began"] = found.avoidable
     kinds["a serious injury in the AV (MAIS 3 or more)"] = found.serious_injuries
     rows = [
         [

@@ -240,9 +240,11 @@ class Natural:
             "cases drawn for it; null: none was, or none had one."
         )
     )
-    avoidable_after_s: float = field(
-        default=0.0,
-        metadata=meant("Time to react that `avoidable` leaves the AV; 0 in files of earlier versions.", "s"),
+    avoidable_after_s: float | None = field(
+        default=None,
+        metadata=meant(
+            "Time to react that `avoidable` leaves the AV; missing in files of earlier versions, where 0.", "s"
+        ),
     )
     prevented_by: dict[str, NaturalKind] | None = field(
         default=None,
