@@ -60,8 +60,9 @@ class Yield(Rate):
     strictly_paid_per_test: float | None = field(
         default=None,
         metadata=share(
-            "The same by a stricter reading, 0 to 1. preventable: the driver's braking was needed, holding the speed from "
-            "the manoeuvre's begin would not have been enough; own-fault: the AV alone was at fault. Missing: likewise.",
+            "The same by a stricter reading, 0 to 1. preventable: the driver's braking was needed, holding the speed "
+            "from the manoeuvre's begin would not have been enough; own-fault: the AV alone was at fault. Missing: "
+            "likewise.",
             "per test",
         ),
     )
