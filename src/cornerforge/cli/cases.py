@@ -225,6 +225,10 @@ def retest(
     ] = None,
     junit: Annotated[Path | None, typer.Option(help="New file: JUnit XML.", show_default=False)] = None,
     sarif: Annotated[Path | None, typer.Option(help="New file: SARIF 2.1.0.", show_default=False)] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(help="New file, .html: both versions side by side in the same cases.", show_default=False),
+    ] = None,
     seed: Seed = 0,
     threads: Threads = None,
     out: JsonFile = None,
@@ -237,8 +241,8 @@ def retest(
 
     result = run_command(
         lambda bars: cornerforge.retest(
-            library, baseline=baseline, natural_tests=natural_tests, junit=junit, sarif=sarif, seed=seed,
-            threads=threads, progress=bars, **world,
+            library, baseline=baseline, natural_tests=natural_tests, junit=junit, sarif=sarif, page=page,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         retest_text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["count", "duration", "interval", "miles", "rate", "sentence", "share", "times"]
+__all__ = ["count", "duration", "interval", "miles", "rate", "sentence", "share", "signed", "times"]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -67,6 +67,15 @@ def share(value: float) -> str:
     if value in (0.0, 1.0):
         return f"{100 * value:.0f} %"
     return f"{100 * value:.{1 if 0.01 <= value <= 0.99 else 2}f} %"
+
+
+def signed(value: float, digits: int = 3) -> str:
+    """A difference with its sign.
+
+    >>> signed(-0.0223), signed(0.004), signed(0.0)
+    ('−0.0223', '+0.00400', '0')
+    """
+    return rate(value) if value == 0.0 else ("−" if value < 0.0 else "+") + rate(abs(value), digits)
 
 
 def sentence(text: str) -> str:
