@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.show import ndd_show
     from cornerforge.pipeline.shrink import shrink
     from cornerforge.pipeline.simulate import simulate
+    from cornerforge.pipeline.suite import suite_build
     from cornerforge.pipeline.train import train
     from cornerforge.pipeline.train_av import train_av
     from cornerforge.pipeline.validate import ndd_validate
@@ -55,6 +56,7 @@ __all__ = [
     "run",
     "shrink",
     "simulate",
+    "suite_build",
     "train",
     "train_av",
     "variety",
@@ -85,6 +87,7 @@ __getattr__ = door(
         "run": "pipeline.run",
         "shrink": "pipeline.shrink",
         "simulate": "pipeline.simulate",
+        "suite_build": "pipeline.suite",
         "train": "pipeline.train",
         "train_av": "pipeline.train_av",
         "variety": "pipeline.variety",

@@ -30,13 +30,13 @@ from cornerforge.cli.options import (
     takes_world,
 )
 from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, natural_text, rate_text, run_command
-from cornerforge.cli.program import command
+from cornerforge.cli.program import command, suite
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
     from cornerforge.results import Analysed, Queried, Replayed
 
-__all__ = ["analyse", "generate", "plausibility", "query", "replay", "retest", "shrink", "variety"]
+__all__ = ["analyse", "generate", "plausibility", "query", "replay", "retest", "shrink", "suite_build", "variety"]
 
 
 @command(
@@ -248,6 +248,40 @@ def retest(
     )  # fmt: skip
     if result.got_worse:
         raise typer.Exit(EXIT_GATE)
+
+
+@command("cornerforge suite build out/demo/library --size 20 --out out/suite", name="build", of=suite)
+@takes_world("av_timeout", "av_batch", "av_processes", "av_python")
+def suite_build(
+    libraries: Annotated[
+        list[Path], typer.Argument(metavar="LIB...", help="Case libraries of one model and ODD.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of the suite, a library itself.", show_default=False)],
+    size: Annotated[int, typer.Option(help="Most cases.")] = 200,
+    zoo: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="AV that drives the cases; may be given again. By default all built-in ones.",
+            show_default=False,
+            autocompletion=complete_av,
+        ),
+    ] = None,
+    world: World = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Choose the fewest cases that find and rank the flaws of many AVs; checked on AVs left out."""
+    from cornerforge.pipeline.suite import suite_text
+
+    run_command(
+        lambda bars: cornerforge.suite_build(
+            libraries, out=out, size=size, zoo=zoo, seed=seed, threads=threads, progress=bars, **world
+        ),
+        suite_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
 
 
 @command(

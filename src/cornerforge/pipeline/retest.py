@@ -14,18 +14,17 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
-from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.cases import experiment_with
+from cornerforge.pipeline.cases import SEVERAL
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import config_hash, provenance
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.retest_files import check_new_file, write_junit, write_sarif
 from cornerforge.pipeline.retest_pairs import RULE, Driven, pairs_of
 from cornerforge.pipeline.setting import Experiment, check_threads
-from cornerforge.pipeline.stored_cases import drive_as_recorded
+from cornerforge.pipeline.stored_cases import drive_as_recorded, run_with
 from cornerforge.rates.paired import difference_interval, sequential_verdict
-from cornerforge.report.comparison import write_comparison
+from cornerforge.report.comparison import check_page, write_comparison
 from cornerforge.results.retest import Compared, Difference, Retested, RetestedCase
 from cornerforge.sim import (
     AV_CRASH,
@@ -85,19 +84,25 @@ def retest(
     """
     began = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
-    for file in (junit, sarif, page):
-        if file is not None:
-            check_new_file(Path(file))
+    files = [Path(file) for file in (junit, sarif, page) if file is not None]
+    for index, file in enumerate(files):
+        if file.absolute() in [other.absolute() for other in files[:index]]:
+            raise InputError(f"{file} is named for two files; give each its own name.")
+        check_new_file(file)
+    if page is not None:
+        check_page()
     if natural_tests is None:
         natural_tests = 0 if baseline is None else 10_000
     check_integer("natural_tests", natural_tests, low=0, high=10**9)
     if natural_tests and baseline is None:
         raise InputError("Natural rates need both AVs; name the old one with --baseline.")
     options = WorldOptions(**world)
+    if baseline is not None and baseline == options.av:
+        raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
     cases = _opened(Path(library), baseline)
     n_threads = check_threads(threads)
-    new = _experiment(cases, options, options.av)
-    old = None if baseline is None else _experiment(cases, options, baseline)
+    new = run_with(cases, options, options.av)
+    old = None if baseline is None else run_with(cases, options, baseline)
     tests = natural_tests + (0 if cases.scripted else cases.next_test)
     for run in (new, old):
         if run is not None:
@@ -149,17 +154,17 @@ def _opened(library: Path, baseline: str | None) -> CaseLibrary:
     cases = CaseLibrary.open(library)
     if len(cases) == 0:
         raise InputError(f"The library {library} holds no cases yet, so there is none to drive again.")
+    if baseline is None and cases.identity.get("av") == SEVERAL:
+        raise InputError(
+            f"The cases of {library} were made by several AVs, so there is no old one to compare with; name one: "
+            "--baseline OLD"
+        )
     if baseline is None and not cases.scripted and cases.crashes != len(cases):
         raise InputError(
             f"The library {library} holds {len(cases):,} of {cases.crashes:,} crashes, so it does not tell in which "
             f"tests its AV crashed; say what to compare with: --baseline {shlex.quote(str(cases.identity['av']))}"
         )
     return cases
-
-
-def _experiment(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
-    """Build the experiment of the library with one of the two AVs; only one from outside needs a Python."""
-    return experiment_with(cases, replace(options, av=av, av_python=options.av_python if is_foreign(av) else None))
 
 
 def _note(cases: CaseLibrary) -> str | None:

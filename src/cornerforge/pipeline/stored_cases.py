@@ -13,12 +13,14 @@ from cornerforge.execution import Rooms, in_order
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.av_file import av_of
+from cornerforge.pipeline.cases import experiment_with
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.road.straight import along
 from cornerforge.sim import NATURAL, Ending, Script, ScriptDriver
+from cornerforge.world_options import WorldOptions
 
-__all__ = ["StoredScripts", "drive_as_recorded"]
+__all__ = ["StoredScripts", "drive_as_recorded", "run_with"]
 
 _SAME_M = 1e-3
 """Stored positions have 32 bits: this far along the road they are the same [m]."""
@@ -38,7 +40,8 @@ class StoredScripts:
     def __init__(self, cases: CaseLibrary, run: Experiment) -> None:
         # Where vehicles start depends on the gaps that the AV wants: those of the one that made the library.
         made_by = str(cases.identity["av"])
-        made = numbers_of_av(av_of("idm-mobil" if is_foreign(made_by) else made_by))
+        is_named = not (cases.scripted or is_foreign(made_by))  # scripts hold their starts
+        made = numbers_of_av(av_of(made_by if is_named else "idm-mobil"))
         self._starts = ScriptDriver(run.setting._replace(av=made), run.odd)
 
     def of(self, stored: StoredCase) -> Script:
@@ -62,6 +65,11 @@ class StoredScripts:
         action = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
         action[: len(script.action)] = script.action[:decisions]
         return replace(script, action=action)
+
+
+def run_with(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
+    """Build the experiment of a library with one of several AVs; only one from outside needs a Python."""
+    return experiment_with(cases, replace(options, av=av, av_python=options.av_python if is_foreign(av) else None))
 
 
 def drive_as_recorded(

@@ -18,7 +18,7 @@ from cornerforge.report.text import sentence
 from cornerforge.results.retest import Compared, Retested
 from cornerforge.types import FRAME_S, Scenario
 
-__all__ = ["AS_RECORDED", "NATURAL", "REACTING", "Pair", "write_comparison"]
+__all__ = ["AS_RECORDED", "NATURAL", "REACTING", "Pair", "check_page", "write_comparison"]
 
 CASE_BYTES = 4_000_000
 """Room for trajectories on the page."""
@@ -65,6 +65,15 @@ class Pair:
 
 def _crashed(scenario: Scenario) -> bool:
     return scenario.crash is not None and scenario.crash.slot_a == 0
+
+
+def check_page() -> None:
+    """Check, before long work, that the page can be made.
+
+    Raises:
+        MissingExtraError: jinja2 is not installed.
+    """
+    environment()
 
 
 def write_comparison(file: Path, result: Retested, pairs: Sequence[Pair], rule: str, made: Mapping[str, Any]) -> Path:

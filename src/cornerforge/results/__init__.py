@@ -17,6 +17,7 @@ from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import Reproduced
 from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
+from cornerforge.results.suite import SuiteBuilt
 from cornerforge.results.validation import NddValidated
 from cornerforge.results.whole import Exposure, Initialised, Reported, RunDone
 
@@ -42,6 +43,7 @@ __all__ = [
     "RunDone",
     "ShrunkLibrary",
     "Simulated",
+    "SuiteBuilt",
     "Trained",
     "TrainedAv",
     "Varied",
@@ -64,6 +66,7 @@ VERBS: dict[str, type] = {
     "shrink": ShrunkLibrary,
     "replay": Replayed,
     "retest": Retested,
+    "suite build": SuiteBuilt,
     "query": Queried,
     "variety": Varied,
     "plausibility": Plausibility,
