@@ -18,6 +18,7 @@ from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import (
     AdversaryEnvKeywords,
     AvAloneKeywords,
+    AvAskedKeywords,
     AvKeywords,
     DrivingEnvKeywords,
     RoadKeywords,
@@ -30,6 +31,7 @@ VERBS = {
     "simulate": WorldKeywords, "generate": WorldKeywords, "train": WorldKeywords, "variety": WorldKeywords,
     "rate": AvKeywords, "run": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
     "train_av": RoadKeywords, "reproduce": RoadKeywords, "retest": AvAloneKeywords,
+    "suite_build": AvAskedKeywords,
 }  # fmt: skip
 # `budget` of run and reproduce is an old name of effort too; replay and shrink know their world from the library.
 # The model of `ndd` is what they show, check or fill.

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 
-__all__ = ["Chosen", "LeftOut", "choose", "findings", "leave_one_out", "rank_agreement"]
+__all__ = ["Chosen", "LeftOut", "choose", "clear_order", "findings", "leave_one_out", "rank_agreement"]
+
+_Z95 = 1.959964
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,15 @@ class Chosen:
     Attributes:
         cases: Rows of the matrix, in the order in which they were chosen.
         wanted, found: Findings of all cases together, and of these.
+        clear, in_order: Pairs of AVs whose order is clear in all cases, and those in the same order in these.
         agreement: `rank_agreement` of these with all cases; None: all AVs crash equally often.
     """
 
     cases: tuple[int, ...]
     wanted: int
     found: int
+    clear: int
+    in_order: int
     agreement: float | None
 
 
@@ -42,15 +47,18 @@ class LeftOut:
         av: Index of the AV that was left out.
         cases: Size of the suite.
         pairs: AVs from which all cases tell it apart: it crashes in one in which they do not.
+        clear: AVs that clearly crash more or less often than it in all cases.
         share_of_all: Its crashes per case, in all cases.
         known: What the suite knows of it: does it crash, how many of `pairs` it is told apart from, its crashes per
-            case, and by how many places its place among all AVs differs from that in all cases, (4,).
-        random: The same of random sets, (R, 4).
+            case, by how many places its place among all AVs differs from that in all cases, and how many of `clear`
+            are on the right side of it, (5,).
+        random: The same of random sets, (R, 5).
     """
 
     av: int
     cases: int
     pairs: int
+    clear: int
     share_of_all: float
     known: NDArray[np.float64]
     random: NDArray[np.float64]
@@ -84,13 +92,26 @@ def rank_agreement(crashes: NDArray[np.bool_], cases: Sequence[int] | NDArray[np
     return round(float(kendalltau(some, whole).statistic), 12)
 
 
+def clear_order(crashes: NDArray[np.bool_]) -> NDArray[np.int8]:
+    """Which of two AVs crashes more often in the same cases: 1 the first, -1 the second, 0 not clear; (A, A).
+
+    Clear: McNemar's test tells them apart at 5 %.
+
+    >>> clear_order(np.array([[True, False]] * 4 + [[True, True]])).tolist()
+    [[0, 1], [-1, 0]]
+    """
+    only = crashes.T.astype(np.int64) @ (~crashes).astype(np.int64)  # cases in which AV i crashes and AV j does not
+    difference = only - only.T
+    return np.where(np.abs(difference) > _Z95 * np.sqrt(only + only.T), np.sign(difference), 0).astype(np.int8)
+
+
 def choose(crashes: NDArray[np.bool_], severity: NDArray[np.float64], size: int) -> Chosen:
     """Choose at most `size` cases.
 
     First those that find most of what is not found yet (greedy set cover), until nothing is left to find; then always
     the case that brings the AVs' shares of crashes nearest to those in all cases (sum of squares). Of equals the most
-    severe. The suite is the shortest beginning of this list that finds all that the list finds and, with every longer
-    beginning, ranks the AVs as the list does, or with one pair of them the other way round.
+    severe. The suite is the shortest beginning of this list that finds all that the list finds and, as every longer
+    beginning does, has as many pairs of AVs in order as the list, of those whose order is clear in all cases.
 
     Args:
         crashes: Did the AV crash in the case, (S, A).
@@ -109,13 +130,24 @@ def choose(crashes: NDArray[np.bool_], severity: NDArray[np.float64], size: int)
     finds = findings(crashes)
     known = np.logical_or.accumulate(finds[order], axis=0).sum(axis=1)
     complete = int(np.argmax(known == known[-1]))
-    agreement = [rank_agreement(crashes, order[: n + 1]) for n in range(len(order))]
-    worth = np.array([-2.0 if one is None else one for one in agreement])
-    avs = crashes.shape[1]
-    one_pair = 4.0 / max(2, avs * (avs - 1))  # what a pair of AVs, the other way round, takes off Kendall's tau
-    behind = np.flatnonzero(worth < worth[-1] - one_pair - 1e-9)
+    clear = clear_order(crashes)
+    totals = np.cumsum(crashes[order], axis=0)
+    in_order = np.array([_in_order(clear, total) for total in totals])
+    behind = np.flatnonzero(in_order < in_order[-1])
     end = max(complete, 0 if behind.size == 0 else int(behind[-1]) + 1) + 1
-    return Chosen(tuple(order[:end]), int(finds.any(axis=0).sum()), int(known[end - 1]), agreement[end - 1])
+    return Chosen(
+        cases=tuple(order[:end]),
+        wanted=int(finds.any(axis=0).sum()),
+        found=int(known[end - 1]),
+        clear=int((clear > 0).sum()),
+        in_order=int(in_order[end - 1]),
+        agreement=rank_agreement(crashes, order[:end]),
+    )
+
+
+def _in_order(clear: NDArray[np.int8], crashes: NDArray[np.int64]) -> int:
+    """How many clear pairs are in the same order by the AVs' crashes, (A,)."""
+    return int(((clear > 0) & (crashes[:, None] > crashes[None, :])).sum())
 
 
 def _ordered(crashes: NDArray[np.bool_], severity: NDArray[np.float64], size: int) -> list[int]:
@@ -152,6 +184,7 @@ def leave_one_out(
         random_sets: Random sets of as many cases, for each AV, at least 1.
     """
     check_integer("random_sets", random_sets, low=1)
+    clear = clear_order(crashes)
     found = []
     for av in range(crashes.shape[1]):
         others = np.delete(crashes, av, axis=1)
@@ -160,18 +193,22 @@ def leave_one_out(
         suite = np.array(choose(others, severity, size).cases)
         rng = np.random.default_rng([seed, av])
         sets = [rng.choice(len(crashes), suite.size, replace=False) for _ in range(random_sets)]
-        known, whole = (_known_of(crashes, av, rows) for rows in (suite, np.arange(len(crashes))))
-        random = np.stack([_known_of(crashes, av, rows) for rows in sets])
-        found.append(LeftOut(av, suite.size, int(whole[1]), float(whole[2]), known, random))
+        known, whole = (_known_of(crashes, clear[av], av, rows) for rows in (suite, np.arange(len(crashes))))
+        random = np.stack([_known_of(crashes, clear[av], av, rows) for rows in sets])
+        found.append(LeftOut(av, suite.size, int(whole[1]), int(whole[4]), float(whole[2]), known, random))
     return found
 
 
-def _known_of(crashes: NDArray[np.bool_], av: int, cases: NDArray[np.intp]) -> NDArray[np.float64]:
-    """What cases know of an AV (see `LeftOut.known`), (4,)."""
+def _known_of(
+    crashes: NDArray[np.bool_], clear: NDArray[np.int8], av: int, cases: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """What cases know of an AV (see `LeftOut.known`), (5,); `clear` is its row of `clear_order`."""
     some = crashes[cases]
     apart = (some[:, [av]] & ~some).any(axis=0).sum()
     places = [_place(part.mean(axis=0), av) for part in (some, crashes)]
-    return np.array([some[:, av].any(), apart, some[:, av].mean(), abs(places[0] - places[1])], np.float64)
+    total = some.sum(axis=0)
+    right = ((clear != 0) & (np.sign(total[av] - total) == clear)).sum()
+    return np.array([some[:, av].any(), apart, some[:, av].mean(), abs(places[0] - places[1]), right], np.float64)
 
 
 def _place(shares: NDArray[np.float64], av: int) -> float:

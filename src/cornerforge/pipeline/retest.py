@@ -248,8 +248,8 @@ def _as_recorded(
     ids = cases.scalars(["case_id"])["case_id"].to_pylist()
 
     def driven(run: Experiment, what: str) -> NDArray[np.int64]:
-        ends = drive_as_recorded(cases, ids, run, threads, progress, what)
-        return np.array([_UNKNOWN if end.failed else _NO if end.pose is None else _YES for end in ends], np.int64)
+        ends = drive_as_recorded(cases, ids, [run], threads, progress, what)
+        return np.array([_UNKNOWN if end.failed else _NO if end.pose is None else _YES for (end,) in ends], np.int64)
 
     crashed = driven(new, "cases as recorded")
     was = np.full(len(ids), _YES) if old is None else driven(old, "cases as recorded, baseline")

@@ -73,28 +73,32 @@ def run_with(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
 
 
 def drive_as_recorded(
-    cases: CaseLibrary, ids: Sequence[str], run: Experiment, threads: int, progress: Progress, what: str
-) -> list[Ending]:
-    """Drive cases with the AV of a run, and say how each ends.
+    cases: CaseLibrary, ids: Sequence[str], runs: Sequence[Experiment], threads: int, progress: Progress, what: str
+) -> list[list[Ending]]:
+    """Drive cases with the AVs of some runs, and say how each ends.
 
     Args:
         cases: The library.
         ids: Case ids.
-        run: Its world, with the AV.
+        runs: Its world, with one AV each; at least one.
         threads: How many at the same time; does not change the result.
         progress: Told how far it is, under the name `what`.
 
+    Returns:
+        For each case the ends of all AVs.
+
     Raises:
-        CornerForgeError: A case cannot be read or does not begin as stored, or the AV fails 20 times in a row.
+        CornerForgeError: A case cannot be read or does not begin as stored, or an AV fails 20 times in a row.
     """
-    rooms = Rooms(lambda: (run.script_driver(), StoredScripts(cases, run)))
+    rooms = Rooms(lambda: ([run.script_driver() for run in runs], StoredScripts(cases, runs[0])))
 
-    def drive(first: int, count: int) -> list[Ending]:
-        with rooms.lend() as (driver, scripts):
-            return [driver.drive(scripts.of(cases.scenario(case))) for case in ids[first : first + count]]
+    def drive(first: int, count: int) -> list[list[Ending]]:
+        with rooms.lend() as (drivers, scripts):
+            made = (scripts.of(cases.scenario(case)) for case in ids[first : first + count])
+            return [[driver.drive(script) for driver in drivers] for script in made]
 
-    ends: list[Ending] = []
-    for part in in_order(drive, 0, len(ids), chunk=_CHUNK, threads=run.processes(threads)):
+    ends: list[list[Ending]] = []
+    for part in in_order(drive, 0, len(ids), chunk=_CHUNK, threads=min(run.processes(threads) for run in runs)):
         ends += part
         progress(what, len(ends), len(ids))
     return ends

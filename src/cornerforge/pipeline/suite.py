@@ -114,7 +114,7 @@ def suite_build(
     suite = _stored(place, identity, sources, makers, [found.origin[row] for row in chosen.cases], progress)
     ids = suite.scalars(["case_id"])["case_id"].to_pylist()
     runs = [run_with(suite, options, name) for name in names]
-    again, _ = _impacts([_ends(suite, ids, run, threads, progress, "the suite") for run in runs])
+    again, _ = _impacts(_ends(suite, ids, runs, threads, progress, "the suite"))
     checked = leave_one_out(found.crashes, found.severity, size, seed=seed, random_sets=_RANDOM_SETS)
     selection = _selection(sources, found, names, chosen.cases, ids)
     write_json(place / SELECTION, {"zoo": names, "cases": selection})
@@ -130,6 +130,8 @@ def suite_build(
         not_again=found.not_again,
         findings=chosen.wanted,
         findings_in_suite=chosen.found,
+        clear=chosen.clear,
+        in_order=chosen.in_order,
         rank_agreement=rank_agreement(both, rows),
         avs=tuple(
             SuiteAv(av=name, crashes_in_all=float(whole), crashes_in_suite=float(part))
@@ -226,24 +228,28 @@ def _check_free(place: Path) -> None:
 
 
 def _ends(
-    cases: CaseLibrary, ids: Sequence[str], run: Experiment, threads: int | None, progress: Progress, what: str
-) -> list[Ending]:
-    """Drive cases with one AV, and end its processes."""
-    forecast(run, threads, f"{len(ids):,} cases", tests=len(ids))
+    cases: CaseLibrary,
+    ids: Sequence[str],
+    runs: Sequence[Experiment],
+    threads: int | None,
+    progress: Progress,
+    what: str,
+) -> list[list[Ending]]:
+    """Drive cases with all AVs, and end their processes."""
+    for run in runs:
+        forecast(run, threads, f"{len(ids):,} cases", tests=len(ids))
     try:
-        return drive_as_recorded(cases, ids, run, check_threads(threads), progress, f"{what} ({run.av.name})")
+        return drive_as_recorded(cases, ids, runs, check_threads(threads), progress, what)
     finally:
-        run.rest()
+        for run in runs:
+            run.rest()
 
 
 def _impacts(ends: Sequence[Sequence[Ending]]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Relative speed at contact [m/s], NaN without a crash, of each case and AV, (S, A); did an AV fail in it, (S,)."""
-    speeds = [
-        [np.nan if end.pose is None else float(impact_speed(end.pose)) for end in of_case]
-        for of_case in zip(*ends, strict=True)
-    ]
-    failed = [any(end.failed for end in of_case) for of_case in zip(*ends, strict=True)]
-    return np.array(speeds, np.float64).reshape(len(failed), len(ends)), np.array(failed, np.bool_)
+    speeds = [[np.nan if end.pose is None else float(impact_speed(end.pose)) for end in of_case] for of_case in ends]
+    failed = [any(end.failed for end in of_case) for of_case in ends]
+    return np.array(speeds, np.float64), np.array(failed, np.bool_)
 
 
 def _driven(
@@ -265,11 +271,12 @@ def _driven(
     for place, (cases, maker) in enumerate(zip(sources, makers, strict=True)):
         ids = cases.scalars(["case_id"])["case_id"].to_pylist()
         runs = [run_with(cases, options, name) for name in names]
-        ends = [_ends(cases, ids, run, threads, progress, f"{cases.path.name}") for run in runs]
-        made_by = names.index(maker.av.name) if maker.av.name in names else None
-        own = _ends(cases, ids, maker, threads, progress, cases.path.name) if made_by is None else ends[made_by]
+        # The AV that made the library drives last, unless the zoo has it.
+        made_by = names.index(maker.av.name) if maker.av.name in names else len(names)
+        ends = _ends(cases, ids, [*runs, maker][: max(len(names), made_by + 1)], threads, progress, cases.path.name)
         impact, failed = _impacts(ends)
-        comes_again = np.array([end.pose is not None for end in own])
+        comes_again = ~np.isnan(impact[:, made_by])
+        impact = impact[:, : len(names)]
         failures += int(failed.sum())
         not_again += int((~comes_again & ~failed).sum())
         use = np.flatnonzero(comes_again & ~failed)
@@ -349,7 +356,7 @@ def _sources(sources: Sequence[CaseLibrary]) -> dict[str, str]:
 
 
 def _left_out(one: LeftOut, names: Sequence[str]) -> LeftOutAv:
-    found, told_apart, share, off = one.known.tolist()
+    found, told_apart, share, off, in_order = one.known.tolist()
     return LeftOutAv(
         av=names[one.av],
         cases=one.cases,
@@ -359,6 +366,8 @@ def _left_out(one: LeftOut, names: Sequence[str]) -> LeftOutAv:
         share=share,
         share_of_all=one.share_of_all,
         off=off,
+        clear=one.clear,
+        in_order=int(in_order),
     )
 
 
@@ -368,21 +377,26 @@ def _summary(checked: Sequence[LeftOut]) -> LeftOutAll | None:
         return None
 
     def errors(known: NDArray[np.float64], one: LeftOut) -> NDArray[np.float64]:
-        """Found, share of the pairs told apart, distance of the share, places off; (..., 4)."""
-        apart = known[..., 1] / one.pairs if one.pairs else np.ones_like(known[..., 1])
-        return np.stack([known[..., 0], apart, np.abs(known[..., 2] - one.share_of_all), known[..., 3]], axis=-1)
+        """Found, share told apart, distance of the share, places off, share in order; (..., 5)."""
+        apart, ordered = (
+            known[..., column] / most if most else np.ones_like(known[..., column])
+            for column, most in ((1, one.pairs), (4, one.clear))
+        )
+        off = np.abs(known[..., 2] - one.share_of_all)
+        return np.stack([known[..., 0], apart, off, known[..., 3], ordered], axis=-1)
 
     ours = np.mean([errors(one.known, one) for one in checked], axis=0).tolist()
-    sets = np.mean([errors(one.random, one) for one in checked], axis=0)  # a random set of each AV, (R, 4)
+    sets = np.mean([errors(one.random, one) for one in checked], axis=0)  # a random set of each AV, (R, 5)
     mean = sets.mean(axis=0).tolist()
     low, high = np.quantile(sets, [0.025, 0.975], axis=0).tolist()
     spread = list(zip(low, high, strict=True))
     return LeftOutAll(
-        found=ours[0], told_apart=ours[1], share_off=ours[2], off=ours[3], random_sets=len(sets),
+        found=ours[0], told_apart=ours[1], share_off=ours[2], off=ours[3], in_order=ours[4], random_sets=len(sets),
         random_found=mean[0], random_found_range95=spread[0],
         random_told_apart=mean[1], random_told_apart_range95=spread[1],
         random_share_off=mean[2], random_share_off_range95=spread[2],
         random_off=mean[3], random_off_range95=spread[3],
+        random_in_order=mean[4], random_in_order_range95=spread[4],
     )  # fmt: skip
 
 
@@ -391,7 +405,10 @@ def suite_text(r: SuiteBuilt) -> str:
     lines = [f"{r.cases:,} of {r.candidates:,} cases in {r.out}: they find {r.findings_in_suite:,} of {r.findings:,}"]
     lines[0] += " things that all cases find (an AV that crashes, or crashes where another one does not)"
     if r.rank_agreement is not None:
-        lines.append(f"They rank the {len(r.avs)} AVs like all cases: Kendall's tau {r.rank_agreement:.2f}")
+        lines.append(
+            f"They have {r.in_order:,} of {r.clear:,} pairs of AVs in order, whose order is clear in all cases; of all "
+            f"pairs Kendall's tau is {r.rank_agreement:.2f}"
+        )
     if r.left_out or r.not_again:
         lines.append(f"Not used: {r.left_out:,} cases in which an AV failed, {r.not_again:,} that do not come again")
     wide = max(len(one.av) for one in r.avs)
@@ -405,6 +422,12 @@ def suite_text(r: SuiteBuilt) -> str:
             ("found", s.found, s.random_found, s.random_found_range95),
             ("told apart from others", s.told_apart, s.random_told_apart, s.random_told_apart_range95),
             ("crashes per case off by", s.share_off, s.random_share_off, s.random_share_off_range95),
+            (
+                "in the right order with clearly better or worse AVs",
+                s.in_order,
+                s.random_in_order,
+                s.random_in_order_range95,
+            ),
             ("places off", s.off, s.random_off, s.random_off_range95),
         )
         lines += [f"  {what}: {ours:.3f}, random {mean:.3f} ({low:.3f} to {high:.3f})" for what, ours, mean, (low, high)

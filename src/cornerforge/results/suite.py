@@ -33,6 +33,8 @@ class LeftOutAv:
     share: float = field(metadata=meant("Its crashes in them.", "per case"))
     share_of_all: float = field(metadata=meant("Its crashes in all cases.", "per case"))
     off: float = field(metadata=meant(_PLACE, "places"))
+    clear: int = field(metadata=meant("AVs that clearly crash more or less often than it in all cases (McNemar, 5 %)."))
+    in_order: int = field(metadata=meant("How many of these are on the same side of it in them."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +45,7 @@ class LeftOutAll:
     told_apart: float = field(metadata=meant("`told_apart` over `pairs`, mean of the AVs."))
     share_off: float = field(metadata=meant("Distance of `share` from `share_of_all`, mean of the AVs.", "per case"))
     off: float = field(metadata=meant("`off`, mean of the AVs.", "places"))
+    in_order: float = field(metadata=meant("`in_order` over `clear`, mean of the AVs."))
     random_sets: int = field(metadata=meant("Random sets for each AV."))
     random_found: float = field(metadata=meant("`found` of random sets, mean."))
     random_found_range95: Interval = field(metadata=meant("2.5 to 97.5 % of the random sets."))
@@ -52,6 +55,8 @@ class LeftOutAll:
     random_share_off_range95: Interval = field(metadata=meant("2.5 to 97.5 % of the random sets.", "per case"))
     random_off: float = field(metadata=meant("`off` of random sets, mean.", "places"))
     random_off_range95: Interval = field(metadata=meant("2.5 to 97.5 % of the random sets.", "places"))
+    random_in_order: float = field(metadata=meant("`in_order` of random sets, mean."))
+    random_in_order_range95: Interval = field(metadata=meant("2.5 to 97.5 % of the random sets."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +74,10 @@ class SuiteBuilt:
         metadata=meant("What all cases find: an AV that crashes, or one that crashes where another one does not.")
     )
     findings_in_suite: int = field(metadata=meant("How many of these the suite finds, as it was chosen."))
+    clear: int = field(
+        metadata=meant("Pairs of AVs of which one clearly crashes more often in all cases (McNemar's test, 5 %).")
+    )
+    in_order: int = field(metadata=meant("How many of these are in the same order in the suite, as it was chosen."))
     rank_agreement: float | None = field(
         metadata=meant(
             "Kendall's tau-b of the AVs' crashes in the suite, driven again, and in all cases; null: all equal."
