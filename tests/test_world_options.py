@@ -78,7 +78,7 @@ def test_an_option_has_one_type() -> None:
 
 def commands() -> dict[str, Any]:
     program: Any = typer.main.get_command(app)
-    return {name: command for name, command in program.commands.items() if name != "ndd"}
+    return {name: command for name, command in program.commands.items() if name not in ("ndd", "suite")}
 
 
 def test_every_command_has_the_defaults_and_the_help_of_the_options() -> None:

@@ -27,7 +27,7 @@ class LeftOutAv:
 
     av: str = field(metadata=meant("The AV that was left out."))
     cases: int = field(metadata=meant("Cases of the suite that was chosen without it."))
-    found: bool = field(metadata=meant("Does it crash in one of them?"))
+    found: bool = field(metadata=meant("It crashes in one of them."))
     told_apart: int = field(metadata=meant("AVs that do not crash in a case of them in which it crashes."))
     pairs: int = field(metadata=meant("The same in all cases."))
     share: float = field(metadata=meant("Its crashes in them.", "per case"))
