@@ -78,7 +78,8 @@ def test_an_option_has_one_type() -> None:
 
 def commands() -> dict[str, Any]:
     program: Any = typer.main.get_command(app)
-    return {name: command for name, command in program.commands.items() if name not in ("ndd", "suite")}
+    found = {name: command for name, command in program.commands.items() if name not in ("ndd", "suite")}
+    return found | {"suite-build": program.commands["suite"].commands["build"]}
 
 
 def test_every_command_has_the_defaults_and_the_help_of_the_options() -> None:
