@@ -128,7 +128,7 @@ def _answer(result: Retested) -> str:
         return "Neither better nor worse: they crash about as often, within a factor of two."
     if words - {None}:
         return "Not clear yet: too few tests end in a crash of one of the two only."
-    return "These cases alone cannot tell: they were picked because the baseline crashed in them."
+    return "These cases alone cannot tell: they were picked because an AV crashed in them."
 
 
 def _parts(result: Retested) -> list[tuple[str, Compared]]:

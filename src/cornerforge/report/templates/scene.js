@@ -203,32 +203,36 @@ const scene = (() => {
     const critical = criticalVehicle(item, frame);
     drawRoad(g, view, item, detail);
     const boxes = item.vehicles.map((vehicle) => at(vehicle, frame));
-    // The AV and its partner are drawn last, so that nothing hides them.
-    const order = boxes.map((_, i) => i).filter((i) => boxes[i] && i !== 0 && i !== item.partner);
-    if (item.partner > 0 && boxes[item.partner]) order.push(item.partner);
-    order.push(0);
-    for (const i of order) {
-      const colour = colourOf(item, i, critical);
-      if (detail) drawTarget(g, view, item, boxes[i], i === 0 || i === item.partner ? colours.paint : colour);
-      drawVehicle(g, view, boxes[i], colour, i === critical);
-    }
-    const wayOut = detail && item.wayOut ? at(item.wayOut, frame) : null;
-    if (wayOut) drawWayOut(g, view, wayOut);
-    if (item.crash !== null && frame >= item.crash && item.partner > 0 && boxes[item.partner]) {
-      drawContact(g, view, boxes[0], boxes[item.partner]);
-    }
-    if (detail && view.scale > 5) {
-      const partner = item.partner > 0 ? boxes[item.partner] : null;
-      for (const i of order) {
+    const partner = item.partner > 0 ? boxes[item.partner] : null;
+    const isOfPair = (i) => i === 0 || i === item.partner;
+    const vehicles = (chosen) => {
+      for (const i of chosen) {
+        const colour = colourOf(item, i, critical);
+        if (detail) drawTarget(g, view, item, boxes[i], isOfPair(i) ? colours.paint : colour);
+        drawVehicle(g, view, boxes[i], colour, i === critical);
+      }
+    };
+    const labels = (chosen) => {
+      if (!detail || view.scale <= 5) return;
+      for (const i of chosen) {
         const box = boxes[i];
         const kind = item.vehicles[i].kind;
         const name = i === 0 ? "AV" : `BV ${item.vehicles[i].slot}${kind === "car" ? "" : `, ${kind},`}`;
-        const pair = i === 0 || i === item.partner;
         // The two that meet carry their labels on the sides turned away from each other.
-        const below = pair && partner ? (i === 0) === boxes[0].y < partner.y : false;
-        drawLabel(g, view, box, pair ? `${name} ${box.v.toFixed(1)} m/s` : box.v.toFixed(1), below, pair);
+        const below = isOfPair(i) && partner ? (i === 0) === boxes[0].y < partner.y : false;
+        drawLabel(g, view, box, isOfPair(i) ? `${name} ${box.v.toFixed(1)} m/s` : box.v.toFixed(1), below, isOfPair(i));
       }
-    }
+    };
+    // The AV and its partner are drawn last, so that nothing hides them, not even a label.
+    const others = boxes.map((_, i) => i).filter((i) => boxes[i] && !isOfPair(i));
+    const pair = partner ? [item.partner, 0] : [0];
+    vehicles(others);
+    labels(others);
+    vehicles(pair);
+    const wayOut = detail && item.wayOut ? at(item.wayOut, frame) : null;
+    if (wayOut) drawWayOut(g, view, wayOut);
+    if (item.crash !== null && frame >= item.crash && partner) drawContact(g, view, boxes[0], partner);
+    labels(pair);
   }
 
   // The road's width follows from the scale, so the view shows the metres that it promises.
