@@ -354,6 +354,12 @@ class CaseLibrary:
                     f"Case {record.case_id} is {kinds[record.scripted]}, those of the library {self._path} are "
                     f"{kinds[self._manifest.scripted]}; keep the two apart."
                 )
+            if record.on_rails != self._manifest.on_rails:
+                kinds = ("drive by themselves", "are on rails")
+                raise InputError(
+                    f"The other vehicles of case {record.case_id} {kinds[record.on_rails]}, those of the library "
+                    f"{self._path} {kinds[self._manifest.on_rails]}; keep the two apart."
+                )
             if not isinstance(test, int) or not low <= test < next_test:
                 raise InputError(
                     f"Case {record.case_id} is out of order; its test must be in [{low}, {next_test}), ascending."

@@ -100,6 +100,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.motion import move_vehicle
     from cornerforge.sim.neighbours import SIGHT
     from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
+    from cornerforge.sim.rails import NO_RAILS, Rails, rails_of
     from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
     from cornerforge.sim.rewards import REWARDS, RewardNumbers, reward_numbers
     from cornerforge.sim.runner import (
@@ -133,6 +134,7 @@ if TYPE_CHECKING:
         NOBODY,
         OUTSIDE,
         POLICY,
+        RAILS,
         SCRIPTED,
         STEERED,
         TOLD,
@@ -165,10 +167,10 @@ __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
     "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "FINISHED", "HIGHEST_COMMAND", "HOSTILE",
     "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC",
-    "NEVER", "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
-    "POLICY", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED",
+    "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION", "OUTSIDE", "OVER",
+    "POLICY", "RAILS", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED",
     "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers",
-    "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Recorder",
+    "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Rails", "Recorder",
     "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt", "Transitions", "World",
     "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
     "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves", "allocate_nursery",
@@ -177,7 +179,7 @@ __all__ = [
     "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
     "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range", "grove", "harvest_range",
     "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing", "keep_whole_test", "lateral_plan", "lessons",
-    "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of", "reset_world",
+    "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed", "path_of", "rails_of", "reset_world",
     "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks",
     "start_av_worlds", "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked",
     "warm_up", "warn_of_left_out", "world_of", "write_outcome",
@@ -202,7 +204,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # setting
     "setting": (
         "Setting", "Controllers", "BUILT_IN", "OUTSIDE", "ADVERSARIES", "NOBODY", "POLICY", "TOLD", "SCRIPTED",
-        "NATURALISTIC", "IDM_BVS", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
+        "NATURALISTIC", "IDM_BVS", "RAILS", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
     ),
     "av_kinds": ("DECIDES_EVERY", "built_in_av_decides"),
     # advance
@@ -229,6 +231,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "Keep", "keep_nothing", "keep_whole_test", "Outcomes", "allocate_outcomes", "write_outcome",
         "allocate_decisions", "allocate_windows",
     ),
+    "rails": ("NO_RAILS", "Rails", "rails_of"),
     "recorder": ("Recorder", "case_of", "scenario_digest"),
     "harvest": ("Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
     # views
