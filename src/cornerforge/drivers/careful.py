@@ -38,6 +38,7 @@ from cornerforge.types import FRAME_S
 __all__ = [
     "CAREFUL",
     "HOLDS",
+    "SCENARIOS",
     "CarefulParams",
     "Threat",
     "braking_demanded",
@@ -186,35 +187,52 @@ def braking_of(kind: int, since: float, demanded: float, acceleration: float, st
 
 HOLDS = len(CAREFUL)
 """Code of a driver that only holds its speed: where that is enough, no care was needed."""
+SCENARIOS = {"cut-in": 0, "cut-out": 1, "deceleration": 2}
+"""Families of scenarios of UN R157 and their codes: `cc-human` sees danger differently in them."""
+_CUT_IN = SCENARIOS["cut-in"]
+_OFF_LINE = 0.375
+"""A vehicle is seen past a nearer one that is so far off the line to it [m]: R157's deviation that is perceived."""
+_EVALUATION = 4
+"""Frames that `cc-human` needs to see the risk of a vehicle in its lane that it nears: 0.4 s."""
 _STEP = FRAME_S
 
 
 @inlined_kernel
-def _is_hidden(poses: NDArray[np.float64], sizes: NDArray[np.float64], f: int, j: int, x: float, y: float) -> bool:
-    """Is vehicle j behind a nearer one, on the line from the driver's centre to its own?"""
+def _is_hidden(poses: NDArray[np.float64], f: int, j: int, x: float, y: float) -> bool:
+    """Does a nearer vehicle stand on the line from the driver's centre to that of vehicle j?"""
     far = way_from(x, poses[f, j, X])
     for i in range(1, poses.shape[1]):
         near = way_from(x, poses[f, i, X])
         if i != j and 0.0 < near < far:
             line = y + (poses[f, j, Y] - y) * near / far
-            if abs(poses[f, i, Y] - line) < 0.5 * sizes[i, 1]:
+            if abs(poses[f, i, Y] - line) < _OFF_LINE:
                 return True
     return False
 
 
+@inlined_kernel
+def _as_human(threat: Threat, speed: float, frames: int) -> float:
+    """Say how hard `cc-human` wants to brake for a vehicle in its lane that it has neared for some frames [m/s2]."""
+    nears = threat.aside <= 0.0 and speed > threat.lead_speed
+    return _HARDEST if nears and frames >= _EVALUATION else 0.0
+
+
 @kernel
 def drives_into(
-    kind: int, by_letter: bool, speed: float, place: tuple[float, float], sizes: NDArray[np.float64],
+    kind: int, scenario: int, speed: float, place: tuple[float, float], sizes: NDArray[np.float64],
     poses: NDArray[np.float64],
 ) -> int:  # fmt: skip
     """Let a reference driver drive straight on among vehicles on rails; give the frame in which it touches one, or -1.
 
     It holds its speed until it sees danger from a vehicle ahead that no nearer one hides. Positions are summed after
-    speeds, as where the models were compared (Mattas et al. 2022); boxes are parallel to the road.
+    speeds, as where the models were compared (Mattas et al. 2022); boxes are parallel to the road. What is danger for
+    `cc-human` depends on the scenario (R157, Annex 4, Appendix 3). In a cut-in it is a TTC of 2 s when the other comes
+    in front of it; more counts as prevented at once, as in that comparison. In the others it is a vehicle in its
+    lane that it has neared for 0.4 s, from when that brakes or is uncovered.
 
     Args:
         kind: Code of `CAREFUL`, or HOLDS.
-        by_letter: A vehicle that comes in front of `cc-human` with time enough counts as prevented at once.
+        scenario: Code of `SCENARIOS`.
         speed: Of the driver at frame 0 [m/s].
         place: x and y of its centre at frame 0 [m].
         sizes: Length and width of each vehicle [m], (N, 2); row 0 is the driver.
@@ -223,23 +241,29 @@ def drives_into(
     x, y = place
     acceleration, since = 0.0, -1.0
     was_in_front = False
+    neared = 0
     for f in range(poses.shape[0] - 1):
         demanded = 0.0
+        nears = False
         for j in range(1, poses.shape[1]):
             ahead = way_from(x, poses[f, j, X])
-            if not ahead > 0.0 or _is_hidden(poses, sizes, f, j, x, y):  # NaN is not there
+            if not ahead > 0.0 or _is_hidden(poses, f, j, x, y):  # NaN is not there
                 continue
             half = 0.5 * (sizes[0, 0] + sizes[j, 0])
             across = poses[f, j, Y] - y
             drifts = poses[f, j, LATERAL_SPEED]
             aside = abs(across) - 0.5 * (sizes[0, 1] + sizes[j, 1])
             threat = Threat(ahead - half, ahead + half, aside, -drifts if across > 0.0 else drifts, poses[f, j, SPEED])
+            nears = nears or (aside <= 0.0 and speed > threat.lead_speed)
             wants = 0.0 if kind == HOLDS else braking_demanded(kind, speed, acceleration, threat)
-            if by_letter and kind == _CC_HUMAN and since < 0.0 and aside <= 0.0:
+            if kind == _CC_HUMAN and scenario != _CUT_IN:
+                wants = max(wants, _as_human(threat, speed, neared))
+            elif kind == _CC_HUMAN and since < 0.0 and aside <= 0.0:
                 if not was_in_front and wants == 0.0:
                     return -1
                 was_in_front = True
             demanded = max(demanded, wants)
+        neared = neared + 1 if nears else 0
         if demanded > 0.0 and since < 0.0:
             since = 0.0
         if since >= 0.0:
@@ -290,7 +314,7 @@ def _crash_each(
         if across[k] > 0.0:
             poses = room[: frames_before(across[k]) + _STEPS + 1]
             cut_in_poses(poses[:, 1], 0.0, ego[k], other[k], gap[k], across[k], 1)
-            crashes[k] = drives_into(kind, True, ego[k], (0.0, 0.0), sizes, poses) >= 0
+            crashes[k] = drives_into(kind, _CUT_IN, ego[k], (0.0, 0.0), sizes, poses) >= 0
 
 
 def crashes_at_cut_ins(
