@@ -18,9 +18,9 @@ from cornerforge.sim import START_FIELDS
 
 __all__ = [
     "EXTRA_TYPES",
+    "ON_RAILS",
     "RAILS_TRACKS",
     "SCHEMA_VERSION",
-    "ON_RAILS",
     "SCRIPTED",
     "SCRIPTED_TRACKS",
     "arrow_schema",

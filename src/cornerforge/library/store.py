@@ -162,6 +162,11 @@ class CaseLibrary:
         return self._manifest.scripted
 
     @property
+    def on_rails(self) -> bool:
+        """Whether the other vehicles of its cases are on rails."""
+        return self._manifest.on_rails
+
+    @property
     def next_test(self) -> int:
         """Next test to drive: all tests below it are done."""
         return self._manifest.next_test

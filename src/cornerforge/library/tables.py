@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_type
-from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.drivers.rails import POSE_NUMBERS
+from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
 from cornerforge.library.schema import RAILS_TRACKS, SCRIPTED_TRACKS, arrow_schema
 from cornerforge.sim import START_FIELDS, TRAITS, Script, average_traits, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
@@ -89,9 +89,7 @@ def tables_of(
         tracks["start"] = _lists(np.concatenate(states), np.array([state.size for state in states]))
     if poses is not None:
         named = RAILS_TRACKS
-        tracks["rails"] = _lists(
-            np.concatenate([one.ravel() for one in poses]), np.array([one.size for one in poses])
-        )
+        tracks["rails"] = _lists(np.concatenate([one.ravel() for one in poses]), np.array([one.size for one in poses]))
     return cases, pa.Table.from_arrays([tracks[c.name] for c in named], schema=arrow_schema(named))
 
 

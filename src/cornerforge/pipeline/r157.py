@@ -29,7 +29,7 @@ from cornerforge.pipeline.r157_scenarios import FAMILIES, Panel, panels, rails_o
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment, road_of
 from cornerforge.results import Regulated
 from cornerforge.results.r157 import RegulatedFamily, RegulatedPair, RegulatedRoads
-from cornerforge.sim import AV_CRASH, AV_FAULT, NOBODY, RAILS, SUBSTEPS, Rails, Setting, simulate_chunks
+from cornerforge.sim import AV_CRASH, AV_FAULT, NOBODY, RAILS, Rails, Setting, simulate_chunks
 from cornerforge.world_options import AvKeywords, WorldOptions
 
 if TYPE_CHECKING:
@@ -64,11 +64,11 @@ class _Driven:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        return self.code != AV_FAULT
+        return np.asarray(self.code != AV_FAULT)
 
     @property
     def failed(self) -> NDArray[np.bool_]:
-        return self.code == AV_CRASH
+        return np.asarray(self.code == AV_CRASH)
 
     def prevented(self, driver: str) -> NDArray[np.bool_]:
         """Scenarios in which the AV fails and the driver does not, (S,)."""
@@ -192,9 +192,9 @@ def _keep(run: Experiment, one: _Driven, rails: Rails, library: CaseLibrary, see
     columns = _columns(one)
     for k in np.flatnonzero(one.failed).tolist():
         scenario = recorder.record(seed, one.panel.first + k)
-        frames = SUBSTEPS * len(scenario.action) + 1
         extra = {name: values[k] for name, values in columns.items()}
-        records.append(case_record(scenario, start=rails.start[k], poses=rails.poses[k, :frames], extra=extra))
+        # All of the rails: another AV may go on where this one crashed.
+        records.append(case_record(scenario, start=rails.start[k], poses=rails.poses[k], extra=extra))
     after = one.panel.first + len(one.panel)
     done, crashes = library.tests + len(one.panel), library.crashes + len(records)
     library.append(records, next_test=after, tests=done, crashes=crashes, shard_cases=_SHARD_CASES)
@@ -205,7 +205,7 @@ def _columns(one: _Driven) -> dict[str, list[Any]]:
     panel = one.panel
     x, y = panel.points
     nothing = np.full(len(panel), np.nan)
-    values = {name: nothing for name in (*_ACROSS.values(), *_UP.values())}
+    values = dict.fromkeys((*_ACROSS.values(), *_UP.values()), nothing)
     values[_ACROSS[panel.family]], values[_UP[panel.family]] = x, y
     return {
         "family": [panel.family] * len(panel),
@@ -249,9 +249,7 @@ def _picture(one: _Driven) -> R157Picture:
 
 def _verdicts(driven: Sequence[_Driven]) -> dict[str, Any]:
     """Count over panels: the fields that all results share."""
-    by_all = [
-        np.logical_and.reduce([one.prevented(name) for name in CAREFUL]) for one in driven
-    ]
+    by_all = [np.logical_and.reduce([one.prevented(name) for name in CAREFUL]) for one in driven]
     return {
         "scenarios": sum(int(one.known.sum()) for one in driven),
         "failed": sum(int(one.failed.sum()) for one in driven),
@@ -328,7 +326,9 @@ def _result(run: Experiment, driven: Sequence[_Driven], too_fast: Sequence[int])
 
 def r157_text(r: Regulated) -> str:
     """Tell the result in text."""
-    lines = [f"{r.av} in {r.scenarios:,} scenarios of UN R157 (ODD {r.odd}): failed {r.failed:,} ({r.share_failed:.2%})"]
+    lines = [
+        f"{r.av} in {r.scenarios:,} scenarios of UN R157 (ODD {r.odd}): failed {r.failed:,} ({r.share_failed:.2%})"
+    ]
     if r.av_faults:
         lines[0] += f"; left out {r.av_faults:,} in which the AV gave no usable answer"
     for family in r.families:

@@ -3,8 +3,8 @@
 Two or three cars of 4.3 m x 1.9 m on lanes of 3.5 m, every tenth of a second, as in the public implementation of the
 reference drivers (Mattas et al. 2020, 2022). The AV drives in the second lane from the right; the others are on rails.
 
-- *Cut-in*: a slower car comes over from the right at a constant lateral speed. Speeds, gaps and lateral speeds are those
-  of the published verdicts (Mattas et al. 2022). The gap is that when the lateral speed is reached.
+- *Cut-in*: a slower car comes over from the right at a constant lateral speed. Speeds, gaps and lateral speeds are
+  those of the published verdicts (Mattas et al. 2022). The gap is that when the lateral speed is reached.
 - *Cut-out*: the AV follows at a time gap of 2.0 s (the regulation, Annex 4, Appendix 3); the lead leaves to the right
   and uncovers a slower or a standing car. Grid points in which the lead itself would hit that car are left out.
 - *Deceleration*: the AV follows; the lead brakes to a stand, up to 1 g (Appendix 3), built up at 12.65 m/s3. Time gaps
@@ -85,7 +85,7 @@ class Panel:
 
 
 def road_of_r157(odd: Odd) -> Odd:
-    """Make the road of the scenarios of an ODD: its lanes, limits and rhythm, but the cars and lanes of Mattas et al."""
+    """Make the road of the scenarios of an ODD: its lanes, limits and rhythm, cars and widths of Mattas et al."""
     return replace(
         odd,
         name="r157" if odd.name == "default" else f"r157-{odd.name}",

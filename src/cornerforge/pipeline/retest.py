@@ -32,6 +32,7 @@ from cornerforge.sim import (
     NATURAL,
     NATURALISTIC,
     NOBODY,
+    SUBSTEPS,
     Script,
     ScriptDriver,
     simulate_chunks,
@@ -254,6 +255,8 @@ def _as_recorded(
 def _script(stored: StoredCase, starts: ScriptDriver) -> Script:
     """Make a script of a case: what is stored of the others; the far ones, and all after its end, drive naturally.
 
+    On rails they go on as those say, to their end.
+
     Raises:
         ReplayError: The case does not begin where tests of its name begin.
     """
@@ -268,7 +271,8 @@ def _script(stored: StoredCase, starts: ScriptDriver) -> Script:
         action = np.full((len(case.action), start.size), NATURAL, dtype=np.int8)
         action[:, case.slot] = case.action
         script = Script(np.arange(start.size, dtype=np.int16), start, action, case.seed, case.test)
-    decisions = min(len(script.action) + _AFTER_S, starts.max_decisions)
+    decisions = len(script.action) + _AFTER_S if script.poses is None else (len(script.poses) - 1) // SUBSTEPS
+    decisions = min(decisions, starts.max_decisions)
     action = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
     action[: len(script.action)] = script.action[:decisions]
     return replace(script, action=action)

@@ -1,4 +1,4 @@
-"""The page of `r157`: where an AV fails beside what reference drivers prevent, a small picture for each pair of speeds."""
+"""The page of `r157`: where an AV fails beside what reference drivers prevent, a picture for each pair of speeds."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError
 from cornerforge.ndd.drawing import check_matplotlib, png_of
+from cornerforge.report import text
 from cornerforge.results import Regulated
 
 __all__ = ["R157Picture", "check_r157_page", "write_r157_page"]
 
-_LINES = {
+_LINES: dict[str, tuple[str, Any]] = {
     "cc-human": ("#0072B2", "-"),
     "reg157": ("#000000", "--"),
     "rss-brake": ("#009E73", "-."),
-    "fsm": ("#CC79A7", ":"),
+    "fsm": ("#A0527F", ":"),
 }
 """Colour (Okabe and Ito's) and dashes of the edge of what each reference driver prevents."""
 _WITHIN, _BEYOND, _NO_POINT = "#D55E00", "#F0C8A0", "#E4E7EA"
@@ -38,7 +39,9 @@ _HEADS = {
     "cut-out": "Cut-outs: the lead leaves to the right, a slower or standing car is uncovered",
     "deceleration": "Decelerations: the lead brakes to a stand",
 }
-_COLUMNS = 5
+_LEAST = 1e-6
+_FEW = 2
+"""With so many panels for each speed of the AV at most, they stand below each other."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +101,10 @@ def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Pictur
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["n"] = lambda value: f"{value:,}".replace(",", "\u202f")
-    environment.filters["part"] = lambda value: f"{100.0 * value:.2g} %"
-    environment.filters["in10000"] = lambda value: f"{10_000 * value:.2g}" if value < 0.01 else f"{10_000 * value:,.0f}"
+    environment.filters["n"] = text.count
+    environment.filters["part"] = text.share_in_words
+    environment.filters["in10000"] = lambda value: text.rate(10_000 * value, 2)
+    environment.filters["small"] = lambda value: "< 0.0001 %" if 0.0 < value < _LEAST else text.share_in_words(value)
     style = resources.files("cornerforge.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
     sections = []
     for family in result.families:
@@ -122,21 +126,24 @@ def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Pictur
 
 
 def _drawing(pictures: Sequence[R157Picture]) -> Any:
-    """Draw the panels of a family, a row for each speed of the AV, with a legend in a free corner or below."""
+    """Draw the panels of a family, a row for each speed of the AV where that has many, else a column."""
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     speeds = list(dict.fromkeys(one.ego_kmh for one in pictures))
-    in_rows = max(sum(one.ego_kmh == speed for one in pictures) for speed in speeds) > 1
-    rows = [[one for one in pictures if one.ego_kmh == speed] for speed in speeds] if in_rows else [list(pictures)]
-    columns = max(len(row) for row in rows) if in_rows else min(_COLUMNS, len(rows[0]))
-    drawing = Figure(figsize=(2.6 * max(columns, 3), 2.15 * len(rows) + 0.9), layout="constrained")
+    rows = [[one for one in pictures if one.ego_kmh == speed] for speed in speeds]
+    columns = max(len(row) for row in rows)
+    if columns <= _FEW:
+        rows = [list(row) for row in zip(*rows, strict=True)]
+        columns = len(speeds)
+    drawing = Figure(figsize=(1.2 + 2.1 * columns, 1.0 + 1.9 * len(rows)), layout="constrained")
     panels = drawing.subplots(len(rows), columns, squeeze=False)
     for row, line in zip(panels, rows, strict=True):
         for place, panel in enumerate(row):
             if place < len(line):
-                _draw(panel, line[place], first=place == 0, last=row is panels[-1])
+                below = len(rows) > (at := rows.index(line)) + 1 and place < len(rows[at + 1])
+                _draw(panel, line[place], first=place == 0, last=not below)
             else:
                 panel.set_axis_off()
     handles = [
@@ -147,7 +154,7 @@ def _drawing(pictures: Sequence[R157Picture]) -> Any:
         *(Line2D([], [], color=colour, linestyle=dash, linewidth=1.6, label=f"{name}: edge of its crashes")
           for name, (colour, dash) in _LINES.items()),
     ]  # fmt: skip
-    drawing.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    drawing.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     return drawing
 
 
@@ -163,7 +170,7 @@ def _draw(panel: Any, one: R157Picture, *, first: bool, last: bool) -> None:
     panel.pcolormesh(x, y, cells.T, cmap=ListedColormap(["#FFFFFF", _BEYOND, _WITHIN, _NO_POINT]), vmin=0, vmax=3)
     for name, (colour, dash) in _LINES.items():
         lines = _outline(one.crashes[name] & one.possible, one.possible, x, y)
-        panel.add_collection(LineCollection(lines, colors=colour, linestyles=dash, linewidths=1.3))
+        panel.add_collection(LineCollection(lines, colors=colour, linestyles=dash, linewidths=1.5))
     title = f"{one.ego_kmh} → {one.other_kmh} km/h" if one.family != "deceleration" else f"{one.ego_kmh} km/h"
     panel.set_title(title, fontsize=9)
     panel.tick_params(labelsize=7)

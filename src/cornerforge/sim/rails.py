@@ -55,8 +55,8 @@ def rails_of(start: NDArray[np.void], poses: NDArray[np.float64], first: int = 0
     Raises:
         InputError: The shapes do not match, a vehicle is there in part, or there is no frame.
     """
-    wanted = (*start.shape[:1], poses.shape[1] if poses.ndim == 4 else 0, *start.shape[1:], POSE_NUMBERS)  # noqa: PLR2004
-    if start.dtype != VEHICLE or start.ndim != 2 or poses.shape != wanted or poses.shape[1] == 0:  # noqa: PLR2004
+    wanted = (*start.shape[:1], poses.shape[1] if poses.ndim == 4 else 0, *start.shape[1:], POSE_NUMBERS)
+    if start.dtype != VEHICLE or start.ndim != 2 or poses.shape != wanted or poses.shape[1] == 0:
         raise InputError(
             f"Rails are starts (tests, vehicles) and poses (tests, frames, vehicles, {POSE_NUMBERS}); these are "
             f"{start.shape} and {poses.shape}."

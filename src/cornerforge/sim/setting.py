@@ -51,8 +51,8 @@ ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-cha
 allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane, then
 changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
 NATURALISTIC, IDM_BVS, SCRIPTED, RAILS = range(4)
-"""Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV, or
-rails that say where every BV is (`sim.rails`)."""
+"""Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV,
+or rails that say where every BV is (`sim.rails`)."""
 
 MEMBER = np.dtype(
     [

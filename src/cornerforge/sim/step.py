@@ -190,8 +190,8 @@ def _move(w: World, substep: int, setting: Setting) -> None:
 def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: Setting, s: Scratch) -> None:
     """Let all vehicles begin to act: BVs by their `action`, the AV with `command` [m/s2] and target `lane`.
 
-    `w.order` must be sorted. `everybody`: keep all vehicles current, because a recording, a script, rails, or a controller
-    outside the kernels looks at them within the second.
+    `w.order` must be sorted. `everybody`: keep all vehicles current, because a recording, a script, rails or a
+    controller outside the kernels looks at them within the second.
     """
     v = w.vehicles
     road, av = setting.road, setting.av
