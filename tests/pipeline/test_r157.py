@@ -41,7 +41,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> list[Panel]:
     """One pair of speeds of each family, and of them one point in so many."""
     found, _ = panels(FAMILIES, ROAD)
     wanted = {("cut-in", 60, 30), ("cut-out", 130, 0), ("deceleration", 130, 130)}
-    chosen = [_thin(p) for p in found if (p.family, p.ego_kmh, p.other_kmh) in wanted]
+    chosen = [_thin(p) for p in found if (p.family, p.av_kmh, p.other_kmh) in wanted]
     monkeypatch.setattr(module, "panels", lambda families, odd: (
         [p for p in chosen if p.family in set(families)], panels(families, odd)[1]))  # fmt: skip
     return chosen
@@ -69,7 +69,7 @@ def test_grids_are_numbered_whatever_is_asked_for() -> None:
 
 @pytest.mark.parametrize("driver", CAREFUL)
 def test_the_judge_of_cut_ins_is_the_one_that_was_compared(driver: str) -> None:
-    panel = next(p for p in panels(["cut-in"], ROAD)[0] if (p.ego_kmh, p.other_kmh) == (90, 40))
+    panel = next(p for p in panels(["cut-in"], ROAD)[0] if (p.av_kmh, p.other_kmh) == (90, 40))
     gap, across = panel.points
     alone = crashes_at_cut_ins(driver, 25.0, 40 / 3.6, gap, across)
     assert (judged(panel, driver) == alone).mean() > 0.998  # 37 s instead of 35 s
@@ -85,7 +85,7 @@ def test_the_judge_crashes_where_the_public_implementation_does(driver: str) -> 
     for panel in panels(["cut-in"], ROAD)[0][::4]:
         crashes = judged(panel, driver)
         for crash, gap, across in zip(crashes, *panel.points, strict=True):
-            key = (panel.ego_kmh, panel.other_kmh, float(gap), float(across))
+            key = (panel.av_kmh, panel.other_kmh, float(gap), float(across))
             if key in rows:
                 same.append(rows[key] == crash)
     assert len(same) > 3000
@@ -98,7 +98,7 @@ def test_the_careful_human_stops_behind_a_lead_that_brakes_by_1_g_at_2_s() -> No
         gap, braking = panel.points
         crashes = judged(panel, "cc-human")
         assert not crashes[gap == 2.0].any()
-        if panel.ego_kmh >= 90:
+        if panel.av_kmh >= 90:
             assert crashes[(gap == 1.0) & (braking > 9.0)].all()
 
 

@@ -37,7 +37,7 @@ class Chaser:
 @pytest.fixture(scope="module")
 def panel() -> Panel:
     found, _ = panels(["cut-in"], ROAD)
-    one = next(p for p in found if (p.ego_kmh, p.other_kmh) == (60, 30))
+    one = next(p for p in found if (p.av_kmh, p.other_kmh) == (60, 30))
     few = np.zeros_like(one.possible)
     few[[3, 8, 30], :] = True
     return replace(one, possible=few)

@@ -151,7 +151,7 @@ def r157(
 
 def _setting(setting: Setting, panel: Panel, rails: Rails) -> Setting:
     """Put the others on rails, and set the AV to the speed that it has."""
-    return setting.with_drivers(critical=NOBODY, others=RAILS, rails=rails).with_set_speed(panel.ego_kmh / _KMH)
+    return setting.with_drivers(critical=NOBODY, others=RAILS, rails=rails).with_set_speed(panel.av_kmh / _KMH)
 
 
 def _drive(run: Experiment, setting: Setting, panel: Panel, seed: int, threads: int) -> NDArray[np.uint8]:
@@ -209,7 +209,7 @@ def _columns(one: _Driven) -> dict[str, list[Any]]:
     values[_ACROSS[panel.family]], values[_UP[panel.family]] = x, y
     return {
         "family": [panel.family] * len(panel),
-        "ego_kmh": [panel.ego_kmh] * len(panel),
+        "av_kmh": [panel.av_kmh] * len(panel),
         "other_kmh": [panel.other_kmh] * len(panel),
         **{name: column.tolist() for name, column in values.items()},
         **{f"crash_{name.replace('-', '_').replace(' ', '_')}": one.crashes[name].tolist() for name in _DRIVERS},
@@ -241,7 +241,7 @@ def _picture(one: _Driven) -> R157Picture:
         return cells
 
     return R157Picture(
-        family=panel.family, ego_kmh=panel.ego_kmh, other_kmh=panel.other_kmh, across=panel.across, up=panel.up,
+        family=panel.family, av_kmh=panel.av_kmh, other_kmh=panel.other_kmh, across=panel.across, up=panel.up,
         possible=panel.possible, failed=spread(one.failed),
         crashes={name: spread(one.crashes[name]) for name in CAREFUL},
     )  # fmt: skip
@@ -266,7 +266,7 @@ def _weights(one: _Driven) -> NDArray[np.float64] | None:
     if panel.family != "cut-in":
         return None
     x, y = panel.points
-    closing = (panel.ego_kmh - panel.other_kmh) / _KMH
+    closing = (panel.av_kmh - panel.other_kmh) / _KMH
     density = cut_in_density(panel.other_kmh / _KMH, closing, x, y)
     if density is None:
         return None
@@ -276,7 +276,7 @@ def _weights(one: _Driven) -> NDArray[np.float64] | None:
 
 def _roads(one: _Driven) -> RegulatedRoads | None:
     weights = _weights(one)
-    other, closing = one.panel.other_kmh / _KMH, (one.panel.ego_kmh - one.panel.other_kmh) / _KMH
+    other, closing = one.panel.other_kmh / _KMH, (one.panel.av_kmh - one.panel.other_kmh) / _KMH
     at_least = closing_at_least(other, closing)
     if weights is None or at_least is None:
         return None
@@ -313,7 +313,7 @@ def _result(run: Experiment, driven: Sequence[_Driven], too_fast: Sequence[int])
         families=tuple(families),
         pairs=tuple(
             RegulatedPair(
-                **_verdicts([one]), family=one.panel.family, ego_kmh=one.panel.ego_kmh, other_kmh=one.panel.other_kmh,
+                **_verdicts([one]), family=one.panel.family, av_kmh=one.panel.av_kmh, other_kmh=one.panel.other_kmh,
                 on_roads=_roads(one),
             )
             for one in driven

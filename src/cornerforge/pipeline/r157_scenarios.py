@@ -57,7 +57,7 @@ class Panel:
 
     Attributes:
         family: One of `FAMILIES`.
-        ego_kmh, other_kmh: Speeds of the AV and of the car that cuts in, is uncovered, or leads [km/h].
+        av_kmh, other_kmh: Speeds of the AV and of the car that cuts in, is uncovered, or leads [km/h].
         across: Values along the picture's x axis: gap [m], of a cut-out from the lead to the car ahead of it [m], of a
             deceleration the time gap [s], (A,).
         up: Values along its y axis: lateral speed [m/s], or deceleration [m/s2], (B,).
@@ -66,7 +66,7 @@ class Panel:
     """
 
     family: str
-    ego_kmh: int
+    av_kmh: int
     other_kmh: int
     across: NDArray[np.float64]
     up: NDArray[np.float64]
@@ -122,28 +122,28 @@ def panels(families: Iterable[str], odd: Odd) -> tuple[list[Panel], list[int]]:
     for panel in _all_panels():
         every.append(replace(panel, first=first))
         first += len(panel)
-    too_fast = sorted({one.ego_kmh for one in every if one.ego_kmh / _KMH > odd.max_speed})
-    return [one for one in every if one.family in wanted and one.ego_kmh not in too_fast], too_fast
+    too_fast = sorted({one.av_kmh for one in every if one.av_kmh / _KMH > odd.max_speed})
+    return [one for one in every if one.family in wanted and one.av_kmh not in too_fast], too_fast
 
 
 def _all_panels() -> Iterator[Panel]:
-    for ego, others in _CUT_INS.items():
-        gaps = np.arange(1.0, 60.0) if ego <= _SLOW else np.arange(1.0, 120.0, 2.0)
+    for av, others in _CUT_INS.items():
+        gaps = np.arange(1.0, 60.0) if av <= _SLOW else np.arange(1.0, 120.0, 2.0)
         for other in others:
-            yield Panel("cut-in", ego, other, gaps, _LATERAL, np.ones((gaps.size, _LATERAL.size), dtype=np.bool_))
-    for ego in _SPEEDS:
-        ahead = np.arange(5.0, 101.0, 5.0) if ego <= _SLOW else np.arange(10.0, 201.0, 10.0)
-        for other in (0, ego // 2):
-            out = np.array([[_gets_out(ego, other, d, u) for u in _LATERAL] for d in ahead])
-            yield Panel("cut-out", ego, other, ahead, _LATERAL, out)
-    for ego in _SPEEDS:
+            yield Panel("cut-in", av, other, gaps, _LATERAL, np.ones((gaps.size, _LATERAL.size), dtype=np.bool_))
+    for av in _SPEEDS:
+        ahead = np.arange(5.0, 101.0, 5.0) if av <= _SLOW else np.arange(10.0, 201.0, 10.0)
+        for other in (0, av // 2):
+            out = np.array([[_gets_out(av, other, d, u) for u in _LATERAL] for d in ahead])
+            yield Panel("cut-out", av, other, ahead, _LATERAL, out)
+    for av in _SPEEDS:
         shape = (_TIME_GAPS.size, _DECELERATIONS.size)
-        yield Panel("deceleration", ego, ego, _TIME_GAPS, _DECELERATIONS, np.ones(shape, dtype=np.bool_))
+        yield Panel("deceleration", av, av, _TIME_GAPS, _DECELERATIONS, np.ones(shape, dtype=np.bool_))
 
 
-def _gets_out(ego_kmh: int, other_kmh: int, distance: float, lateral_speed: float) -> bool:
+def _gets_out(av_kmh: int, other_kmh: int, distance: float, lateral_speed: float) -> bool:
     """Does the lead of a cut-out pass the car ahead of it without touching it?"""
-    poses = _cut_out(ego_kmh / _KMH, other_kmh / _KMH, distance, lateral_speed)
+    poses = _cut_out(av_kmh / _KMH, other_kmh / _KMH, distance, lateral_speed)
     ahead = np.abs(along(poses[:, 1, X], poses[:, 2, X]))
     return not ((ahead < _LENGTH) & (np.abs(poses[:, 2, Y] - poses[:, 1, Y]) < _WIDTH)).any()
 
@@ -152,24 +152,24 @@ def _lane_centre(lane: int) -> float:
     return (lane + 0.5) * _LANE_WIDTH
 
 
-def _cut_in(ego: float, other: float, gap: float, lateral_speed: float) -> NDArray[np.float64]:
+def _cut_in(av: float, other: float, gap: float, lateral_speed: float) -> NDArray[np.float64]:
     poses = np.full((_FRAMES, 2, POSE_NUMBERS), np.nan)
-    cut_in_poses(poses[:, 1], _lane_centre(_AV_LANE), ego, other, gap, lateral_speed, _AV_LANE)
+    cut_in_poses(poses[:, 1], _lane_centre(_AV_LANE), av, other, gap, lateral_speed, _AV_LANE)
     return poses
 
 
-def _cut_out(ego: float, other: float, distance: float, lateral_speed: float) -> NDArray[np.float64]:
+def _cut_out(av: float, other: float, distance: float, lateral_speed: float) -> NDArray[np.float64]:
     poses = np.full((_FRAMES, 3, POSE_NUMBERS), np.nan)
-    lead = _FOLLOWING * ego + _LENGTH
-    keeps_on(poses[:, 1], lead, _lane_centre(_AV_LANE), ego, _AV_LANE)
+    lead = _FOLLOWING * av + _LENGTH
+    keeps_on(poses[:, 1], lead, _lane_centre(_AV_LANE), av, _AV_LANE)
     move_aside(poses[:, 1], way_before(lateral_speed) - _LANE_WIDTH, lateral_speed, _AV_LANE - 1)
     keeps_on(poses[:, 2], lead + distance + _LENGTH, _lane_centre(_AV_LANE), other, _AV_LANE)
     return poses
 
 
-def _deceleration(ego: float, time_gap: float, braking: float) -> NDArray[np.float64]:
+def _deceleration(av: float, time_gap: float, braking: float) -> NDArray[np.float64]:
     poses = np.full((_FRAMES, 2, POSE_NUMBERS), np.nan)
-    keeps_on(poses[:, 1], time_gap * ego + _LENGTH, _lane_centre(_AV_LANE), ego, _AV_LANE)
+    keeps_on(poses[:, 1], time_gap * av + _LENGTH, _lane_centre(_AV_LANE), av, _AV_LANE)
     slow_down(poses[:, 1], braking, _JERK)
     return poses
 
@@ -181,14 +181,14 @@ def rails_of_panel(panel: Panel, odd: Odd) -> Rails:
         panel: The panel.
         odd: Its road (`road_of_r157`).
     """
-    ego, other = panel.ego_kmh / _KMH, panel.other_kmh / _KMH
+    av, other = panel.av_kmh / _KMH, panel.other_kmh / _KMH
     poses = [
-        _cut_in(ego, other, x, y) if panel.family == "cut-in"
-        else _cut_out(ego, other, x, y) if panel.family == "cut-out"
-        else _deceleration(ego, x, y)
+        _cut_in(av, other, x, y) if panel.family == "cut-in"
+        else _cut_out(av, other, x, y) if panel.family == "cut-out"
+        else _deceleration(av, x, y)
         for x, y in zip(*panel.points, strict=True)
     ]  # fmt: skip
-    return rails_of(np.stack([_start(one[0], ego, odd) for one in poses]), np.stack(poses), panel.first)
+    return rails_of(np.stack([_start(one[0], av, odd) for one in poses]), np.stack(poses), panel.first)
 
 
 def _start(poses: Sequence[NDArray[np.float64]] | NDArray[np.float64], speed: float, odd: Odd) -> NDArray[np.void]:

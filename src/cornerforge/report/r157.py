@@ -50,7 +50,7 @@ class R157Picture:
 
     Attributes:
         family: The family.
-        ego_kmh, other_kmh: The speeds [km/h].
+        av_kmh, other_kmh: The speeds [km/h].
         across, up: Values along x (A,) and y (B,).
         possible: Points that there are, bool (A, B).
         failed: The AV fails, bool (A, B).
@@ -58,7 +58,7 @@ class R157Picture:
     """
 
     family: str
-    ego_kmh: int
+    av_kmh: int
     other_kmh: int
     across: NDArray[np.float64]
     up: NDArray[np.float64]
@@ -131,8 +131,8 @@ def _drawing(pictures: Sequence[R157Picture]) -> Any:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    speeds = list(dict.fromkeys(one.ego_kmh for one in pictures))
-    rows = [[one for one in pictures if one.ego_kmh == speed] for speed in speeds]
+    speeds = list(dict.fromkeys(one.av_kmh for one in pictures))
+    rows = [[one for one in pictures if one.av_kmh == speed] for speed in speeds]
     columns = max(len(row) for row in rows)
     if columns <= _FEW:
         rows = [list(row) for row in zip(*rows, strict=True)]
@@ -171,7 +171,7 @@ def _draw(panel: Any, one: R157Picture, *, first: bool, last: bool) -> None:
     for name, (colour, dash) in _LINES.items():
         lines = _outline(one.crashes[name] & one.possible, one.possible, x, y)
         panel.add_collection(LineCollection(lines, colors=colour, linestyles=dash, linewidths=1.5))
-    title = f"{one.ego_kmh} → {one.other_kmh} km/h" if one.family != "deceleration" else f"{one.ego_kmh} km/h"
+    title = f"{one.av_kmh} → {one.other_kmh} km/h" if one.family != "deceleration" else f"{one.av_kmh} km/h"
     panel.set_title(title, fontsize=9)
     panel.tick_params(labelsize=7)
     panel.spines[["top", "right"]].set_visible(False)

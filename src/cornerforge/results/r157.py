@@ -33,10 +33,10 @@ class RegulatedRoads:
 
     at_least: float = field(
         metadata=share(
-            "Share of the closing cut-ins recorded at such speeds of the other vehicle that close at least so fast."
+            "Share, from 0 to 1, of the closing cut-ins at such speeds of the other vehicle that close at least so fast."
         )
     )
-    failed: float = field(metadata=share("Share of cut-ins that close so fast in which the AV fails."))
+    failed: float = field(metadata=share("Share, from 0 to 1, of cut-ins that close so fast in which the AV fails."))
     failed_but_prevented_by: dict[str, float] = field(
         metadata=meant("Share in which the AV fails and a reference driver does not, by its name.")
     )
@@ -47,7 +47,7 @@ class RegulatedPair(_Verdicts):
     """One family and one pair of speeds."""
 
     family: str = field(metadata=meant('"cut-in", "cut-out" or "deceleration".'))
-    ego_kmh: int = field(metadata=meant("Speed of the AV at the start.", "km/h"))
+    av_kmh: int = field(metadata=meant("Speed of the AV at the start.", "km/h"))
     other_kmh: int = field(
         metadata=meant("Speed of the vehicle that cuts in, is uncovered, or leads, at the start.", "km/h")
     )
@@ -61,7 +61,7 @@ class RegulatedFamily(_Verdicts):
     """One family of scenarios."""
 
     family: str = field(metadata=meant('"cut-in", "cut-out" or "deceleration".'))
-    share_failed: float = field(metadata=share(f"Of its scenarios. {_NO_INTERVAL}"))
+    share_failed: float = field(metadata=share(f"Of its scenarios, from 0 to 1. {_NO_INTERVAL}"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +70,9 @@ class Regulated(_Verdicts):
 
     av: str = field(metadata=meant("The AV."))
     odd: str = field(metadata=meant("The ODD."))
-    share_failed: float = field(metadata=share(f"Of the scenarios. {_NO_INTERVAL}"))
+    share_failed: float = field(metadata=share(f"Of the scenarios, from 0 to 1. {_NO_INTERVAL}"))
     share_failed_but_prevented_by_all: float = field(
-        metadata=share(f"Scenarios in which the AV fails and no reference driver does, of all. {_NO_INTERVAL}")
+        metadata=share(f"Scenarios in which the AV fails and no reference driver does, from 0 to 1. {_NO_INTERVAL}")
     )
     av_faults: int = field(
         metadata=meant("Further scenarios, in which an AV from outside raised, hung or gave no usable answer.")
