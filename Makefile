@@ -31,9 +31,11 @@ help: ## list the targets (this)
 
 setup: $(SETUP) ## install cornerforge and its tools into .venv, in the versions of constraints.txt
 
-demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, within minutes; goes on where it was stopped
+demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, and of one with a flaw, within minutes; goes on where it was stopped
 	@$(BIN)/cornerforge run --effort quick --out $(OUT) --resume
-	@echo "The report: $(OUT)/report.html (open it in a browser)"
+	@$(BIN)/cornerforge rate --av flawed-not-behind --out $(OUT)-flawed --resume
+	@$(BIN)/cornerforge report $(OUT)-flawed --out $(OUT)-flawed/page
+	@echo "The reports (open them in a browser): $(OUT)/report.html, and of an AV with a flaw $(OUT)-flawed/page/report.html"
 
 test: $(SETUP) ## run the default tests and the examples in docstrings: offline, on the CPU, on all cores
 	@$(BIN)/python -m pytest -n auto --dist loadfile --durations 25

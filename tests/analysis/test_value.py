@@ -47,25 +47,25 @@ def test_novelty_is_the_share_of_cases_in_denser_company() -> None:
 
 def test_the_score_is_the_weighted_mean_and_hides_nothing() -> None:
     parts = {
-        "avoidability": [1.0, 0.0, np.nan], "severity": [0.2, 0.8, 0.5],
+        "own_doing": [0.5, 0.5, 0.5], "avoidability": [1.0, 0.0, np.nan], "severity": [0.2, 0.8, 0.5],
         "novelty": [0.0, 1.0, 0.5],
     }  # fmt: skip
-    found = value_of(parts, {"avoidability": 3.0, "severity": 1.0, "novelty": 0.0})
+    found = value_of(parts, {"own_doing": 0.0, "avoidability": 3.0, "severity": 1.0, "novelty": 0.0})
     np.testing.assert_allclose(found.score, [(3.0 + 0.2) / 4.0, 0.2, np.nan])
-    assert found.weights == {"avoidability": 0.75, "severity": 0.25, "novelty": 0.0}
+    assert found.weights == {"own_doing": 0.0, "avoidability": 0.75, "severity": 0.25, "novelty": 0.0}
     for name in PARTS:
         np.testing.assert_array_equal(found.parts[name], parts[name])
     assert found.best(5).tolist() == [0, 1], "a case that nobody looked at has no rank"
-    blind = value_of(parts, {"avoidability": 0.0, "severity": 1.0, "novelty": 0.0})
+    blind = value_of(parts, {"own_doing": 0.0, "avoidability": 0.0, "severity": 1.0, "novelty": 0.0})
     assert blind.best(2).tolist() == [1, 2], "a part without a weight need not be known"
 
 
 def test_nothing_of_a_likelihood_is_in_the_score() -> None:
     """A sequence's likelihood is not the rate of its kind: once it gave 160 of 308 natural crashes no likelihood."""
-    assert PARTS == ("avoidability", "severity", "novelty")
-    with pytest.raises(InputError, match="needed: avoidability, severity, novelty"):
+    assert PARTS == ("own_doing", "avoidability", "severity", "novelty")
+    with pytest.raises(InputError, match="needed: own_doing, avoidability, severity, novelty"):
         value_of({name: [0.5] for name in (*PARTS, "likelihood")})
-    assert value_of({name: [0.5] for name in PARTS}).weights == pytest.approx(dict.fromkeys(PARTS, 1.0 / 3.0))
+    assert value_of({name: [0.5] for name in PARTS}).weights == pytest.approx(dict.fromkeys(PARTS, 0.25))
 
 
 def test_equal_scores_keep_their_order() -> None:
@@ -76,8 +76,8 @@ def test_equal_scores_keep_their_order() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"parts": {"severity": [0.5]}}, "needed: avoidability"),
-        ({"weights": {"severity": 1.0}}, "needed: avoidability"),
+        ({"parts": {"severity": [0.5]}}, "needed: own_doing"),
+        ({"weights": {"severity": 1.0}}, "needed: own_doing"),
         ({"weights": dict.fromkeys(PARTS, 0.0)}, "one above it"),
         ({"weights": dict.fromkeys(PARTS, -1.0)}, "at least 0"),
         ({"parts": {name: [1.5] for name in PARTS}}, "outside 0 to 1"),

@@ -87,6 +87,7 @@ def test_weights_make_the_shares() -> None:
             "crash_types": ["angle", "sideswipe", "sideswipe", "sideswipe"],
             "mechanisms": [None, None, None, None],
             "fault": ["bv", "bv", "av", "bv"],
+            "conducts": ["none", "brakes-late", "none", "none"],
         },
         prevented={"fsm": np.array([True, False, True, False]), "fsm, by braking": np.zeros(4, np.bool_)},
         avoidable=np.array([True, True, True, True]),
@@ -104,6 +105,8 @@ def test_weights_make_the_shares() -> None:
     assert (low / 4e-7, high / 4e-7) == pytest.approx(poisson_interval(1))
     assert found.mechanisms == {}
     assert found.fault["av"].share == pytest.approx(0.125)
+    assert found.conducts is not None
+    assert found.conducts["brakes-late"].cases == 1
     assert found.prevented_by is not None
     assert found.prevented_by["fsm"].share == pytest.approx(0.625)
     assert list(found.prevented_by) == ["fsm"]
@@ -114,7 +117,7 @@ def test_weights_make_the_shares() -> None:
 
 def test_without_a_drawn_way_out_nothing_is_said_of_avoidable() -> None:
     nobody = np.zeros(2, np.bool_)
-    kinds = {name: ["0", "0"] for name in ("clusters", "crash_types", "mechanisms", "fault")}
+    kinds = {name: ["0", "0"] for name in ("clusters", "crash_types", "mechanisms", "fault", "conducts")}
     found = natural_shares(
         np.full(2, 1e-7), Odd(), kinds=kinds, prevented={}, avoidable=nobody, looked_at=nobody, injury=np.full(2, 0.1)
     )

@@ -128,7 +128,7 @@ def test_the_top_is_a_table_that_plays(run_folder: Path) -> None:
     links = [a for tag, a in made.tags if tag == "a" and a.get("class") == "play mono"]
     assert [link["data-case"] for link in links] == [case["case_id"] for case in top]
     text = " ".join(made.text.split())
-    assert "the mean of three parts" in text
+    assert "the mean of four parts" in text
     assert not re.search("once in|natural drivers do", text), "no rate of a kind is made of one sequence's likelihood"
     for case in top:
         parts = " ".join(f"{case[name]:.2f}" for name in ("value", *PARTS))
@@ -136,6 +136,19 @@ def test_the_top_is_a_table_that_plays(run_folder: Path) -> None:
         assert case["text"].split(";")[1] in text  # the part without units, which are set in print
     widths = [a["style"] for tag, a in made.tags if a.get("class") == "bar"]
     assert widths == [f"--part: {round(100 * case[name])}%" for case in top for name in PARTS]
+
+
+def test_the_first_sentence_says_what_the_av_does_wrong(run_folder: Path) -> None:
+    own = analysis_of(run_folder)["own_doing"]
+    made = Page(write_report(run_folder))
+    text = " ".join(made.text.split())
+    assert own["text"] in text
+    assert text.index(own["text"]) < text.index("A test is one drive of the AV")
+
+
+def test_a_verdict_tells_the_own_doing_of_the_av() -> None:
+    known = CaseJudgement("bv", "rule x", 2.0, None, None, None, None, None, "brakes-late", 1.4, None)
+    assert "own doing, from 1.4 s before contact: it brakes for a vehicle ahead more than 0.8 s" in page._verdict(known)
 
 
 def test_shares_stand_with_their_intervals(run_folder: Path) -> None:
@@ -244,7 +257,7 @@ def test_one_time_for_the_last_way_out(run_folder: Path) -> None:
 def test_a_verdict_tells_the_kinds_of_no_way_out_apart(
     label: str | None, manoeuvre: float | None, latest: float | None, words: str
 ) -> None:
-    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None, None, None)
+    known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None, None, "none", None, None)
     assert words in page._verdict(known)
 
 
@@ -276,7 +289,7 @@ def test_an_analysis_by_an_earlier_version_is_named_with_its_command(run_folder:
         ("fault", "none", 500, r'"fault" holds \d+ cases, fault_rules 60'),
         ("avoidability", "not_judged", 7, r'"avoidability\.labels" and not_judged sum to 67, cases = 60'),
         ("avoidability", "interval95", [0.0, 1.5], r'"avoidability\.interval95" = .* leaves \[0, 1\]'),
-        ("value", "weights", {"likelihood": 1.0}, r'"value\.weights" are of likelihood, here: avoidability'),
+        ("value", "weights", {"likelihood": 1.0}, r'"value\.weights" are of likelihood, here: own_doing, avoidability'),
         ("value", "top", [{"case_id": "0:1", "value": 1.2}], r'"value\.top\[0\]\.value" = 1\.2 is outside'),
         ("coverage", "cells", {"sideswipe": 60}, r"\"coverage\.cells\" holds 'sideswipe', which is no combination"),
         ("coverage", "cases", 61, r'"coverage\.cells" sum to 60, cases = 61'),
@@ -519,7 +532,7 @@ def test_a_browser_draws_the_page_without_complaint(run_folder: Path, tmp_path: 
     assert f'id="case-title" aria-live="polite">{case["title"]}<' in document
     assert 'id="read-before">0.0 s<' in document
     assert 'id="read-plane">0.00 s<' in document
-    assert len(re.findall(r'class="[^"]*js-plotly-plot', document)) == 14
+    assert len(re.findall(r'class="[^"]*js-plotly-plot', document)) == 15
 
 
 STEPS = """

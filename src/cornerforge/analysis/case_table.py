@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_field, arrow_type
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, avoidability_table, problems_of
+from cornerforge.analysis.conduct import CONDUCT_COLUMNS, NO_CONDUCT, conduct_of
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
 from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevention_of
@@ -21,9 +22,11 @@ from cornerforge.analysis.value import (
     Value,
     avoidability_part,
     novelty_part,
+    own_doing_part,
     severity_part,
     value_of,
 )
+from cornerforge.drivers.careful import CAREFUL
 from cornerforge.fields import SHORTFALL, Field
 from cornerforge.recordings import recordings_of_tracks
 from cornerforge.types import Odd
@@ -33,10 +36,11 @@ __all__ = ["VALUE_COLUMNS", "CaseTable", "ShardReading", "read_shards", "values_
 _WITNESS = [name for name in AVOIDABILITY_SCHEMA.names if name.startswith("witness_")]
 
 VALUE_COLUMNS: tuple[Field, ...] = (
+    Field("value_own_doing", "float64", "", "How much it was the AV's own doing, 0 to 1 (docs/adr/0041)."),
     Field("value_avoidability", "float64", "", "Time to react over 2 s, 0 to 1; null: not looked at."),
     Field("value_severity", "float64", "", "1 + log10 P(MAIS 3+ in the AV) / 3, 0 to 1."),
     Field("value_novelty", "float64", "", "Share of the other cases that lie in denser company, 0 to 1."),
-    Field("value", "float64", "", "Mean of the three, 0 to 1; null: one of them is not known."),
+    Field("value", "float64", "", "Mean of the four, 0 to 1; null: one of them is not known."),
 )  # fmt: skip
 """What `values_of` adds."""
 
@@ -46,8 +50,9 @@ class CaseTable:
     """One row a case.
 
     Attributes:
-        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `PREVENTED_COLUMNS`, `AVOIDABILITY_SCHEMA` (null where it was not
-            looked for) and `fields.SHORTFALL` (null where the library lacks it), after `case_id`.
+        table: Columns of `MEASURES`, `FAULT_COLUMNS`, `CONDUCT_COLUMNS`, `PREVENTED_COLUMNS`, `AVOIDABILITY_SCHEMA`
+            (null where it was not looked for) and `fields.SHORTFALL` (null where the library lacks it), after
+            `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
     """
 
@@ -92,7 +97,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         columns: dict[str, Any] = dict(measure_cases(recordings)) | assign_fault(recordings).columns()
         problems = problems_of(recordings, cases.column("bv_slot").to_pylist(), reading.odd)
         prevention = prevention_of(recordings, problems, reading.odd, reading.params, threads=reading.threads)
-        columns |= prevention.columns()
+        columns |= conduct_of(recordings, reading.odd).columns() | prevention.columns()
         wanted = pc.is_in(cases.column("case_id"), value_set=pa.array(sorted(reading.look_at), pa.string()))
         witnesses = avoidability_table(
             cases.filter(wanted), tracks.filter(wanted), reading.odd, reading.params, threads=reading.threads
@@ -101,7 +106,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         place = pc.index_in(ids, value_set=witnesses.column("case_id").combine_chunks())
         fields = [pa.field("case_id", pa.string())]
         arrays: list[Any] = [ids.combine_chunks()]
-        for column in (*MEASURES, *FAULT_COLUMNS, *PREVENTED_COLUMNS):
+        for column in (*MEASURES, *FAULT_COLUMNS, *CONDUCT_COLUMNS, *PREVENTED_COLUMNS):
             fields.append(arrow_field(column))
             arrays.append(pa.array(columns[column.name], arrow_type(column.type), from_pandas=True))
         for name in AVOIDABILITY_SCHEMA.names[1:]:
@@ -112,6 +117,16 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
             fields.append(arrow_field(column))
             arrays.append(cases.column(column.name).combine_chunks())
         yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses)
+
+
+def _prevented_by_braking(table: pa.Table) -> NDArray[np.float64]:
+    """Return the share of the reference drivers whose braking would have prevented each case, (S,); 0 where unknown."""
+    names, held = table.column("prevented_by").to_pylist(), table.column("held_speed_prevents").to_pylist()
+    by = [
+        0 if who is None or who == "nobody" or enough else who.count(",") + 1
+        for who, enough in zip(names, held, strict=True)
+    ]
+    return np.array(by, np.float64) / len(CAREFUL)
 
 
 def values_of(
@@ -135,6 +150,11 @@ def values_of(
     time_to_react[looked & np.isnan(time_to_react)] = -np.inf
     value = value_of(
         {
+            "own_doing": own_doing_part(
+                np.array([name != NO_CONDUCT for name in table.column("conduct").to_pylist()], np.bool_),
+                np.array([who in ("av", "both") for who in table.column("fault").to_pylist()], np.bool_),
+                _prevented_by_braking(table),
+            ),
             "avoidability": avoidability_part(time_to_react),
             "severity": severity_part(_numbers(table, "av_injury_probability")),
             "novelty": novelty_part(points),

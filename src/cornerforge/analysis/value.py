@@ -1,7 +1,7 @@
-"""Value of a case: how much it is worth a look, as three parts from 0 to 1 and their weighted mean (docs/adr/0017).
+"""Value of a case: how much it is worth a look, as four parts from 0 to 1 and their weighted mean (docs/adr/0017).
 
-Avoidability and severity mean the same in every library; only novelty compares the cases of one library with each
-other. In each part 0 and 1 have a meaning of their own. The parts are always given beside the mean.
+Own doing, avoidability and severity mean the same in every library; only novelty compares the cases of one library
+with each other. In each part 0 and 1 have a meaning of their own. The parts are always given beside the mean.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ __all__ = [
     "Value",
     "avoidability_part",
     "novelty_part",
+    "own_doing_part",
     "severity_part",
     "value_of",
 ]
@@ -48,6 +49,29 @@ def avoidability_part(time_to_react_s: ArrayLike) -> NDArray[np.float64]:
     [0.0, 0.5, 1.0]
     """
     return np.clip(np.asarray(time_to_react_s, np.float64) / REACTION_S, 0.0, 1.0)
+
+
+AT_FAULT = 0.5
+"""Part of a case in which the AV broke a rule of RSS and did nothing else wrong."""
+
+
+def own_doing_part(
+    conduct: NDArray[np.bool_], at_fault: NDArray[np.bool_], prevented: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Rate how much the crash was the AV's own doing: the largest of three.
+
+    Args:
+        conduct: Did it do something wrong (`analysis.conduct`), shape (S,); it counts 1.
+        at_fault: Did it break a rule of RSS, shape (S,); it counts 0.5.
+        prevented: Share of the reference drivers whose braking would have prevented the crash, shape (S,), in [0, 1].
+
+    Returns:
+        Shape (S,), in [0, 1].
+
+    >>> own_doing_part(np.array([True, False]), np.array([True, True]), np.array([0.0, 0.75])).tolist()
+    [1.0, 0.75]
+    """
+    return np.maximum(np.where(conduct, 1.0, np.where(at_fault, AT_FAULT, 0.0)), prevented)
 
 
 def severity_part(injury_probability: ArrayLike) -> NDArray[np.float64]:
@@ -116,7 +140,7 @@ def value_of(parts: Mapping[str, ArrayLike], weights: Mapping[str, float] | None
     Raises:
         InputError: A part or a weight is missing, unknown or out of range, or the shapes differ.
 
-    >>> value_of({"avoidability": [1.0], "severity": [0.5], "novelty": [0.0]}).score.tolist()
+    >>> value_of({"own_doing": [1.0], "avoidability": [1.0], "severity": [0.0], "novelty": [0.0]}).score.tolist()
     [0.5]
     """
     given = dict.fromkeys(PARTS, 1.0) if weights is None else dict(weights)

@@ -31,6 +31,7 @@ __all__ = [
     "run_command",
     "speed_text",
     "training_fault_text",
+    "wrong_text",
     "yield_text",
 ]
 
@@ -209,9 +210,20 @@ def _miles(kind: NaturalKind) -> str:
     return text.replace("e+0", "e").replace("e+", "e")
 
 
+def wrong_text(natural: Analysed | None, adversary: Analysed | None) -> list[str]:
+    """What the AV does wrong, by natural cases and by those of an adversary; nothing where nobody looked."""
+    told = [None if one is None else one.own_doing for one in (natural, adversary)]
+    if told == [None, None]:
+        return []
+    from cornerforge.analysis.flaw import headline
+
+    return [headline(*told)]
+
+
 def judgement_text(r: Analysed) -> list[str]:
     """Fault, avoidability, coverage and the most valuable cases of an analysis."""
-    lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
+    lines = [] if r.own_doing is None else [r.own_doing.text]
+    lines += ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
     if r.prevented is not None:
         told = r.prevented
         shares = ", ".join(f"{name} {one.cases:,} ({one.by_braking:,})" for name, one in told.by.items())

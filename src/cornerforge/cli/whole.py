@@ -24,7 +24,7 @@ from cornerforge.cli.options import (
     completing,
     takes_world,
 )
-from cornerforge.cli.output import rate_text, run_command, training_fault_text
+from cornerforge.cli.output import rate_text, run_command, training_fault_text, wrong_text
 from cornerforge.cli.program import command
 
 if TYPE_CHECKING:
@@ -98,6 +98,7 @@ def run(
         doubt = doubt_text(r.natural, f"cornerforge rate --out {r.out}/natural --resume, in the same world, ")
         return "\n".join(
             [
+                *wrong_text(r.natural_cases, r.analyse),
                 rate_text(r.natural, "Natural traffic"),
                 *miles_text(r.natural),
                 *([] if doubt is None else [doubt]),

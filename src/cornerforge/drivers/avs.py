@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
 from cornerforge.drivers.careful import CAREFUL, CarefulParams
+from cornerforge.drivers.flawed import FLAWS, FlawParams
 from cornerforge.drivers.idm import IdmNumbers, IdmParams
 from cornerforge.drivers.mobil import MobilNumbers, MobilParams
 from cornerforge.drivers.policy import NO_POLICY, NetworkShape, PolicyNumbers
@@ -47,12 +48,14 @@ AV_KINDS = {
     "cautious": AvLaw(2, 12.0, 10.0, sees_everybody=False, parameters=("rss",)),
     "learned": AvLaw(3, 12.0, 10.0, sees_everybody=True, parameters=("network",)),
     "careful": AvLaw(4, 8.0, None, sees_everybody=True, parameters=("careful",)),
+    "flawed": AvLaw(5, None, None, sees_everybody=True, parameters=("flawed",)),
 }
 """The laws by which an AV decides (docs/adr/0009-built-in-avs.md).
 
 plain: IDM and MOBIL. watchful: the same, and it watches both sides while it changes lanes, and evades a vehicle that
 comes into its lane beside it. cautious: it keeps RSS distances. learned: a Q-network. careful: a reference driver of UN
-R157 and others (docs/adr/0039-reference-drivers.md), which keeps its lane.
+R157 and others (docs/adr/0039-reference-drivers.md), which keeps its lane. flawed: IDM and MOBIL with one flaw of
+perception or decision (`drivers.flawed`).
 """
 
 
@@ -85,6 +88,7 @@ class AvModel:
         rss: Safe distances, for the cautious kind.
         network: The network, for the learned kind; None until its file is read (`pipeline.av_file`).
         careful: Which reference driver, for the careful kind.
+        flawed: Which flaw, for the flawed kind.
 
     Raises:
         InputError: The kind is not known, or parameters are given by which it does not drive.
@@ -99,6 +103,7 @@ class AvModel:
     rss: RssParams = field(default_factory=RssParams)
     network: AvNetwork | None = None
     careful: CarefulParams = field(default_factory=CarefulParams)
+    flawed: FlawParams = field(default_factory=FlawParams)
 
     def __post_init__(self) -> None:
         check_in("av.kind", self.kind, tuple(AV_KINDS))
@@ -187,6 +192,24 @@ AVS: dict[str, AvModel] = {
                 "fsm": "the fuzzy safety model of UN R157; brakes early, keeps its lane",
             }.items()
         ),
+        *(
+            AvModel(
+                f"flawed-{flaw}",
+                f"made bad on purpose: idm-mobil that {about}",
+                IdmParams(time_gap=0.2, standstill_gap=1.0) if flaw == "too-close" else IdmParams(),
+                MobilParams(),
+                kind="flawed",
+                flawed=FlawParams(flaw),
+            )
+            for flaw, about in {
+                "brakes-late": "heeds a vehicle ahead only when it would reach it within 1 s",
+                "not-behind": "looks for nobody behind it when it changes lanes",
+                "not-left": "sees nobody to its left",
+                "too-close": "follows with a time gap of 0.2 s",
+                "forgets": "drops a vehicle from its list 2 s after it came near",
+                "hesitates": "returns to its lane, without looking, when it has left it",
+            }.items()
+        ),
     )
 }
 """All built-in AVs."""
@@ -199,7 +222,7 @@ class AvNumbers(NamedTuple):
         idm, mobil: Parameters of the built-in AV.
         sight: As in `AvModel`.
         kind: Code of its law.
-        rss, network, careful: Parameters of the cautious, the learned and the careful kind.
+        rss, network, careful, flaw: Parameters of the cautious, the learned, the careful and the flawed kind.
         hardest_braking, strongest_acceleration: It never commands more [m/s2].
         sees_everybody: 1 if it looks at more than its nearest neighbours in each lane.
     """
@@ -211,6 +234,7 @@ class AvNumbers(NamedTuple):
     rss: RssNumbers
     network: PolicyNumbers
     careful: int
+    flaw: int
     hardest_braking: float
     strongest_acceleration: float
     sees_everybody: int
@@ -231,6 +255,7 @@ def numbers_of_av(model: AvModel) -> AvNumbers:
         RssNumbers(*astuple(model.rss)),
         network,
         CAREFUL[model.careful.driver],
+        FLAWS[model.flawed.flaw],
         hardest_braking=model.idm.max_braking if law.hardest_braking is None else law.hardest_braking,
         strongest_acceleration=model.idm.max_acceleration
         if law.strongest_acceleration is None

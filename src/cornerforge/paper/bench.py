@@ -115,8 +115,8 @@ class Adversary:
         return f"{what}.{'bounded' if self.bounded else 'free'}"
 
 
-_TRIED = tuple(name for name, model in AVS.items() if model.kind != "careful")
-"""Built-in AVs that are tried unless more are asked for: reference drivers are a yardstick."""
+_TRIED = tuple(name for name, model in AVS.items() if model.kind not in ("careful", "flawed"))
+"""Built-in AVs that are tried unless more are asked for: reference drivers are a yardstick, flawed ones a test."""
 
 
 class Bench:

@@ -19,7 +19,7 @@ from cornerforge.pipeline.natural import is_natural, natural_shares, natural_wei
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
-from cornerforge.rates.intervals import binomial_interval
+from cornerforge.rates.intervals import binomial_interval, weighted_interval
 from cornerforge.results import Analysed, as_json, from_json
 from cornerforge.results.analysis import Natural
 
@@ -34,6 +34,8 @@ __all__ = ["DEFAULT_LOOKS", "analyse"]
 DEFAULT_LOOKS = 2000
 """Default number of cases drawn for the search for ways out: it takes a few seconds on two cores."""
 _TOP = 10
+_SHOWING = 5
+"""Cases that are shown for a flaw."""
 
 
 def analyse(
@@ -110,8 +112,13 @@ def analyse(
     natural = None
     if weights is not None:
         natural = _natural(cases, found, table, drawn, np.array([weights[case] for case in found.case_ids]))
-    first = value.best(_TOP).tolist() if purpose == "attack" or natural is None else _most_frequent(found, natural)
+    doing, showing = _own_doing(found, table, value, weights)
+    first = value.best(_TOP).tolist()
+    if purpose == "road" and natural is not None:
+        typical = _most_frequent(found, natural)
+        first = [*showing, *(row for row in typical if row not in showing)][:_TOP]
     told |= _judged(found, table, drawn, reaction) | {
+        "own_doing": doing,
         "value": {"weights": value.weights, "top": _top(cases, found, table, value, first)}, "purpose": purpose,
     }  # fmt: skip
     analysed = replace(from_json(Analysed, told), natural=natural)
@@ -303,6 +310,45 @@ def _prevented(table: pa.Table) -> dict[str, Any] | None:
     }
 
 
+def _own_doing(
+    found: Analysis, table: pa.Table, value: Value, weights: dict[str, float] | None
+) -> tuple[dict[str, Any], list[int]]:
+    """Say what the AV does wrong, and give the rows of the cases to show for the flaw that shows most."""
+    from cornerforge.analysis.conduct import Conduct
+    from cornerforge.analysis.flaw import flaws_of, in_words
+
+    conduct = Conduct.of_columns(
+        _strings(table, "conduct"), _strings(table, "conduct_side"), _column(table, "conduct_s")
+    )
+    by_case = None if weights is None else np.array([weights[case] for case in found.case_ids])
+    flaws, shown = flaws_of(conduct, by_case), []
+    first: list[int] = []
+    intervals = [_share_interval(flaw.cases, by_case, conduct.code.size) for flaw in flaws]
+    score = np.nan_to_num(value.score, nan=-1.0)
+    for flaw, interval in zip(flaws, intervals, strict=True):
+        ranked = flaw.cases[np.argsort(-score[flaw.cases], kind="stable")[:_SHOWING]].tolist()
+        first = first or ranked
+        shown.append(
+            {
+                "flaw": flaw.name,
+                "cases": flaw.cases.size,
+                "share": flaw.share,
+                "interval95": list(interval),
+                "typical": [found.case_ids[row] for row in ranked],
+            }
+        )
+    text = in_words(flaws, intervals, conduct, natural=weights is not None)
+    return {"text": text, "flaws": shown, "conducts": _counts(_strings(table, "conduct"))}, first
+
+
+def _share_interval(rows: NDArray[np.intp], weights: NDArray[np.float64] | None, n: int) -> tuple[float, float]:
+    """Give the 95 % interval of the share of some cases; with weights that of their rate over the rate of all."""
+    if weights is None or np.ptp(weights) == 0.0:
+        return binomial_interval(rows.size, n)
+    low, high = weighted_interval(weights[rows], float(weights.max()))
+    return low / float(weights.sum()), min(1.0, high / float(weights.sum()))
+
+
 def _natural(
     cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], weights: NDArray[np.float64]
 ) -> Natural:
@@ -322,6 +368,7 @@ def _natural(
             "crash_types": found.crash_types.names,
             "mechanisms": mechanisms,
             "fault": _strings(table, "fault"),
+            "conducts": _strings(table, "conduct"),
         },
         prevented=_prevented_masks(table),
         avoidable=np.array([label not in without for label in labels], np.bool_),
@@ -361,6 +408,7 @@ def _top(cases: CaseLibrary, found: Analysis, table: pa.Table, value: Value, row
                 "fault": known["fault"],
                 "prevented_by": known["prevented_by"],
                 "held_speed_prevents": known["held_speed_prevents"],
+                "conduct": known["conduct"],
                 "text": words,
             }
         )

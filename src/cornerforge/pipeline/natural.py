@@ -96,7 +96,7 @@ def natural_shares(
     Args:
         weights: Of the cases, above 0, shape (S,).
         odd: Of the library.
-        kinds: "clusters", "crash_types", "mechanisms" and "fault": what each case is.
+        kinds: "clusters", "crash_types", "mechanisms", "fault" and "conducts": what each case is.
         prevented: By name, whether a reference driver would have prevented each case, shape (S,).
         avoidable: Whether a way out was found, shape (S,).
         looked_at: Whether the case was drawn for that, shape (S,).
@@ -116,5 +116,6 @@ def natural_shares(
         fault=rates.by(kinds["fault"]),
         prevented_by={name: rates.of(weights[cases]) for name, cases in prevented.items() if cases.any()},
         avoidable=ways,
+        conducts=rates.by(kinds["conducts"]),
         serious_injuries=rates.of(weights * injury, float((weights * injury).max())),
     )

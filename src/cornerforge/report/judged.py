@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -11,19 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.errors import FileFormatError
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import FAULTS, PARTS, Avoidability, Coverage, Prevented
+from cornerforge.results.analysis import FAULTS, PARTS, Avoidability, Coverage, OwnDoing, Prevented
 from cornerforge.results.rates import Interval
 from cornerforge.results.reading import JsonFile
 
 __all__ = [
+    "CONDUCT_WORDS",
     "FAULT_WORDS",
     "CaseJudgement",
     "WayOut",
     "avoided_kinds",
     "check_analysis",
     "check_interval",
+    "conducts_in_words",
     "faults_in_words",
     "kind_counts",
     "prevented_kinds",
@@ -59,6 +62,8 @@ class CaseJudgement:
     latest_s: float | None
     prevented_by: str | None
     held_speed_prevents: bool | None
+    conduct: str
+    conduct_s: float | None
     way_out: WayOut | None
 
 
@@ -134,6 +139,30 @@ def avoided_kinds(found: Avoidability) -> dict[str, int]:
     return found.labels | ({"cannot be judged": found.not_judged} if found.not_judged else {})
 
 
+CONDUCT_WORDS = dict(
+    zip(
+        CONDUCTS,
+        (
+            "nothing",
+            "hesitates",
+            "looks not behind",
+            "looks not beside",
+            "brakes late",
+            "forgets",
+            "does not brake",
+            "too close",
+        ),
+        strict=True,
+    )
+)
+"""What the AV did wrong, in a few words."""
+
+
+def conducts_in_words(found: OwnDoing, words: Mapping[str, str] = CONDUCT_WORDS) -> dict[str, int]:
+    """Cases by what the AV did wrong, by names for people, most first."""
+    return {words[name]: k for name, k in found.conducts.items()}
+
+
 def prevented_kinds(found: Prevented) -> dict[str, int]:
     """Cases that each reference driver would have prevented, and those of them in which its braking did it."""
     kinds: dict[str, int] = {}
@@ -176,7 +205,7 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
 
 _CASE = [
     "case_id", "fault", "fault_rule", "fault_s", "avoidability", "manoeuvre_begin_s", "latest_any_s", "prevented_by",
-    "held_speed_prevents",
+    "held_speed_prevents", "conduct", "conduct_s",
 ]  # fmt: skip
 _WAY = ["witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad"]
 
@@ -201,6 +230,8 @@ def read_case_judgements(analysis: Path, case_ids: Iterable[str], command: str) 
         if begin_s is not None and way[0]
     }
     return {
-        case_id: CaseJudgement(fault, rule, fault_s, label, manoeuvre_s, latest_s, by, held, way_out.get(case_id))
-        for case_id, fault, rule, fault_s, label, manoeuvre_s, latest_s, by, held in zip(*known.values(), strict=True)
+        case_id: CaseJudgement(fault, rule, fault_s, label, began, latest, by, held, did, did_s, way_out.get(case_id))
+        for case_id, fault, rule, fault_s, label, began, latest, by, held, did, did_s in zip(
+            *known.values(), strict=True
+        )
     }

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge._files import writing
+from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
+from cornerforge.analysis.flaw import headline
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
@@ -28,6 +30,7 @@ from cornerforge.report.judged import (
     FAULT_WORDS,
     CaseJudgement,
     avoided_kinds,
+    conducts_in_words,
     faults_in_words,
     kind_counts,
     prevented_kinds,
@@ -190,11 +193,18 @@ def _verdict(known: CaseJudgement) -> str:
         who = {"av": "The AV", "bv": "The BV"}.get(known.fault, "Both")
         when = "" if known.fault_s is None else f", {known.fault_s:.1f} s before contact"
         fault = f"{who} broke a rule of RSS ({known.rule}{when})"
-    fault += f".{_prevented_in_words(known)}"
+    fault += f".{_conduct_in_words(known)}{_prevented_in_words(known)}"
     if known.avoidability is None:
         return fault
     begun = "" if known.manoeuvre_s is None else f" The manoeuvre began {known.manoeuvre_s:.1f} s before contact."
     return f"{fault}{begun} {_way_in_words(known)}"
+
+
+def _conduct_in_words(known: CaseJudgement) -> str:
+    """Say what the AV did wrong in a case; "" where it did nothing wrong."""
+    if known.conduct == NO_CONDUCT:
+        return ""
+    return f" The AV's own doing, from {known.conduct_s:.1f} s before contact: {CONDUCTS[known.conduct]}."
 
 
 def _prevented_in_words(known: CaseJudgement) -> str:
@@ -261,6 +271,24 @@ def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return groups
 
 
+def _headline(artefacts: Artefacts) -> str:
+    """Say what the AV does wrong; "" where the analysis is of an earlier version, which did not look."""
+    natural, found = artefacts.summary.natural_cases, artefacts.analysis
+    if natural is None or artefacts.natural_library == artefacts.library:
+        return "" if found.own_doing is None else found.own_doing.text
+    if natural.own_doing is None or found.own_doing is None:
+        return ""
+    return headline(natural.own_doing, found.own_doing)
+
+
+def _often(found: Analysed) -> str:
+    """Say how often a natural crash of the flaw happens, from what the AV did wrong; "" if none shows a flaw."""
+    if found.natural is None or found.own_doing is None or not found.own_doing.flaws:
+        return ""
+    between = found.natural.all.miles_between / found.own_doing.flaws[0].share
+    return f"Such a crash happens once in {text.miles(between)} of natural traffic."
+
+
 def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
     """Say how many times more often the AV crashes in a test with the adversary, and how sure that is."""
     if adversary is None or natural is None:
@@ -294,6 +322,8 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
         made["rates"] = figures.rate_figure([summary.generate, *summary.baselines], natural)
     if artefacts.training is not None and natural is not None:
         made["training"] = figures.training_figure(artefacts.training, natural)
+    if analysis.own_doing is not None:
+        made["own"] = figures.share_figure(conducts_in_words(analysis.own_doing), cases, "share of all cases")
     if analysis.prevented is not None:
         kinds, n = prevented_kinds(analysis.prevented), analysis.prevented.cases
         made["prevented"] = figures.share_figure(kinds, n, "share of the judged cases")
@@ -323,6 +353,9 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
         made["training"] = tables.training_table(artefacts.training)
     if summary.natural_cases is not None and summary.natural_cases.natural is not None:
         made["natural"] = tables.natural_table(summary.natural_cases.natural)
+    if analysis.own_doing is not None:
+        kinds = conducts_in_words(analysis.own_doing, CONDUCTS)
+        made["own"] = tables.share_table("Cases by what the AV did wrong", "what the AV did", kinds, cases)
     if analysis.prevented is not None:
         kinds, n = prevented_kinds(analysis.prevented), analysis.prevented.cases
         made["prevented"] = tables.share_table("Cases that a reference driver would have prevented", "driver", kinds, n)
@@ -390,6 +423,8 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         played={case["id"] for case in cases},
         kinds=kinds,
         coverage=tables.coverage_rows(artefacts.analysis.coverage.axes, kinds),
+        headline=_headline(artefacts),
+        often=_often(artefacts.summary.natural_cases or artefacts.analysis),
         ratio=_ratio(artefacts.summary.generate, artefacts.summary.natural_rate),
         figures=_figures(artefacts, {case["id"] for case in cases}),
         tables=_tables(artefacts),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
@@ -72,6 +73,7 @@ def natural_table(found: Natural) -> Table:
     kinds |= {MECHANISMS.get(name, name): kind for name, kind in found.mechanisms.items()}
     kinds |= {f"crash type: {name}": kind for name, kind in found.crash_types.items()}
     kinds |= {f"at fault (RSS): {_who(name)}": kind for name, kind in found.fault.items()}
+    kinds |= {f"the AV's part: {CONDUCTS[name]}": kind for name, kind in (found.conducts or {}).items()}
     kinds |= {f"prevented by {name}": kind for name, kind in (found.prevented_by or {}).items()}
     if found.avoidable is not None:
         kinds["avoidable by the AV"] = found.avoidable

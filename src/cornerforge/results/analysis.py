@@ -17,8 +17,10 @@ __all__ = [
     "Cluster",
     "ClusterChoice",
     "Coverage",
+    "FlawShown",
     "Natural",
     "NaturalKind",
+    "OwnDoing",
     "Prevented",
     "PreventedShare",
     "TopCase",
@@ -28,7 +30,7 @@ __all__ = [
 AtFault = Literal["av", "bv", "both", "none"]
 FAULTS: tuple[AtFault, ...] = get_args(AtFault)
 """Which vehicles broke a rule of RSS."""
-PARTS = ("avoidability", "severity", "novelty")
+PARTS = ("own_doing", "avoidability", "severity", "novelty")
 """Parts of the value of a case; fields of `TopCase`."""
 
 _CASES = meant("Cases that were analysed.")
@@ -97,11 +99,36 @@ class Prevented:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlawShown:
+    """A flaw of the AV that its crashes show."""
+
+    flaw: str = field(metadata=meant("Its name, of `analysis.flaw.FLAWS`."))
+    cases: int = field(metadata=meant("Cases that show it."))
+    share: float = field(
+        metadata=share("Of all crashes, 0 to 1; of natural cases by how often each happens, else of their number.")
+    )
+    interval95: Interval = field(
+        metadata=meant("Interval of `share`; of natural cases that of its rate over the rate of all (chance only).")
+    )
+    typical: tuple[str, ...] = field(metadata=meant("Up to five case ids that show it, most valuable first."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnDoing:
+    """What the AV itself does wrong (docs/adr/0041)."""
+
+    text: str = field(metadata=meant("What it does wrong, in a sentence; or that nothing was found."))
+    flaws: tuple[FlawShown, ...] = field(metadata=meant("Flaws that stand out, largest share first; empty: none does."))
+    conducts: dict[str, int] = field(metadata=meant("Cases by what the AV did wrong in them, only those that occur."))
+
+
+@dataclass(frozen=True, kw_only=True)
 class TopCase:
     """A case that is worth a look, with the parts of its value (docs/adr/0017)."""
 
     case_id: str = field(metadata=meant("Name of the case, seed:test."))
     value: float = field(metadata=share("Weighted mean of its parts, 0 to 1."))
+    own_doing: float = field(metadata=share("Part of the value, 0 to 1."))
     avoidability: float = field(metadata=share("Part of the value, 0 to 1."))
     severity: float = field(metadata=share("Part of the value, 0 to 1."))
     novelty: float = field(metadata=share("Part of the value, 0 to 1."))
@@ -113,6 +140,10 @@ class TopCase:
     )
     held_speed_prevents: bool | None = field(
         default=None, metadata=meant("Would holding the speed have been enough? Missing: nobody looked.")
+    )
+    conduct: str | None = field(
+        default=None,
+        metadata=meant('What the AV did wrong, of `analysis.conduct.CONDUCTS`, or "none"; missing: nobody looked.'),
     )
     text: str = field(metadata=meant("What happened, in a sentence."))
 
@@ -176,6 +207,10 @@ class Natural:
             "enough; missing in files of earlier versions."
         ),
     )
+    conducts: dict[str, NaturalKind] | None = field(
+        default=None,
+        metadata=meant('By what the AV did wrong, "none" among them; missing in files of earlier versions.'),
+    )
     serious_injuries: NaturalKind = field(
         metadata=meant("Crashes in which somebody in the AV is seriously injured (MAIS 3 or more), from its chance.")
     )
@@ -216,6 +251,9 @@ class Analysed:
     prevented: Prevented | None = field(
         default=None,
         metadata=meant("What reference drivers would have prevented; missing in files of earlier versions."),
+    )
+    own_doing: OwnDoing | None = field(
+        default=None, metadata=meant("What the AV itself does wrong; missing in files of earlier versions.")
     )
     value: ValueFound = field(metadata=meant("Cases that are worth a look."))
     coverage: Coverage = field(metadata=meant("Kinds that were seen."))

@@ -33,7 +33,7 @@ class RegulatedRoads:
 
     at_least: float = field(
         metadata=share(
-            "Share, from 0 to 1, of the closing cut-ins at such speeds of the other vehicle that close at least so fast."
+            "Share, from 0 to 1, of closing cut-ins at such speeds of the other vehicle that close at least so fast."
         )
     )
     failed: float = field(metadata=share("Share, from 0 to 1, of cut-ins that close so fast in which the AV fails."))

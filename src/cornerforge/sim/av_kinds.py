@@ -1,6 +1,7 @@
-"""The built-in AVs that are not plain IDM and MOBIL: watchful, cautious, learned, and the reference drivers.
+"""The built-in AVs that are not plain IDM and MOBIL: watchful, cautious, learned, reference drivers, and flawed ones.
 
-What each does and why is in docs/adr/0009-built-in-avs.md and, for reference drivers, 0039-reference-drivers.md.
+What each does and why is in docs/adr/0009-built-in-avs.md, for reference drivers 0039-reference-drivers.md; the law of
+flawed AVs is in `av_flawed.py`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from cornerforge.drivers.rss import rss_braking, rss_distance
 from cornerforge.road.straight import ahead_by, gap, half_lengths, half_widths, lane_of
 from cornerforge.sim.av import av_decide, lead_acceleration, must_give_way, side_gain
 from cornerforge.sim.av_features import av_actions_allowed, av_features, av_order
+from cornerforge.sim.av_flawed import flawed
 from cornerforge.sim.av_view import view_of_av
 from cornerforge.sim.neighbours import SIGHT, neighbours_in_lane
 from cornerforge.sim.sight import lane_entered
@@ -235,9 +237,15 @@ def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch:
     return min(gentle, braking_of(av.careful, since, demanded, v[0].acceleration, road.av_substeps * FRAME_S)), lane
 
 
-_DECISIONS = {"watchful": _watchful, "cautious": _cautious, "learned": _learned, "careful": _careful}
+_DECISIONS = {
+    "watchful": _watchful,
+    "cautious": _cautious,
+    "learned": _learned,
+    "careful": _careful,
+    "flawed": flawed,
+}
 """The decision of each law except the plain one. Each takes the world, the substep (0 to 9), road, AV and scratch, and
-returns an acceleration [m/s2] and a target lane. It changes nothing but the scratch and, in the state, what the law
+returns an acceleration [m/s2] and a target lane. It changes nothing but the scratch and, in the world, what the law
 remembers; asked again at the same moment it gives the same answer."""
 _decision_of: Any = kernel_by_code({name: law.code for name, law in AV_KINDS.items() if name != "plain"}, _DECISIONS)
 

@@ -59,7 +59,7 @@ equally likely). In recordings it stands where a vehicle is absent, and means no
 TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise", "inattention")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
 _MOST_FAULTS = 20
-_FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held")
+_FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held", "noticed")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
 """Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
 vehicle that starts is present, has decided nothing yet, and decides at that moment."""

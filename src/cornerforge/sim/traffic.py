@@ -151,6 +151,7 @@ def _join(w: World, lane: int, setting: Setting) -> bool:
     v.signals = np.int64(words[0] & np.uint64(_LOW_BITS))
     v.noise = setting.tables.noise[np.int64(words[1] & np.uint64(_LOW_BITS))]
     v.inattention = setting.tables.inattention[np.int64((words[1] >> np.uint64(10)) & np.uint64(_LOW_BITS))]
+    v.noticed = 0
     return True
 
 

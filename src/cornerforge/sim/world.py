@@ -74,6 +74,7 @@ VEHICLE = np.dtype(
         ("acceleration_held", "f8"),
         ("noise", "f8"),
         ("inattention", "f8"),
+        ("noticed", "i8"),
     ]
 )
 """One vehicle. A record array passes a kernel one pointer, not one a field: measured 30 times faster in Numba.
@@ -89,7 +90,9 @@ that it saw, and the quantile that it tends to (`ndd.model.Memory`), 0 to 1; des
 change_time: how long its undisturbed lane changes take [s]; signals: 1 if its driver sets the indicator before it
 changes lanes; away: 1 if its driver looked away from the road in the last second; commanded, acceleration_held: the
 acceleration that was decided last, and the one from which motion goes to it [m/s2]; noise: its driver's noise level
-(`ndd.memory.own_rank`), -1 to 1; inattention: how many times as often as all drivers it begins to look away.
+(`ndd.memory.own_rank`), -1 to 1; inattention: how many times as often as all drivers it begins to look away; noticed:
+since when an AV with a flaw of perception knows of it, in tenths of a second since the start plus 1, 0 while it does
+not.
 """
 
 

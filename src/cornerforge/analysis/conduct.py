@@ -1,0 +1,312 @@
+"""What the AV itself did wrong in a crash, read from the recorded motion alone, so for any AV.
+
+RSS says who broke a rule last, a way out what hindsight could have done. An engineer asks what his AV does. The rules
+look at the AV and the vehicle that it touched; in this order, the first that fits names the case, else "none":
+
+1. `hesitates`: within 8 s before, it had left its lane and turned back, or changed its mind three times, and it moved
+   sideways in the last 3 s.
+2. It moved into the other's path, and the other did not move into its own. When that lane change began, the other was
+   beside it or would have had to brake with more than 3 m/s2 from 0.4 s on (UN Regulation 79's critical situation):
+   `not-behind` if the other's centre was behind its own, `not-beside` if it was ahead. Else `too-close` if it left
+   less than 0.3 s to the one behind, or was itself that near behind the other.
+3. It ran into the rear of one that had been in its path for at least 1 s. It had to act when the time to collision fell
+   below 4 s, or when 1.5 m/s2 of braking were needed, the other's own braking included. Only if 0.8 s later no more
+   than 6 m/s2 were needed: `brakes-late` if it began to brake (1 m/s2) more than 0.8 s after; if it never did,
+   `stops-heeding` where its acceleration had risen by 0.5 m/s2 within 0.5 s behind the other, else `does-not-brake`.
+4. It ran into the rear of one behind which it had followed for 2 s with a time gap of less than 0.8 s, without closing
+   in (1 m/s): `too-close`.
+
+Cut in by another vehicle too near, struck from behind or from the side while it kept its lane, an AV has done nothing
+wrong by these rules, whatever it could have done.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
+from cornerforge.fields import Field
+from cornerforge.recordings import Recordings
+from cornerforge.road.straight import lane_of
+from cornerforge.types import FRAME_S, Odd
+
+__all__ = ["CONDUCTS", "CONDUCT_COLUMNS", "NO_CONDUCT", "Conduct", "conduct_of"]
+
+CONDUCTS: dict[str, str] = {
+    "none": "nothing that is the AV's own doing",
+    "hesitates": "it leaves a lane and turns back, or changes its mind again and again",
+    "not-behind": "it changes lanes too near in front of another vehicle, or into one beside it that is further back",
+    "not-beside": "it changes lanes into a vehicle beside it, or close behind a slower one",
+    "brakes-late": "it brakes for a vehicle ahead more than 0.8 s after it had to",
+    "stops-heeding": "it runs into a vehicle ahead that it had heeded, without braking",
+    "does-not-brake": "it runs into a vehicle ahead without braking",
+    "too-close": "it had followed the other with a time gap of less than 0.8 s, or changed lanes with less than 0.3 s",
+}
+"""Name and meaning of each conduct, by code."""
+NO_CONDUCT = "none"
+_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE = range(len(CONDUCTS))
+
+CONDUCT_COLUMNS: tuple[Field, ...] = (
+    Field("conduct", "string", "", f"What the AV did wrong: {', '.join(CONDUCTS)} (`analysis.conduct`)."),
+    Field("conduct_side", "string", "", "Side on which the other was when their paths met: left, right; none: ahead."),
+    Field("conduct_s", "float64", "s", "When it began, before contact; null: it did nothing wrong."),
+)  # fmt: skip
+"""Columns that `Conduct.columns` makes, in its order."""
+_SIDES = ("none", "left", "right")
+
+_LOOKS_BACK = 80
+"""Frames before the contact in which a change of mind counts."""
+_RECENT = 30
+"""Frames before the contact, or before their paths met, in which sideways motion counts."""
+_TURN, _BEYOND = 0.3, 0.2
+"""It has turned when it has come back this far [m]; it has left a lane when its centre was this far beyond the line."""
+_TURNS = 3
+_SETTLED, _STAYS = 0.1, 20
+"""Who stays so many frames this near to its farthest point [m] has not turned back, but changed lanes twice."""
+_ENTERED = 0.4
+"""Who moved at least this far sideways towards the other, in the 3 s before their paths met, moved in [m]."""
+_STILL = 0.005
+"""Less than this in a frame is no sideways motion [m]."""
+_AFTER_CHANGE = 40
+"""Frames from the begin of the overlap sideways to the contact up to which the lane change is what led to it."""
+_CRITICAL_BRAKING, _CRITICAL_DELAY = 3.0, 0.4
+_IN_PATH = 10
+_TTC, _NEEDED = 4.0, 1.5
+_READY = 8
+"""Frames after it had to act within which it must begin to brake."""
+_POSSIBLE = 6.0
+_BRAKES = -1.0
+_RISE, _RISE_FRAMES = 0.5, 5
+_FOLLOWS, _STEADY, _TIME_GAP = 20, 1.0, 0.8
+_CUT_IN = 0.3
+"""Time gap that a lane change must leave to who drives behind [s]."""
+_NEAR = 0.1
+"""No gap is taken as smaller where braking is computed [m]."""
+_BLOCK = 256
+_AV, _BV = AV, BV
+
+
+class _Motion(NamedTuple):
+    """`PairMotion` as the kernel takes it."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    free_along: NDArray[np.float64]
+    free_across: NDArray[np.float64]
+
+
+class _Pair(NamedTuple):
+    """One case of it, the contact last: the AV and the other, shape (T,) each."""
+
+    av_x: NDArray[np.float64]
+    av_y: NDArray[np.float64]
+    av_speed: NDArray[np.float64]
+    bv_x: NDArray[np.float64]
+    bv_y: NDArray[np.float64]
+    bv_speed: NDArray[np.float64]
+    free_along: NDArray[np.float64]
+    free_across: NDArray[np.float64]
+
+
+@inlined_kernel
+def _changes_mind(y: NDArray[np.float64], first: int, last: int, lane_width: float) -> bool:
+    """Did the AV leave a lane and turn back at once, or turn three times, and move sideways at the end?"""
+    moved = 0.0
+    for t in range(max(first, last - _RECENT), last):
+        moved = max(moved, abs(y[t] - y[last]))
+    if moved < _TURN:
+        return False
+    begin = max(first, last - _LOOKS_BACK)
+    before = farthest = low = high = y[
+        begin
+    ]  # the last turn, and the farthest point since; the range while it is straight
+    direction, turns, stayed = 0, 0, 0
+    for t in range(begin, last + 1):
+        if direction == 0:
+            low, high = min(low, y[t]), max(high, y[t])
+            if high - low >= _TURN:
+                direction = 1 if y[t] == high else -1
+                farthest = y[t]
+            continue
+        if direction * (y[t] - farthest) > _STILL:
+            if direction * (y[t] - farthest) > _SETTLED:
+                stayed = 0
+            farthest = y[t]
+        stayed += 1
+        if direction * (farthest - y[t]) >= _TURN:
+            beyond = lane_of(farthest - direction * _BEYOND, lane_width)
+            turns += 1
+            if turns >= _TURNS or (beyond != lane_of(before, lane_width) and stayed < _STAYS):
+                return True
+            before, farthest, direction, stayed = farthest, y[t], -direction, 0
+    return False
+
+
+@inlined_kernel
+def _farthest_moved(y: NDArray[np.float64], since: int, meeting: int, side: float) -> float:
+    """How far a vehicle moved to one side before their paths met [m]."""
+    moved = 0.0
+    for t in range(since, meeting):
+        moved = max(moved, side * (y[meeting] - y[t]))
+    return moved
+
+
+@inlined_kernel
+def _change_of_lanes(p: _Pair, meeting: int, first: int, side: float) -> tuple[int, int]:
+    """Judge a lane change of the AV into the other's path: conduct and frame of its begin (rule 2)."""
+    begin = meeting
+    while begin > first and side * (p.av_y[begin] - p.av_y[begin - 1]) > _STILL:
+        begin -= 1
+    ahead = p.bv_x[begin] > p.av_x[begin]
+    closing = p.av_speed[begin] - p.bv_speed[begin]
+    if not ahead:
+        closing = -closing
+    room = p.free_along[begin] - _CRITICAL_DELAY * closing
+    critical = p.free_along[begin] <= 0.0
+    if closing > 0.0:
+        critical = critical or room <= 0.0 or closing * closing > 2.0 * room * _CRITICAL_BRAKING
+    if critical:
+        return (_NOT_BESIDE if ahead else _NOT_BEHIND), begin
+    behind = p.av_speed[begin] if ahead else p.bv_speed[begin]
+    return (_CLOSE if p.free_along[begin] < _CUT_IN * behind else _NONE), begin
+
+
+@inlined_kernel
+def _needed(p: _Pair, t: int) -> tuple[float, bool]:
+    """How hard the AV must brake behind the other [m/s2], and whether it is time to act."""
+    closing = p.av_speed[t] - p.bv_speed[t]
+    if closing <= 0.0:
+        return 0.0, False
+    room = max(p.free_along[t], _NEAR)
+    other = (p.bv_speed[t - 1] - p.bv_speed[t]) / FRAME_S if t > 0 else 0.0
+    needed = closing * closing / (2.0 * room) + max(other, 0.0)
+    return needed, needed >= _NEEDED or room < _TTC * closing
+
+
+@inlined_kernel
+def _into_the_rear(p: _Pair, meeting: int, first: int) -> tuple[int, int]:
+    """Judge a crash into the rear of one that was in the AV's path: conduct and frame of its begin (rules 3 and 4)."""
+    last = p.av_x.size - 1
+    must = meeting
+    while must < last and not _needed(p, must)[1]:
+        must += 1
+    if last - must >= _READY and _needed(p, must + _READY)[0] <= _POSSIBLE:
+        brakes = must
+        while brakes < last and p.av_speed[brakes + 1] - p.av_speed[brakes] > _BRAKES * FRAME_S:
+            brakes += 1
+        if brakes == last:
+            for t in range(max(meeting, first + 1), last - _RISE_FRAMES):
+                rise = p.av_speed[t + _RISE_FRAMES + 1] - p.av_speed[t + _RISE_FRAMES]
+                if rise - (p.av_speed[t + 1] - p.av_speed[t]) >= _RISE * FRAME_S:
+                    return _STOPS, t
+            return _NEVER, must
+        if brakes - must > _READY:
+            return _LATE, must
+    if must - meeting >= _FOLLOWS:
+        close, steady = 0.0, 0.0
+        for t in range(must - _FOLLOWS, must):
+            close = max(close, p.free_along[t] - _TIME_GAP * p.av_speed[t])
+            steady = max(steady, p.av_speed[t] - p.bv_speed[t])
+        if close <= 0.0 and steady <= _STEADY:
+            return _CLOSE, must - _FOLLOWS
+    return _NONE, last
+
+
+@kernel
+def _judge(p: _Pair, first: int, lane_width: float) -> tuple[int, int, int]:
+    """Judge one case: code of the conduct, code of the side, frame of its begin."""
+    last = p.av_x.size - 1
+    meeting = last
+    while meeting > first and p.free_across[meeting - 1] < 0.0:
+        meeting -= 1
+    side, by_av, by_bv = 0, False, False
+    if meeting > first:
+        side = 1 if p.bv_y[meeting - 1] > p.av_y[meeting - 1] else -1
+        since = max(first, meeting - _RECENT)
+        by_av = _farthest_moved(p.av_y, since, meeting, float(side)) > _ENTERED
+        by_bv = _farthest_moved(p.bv_y, since, meeting, -float(side)) > _ENTERED
+    side_code = 0 if side == 0 else 1 if side > 0 else 2
+    if _changes_mind(p.av_y, first, last, lane_width):
+        return _HESITATES, side_code, max(first, last - _LOOKS_BACK)
+    if by_av and not by_bv and last - meeting <= _AFTER_CHANGE:
+        found, begin = _change_of_lanes(p, meeting, first, float(side))
+        if found != _NONE:
+            return found, side_code, begin
+    if p.bv_x[last] > p.av_x[last] and p.free_across[last] < 0.0 and last - meeting >= _IN_PATH:
+        found, begin = _into_the_rear(p, meeting, first)
+        if found != _NONE:
+            return found, side_code, begin
+    return _NONE, side_code, last
+
+
+@kernel
+def _judge_all(m: _Motion, first: NDArray[np.int64], lane_width: float, out: NDArray[np.int64]) -> None:
+    """Judge all cases of `_Motion`; rows of `out`: codes of conduct and side, and the frame of its begin, (S, 3)."""
+    for c in range(first.size):
+        p = _Pair(
+            m.x[_AV, c], m.y[_AV, c], m.speed[_AV, c], m.x[_BV, c], m.y[_BV, c], m.speed[_BV, c],
+            m.free_along[c], m.free_across[c],
+        )  # fmt: skip
+        out[c, 0], out[c, 1], out[c, 2] = _judge(p, first[c], lane_width)
+
+
+@dataclass(frozen=True)
+class Conduct:
+    """What the AV did wrong in each of S cases.
+
+    Attributes:
+        code: Place in `CONDUCTS`, int64, shape (S,).
+        side: Side on which the other was when their paths met: 0 ahead or behind, 1 left, 2 right, int64, shape (S,).
+        begin_s: When the conduct began, before contact [s], shape (S,); NaN for none.
+    """
+
+    code: NDArray[np.int64]
+    side: NDArray[np.int64]
+    begin_s: NDArray[np.float64]
+
+    @classmethod
+    def of_columns(cls, conduct: list[str | None], side: list[str | None], begin_s: NDArray[np.float64]) -> Conduct:
+        """Make it from the columns of `CONDUCT_COLUMNS`."""
+        codes, sides = {name: k for k, name in enumerate(CONDUCTS)}, {name: k for k, name in enumerate(_SIDES)}
+        return cls(
+            np.array([codes[str(name)] for name in conduct], np.int64),
+            np.array([sides[str(name)] for name in side], np.int64),
+            begin_s,
+        )
+
+    def columns(self) -> dict[str, Any]:
+        """Make the columns of `CONDUCT_COLUMNS`."""
+        names, sides = np.array(list(CONDUCTS)), np.array(_SIDES)
+        return {"conduct": names[self.code], "conduct_side": sides[self.side], "conduct_s": self.begin_s}
+
+
+def conduct_of(recordings: Recordings, odd: Odd) -> Conduct:
+    """Say what the AV did wrong in recorded crashes of the AV.
+
+    Args:
+        recordings: S cases; vehicles other than the AV and its partner are not looked at.
+        odd: Of the cases.
+
+    Raises:
+        InputError: As `pair.pair_motion`.
+    """
+    parts = [_of_motion(pair_motion(block), odd.lane_width) for block in recordings.blocks(_BLOCK)]
+    found = np.concatenate(parts) if parts else np.zeros((0, 3), np.int64)
+    begin = np.where(found[:, 0] == _NONE, np.nan, found[:, 2] * FRAME_S)
+    return Conduct(found[:, 0], found[:, 1], begin)
+
+
+def _of_motion(motion: PairMotion, lane_width: float) -> NDArray[np.int64]:
+    """Return the codes of conduct and side, and how many frames before the contact it began, (S, 3)."""
+    first = np.argmax(motion.recorded, axis=1).astype(np.int64)
+    out = np.zeros((first.size, 3), np.int64)
+    m = _Motion(motion.x, motion.y, motion.speed, motion.free_along, motion.free_across)
+    _judge_all(m, first, lane_width, out)
+    out[:, 2] = motion.recorded.shape[1] - 1 - out[:, 2]
+    return out

@@ -1,0 +1,154 @@
+"""The flaw that an AV's crashes show: what it does wrong most, in words, from the conduct in each case (`conduct.py`).
+
+One crash can come of one wrong act; a flaw shows in many. Two facts are seen in many cases only: that all who were
+overlooked were on one side, and that nobody ahead of the AV was overlooked in its lane changes, but many behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT, Conduct
+from cornerforge.results.analysis import OwnDoing
+
+__all__ = ["FLAWS", "Flaw", "flaws_of", "headline", "in_words"]
+
+FLAWS: dict[str, str] = {
+    "hesitates": "hesitates between lanes",
+    "not-behind": "does not look behind when it changes lanes",
+    "not-beside": "does not look beside when it changes lanes",
+    "not-left": "does not see its left side",
+    "not-right": "does not see its right side",
+    "brakes-late": "brakes late for vehicles ahead",
+    "forgets": "forgets vehicles ahead that it had heeded",
+    "does-not-brake": "does not brake for vehicles ahead",
+    "too-close": "keeps too little distance",
+}
+"""Name of each flaw, and what the AV does, after "This AV"."""
+
+_NOTHING = "Nothing was found that is this AV's own doing"
+
+LEAST_CASES, LEAST_SHARE = 3, 0.02
+"""A flaw shows in at least so many cases, and in this share of all crashes."""
+_CHANGES, _INTO_REAR = ("not-behind", "not-beside"), ("stops-heeding", "does-not-brake")
+_GROUPS = (("hesitates",), _CHANGES, ("brakes-late",), _INTO_REAR, ("too-close",))
+_MANY = 0.2
+"""Share of the cases of a group in which its other member must show."""
+_ONE_SIDE, _SIDED_CASES = 0.95, 8
+_LEFT, _RIGHT = 1, 2
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """One flaw and the cases that show it.
+
+    Attributes:
+        name: A key of `FLAWS`.
+        cases: Rows of the cases, ascending.
+        share: Of all crashes, by weight, 0 to 1.
+    """
+
+    name: str
+    cases: NDArray[np.intp]
+    share: float
+
+
+def flaws_of(conduct: Conduct, weights: NDArray[np.float64] | None = None) -> list[Flaw]:
+    """Name the flaws that S cases show, the one with the largest share first; empty: none stands out.
+
+    Args:
+        conduct: Of the cases.
+        weights: How often each happens, above 0, shape (S,); None: equal weights.
+    """
+    weight = np.ones(conduct.code.size) if weights is None else weights
+    names = np.array(list(CONDUCTS))[conduct.code]
+    found = []
+    for group in _GROUPS:
+        rows = np.flatnonzero(np.isin(names, group))
+        share = float(weight[rows].sum() / weight.sum()) if rows.size else 0.0
+        if rows.size >= LEAST_CASES and share >= LEAST_SHARE:
+            found.append(Flaw(_name(group, names, conduct, rows, weight), rows, share))
+    return sorted(found, key=lambda flaw: -flaw.share)
+
+
+def in_words(flaws: Sequence[Flaw], intervals: Sequence[Sequence[float]], conduct: Conduct, *, natural: bool) -> str:
+    """Say in a sentence or two what the AV does wrong, or that nothing was found.
+
+    Args:
+        flaws: Of `flaws_of`.
+        intervals: Of the share of each flaw, 0 to 1.
+        conduct: Of the cases.
+        natural: They are natural cases, and shares are by how often each happens.
+    """
+    n, wrong = conduct.code.size, int((conduct.code != list(CONDUCTS).index(NO_CONDUCT)).sum())
+    kind = "natural crashes" if natural else "crashes"
+    if not flaws:
+        some = f" In {wrong:,} of them it did something wrong, too few to name a flaw." if wrong else ""
+        return f"{_NOTHING}, in {n:,} {kind}.{some}"
+    first, (low, high) = flaws[0], intervals[0]
+    text = (
+        f"This AV {FLAWS[first.name]}: that made {_percent(first.share)} of its {kind} (95 % interval "
+        f"{_percent(low)} to {_percent(high)}; {first.cases.size:,} of {n:,} cases)."
+    )
+    if len(flaws) > 1:
+        text += f" It also {'; '.join(f'{FLAWS[one.name]} ({_percent(one.share)})' for one in flaws[1:])}."
+    return text
+
+
+def headline(natural: OwnDoing | None, adversary: OwnDoing | None) -> str:
+    """Say first what matters most: the flaw that natural crashes show, else the one that an adversary found, else none.
+
+    Args:
+        natural: What natural cases show; None: there are none.
+        adversary: What the cases of an adversary show; None likewise. One of the two must be given.
+    """
+    told = [one for one in (natural, adversary) if one is not None]
+    flawed = [one for one in told if one.flaws]
+    if not flawed:
+        return told[0].text if len(told) == 1 else _nothing_in(*told)
+    text = flawed[0].text
+    if len(flawed) == 2 and flawed[1].flaws[0].flaw != flawed[0].flaws[0].flaw:
+        one = flawed[1].flaws[0]
+        text += f" In the crashes that the adversary caused it {FLAWS[one.flaw]} ({_percent(one.share)} of them)."
+    return text
+
+
+def _nothing_in(natural: OwnDoing, adversary: OwnDoing) -> str:
+    """Say that neither natural cases nor those of an adversary show a flaw."""
+    n, m = (sum(one.conducts.values()) for one in (natural, adversary))
+    wrong = n + m - sum(one.conducts.get(NO_CONDUCT, 0) for one in (natural, adversary))
+    text = f"{_NOTHING}: not in {n:,} natural crashes, nor in {m:,} that an adversary caused."
+    return text + (f" In {wrong:,} of them it did something wrong, too few to name a flaw." if wrong else "")
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
+
+
+def _name(
+    group: tuple[str, ...],
+    names: NDArray[np.str_],
+    conduct: Conduct,
+    rows: NDArray[np.intp],
+    weight: NDArray[np.float64],
+) -> str:
+    """Name the flaw of a group of conducts."""
+    if len(group) == 1:
+        return group[0]
+
+    def share_of(which: NDArray[np.bool_]) -> float:
+        return float(weight[rows[which]].sum() / weight[rows].sum())
+
+    sides = conduct.side[rows]
+    seen = share_of(names[rows] == "not-beside") >= _MANY or group is _INTO_REAR
+    if seen and rows.size >= _SIDED_CASES:
+        for side, name in ((_LEFT, "not-left"), (_RIGHT, "not-right")):
+            if share_of(sides == side) >= _ONE_SIDE:
+                return name
+    if group is _CHANGES:
+        return "not-beside" if seen else "not-behind"
+    return "forgets" if share_of(names[rows] == "stops-heeding") >= _MANY else "does-not-brake"

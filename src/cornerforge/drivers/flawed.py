@@ -1,0 +1,46 @@
+"""AVs made bad on purpose, one flaw each: what is said of an AV's crashes can be held against them.
+
+Nobody would build them, but each flaw is one that real software had: a threshold of time to collision too small, a gap
+check that looks ahead only, a sensor that sees nothing on one side, a tracker that drops what it has followed for some
+time, a planner that takes back its own decisions, a time gap too short. Without its flaw each is `idm-mobil`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cornerforge._checks import check_in
+
+__all__ = ["BLIND_SIDE", "FLAWS", "FORGETS", "HESITATES", "LATE", "NOT_BEHIND", "TOO_CLOSE", "FlawParams"]
+
+LATE, NOT_BEHIND, BLIND_SIDE, FORGETS, HESITATES, TOO_CLOSE = range(6)
+FLAWS = {
+    "brakes-late": LATE,
+    "not-behind": NOT_BEHIND,
+    "not-left": BLIND_SIDE,
+    "forgets": FORGETS,
+    "hesitates": HESITATES,
+    "too-close": TOO_CLOSE,
+}
+"""Name and code of each flaw."""
+
+
+@dataclass(frozen=True)
+class FlawParams:
+    """Which flaw an AV of kind "flawed" has.
+
+    Attributes:
+        flaw: A name of `FLAWS`. "brakes-late": it heeds a vehicle ahead only when it would reach it within 1 s.
+            "not-behind": it looks for nobody behind it when it changes lanes. "not-left": it sees nobody whose centre
+            is more than 1 m to its left. "forgets": it drops a vehicle from its list 2 s after it came within 100 m.
+            "hesitates": when it has left its lane, it returns to it, without looking. "too-close": it overlooks nobody,
+            but its IDM has a short time gap.
+
+    Raises:
+        InputError: There is no such flaw.
+    """
+
+    flaw: str = "brakes-late"
+
+    def __post_init__(self) -> None:
+        check_in("flawed.flaw", self.flaw, tuple(FLAWS))
