@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
-from cornerforge.errors import AvFaultError
+from cornerforge.errors import AvFaultError, OutputError
 from cornerforge.execution import in_order
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
@@ -116,10 +116,10 @@ def r157(
         from cornerforge.report import check_r157_page
 
         check_r157_page()
+        _check_new(place)
     run = experiment(options, road=odd, takes_foreign=True, seed=seed)
     if place is not None:
-        open_output(place, {**run.identity(seed), "families": ",".join(dict.fromkeys(p.family for p in wanted))},
-                    resume=False)  # fmt: skip
+        open_output(place, _identity(run, wanted, seed), resume=False)
         run.keep_printed(place / AV_LOG)
     total = sum(map(len, wanted))
     forecast(run, threads, f"{total:,} scenarios", tests=total)
@@ -145,8 +145,23 @@ def r157(
     result = replace(result, library=str(library.path), page=str(place / "r157.html"))
     write_r157_page(place / "r157.html", result, [_picture(one) for one in driven])
     result = replace(result, seconds=round(time.perf_counter() - began, 3))
-    write_json(place / "provenance.json", provenance(run.identity(seed), result.seconds))
+    write_json(place / "provenance.json", provenance(_identity(run, wanted, seed), result.seconds))
     return result
+
+
+def _identity(run: Experiment, wanted: Sequence[Panel], seed: int) -> dict[str, Any]:
+    """Name what decides the result."""
+    return {**run.identity(seed), "families": ",".join(dict.fromkeys(panel.family for panel in wanted))}
+
+
+def _check_new(place: Path) -> None:
+    """Check, before an AV from outside starts, that the folder is new or empty.
+
+    Raises:
+        OutputError: It holds something, or is no folder.
+    """
+    if place.exists() and (not place.is_dir() or any(place.iterdir())):
+        raise OutputError(f"{place} exists already and is not an empty folder; remove it, or choose another place.")
 
 
 def _setting(setting: Setting, panel: Panel, rails: Rails) -> Setting:
@@ -340,10 +355,10 @@ def r157_text(r: Regulated) -> str:
             f" (crashes of the reference drivers: {refs})"
         )
     if r.roads_failed is not None and r.roads_failed_but_prevented_by is not None:
-        by = ", ".join(f"{name} {part:.2g}" for name, part in r.roads_failed_but_prevented_by.items())
+        by = ", ".join(f"{name} {_small(part)}" for name, part in r.roads_failed_but_prevented_by.items())
         lines.append(
-            f"  Cut-ins weighted as often as SPMD's fit has them: the AV fails in a share of {r.roads_failed:.2g}; and "
-            f"the driver does not: {by}"
+            f"  Cut-ins weighted as often as SPMD's fit has them: the AV fails in a share of {_small(r.roads_failed)}; "
+            f"and the driver does not: {by}"
         )
     if r.too_fast_kmh:
         lines.append(f"  Left out, the ODD is slower: {', '.join(map(str, r.too_fast_kmh))} km/h")
@@ -351,3 +366,8 @@ def r157_text(r: Regulated) -> str:
     if r.page is not None:
         lines.append(f"Library: {r.library}; page: {r.page}")
     return "\n".join(lines)
+
+
+def _small(part: float) -> str:
+    """Write a share; so near as that, cut-ins are not on record."""
+    return "below 1e-6" if 0.0 < part < 1e-6 else f"{part:.2g}"

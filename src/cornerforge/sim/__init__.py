@@ -9,7 +9,7 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   and `unpacked` copy, branch and store it at any moment.
 - *Setting*. A `Setting` is constant in a run: road, AV, naturalistic model and controllers. The `Controllers` say what
   drives the AV (`BUILT_IN`, `OUTSIDE`, `STEERED`), the critical BV, which is the one nearest to the AV (`ADVERSARIES`,
-  `TOLD`), and the other BVs (`NATURALISTIC`, `IDM_BVS`).
+  `TOLD`), and the other BVs (`NATURALISTIC`, `IDM_BVS`, `RAILS`: they move as they are told).
 - *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), when `until` seconds have passed
   (`MILESTONE`), or when somebody outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`); the answer goes into the
   world, and the next `advance` goes on from there. `Scratch` is memory to work in; nothing in it outlives a call.
@@ -31,7 +31,7 @@ Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scr
 `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av` and `av_kinds`
 (built-in AVs), `actions`, `motion`, `bicycle` (an AV that steers), `step` and `reach` (contact), `neighbours`. Views:
 `observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole tests),
-`runner`, `scripted`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
+`runner`, `scripted` and `rails`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
 Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`, `forest`, `tilt`, `trees`,
 `grove`. What the adversary is paid for: `rewards`, `braking`.
 
