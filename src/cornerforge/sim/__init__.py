@@ -30,10 +30,10 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scratch`; `keep`; `loop`. Within the loop:
 `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av` and `av_kinds`
 (built-in AVs), `actions`, `motion`, `bicycle` (an AV that steers), `step` and `reach` (contact), `neighbours`. Views:
-`observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole tests),
-`runner`, `scripted` and `rails`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
-Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`, `forest`, `tilt`, `trees`,
-`grove`. What the adversary is paid for: `rewards`, `braking`.
+`observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole
+tests), `runner`, `scripted` and `rails`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`,
+`recorder`, `judge`. Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`,
+`forest`, `tilt`, `trees`, `grove`. What the adversary is paid for: `rewards`, `braking`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
 for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
