@@ -24,10 +24,10 @@ _LINES: dict[str, tuple[str, Any]] = {
     "cc-human": ("#0072B2", "-"),
     "reg157": ("#000000", "--"),
     "rss-brake": ("#009E73", "-."),
-    "fsm": ("#A0527F", ":"),
+    "fsm": ("#8A2D6B", ":"),
 }
 """Colour (Okabe and Ito's) and dashes of the edge of what each reference driver prevents."""
-_WITHIN, _BEYOND, _NO_POINT = "#D55E00", "#F0C8A0", "#E4E7EA"
+_WITHIN, _BEYOND, _NO_POINT = "#E69F00", "#F9E4B5", "#E4E7EA"
 _PREVENTED, _NOT, _OUT = 2, 1, 3
 _AXES = {
     "cut-in": ("gap [m]", "lateral speed [m/s]"),
