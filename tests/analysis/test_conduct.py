@@ -54,7 +54,7 @@ MADE = {
         Car(40.0, MIDDLE, 25.0, turns=INTO_LEFT), Car(43.0, LEFT, 25.0), ("not-beside", "left"),
     ),
     "it changes lanes 2 m in front of one as fast, and brakes": (
-        Car(40.0, MIDDLE, 25.0, ((2.0, -2.0),), INTO_LEFT), Car(33.0, LEFT, 25.0), ("too-close", "left"),
+        Car(40.0, MIDDLE, 25.0, ((2.0, -2.0),), INTO_LEFT), Car(33.0, LEFT, 25.0), ("cuts-in", "left"),
     ),
     "the other comes in beside it": (
         Car(40.0, MIDDLE, 25.0), Car(40.0, LEFT, 25.0, turns=(Turn(1.0, 4.0, MIDDLE),)), ("none", "left"),
@@ -62,6 +62,13 @@ MADE = {
     "it turns back into its lane": (
         Car(40.0, MIDDLE, 25.0, turns=(Turn(0.0, 3.0, LEFT - 0.5), Turn(3.0, 3.0, MIDDLE))), Car(20.0, MIDDLE, 28.0),
         ("hesitates", "right"),
+    ),
+    "it drives astride the line": (
+        Car(60.0, MIDDLE, 25.0, turns=(Turn(0.0, 2.0, MIDDLE + 2.2),)), Car(30.0, LEFT, 29.0), ("hesitates", "left"),
+    ),
+    "the other drives astride the line, slowly": (
+        Car(20.0, MIDDLE, 30.0), Car(70.0, LEFT - 1.6, 22.0, turns=(Turn(4.4, 1.5, MIDDLE),)),
+        ("does-not-brake", "left"),
     ),
     "it changes lanes twice, 3 s apart, and is struck from behind later": (
         Car(60.0, MIDDLE, 25.0, turns=(Turn(0.0, 3.0, LEFT), Turn(6.0, 3.0, MIDDLE))), Car(20.0, MIDDLE, 28.0),
@@ -110,6 +117,10 @@ def conducts(**cases: int) -> Conduct:
         ({"not_behind_left": 10, "not_beside_right": 9, "none_ahead": 80}, "not-beside"),
         ({"does_not_brake_ahead": 10, "stops_heeding_ahead": 1}, "does-not-brake"),
         ({"does_not_brake_ahead": 10, "stops_heeding_ahead": 5}, "forgets"),
+        ({"not_behind_left": 3, "cuts_in_right": 4, "none_ahead": 100}, "not-behind"),
+        ({"not_behind_left": 1, "cuts_in_right": 9, "none_ahead": 100}, "too-close"),
+        ({"too_close_ahead": 9, "cuts_in_right": 9, "none_ahead": 100}, "too-close"),
+        ({"not_beside_right": 5, "cuts_in_right": 5, "none_ahead": 100}, "not-right"),
         ({"brakes_late_ahead": 3, "none_ahead": 100}, "brakes-late"),
         ({"brakes_late_ahead": 2, "none_ahead": 3}, None),
         ({"brakes_late_ahead": 3, "none_ahead": 200}, None),

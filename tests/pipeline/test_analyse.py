@@ -16,6 +16,7 @@ import cornerforge
 from cornerforge import cli
 from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, LABELS
 from cornerforge.analysis.case_table import VALUE_COLUMNS
+from cornerforge.analysis.conduct import CONDUCT_COLUMNS
 from cornerforge.analysis.fault import FAULT_COLUMNS
 from cornerforge.analysis.measures import MEASURES
 from cornerforge.analysis.prevented import PREVENTED_COLUMNS
@@ -37,7 +38,10 @@ def test_every_case_has_its_row(analysed: tuple[Analysed, Path]) -> None:
     cases, points = pq.read_table(out / "cases.parquet"), pq.read_table(out / "points.parquet")
     assert cases.column("case_id").to_pylist() == points.column("case_id").to_pylist()
     assert cases.num_rows == summary.cases
-    wanted = {column.name for column in (*MEASURES, *FAULT_COLUMNS, *PREVENTED_COLUMNS, *SHORTFALL, *VALUE_COLUMNS)}
+    wanted = {
+        column.name
+        for column in (*MEASURES, *FAULT_COLUMNS, *CONDUCT_COLUMNS, *PREVENTED_COLUMNS, *SHORTFALL, *VALUE_COLUMNS)
+    }
     assert wanted <= set(cases.column_names)
     for name in wanted:
         assert (cases.schema.field(name).metadata or {}).get(b"meaning"), f"{name} says what it is"
@@ -182,7 +186,10 @@ def test_the_columns_are_documented(golden) -> None:
         "that were looked at. This page is made from the code (`make golden`).", "",
         "| column | unit | meaning |", "| --- | --- | --- |",
     ]  # fmt: skip
-    lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*MEASURES, *FAULT_COLUMNS, *PREVENTED_COLUMNS)]
+    lines += [
+        f"| `{c.name}` | {c.unit} | {c.meaning} |"
+        for c in (*MEASURES, *FAULT_COLUMNS, *CONDUCT_COLUMNS, *PREVENTED_COLUMNS)
+    ]
     lines += [_row(AVOIDABILITY_SCHEMA.field(name)) for name in AVOIDABILITY_SCHEMA.names[1:] if "witness" not in name]
     lines += [f"| `{c.name}` | {c.unit} | {c.meaning} |" for c in (*SHORTFALL, *VALUE_COLUMNS)]
     lines += ["", "## witnesses.parquet", "", "| column | unit | meaning |", "| --- | --- | --- |"]

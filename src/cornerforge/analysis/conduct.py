@@ -3,13 +3,14 @@
 RSS says who broke a rule last, a way out what hindsight could have done. An engineer asks what his AV does. The rules
 look at the AV and the vehicle that it touched; in this order, the first that fits names the case, else "none":
 
-1. `hesitates`: within 8 s before, it had left its lane and turned back, or changed its mind three times, and it moved
-   sideways in the last 3 s.
+1. `hesitates`: within 8 s before, it had left its lane and turned back, or turned three times, and it moved sideways in
+   the last 3 s; or it was astride a line for 3.5 s of them, and at the contact.
 2. It moved into the other's path, and the other did not move into its own. When that lane change began, the other was
    beside it or would have had to brake with more than 3 m/s2 from 0.4 s on (UN Regulation 79's critical situation):
-   `not-behind` if the other's centre was behind its own, `not-beside` if it was ahead. Else `too-close` if it left
-   less than 0.3 s to the one behind, or was itself that near behind the other.
-3. It ran into the rear of one that had been in its path for at least 1 s. It had to act when the time to collision fell
+   `not-behind` if the other's centre was behind its own, `not-beside` if it was ahead. Else `cuts-in` if it left less
+   than 0.3 s to the one behind, or was itself that near behind the other.
+3. It ran into the rear of one that had been in its path for at least 1 s: they overlapped sideways, or the other's body
+   was in the AV's lane, by 0.375 m at least. It had to act when the time to collision fell
    below 4 s, or when 1.5 m/s2 of braking were needed, the other's own braking included. Only if 0.8 s later no more
    than 6 m/s2 were needed: `brakes-late` if it began to brake (1 m/s2) more than 0.8 s after; if it never did,
    `stops-heeding` where its acceleration had risen by 0.5 m/s2 within 0.5 s behind the other, else `does-not-brake`.
@@ -32,7 +33,7 @@ from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.analysis.pair import AV, BV, PairMotion, pair_motion
 from cornerforge.fields import Field
 from cornerforge.recordings import Recordings
-from cornerforge.road.straight import lane_of
+from cornerforge.road.straight import lane_centre, lane_of
 from cornerforge.types import FRAME_S, Odd
 
 __all__ = ["CONDUCTS", "CONDUCT_COLUMNS", "NO_CONDUCT", "Conduct", "conduct_of"]
@@ -45,11 +46,12 @@ CONDUCTS: dict[str, str] = {
     "brakes-late": "it brakes for a vehicle ahead more than 0.8 s after it had to",
     "stops-heeding": "it runs into a vehicle ahead that it had heeded, without braking",
     "does-not-brake": "it runs into a vehicle ahead without braking",
-    "too-close": "it had followed the other with a time gap of less than 0.8 s, or changed lanes with less than 0.3 s",
+    "too-close": "it runs into a vehicle that it had followed with a time gap of less than 0.8 s",
+    "cuts-in": "it changes lanes with a time gap of less than 0.3 s",
 }
 """Name and meaning of each conduct, by code."""
 NO_CONDUCT = "none"
-_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE = range(len(CONDUCTS))
+_NONE, _HESITATES, _NOT_BEHIND, _NOT_BESIDE, _LATE, _STOPS, _NEVER, _CLOSE, _CUTS_IN = range(len(CONDUCTS))
 
 CONDUCT_COLUMNS: tuple[Field, ...] = (
     Field("conduct", "string", "", f"What the AV did wrong: {', '.join(CONDUCTS)} (`analysis.conduct`)."),
@@ -66,6 +68,8 @@ _RECENT = 30
 _TURN, _BEYOND = 0.3, 0.2
 """It has turned when it has come back this far [m]; it has left a lane when its centre was this far beyond the line."""
 _TURNS = 3
+_ASTRIDE = 35
+"""Frames of the 8 s before the contact for which it is astride a line, before it counts as hesitating."""
 _SETTLED, _STAYS = 0.1, 20
 """Who stays so many frames this near to its farthest point [m] has not turned back, but changed lanes twice."""
 _ENTERED = 0.4
@@ -75,7 +79,8 @@ _STILL = 0.005
 _AFTER_CHANGE = 40
 """Frames from the begin of the overlap sideways to the contact up to which the lane change is what led to it."""
 _CRITICAL_BRAKING, _CRITICAL_DELAY = 3.0, 0.4
-_IN_PATH = 10
+_IN_PATH, _IN_LANE = 10, 0.375
+"""Frames for which the other is in its path, and how far its body is over the line then [m] (UN R157's cut-in)."""
 _TTC, _NEEDED = 4.0, 1.5
 _READY = 8
 """Frames after it had to act within which it must begin to brake."""
@@ -99,10 +104,11 @@ class _Motion(NamedTuple):
     speed: NDArray[np.float64]
     free_along: NDArray[np.float64]
     free_across: NDArray[np.float64]
+    width: NDArray[np.float64]
 
 
 class _Pair(NamedTuple):
-    """One case of it, the contact last: the AV and the other, shape (T,) each."""
+    """One case of it, the contact last: the AV and the other, shape (T,) each, and their widths [m]."""
 
     av_x: NDArray[np.float64]
     av_y: NDArray[np.float64]
@@ -112,6 +118,38 @@ class _Pair(NamedTuple):
     bv_speed: NDArray[np.float64]
     free_along: NDArray[np.float64]
     free_across: NDArray[np.float64]
+    av_width: float
+    bv_width: float
+
+
+@inlined_kernel
+def _is_astride(y: float, width: float, lane_width: float) -> bool:
+    """Is a vehicle over a line between two lanes, or over the road's edge?"""
+    return lane_of(y - 0.5 * width, lane_width) != lane_of(y + 0.5 * width, lane_width)
+
+
+@inlined_kernel
+def _hesitates(p: _Pair, first: int, last: int, lane_width: float) -> bool:
+    """Did the AV change its mind, or drive astride a line (rule 1)?"""
+    if _changes_mind(p.av_y, first, last, lane_width):
+        return True
+    astride = 0
+    for t in range(max(first, last - _LOOKS_BACK), last + 1):
+        astride += _is_astride(p.av_y[t], p.av_width, lane_width)
+    return astride >= _ASTRIDE and _is_astride(p.av_y[last], p.av_width, lane_width)
+
+
+@inlined_kernel
+def _in_lane_since(p: _Pair, first: int, last: int, lane_width: float) -> int:
+    """Find the frame since which the other has been in the AV's lane, and the AV too; `last` if it is not."""
+    lane = lane_of(p.av_y[last], lane_width)
+    reach = 0.5 * (lane_width + p.bv_width) - _IN_LANE
+    since = last
+    while since > first and lane_of(p.av_y[since - 1], lane_width) == lane:
+        if abs(p.bv_y[since - 1] - lane_centre(lane, lane_width)) > reach:
+            break
+        since -= 1
+    return since
 
 
 @inlined_kernel
@@ -174,7 +212,7 @@ def _change_of_lanes(p: _Pair, meeting: int, first: int, side: float) -> tuple[i
     if critical:
         return (_NOT_BESIDE if ahead else _NOT_BEHIND), begin
     behind = p.av_speed[begin] if ahead else p.bv_speed[begin]
-    return (_CLOSE if p.free_along[begin] < _CUT_IN * behind else _NONE), begin
+    return (_CUTS_IN if p.free_along[begin] < _CUT_IN * behind else _NONE), begin
 
 
 @inlined_kernel
@@ -190,10 +228,13 @@ def _needed(p: _Pair, t: int) -> tuple[float, bool]:
 
 
 @inlined_kernel
-def _into_the_rear(p: _Pair, meeting: int, first: int) -> tuple[int, int]:
-    """Judge a crash into the rear of one that was in the AV's path: conduct and frame of its begin (rules 3 and 4)."""
+def _into_the_rear(p: _Pair, in_path: int, meeting: int, first: int) -> tuple[int, int]:
+    """Judge a crash into the rear of one that was in the AV's path: conduct and frame of its begin (rules 3 and 4).
+
+    `in_path`, `meeting`: frames since which the other was in its path, and since which the two overlapped sideways.
+    """
     last = p.av_x.size - 1
-    must = meeting
+    must = in_path
     while must < last and not _needed(p, must)[1]:
         must += 1
     if last - must >= _READY and _needed(p, must + _READY)[0] <= _POSSIBLE:
@@ -201,7 +242,7 @@ def _into_the_rear(p: _Pair, meeting: int, first: int) -> tuple[int, int]:
         while brakes < last and p.av_speed[brakes + 1] - p.av_speed[brakes] > _BRAKES * FRAME_S:
             brakes += 1
         if brakes == last:
-            for t in range(max(meeting, first + 1), last - _RISE_FRAMES):
+            for t in range(max(in_path, first + 1), last - _RISE_FRAMES):
                 rise = p.av_speed[t + _RISE_FRAMES + 1] - p.av_speed[t + _RISE_FRAMES]
                 if rise - (p.av_speed[t + 1] - p.av_speed[t]) >= _RISE * FRAME_S:
                     return _STOPS, t
@@ -232,14 +273,15 @@ def _judge(p: _Pair, first: int, lane_width: float) -> tuple[int, int, int]:
         by_av = _farthest_moved(p.av_y, since, meeting, float(side)) > _ENTERED
         by_bv = _farthest_moved(p.bv_y, since, meeting, -float(side)) > _ENTERED
     side_code = 0 if side == 0 else 1 if side > 0 else 2
-    if _changes_mind(p.av_y, first, last, lane_width):
+    if _hesitates(p, first, last, lane_width):
         return _HESITATES, side_code, max(first, last - _LOOKS_BACK)
     if by_av and not by_bv and last - meeting <= _AFTER_CHANGE:
         found, begin = _change_of_lanes(p, meeting, first, float(side))
         if found != _NONE:
             return found, side_code, begin
-    if p.bv_x[last] > p.av_x[last] and p.free_across[last] < 0.0 and last - meeting >= _IN_PATH:
-        found, begin = _into_the_rear(p, meeting, first)
+    in_path = min(meeting, _in_lane_since(p, first, last, lane_width))
+    if p.bv_x[last] > p.av_x[last] and p.free_across[last] < 0.0 and last - in_path >= _IN_PATH:
+        found, begin = _into_the_rear(p, in_path, meeting, first)
         if found != _NONE:
             return found, side_code, begin
     return _NONE, side_code, last
@@ -251,7 +293,7 @@ def _judge_all(m: _Motion, first: NDArray[np.int64], lane_width: float, out: NDA
     for c in range(first.size):
         p = _Pair(
             m.x[_AV, c], m.y[_AV, c], m.speed[_AV, c], m.x[_BV, c], m.y[_BV, c], m.speed[_BV, c],
-            m.free_along[c], m.free_across[c],
+            m.free_along[c], m.free_across[c], m.width[_AV, c], m.width[_BV, c],
         )  # fmt: skip
         out[c, 0], out[c, 1], out[c, 2] = _judge(p, first[c], lane_width)
 
@@ -306,7 +348,7 @@ def _of_motion(motion: PairMotion, lane_width: float) -> NDArray[np.int64]:
     """Return the codes of conduct and side, and how many frames before the contact it began, (S, 3)."""
     first = np.argmax(motion.recorded, axis=1).astype(np.int64)
     out = np.zeros((first.size, 3), np.int64)
-    m = _Motion(motion.x, motion.y, motion.speed, motion.free_along, motion.free_across)
+    m = _Motion(motion.x, motion.y, motion.speed, motion.free_along, motion.free_across, motion.width)
     _judge_all(m, first, lane_width, out)
     out[:, 2] = motion.recorded.shape[1] - 1 - out[:, 2]
     return out

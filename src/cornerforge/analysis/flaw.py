@@ -34,10 +34,10 @@ _NOTHING = "Nothing was found that is this AV's own doing"
 
 LEAST_CASES, LEAST_SHARE = 3, 0.02
 """A flaw shows in at least so many cases, and in this share of all crashes."""
-_CHANGES, _INTO_REAR = ("not-behind", "not-beside"), ("stops-heeding", "does-not-brake")
+_CHANGES, _INTO_REAR = ("not-behind", "not-beside", "cuts-in"), ("stops-heeding", "does-not-brake")
 _GROUPS = (("hesitates",), _CHANGES, ("brakes-late",), _INTO_REAR, ("too-close",))
-_MANY = 0.2
-"""Share of the cases of a group in which its other member must show."""
+_MANY, _NEARLY_ALL = 0.2, 0.8
+"""Shares of the cases of a group in which one of its conducts must show to name the flaw."""
 _ONE_SIDE, _SIDED_CASES = 0.95, 8
 _LEFT, _RIGHT = 1, 2
 
@@ -72,7 +72,18 @@ def flaws_of(conduct: Conduct, weights: NDArray[np.float64] | None = None) -> li
         share = float(weight[rows].sum() / weight.sum()) if rows.size else 0.0
         if rows.size >= LEAST_CASES and share >= LEAST_SHARE:
             found.append(Flaw(_name(group, names, conduct, rows, weight), rows, share))
-    return sorted(found, key=lambda flaw: -flaw.share)
+    return _once_each(sorted(found, key=lambda flaw: -flaw.share))
+
+
+def _once_each(flaws: list[Flaw]) -> list[Flaw]:
+    """Join flaws of one name: an AV may keep too little distance when it follows and when it changes lanes."""
+    joined: dict[str, Flaw] = {}
+    for flaw in flaws:
+        before = joined.get(flaw.name)
+        joined[flaw.name] = (
+            flaw if before is None else Flaw(flaw.name, np.union1d(before.cases, flaw.cases), before.share + flaw.share)
+        )
+    return sorted(joined.values(), key=lambda flaw: -flaw.share)
 
 
 def in_words(flaws: Sequence[Flaw], intervals: Sequence[Sequence[float]], conduct: Conduct, *, natural: bool) -> str:
@@ -143,6 +154,8 @@ def _name(
     def share_of(which: NDArray[np.bool_]) -> float:
         return float(weight[rows[which]].sum() / weight[rows].sum())
 
+    if share_of(names[rows] == "cuts-in") >= _NEARLY_ALL:
+        return "too-close"
     sides = conduct.side[rows]
     seen = share_of(names[rows] == "not-beside") >= _MANY or group is _INTO_REAR
     if seen and rows.size >= _SIDED_CASES:

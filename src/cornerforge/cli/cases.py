@@ -29,7 +29,15 @@ from cornerforge.cli.options import (
     flag,
     takes_world,
 )
-from cornerforge.cli.output import EXIT_GATE, fault_text, judgement_text, natural_text, rate_text, run_command
+from cornerforge.cli.output import (
+    EXIT_GATE,
+    fault_text,
+    judgement_text,
+    natural_text,
+    rate_text,
+    run_command,
+    wrong_text,
+)
 from cornerforge.cli.program import command
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
@@ -116,6 +124,7 @@ def analyse(
     def text(r: Analysed) -> str:
         share = 100.0 * sum(r.explained_variance)
         lines = [
+            *wrong_text(None, r),
             f"{r.cases:,} cases, {len(r.features)} features, {share:.0f} % of variance in two components; "
             f"majority {r.majority:,}, minority {r.minority:,}",
             "Crash types: " + ", ".join(f"{name} {n:,}" for name, n in r.crash_types.items()),

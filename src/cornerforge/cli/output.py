@@ -222,8 +222,7 @@ def wrong_text(natural: Analysed | None, adversary: Analysed | None) -> list[str
 
 def judgement_text(r: Analysed) -> list[str]:
     """Fault, avoidability, coverage and the most valuable cases of an analysis."""
-    lines = [] if r.own_doing is None else [r.own_doing.text]
-    lines += ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
+    lines = ["At fault (RSS): " + ", ".join(f"{who} {n:,}" for who, n in r.fault.items())]
     if r.prevented is not None:
         told = r.prevented
         shares = ", ".join(f"{name} {one.cases:,} ({one.by_braking:,})" for name, one in told.by.items())

@@ -151,6 +151,7 @@ CONDUCT_WORDS = dict(
             "forgets",
             "does not brake",
             "too close",
+            "cuts in",
         ),
         strict=True,
     )
