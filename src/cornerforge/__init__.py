@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.make_report import make_report
     from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
     from cornerforge.pipeline.plausibility import plausibility
+    from cornerforge.pipeline.r157 import r157
     from cornerforge.pipeline.rate import rate
     from cornerforge.pipeline.retest import retest
     from cornerforge.pipeline.run import run
@@ -49,6 +50,7 @@ __all__ = [
     "ndd_validate",
     "plausibility",
     "query",
+    "r157",
     "rate",
     "replay",
     "reproduce",
@@ -80,6 +82,7 @@ __getattr__ = door(
         "ndd_validate": "pipeline.validate",
         "plausibility": "pipeline.plausibility",
         "query": "pipeline.cases",
+        "r157": "pipeline.r157",
         "rate": "pipeline.rate",
         "replay": "pipeline.cases",
         "reproduce": "paper.reproduce",

@@ -44,7 +44,9 @@ from cornerforge.world_options import PLAIN_ADVERSARIES
 if TYPE_CHECKING:
     from cornerforge.results import Analysed, Queried, Replayed
 
-__all__ = ["analyse", "generate", "plausibility", "query", "replay", "retest", "shrink", "suite_build", "variety"]
+__all__ = [
+    "analyse", "generate", "plausibility", "query", "r157", "replay", "retest", "shrink", "suite_build", "variety",
+]  # fmt: skip
 
 
 @command(
@@ -290,6 +292,41 @@ def suite_build(
             libraries, out=out, size=size, zoo=zoo, seed=seed, threads=threads, progress=bars, **world
         ),
         suite_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@command("cornerforge r157 --av idm-mobil --out out/r157", "cornerforge r157 --av my_av:MyAv --family cut-in")
+@takes_world("av", "odd", "lanes", "av_timeout", "av_batch", "av_processes", "av_python")
+def r157(
+    world: World = None,
+    family: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="cut-in, cut-out or deceleration; may be given again. All by default.",
+            show_default=False,
+            autocompletion=completing("cut-in", "cut-out", "deceleration", "all"),
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the page, scenarios.csv and the library of failures.", show_default=False),
+    ] = None,
+    config: Config = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Drive an AV through the scenarios of UN Regulation 157, beside the reference drivers."""
+    from cornerforge.pipeline.r157 import r157_text
+
+    given = family or ["all"]
+    run_command(
+        lambda bars: cornerforge.r157(
+            families="all" if given == ["all"] else given, out=out, seed=seed, threads=threads, progress=bars, **world
+        ),
+        r157_text, as_json=as_json, quiet=quiet,
     )  # fmt: skip
 
 

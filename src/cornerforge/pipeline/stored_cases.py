@@ -17,7 +17,7 @@ from cornerforge.pipeline.cases import experiment_with
 from cornerforge.pipeline.progress import Progress
 from cornerforge.pipeline.setting import Experiment
 from cornerforge.road.straight import along
-from cornerforge.sim import NATURAL, Ending, Script, ScriptDriver
+from cornerforge.sim import NATURAL, SUBSTEPS, Ending, Script, ScriptDriver
 from cornerforge.world_options import WorldOptions
 
 __all__ = ["StoredScripts", "drive_as_recorded", "run_with"]
@@ -47,6 +47,8 @@ class StoredScripts:
     def of(self, stored: StoredCase) -> Script:
         """Make the script of a case: what is stored of the others; the far ones, and all after its end, are natural.
 
+        On rails they go on as those say, to their end.
+
         Raises:
             ReplayError: The case does not begin where tests of its name begin.
         """
@@ -61,7 +63,8 @@ class StoredScripts:
             action = np.full((len(case.action), start.size), NATURAL, dtype=np.int8)
             action[:, case.slot] = case.action
             script = Script(np.arange(start.size, dtype=np.int16), start, action, case.seed, case.test)
-        decisions = min(len(script.action) + _AFTER_S, self._starts.max_decisions)
+        decisions = len(script.action) + _AFTER_S if script.poses is None else (len(script.poses) - 1) // SUBSTEPS
+        decisions = min(decisions, self._starts.max_decisions)
         action = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
         action[: len(script.action)] = script.action[:decisions]
         return replace(script, action=action)

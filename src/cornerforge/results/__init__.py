@@ -13,6 +13,7 @@ from cornerforge.results.cases import Plausibility, Queried, Replayed, ShrunkLib
 from cornerforge.results.driving import Filled, NaturalRate, Simulated
 from cornerforge.results.learning import Trained, TrainedAv, TrainingCurve
 from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
+from cornerforge.results.r157 import Regulated
 from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import Reproduced
 from cornerforge.results.retest import Retested
@@ -36,6 +37,7 @@ __all__ = [
     "NddValidated",
     "Plausibility",
     "Queried",
+    "Regulated",
     "Replayed",
     "Reported",
     "Reproduced",
@@ -67,6 +69,7 @@ VERBS: dict[str, type] = {
     "replay": Replayed,
     "retest": Retested,
     "suite build": SuiteBuilt,
+    "r157": Regulated,
     "query": Queried,
     "variety": Varied,
     "plausibility": Plausibility,
