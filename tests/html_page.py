@@ -1,13 +1,31 @@
-"""Reading a page of the report: attributes, scripts and text."""
+"""Reading a page of the report: attributes, scripts and text; and running it in a browser."""
 
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Page"]
+import pytest
+
+__all__ = ["Page", "browse", "needs_browser"]
+
+CHROMIUM = shutil.which("chromium")
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not on PATH, so no browser runs the scripts")
+
+
+def browse(url: str, profile: Path) -> str:
+    """The page's document after its scripts ran; a complaint of the browser is a failure."""
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+    flags += ["--disable-component-update", "--disable-sync", "--enable-logging=stderr", "--virtual-time-budget=8000"]
+    command = [str(CHROMIUM), *flags, f"--user-data-dir={profile}", "--dump-dom", url]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    # A blocked request, a script error or a violated policy would be written to the console.
+    assert "CONSOLE" not in done.stderr
+    return done.stdout
 
 
 class Page(HTMLParser):

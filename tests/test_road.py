@@ -70,6 +70,7 @@ ALONG = {"x", "x_held"}
 WRAPPERS = {"float", "abs", "np.abs", "np.asarray", "np.array"}
 """Calls that give a position back, if they are given one."""
 PLANE = {
+    "drivers/rails.py": "plans manoeuvres on a straight road",
     "counterfactual/search.py": "bounds how far the AV can get, to leave out recorded vehicles that it cannot reach",
     "sim/braking.py": "moves boxes in a plane beside recorded ones",
     "sim/traffic.py": "fills a straight road, see docs/design.md",

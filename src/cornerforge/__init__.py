@@ -22,12 +22,14 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.make_report import make_report
     from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
     from cornerforge.pipeline.plausibility import plausibility
+    from cornerforge.pipeline.r157 import r157
     from cornerforge.pipeline.rate import rate
     from cornerforge.pipeline.retest import retest
     from cornerforge.pipeline.run import run
     from cornerforge.pipeline.show import ndd_show
     from cornerforge.pipeline.shrink import shrink
     from cornerforge.pipeline.simulate import simulate
+    from cornerforge.pipeline.suite import suite_build
     from cornerforge.pipeline.train import train
     from cornerforge.pipeline.train_av import train_av
     from cornerforge.pipeline.validate import ndd_validate
@@ -48,6 +50,7 @@ __all__ = [
     "ndd_validate",
     "plausibility",
     "query",
+    "r157",
     "rate",
     "replay",
     "reproduce",
@@ -55,6 +58,7 @@ __all__ = [
     "run",
     "shrink",
     "simulate",
+    "suite_build",
     "train",
     "train_av",
     "variety",
@@ -78,6 +82,7 @@ __getattr__ = door(
         "ndd_validate": "pipeline.validate",
         "plausibility": "pipeline.plausibility",
         "query": "pipeline.cases",
+        "r157": "pipeline.r157",
         "rate": "pipeline.rate",
         "replay": "pipeline.cases",
         "reproduce": "paper.reproduce",
@@ -85,6 +90,7 @@ __getattr__ = door(
         "run": "pipeline.run",
         "shrink": "pipeline.shrink",
         "simulate": "pipeline.simulate",
+        "suite_build": "pipeline.suite",
         "train": "pipeline.train",
         "train_av": "pipeline.train_av",
         "variety": "pipeline.variety",

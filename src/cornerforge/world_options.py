@@ -112,14 +112,19 @@ class RoadKeywords(TypedDict, total=False):
     model: Path | str | NddModel | None
 
 
-class AvAloneKeywords(TypedDict, total=False):
-    """Keywords of verbs that drive an AV on a road that is known."""
+class AvAskedKeywords(TypedDict, total=False):
+    """Keywords of verbs that are told their AVs otherwise: how those from outside are asked."""
 
-    av: str
     av_timeout: float
     av_batch: int | None
     av_processes: int | None
     av_python: str | None
+
+
+class AvAloneKeywords(AvAskedKeywords, total=False):
+    """Keywords of verbs that drive an AV on a road that is known."""
+
+    av: str
 
 
 class AvKeywords(RoadKeywords, AvAloneKeywords, total=False):

@@ -94,7 +94,9 @@ def test_a_third_vehicle_changes_nothing() -> None:
     found = conduct_of(recordings_of_scenarios(scenarios), ODD)
     assert found.code.tolist() == 2 * [CODES["does-not-brake"]]
     assert found.begin_s[0] == found.begin_s[1] > 2.0
-    assert Conduct.of_columns(*(list(found.columns()[name]) for name in ("conduct", "conduct_side")), found.begin_s)
+    columns = found.columns()
+    again = Conduct.of_columns(columns["conduct"].tolist(), columns["conduct_side"].tolist(), found.begin_s)
+    np.testing.assert_array_equal(np.stack([again.code, again.side]), np.stack([found.code, found.side]))
 
 
 def conducts(**cases: int) -> Conduct:

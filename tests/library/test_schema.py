@@ -8,7 +8,7 @@ import pytest
 
 from cornerforge._arrow import arrow_type
 from cornerforge.fields import CASES, TRACKS, Field
-from cornerforge.library.schema import SCRIPTED_TRACKS, schema_markdown
+from cornerforge.library.schema import RAILS_TRACKS, schema_markdown
 
 SUFFIX = {"m": "_m", "s": "_s", "m/s": "_mps", "m/s2": "_mps2", "rad": "_rad"}
 
@@ -42,7 +42,8 @@ def test_the_documentation_is_made_of_the_code(golden: Callable[[str, str], None
         "## cases-NNNNNN.parquet", "", schema_markdown(CASES), "",
         "Where policies drive, also `log_prob_policy` (ln P of the critical BV's actions under the policy, 0 when it",
         "acts greedily) and `policy` (hash of the policy that drove the test).", "",
-        "## tracks-NNNNNN.parquet", "", schema_markdown(SCRIPTED_TRACKS), "", "`start` only where cases are scripted.",
+        "## tracks-NNNNNN.parquet", "", schema_markdown(RAILS_TRACKS), "",
+        "`start` only where cases are scripted, `rails` only where their other vehicles are on rails.",
     ]  # fmt: skip
     golden("../../docs/library-columns.md", "\n".join([*lines, ""]))
 

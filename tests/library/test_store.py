@@ -228,8 +228,8 @@ def test_open_refuses_what_is_no_library(tmp_path: Path) -> None:
 
 
 def test_a_newer_schema_is_refused_with_advice(filled: Path, identity: Identity) -> None:
-    edit_manifest(filled, schema_version=3, created_by="9.9.9")
-    with pytest.raises(FileFormatError, match=r"schema 3, written by cornerforge 9\.9\.9; .* upgrade"):
+    edit_manifest(filled, schema_version=4, created_by="9.9.9")
+    with pytest.raises(FileFormatError, match=r"schema 4, written by cornerforge 9\.9\.9; .* upgrade"):
         CaseLibrary.open(filled)
     with pytest.raises(FileFormatError, match="upgrade"):
         CaseLibrary.resume(filled, identity, ODD)

@@ -140,6 +140,11 @@ def test_bad_input_is_named(swerve_library: Path, tmp_path: Path) -> None:
     CaseLibrary.create(tmp_path / "none", library.identity, library.odd)
     with pytest.raises(InputError, match="holds no cases yet"):
         cornerforge.retest(tmp_path / "none", av="rl")
+    with pytest.raises(InputError, match="is named for two files"):
+        cornerforge.retest(swerve_library, av="rl", junit=tmp_path / "x", page=str(tmp_path / "x"))
+    assert not (tmp_path / "x").exists()
+    with pytest.raises(InputError, match="rl is both the AV and the baseline"):
+        cornerforge.retest(swerve_library, av="rl", baseline="rl")
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="Cannot write"):
         cornerforge.retest(swerve_library, av="rl", junit=tmp_path / "file" / "x.xml")

@@ -67,7 +67,7 @@ def commands(world: World, setting: Setting, action: int, seconds: int) -> tuple
                 begin_to_act(world, *found[-1], False, setting, scratch)
             else:
                 av_acts(world, *found[-1], setting.road)
-            assert not move_on(world, substep, setting.road, nothing)
+            assert not move_on(world, substep, setting, nothing)
     return found, offsets
 
 

@@ -67,7 +67,7 @@ def step_controlling(world: World, setting: Setting, slot: int, action: int) -> 
                 begin_to_act(world, command, lane, False, setting, scratch)
             else:
                 av_acts(world, command, lane, setting.road)
-        if move_on(world, substep, setting.road, nothing):
+        if move_on(world, substep, setting, nothing):
             return
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_finite, check_number
 from cornerforge.errors import InputError
 
-__all__ = ["FRONT", "REAR", "SIDE", "Contact", "find_contact"]
+__all__ = ["FRONT", "REAR", "SIDE", "Contact", "find_contact", "impact_speed"]
 
 FRONT, REAR, SIDE = 0, 1, 2
 """Faces of a box; both sides count as one."""
@@ -47,6 +47,21 @@ class Contact:
     av_approach: NDArray[np.float64]
     bv_approach: NDArray[np.float64]
     normal: NDArray[np.float64]
+
+
+def impact_speed(pose: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Size of the velocity of two vehicles relative to each other [m/s], (*d).
+
+    Args:
+        pose: [x m, y m, speed along the road m/s, heading rad] of both, (*d, 2, 4).
+
+    >>> float(impact_speed(np.array([[0.0, 0.0, 30.0, 0.0], [5.0, 0.0, 22.0, 0.0]])))
+    8.0
+    """
+    lengthwise = pose[..., 2].astype(np.float64)
+    across = lengthwise * np.tan(pose[..., 3])
+    relative = np.stack([lengthwise[..., 1] - lengthwise[..., 0], across[..., 1] - across[..., 0]])
+    return np.asarray(np.hypot(*relative))
 
 
 def find_contact(

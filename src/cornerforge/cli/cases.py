@@ -38,13 +38,15 @@ from cornerforge.cli.output import (
     run_command,
     wrong_text,
 )
-from cornerforge.cli.program import command
+from cornerforge.cli.program import command, suite
 from cornerforge.world_options import PLAIN_ADVERSARIES
 
 if TYPE_CHECKING:
     from cornerforge.results import Analysed, Queried, Replayed
 
-__all__ = ["analyse", "generate", "plausibility", "query", "replay", "retest", "shrink", "variety"]
+__all__ = [
+    "analyse", "generate", "plausibility", "query", "r157", "replay", "retest", "shrink", "suite_build", "variety",
+]  # fmt: skip
 
 
 @command(
@@ -234,6 +236,10 @@ def retest(
     ] = None,
     junit: Annotated[Path | None, typer.Option(help="New file: JUnit XML.", show_default=False)] = None,
     sarif: Annotated[Path | None, typer.Option(help="New file: SARIF 2.1.0.", show_default=False)] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(help="New file, .html: both versions side by side in the same cases.", show_default=False),
+    ] = None,
     seed: Seed = 0,
     threads: Threads = None,
     out: JsonFile = None,
@@ -246,13 +252,82 @@ def retest(
 
     result = run_command(
         lambda bars: cornerforge.retest(
-            library, baseline=baseline, natural_tests=natural_tests, junit=junit, sarif=sarif, seed=seed,
-            threads=threads, progress=bars, **world,
+            library, baseline=baseline, natural_tests=natural_tests, junit=junit, sarif=sarif, page=page,
+            seed=seed, threads=threads, progress=bars, **world,
         ),
         retest_text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip
     if result.got_worse:
         raise typer.Exit(EXIT_GATE)
+
+
+@command("cornerforge suite build out/demo/library --size 20 --out out/suite", name="build", of=suite)
+@takes_world("av_timeout", "av_batch", "av_processes", "av_python")
+def suite_build(
+    libraries: Annotated[
+        list[Path], typer.Argument(metavar="LIB...", help="Case libraries of one model and ODD.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of the suite, a library itself.", show_default=False)],
+    size: Annotated[int, typer.Option(help="Most cases.")] = 200,
+    zoo: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="AV that drives the cases; may be given again. By default all built-in ones.",
+            show_default=False,
+            autocompletion=complete_av,
+        ),
+    ] = None,
+    world: World = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Choose the fewest cases that find and rank the flaws of many AVs; checked on AVs left out."""
+    from cornerforge.pipeline.suite import suite_text
+
+    run_command(
+        lambda bars: cornerforge.suite_build(
+            libraries, out=out, size=size, zoo=zoo, seed=seed, threads=threads, progress=bars, **world
+        ),
+        suite_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@command("cornerforge r157 --av idm-mobil --out out/r157", "cornerforge r157 --av my_av:MyAv --family cut-in")
+@takes_world("av", "odd", "lanes", "av_timeout", "av_batch", "av_processes", "av_python")
+def r157(
+    world: World = None,
+    family: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="cut-in, cut-out or deceleration; may be given again. All by default.",
+            show_default=False,
+            autocompletion=completing("cut-in", "cut-out", "deceleration", "all"),
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the page, scenarios.csv and the library of failures.", show_default=False),
+    ] = None,
+    config: Config = None,
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Drive an AV through the scenarios of UN Regulation 157, beside the reference drivers."""
+    from cornerforge.pipeline.r157 import r157_text
+
+    given = family or ["all"]
+    run_command(
+        lambda bars: cornerforge.r157(
+            families="all" if given == ["all"] else given, out=out, seed=seed, threads=threads, progress=bars, **world
+        ),
+        r157_text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
 
 
 @command(

@@ -10,7 +10,7 @@ import typer.core
 
 from cornerforge import __version__
 
-__all__ = ["app", "command", "ndd"]
+__all__ = ["app", "command", "ndd", "suite"]
 
 F = TypeVar("F", bound=Callable[..., None])
 
@@ -64,6 +64,13 @@ ndd = typer.Typer(
     epilog=_epilog(("cornerforge ndd show",)),
 )
 app.add_typer(ndd, name="ndd")
+suite = typer.Typer(
+    cls=_Group,
+    no_args_is_help=True,
+    help="Small sets of cases to test every version of an AV with.",
+    epilog=_epilog(("cornerforge suite build out/demo/library --out out/suite",)),
+)
+app.add_typer(suite, name="suite")
 
 
 def command(*examples: str, name: str | None = None, of: typer.Typer = app) -> Callable[[F], F]:

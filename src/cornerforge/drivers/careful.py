@@ -19,16 +19,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from cornerforge._checks import check_in
 from cornerforge._jit import inlined_kernel, kernel
+from cornerforge.drivers.rails import (
+    LATERAL_SPEED,
+    POSE_NUMBERS,
+    SPEED,
+    X,
+    Y,
+    frames_before,
+    keeps_on,
+    move_aside,
+    way_before,
+)
 from cornerforge.drivers.rss import rss_distance
 from cornerforge.errors import InputError
+from cornerforge.road.straight import way_from
+from cornerforge.types import FRAME_S
 
 __all__ = [
     "CAREFUL",
+    "HOLDS",
+    "SCENARIOS",
     "CarefulParams",
     "Threat",
     "braking_demanded",
     "braking_of",
     "crashes_at_cut_ins",
+    "cut_in_poses",
+    "drives_into",
     "own_reaction",
 ]
 
@@ -174,61 +191,138 @@ def braking_of(kind: int, since: float, demanded: float, acceleration: float, st
     return max(-demanded, acceleration - _JERK * step)
 
 
-# The cut-in by which the models were compared (Mattas et al. 2022)
+# In the place of an AV, among others that move as they are told
 
-_STEP = 0.1
-_LENGTH, _WIDTH = 4.3, 1.9
-_LANE = 3.5
-_LATERAL_GAIN = 1.5
-_STEPS = 350
+HOLDS = len(CAREFUL)
+"""Code of a driver that only holds its speed: where that is enough, no care was needed."""
+SCENARIOS = {"cut-in": 0, "cut-out": 1, "deceleration": 2}
+"""Families of scenarios of UN R157 and their codes: `cc-human` sees danger differently in them."""
+_CUT_IN = SCENARIOS["cut-in"]
+_OFF_LINE = 0.375
+"""A vehicle is seen past a nearer one that is so far off the line to it [m]: R157's deviation that is perceived."""
+_EVALUATION = 4
+"""Frames that `cc-human` needs to see the risk of a vehicle in its lane that it nears: 0.4 s."""
+_STEP = FRAME_S
+
+
+@inlined_kernel
+def _is_hidden(poses: NDArray[np.float64], f: int, j: int, x: float, y: float) -> bool:
+    """Does a nearer vehicle stand on the line from the driver's centre to that of vehicle j?"""
+    far = way_from(x, poses[f, j, X])
+    for i in range(1, poses.shape[1]):
+        near = way_from(x, poses[f, i, X])
+        if i != j and 0.0 < near < far:
+            line = y + (poses[f, j, Y] - y) * near / far
+            if abs(poses[f, i, Y] - line) < _OFF_LINE:
+                return True
+    return False
+
+
+@inlined_kernel
+def _as_human(threat: Threat, speed: float, frames: int) -> float:
+    """Say how hard `cc-human` wants to brake for a vehicle in its lane that it has neared for some frames [m/s2]."""
+    nears = threat.aside <= 0.0 and speed > threat.lead_speed
+    return _HARDEST if nears and frames >= _EVALUATION else 0.0
 
 
 @kernel
-def _crashes(kind: int, ego: float, other: float, gap: float, across: float) -> bool:
-    """Does the driver crash in one cut-in? Arguments as those of `crashes_at_cut_ins`, in m, m/s."""
-    if across <= 0.0:
-        return False
-    before = int(np.floor(across / _LATERAL_GAIN / _STEP + _SLIVER))
-    until = before + int(np.floor(_LANE / across / _STEP + _SLIVER)) + 1
-    aside = _LANE - _WIDTH
-    for k in range(before):
-        aside += min(_LATERAL_GAIN * _STEP * (k + 1), across) * _STEP
-    ahead = gap + _LENGTH + (ego - other) * _STEP * before
-    speed, acceleration = ego, 0.0
-    since = -1.0
+def drives_into(
+    kind: int, scenario: int, speed: float, place: tuple[float, float], sizes: NDArray[np.float64],
+    poses: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Let a reference driver drive straight on among vehicles on rails; give the frame in which it touches one, or -1.
+
+    It holds its speed until it sees danger from a vehicle ahead that no nearer one hides. Positions are summed after
+    speeds, as where the models were compared (Mattas et al. 2022); boxes are parallel to the road. What is danger for
+    `cc-human` depends on the scenario (R157, Annex 4, Appendix 3). In a cut-in it is a TTC of 2 s when the other comes
+    in front of it; more counts as prevented at once, as in that comparison. In the others it is a vehicle in its
+    lane that it has neared for 0.4 s, from when that brakes or is uncovered.
+
+    Args:
+        kind: Code of `CAREFUL`, or HOLDS.
+        scenario: Code of `SCENARIOS`.
+        speed: Of the driver at frame 0 [m/s].
+        place: x and y of its centre at frame 0 [m].
+        sizes: Length and width of each vehicle [m], (N, 2); row 0 is the driver.
+        poses: Rails (F, N, POSE_NUMBERS) (`drivers.rails`).
+    """
+    x, y = place
+    acceleration, since = 0.0, -1.0
     was_in_front = False
-    for k in range(before + _STEPS):
-        lateral = across if k < until else 0.0
-        if k < before:
-            lateral = min(_LATERAL_GAIN * _STEP * (k + 1), across)
+    neared = 0
+    for f in range(poses.shape[0] - 1):
         demanded = 0.0
-        if ahead > 0.0:
-            threat = Threat(ahead - _LENGTH, ahead + _LENGTH, abs(aside + _WIDTH) - _WIDTH, lateral, other)
-            demanded = braking_demanded(kind, speed, acceleration, threat)
-            if kind == _CC_HUMAN and since < 0.0 and threat.aside <= 0.0:
-                if not was_in_front and demanded == 0.0:
-                    return False  # as the models were compared: a cut-in with time enough counts as prevented
+        nears = False
+        for j in range(1, poses.shape[1]):
+            ahead = way_from(x, poses[f, j, X])
+            if not ahead > 0.0 or _is_hidden(poses, f, j, x, y):  # NaN is not there
+                continue
+            half = 0.5 * (sizes[0, 0] + sizes[j, 0])
+            across = poses[f, j, Y] - y
+            drifts = poses[f, j, LATERAL_SPEED]
+            aside = abs(across) - 0.5 * (sizes[0, 1] + sizes[j, 1])
+            threat = Threat(ahead - half, ahead + half, aside, -drifts if across > 0.0 else drifts, poses[f, j, SPEED])
+            nears = nears or (aside <= 0.0 and speed > threat.lead_speed)
+            wants = 0.0 if kind == HOLDS else braking_demanded(kind, speed, acceleration, threat)
+            if kind == _CC_HUMAN and scenario != _CUT_IN:
+                wants = max(wants, _as_human(threat, speed, neared))
+            elif kind == _CC_HUMAN and since < 0.0 and aside <= 0.0:
+                if not was_in_front and wants == 0.0:
+                    return -1
                 was_in_front = True
+            demanded = max(demanded, wants)
+        neared = neared + 1 if nears else 0
         if demanded > 0.0 and since < 0.0:
             since = 0.0
         if since >= 0.0:
             acceleration = braking_of(kind, since, demanded, acceleration, _STEP, own_reaction(kind))
             since += _STEP
         speed = max(speed + acceleration * _STEP, 0.0)
-        ahead += (other - speed) * _STEP
-        aside -= lateral * _STEP
-        if abs(ahead) < _LENGTH and abs(aside + _WIDTH) < _WIDTH:
-            return True
-    return False
+        x += speed * _STEP
+        for j in range(1, poses.shape[1]):
+            ahead = way_from(x, poses[f + 1, j, X])
+            half = 0.5 * (sizes[0, 0] + sizes[j, 0])
+            if abs(ahead) < half and abs(poses[f + 1, j, Y] - y) < 0.5 * (sizes[0, 1] + sizes[j, 1]):
+                return f + 1
+    return -1
+
+
+# The cut-in by which the models were compared (Mattas et al. 2022)
+
+_LENGTH, _WIDTH = 4.3, 1.9
+_LANE = 3.5
+_STEPS = 350
+
+
+@kernel
+def cut_in_poses(poses: NDArray[np.float64], lane_centre: float, ego: float, other: float, gap: float, across: float,
+                 lane: int) -> None:  # fmt: skip
+    """Fill the poses (F, POSE_NUMBERS) of a vehicle that comes, from the right, in front of a driver at x = 0.
+
+    Args:
+        poses: To fill.
+        lane_centre: y of the driver's lane [m].
+        ego, other: Speeds [m/s].
+        gap: Between the bumpers when the lateral speed is reached, if the driver holds its speed [m].
+        across: The lateral speed [m/s], above 0.
+        lane: The driver's.
+    """
+    before = frames_before(across)
+    ahead = gap + _LENGTH + (ego - other) * _STEP * before
+    keeps_on(poses, ahead, lane_centre - _LANE - way_before(across), other, lane - 1)
+    move_aside(poses, _LANE, across, lane)
 
 
 @kernel
 def _crash_each(
     kind: int, ego: NDArray[np.float64], other: NDArray[np.float64], gap: NDArray[np.float64],
-    across: NDArray[np.float64], crashes: NDArray[np.bool_],
+    across: NDArray[np.float64], sizes: NDArray[np.float64], room: NDArray[np.float64], crashes: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     for k in range(ego.size):
-        crashes[k] = _crashes(kind, ego[k], other[k], gap[k], across[k])
+        if across[k] > 0.0:
+            poses = room[: frames_before(across[k]) + _STEPS + 1]
+            cut_in_poses(poses[:, 1], 0.0, ego[k], other[k], gap[k], across[k], 1)
+            crashes[k] = drives_into(kind, _CUT_IN, ego[k], (0.0, 0.0), sizes, poses) >= 0
 
 
 def crashes_at_cut_ins(
@@ -268,5 +362,8 @@ def crashes_at_cut_ins(
             raise InputError(f"{name} must be finite and at least 0 everywhere.")
     crashes = np.zeros(arrays[0].size, dtype=np.bool_)
     ego, other, between, across = (np.ascontiguousarray(one).ravel() for one in arrays)
-    _crash_each(CAREFUL[driver], ego, other, between, across, crashes)
+    longest = frames_before(float(across.max(initial=0.0))) + _STEPS + 1
+    room = np.zeros((longest, 2, POSE_NUMBERS))
+    sizes = np.array([[_LENGTH, _WIDTH]] * 2)
+    _crash_each(CAREFUL[driver], ego, other, between, across, sizes, room, crashes)
     return crashes.reshape(arrays[0].shape)

@@ -258,8 +258,13 @@ class ForeignAv:
         return -(-worlds // max(-(-worlds // most), min(worlds, busy)))
 
     @contextmanager
-    def lend_session(self, tests: int | None = None) -> Iterator[AvSession]:
-        """Lend this thread a session, with an AV process of its own, with no more worlds than `tests` need."""
+    def lend_session(self, tests: int | None = None, set_speed: float | None = None) -> Iterator[AvSession]:
+        """Lend this thread a session, with an AV process of its own.
+
+        Args:
+            tests: It drives no more worlds than so many tests need.
+            set_speed: At which it is to drive where nothing is in its way [m/s]; None: as usual.
+        """
         rows = self.batch if tests is None else self.pace.rows(self.batch, tests)
         try:
             session = self._free.get_nowait()
@@ -268,6 +273,7 @@ class ForeignAv:
         try:
             if not rows <= session.batch_size < 2 * rows:
                 session.resize(rows)
+            session.set_to(self._context.set_speed if set_speed is None else set_speed)
             yield session
         except BaseException:
             session.drop()
@@ -288,7 +294,7 @@ class ForeignAv:
         census = statistics.census_of(counting)
         out, total = allocate_outcomes(count), statistics.allocate_counts()
         groups = [list(range(first, first + count))] if count else []
-        with self.lend_session(count) as session:
+        with self.lend_session(count, float(setting.av.idm.desired_speed)) as session:
             while groups:
                 group = groups.pop()
                 is_fresh = session.is_fresh
@@ -470,7 +476,7 @@ class ForeignAv:
         Raises:
             AvFaultError: The AV fails in this test.
         """
-        with self.in_test(slots, seed, test) as (views, ask):
+        with self.in_test(slots, seed, test, float(setting.av.idm.desired_speed)) as (views, ask):
             batch = lockstep.allocate_batch(1, slots, views)
             lockstep.begin(seed, np.zeros(1, dtype=np.int64), np.array([test], dtype=np.int64), setting, batch)
             steps = Steps(self.steering(setting), slots, batch)
@@ -483,11 +489,11 @@ class ForeignAv:
 
     @contextmanager
     def in_test(
-        self, slots: int, seed: int, test: int
+        self, slots: int, seed: int, test: int, set_speed: float
     ) -> Iterator[tuple[NDArray[Any], Callable[[], NDArray[np.float64]]]]:
         """Let it begin a test that the caller drives (`sim.Asked`); a whole batch is asked, zeros elsewhere."""
         fault: AvFaultError | None = None
-        with self.lend_session() as session:
+        with self.lend_session(set_speed=set_speed) as session:
             views = session.batch(slots).views
             views[:] = 0.0
             fresh, seeds = np.zeros(1, dtype=np.int64), seeds_of(seed, np.array([test]))

@@ -131,6 +131,12 @@ class AvSession:
             self._context, self._batch = replace(self._context, batch=batch), None
             self.renew()
 
+    def set_to(self, speed: float) -> None:
+        """Let the AV drive at a speed where nothing is in its way [m/s]; where that is another one, it is made anew."""
+        if speed != self._context.set_speed:
+            self._context = replace(self._context, set_speed=speed)
+            self.renew()
+
     def drop(self) -> None:
         """End the process, if there is one."""
         if self._process is not None:

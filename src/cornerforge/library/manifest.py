@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 
 from cornerforge._files import writing
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.library.schema import EXTRA_TYPES, SCHEMA_VERSION, SCRIPTED, schema_version
+from cornerforge.library.schema import EXTRA_TYPES, ON_RAILS, SCHEMA_VERSION, SCRIPTED, schema_version
 from cornerforge.types import Odd
 
 __all__ = [
@@ -108,6 +108,11 @@ class Manifest:
         """Whether all cases are scripted (True), or tests of a seed."""
         return self.run.get(SCRIPTED) is True
 
+    @property
+    def on_rails(self) -> bool:
+        """Whether the other vehicles of all cases are on rails."""
+        return self.run.get(ON_RAILS) is True
+
 
 def shard_names(index: int, *, growing: bool = False) -> tuple[str, str]:
     """File names of shard `index`; the second pair is for a last shard that grows (`CaseLibrary.fill`).
@@ -137,7 +142,7 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
 
 def write_manifest(folder: Path, manifest: Manifest) -> bytes:
     """Commit a manifest; returns the bytes written."""
-    version = schema_version(scripted=manifest.scripted)
+    version = schema_version(scripted=manifest.scripted, on_rails=manifest.on_rails)
     content = {"format": _FORMAT, "schema_version": version, **asdict(manifest), "odd": manifest.odd.stated()}
     text = json.dumps(content, indent=1, allow_nan=False) + "\n"
     replace_file(folder / MANIFEST, text.encode())

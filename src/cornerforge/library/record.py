@@ -29,7 +29,7 @@ class CaseRecord:
     Attributes:
         odd: Road and rules, equal to those of the library.
         cases: One row of `fields.CASES`.
-        tracks: One row of `fields.TRACKS`, or of `schema.SCRIPTED_TRACKS` for a scripted case.
+        tracks: One row of `fields.TRACKS`, or of `schema.SCRIPTED_TRACKS` or `RAILS_TRACKS` for a scripted case.
         extra: The caller's own columns.
     """
 
@@ -50,6 +50,11 @@ class CaseRecord:
         return "start" in self.tracks.column_names
 
     @property
+    def on_rails(self) -> bool:
+        """Whether its other vehicles are on rails."""
+        return "rails" in self.tracks.column_names
+
+    @property
     def case_id(self) -> str:
         """Name of the case, `seed:test`."""
         return str(self.case["case_id"])
@@ -61,6 +66,7 @@ def case_record(
     trajectory_digest: str | None = None,
     extra: Mapping[str, Scalar] | None = None,
     start: NDArray[np.void] | None = None,
+    poses: NDArray[np.float64] | None = None,
 ) -> CaseRecord:
     """Make the library's row of a recorded AV crash.
 
@@ -70,6 +76,7 @@ def case_record(
         extra: Own columns, the same for all cases of a library; names end in their unit where they have one.
         start: Of a scripted case all states at frame 0 (`sim.scripted.Script.start`); all vehicles are stored
             then. None for a test of a seed.
+        poses: Of a scripted case on rails where the others are told to be (`sim.scripted.Script.poses`).
 
     Raises:
         InputError: The scenario holds no AV crash, or an extra name cannot be a column.
@@ -77,7 +84,9 @@ def case_record(
     own = {check_extra_name(name): value for name, value in (extra or {}).items()}
     room = case_of(scenario, whole=start is not None)
     digests = None if trajectory_digest is None else [trajectory_digest]
-    cases, tracks = tables_of(room, digests=digests, starts=None if start is None else [start])
+    cases, tracks = tables_of(
+        room, digests=digests, starts=None if start is None else [start], poses=None if poses is None else [poses]
+    )
     return CaseRecord(scenario.odd, cases, tracks, own)
 
 

@@ -18,6 +18,8 @@ from cornerforge.sim import START_FIELDS
 
 __all__ = [
     "EXTRA_TYPES",
+    "ON_RAILS",
+    "RAILS_TRACKS",
     "SCHEMA_VERSION",
     "SCRIPTED",
     "SCRIPTED_TRACKS",
@@ -27,9 +29,10 @@ __all__ = [
     "schema_version",
 ]
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Version of the files; it rises when a reader of the version before would misread a file. 1: every case is a test of a
-seed. 2: cases may be scripted. A library has the lowest version that can read it, so one of tests still has 1."""
+seed. 2: cases may be scripted. 3: their other vehicles may be on rails. A library has the lowest version that can read
+it, so one of tests still has 1."""
 
 SCRIPTED = "scripted"
 """Key, with the value true, in the identity of a library whose cases are all scripted: their start and actions are
@@ -43,6 +46,20 @@ SCRIPTED_TRACKS: tuple[Field, ...] = (
     ),
 )  # fmt: skip
 """Columns of the tracks file of a library of scripted cases. Stored: all vehicles; `action` is the script."""
+
+ON_RAILS = "on_rails"
+"""Key, with the value true, in the identity of a library of scripted cases whose other vehicles are on rails."""
+
+RAILS_TRACKS: tuple[Field, ...] = (
+    *SCRIPTED_TRACKS,
+    Field(
+        "rails", "list of float64", "m, m/s, rad, m/s2",
+        "Where each vehicle is told to be at each frame, exactly: frame after frame, in it vehicle after vehicle, of "
+        "each x, y, speed along and across the road, heading, acceleration and lane; NaN for the AV and where it is "
+        "absent.",
+    ),
+)  # fmt: skip
+"""Columns of the tracks file of a library whose cases are on rails; `action` moves nobody there."""
 
 EXTRA_TYPES: dict[str, pa.DataType] = {
     "bool": pa.bool_(),
@@ -70,24 +87,29 @@ def arrow_schema(columns: tuple[Field, ...], extra: Mapping[str, str] | None = N
     """Arrow schema with unit and meaning as field metadata.
 
     Args:
-        columns: `CASES`, `TRACKS` or `SCRIPTED_TRACKS`.
+        columns: `CASES`, `TRACKS`, `SCRIPTED_TRACKS` or `RAILS_TRACKS`.
         extra: Caller's own columns, name to a key of `EXTRA_TYPES`; columns that `columns` has too, as the
             shortfall of early libraries, are left out.
     """
     names = {column.name for column in columns}
     fields = arrow_fields(columns)
     fields += [pa.field(name, EXTRA_TYPES[kind]) for name, kind in (extra or {}).items() if name not in names]
-    version = schema_version(scripted=columns is SCRIPTED_TRACKS)
+    version = schema_version(
+        scripted=columns is SCRIPTED_TRACKS or columns is RAILS_TRACKS, on_rails=columns is RAILS_TRACKS
+    )
     return pa.schema(fields, metadata={"cornerforge_schema_version": str(version)})
 
 
-def schema_version(*, scripted: bool) -> int:
+def schema_version(*, scripted: bool, on_rails: bool = False) -> int:
     """Give the lowest version that can read a library.
 
     Args:
         scripted: Whether its cases are scripted.
+        on_rails: Whether their other vehicles are on rails.
     """
-    return SCHEMA_VERSION if scripted else 1
+    if on_rails:
+        return SCHEMA_VERSION
+    return 2 if scripted else 1
 
 
 def schema_markdown(columns: tuple[Field, ...]) -> str:

@@ -162,6 +162,11 @@ class CaseLibrary:
         return self._manifest.scripted
 
     @property
+    def on_rails(self) -> bool:
+        """Whether the other vehicles of its cases are on rails."""
+        return self._manifest.on_rails
+
+    @property
     def next_test(self) -> int:
         """Next test to drive: all tests below it are done."""
         return self._manifest.next_test
@@ -353,6 +358,12 @@ class CaseLibrary:
                 raise InputError(
                     f"Case {record.case_id} is {kinds[record.scripted]}, those of the library {self._path} are "
                     f"{kinds[self._manifest.scripted]}; keep the two apart."
+                )
+            if record.on_rails != self._manifest.on_rails:
+                kinds = ("drive by themselves", "are on rails")
+                raise InputError(
+                    f"The other vehicles of case {record.case_id} {kinds[record.on_rails]}, those of the library "
+                    f"{self._path} {kinds[self._manifest.on_rails]}; keep the two apart."
                 )
             if not isinstance(test, int) or not low <= test < next_test:
                 raise InputError(

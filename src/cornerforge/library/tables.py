@@ -12,8 +12,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from cornerforge._arrow import arrow_type
+from cornerforge.drivers.rails import POSE_NUMBERS
 from cornerforge.fields import BODY, CASES, REALS, SERIES, TRACKS, Field
-from cornerforge.library.schema import SCRIPTED_TRACKS, arrow_schema
+from cornerforge.library.schema import RAILS_TRACKS, SCRIPTED_TRACKS, arrow_schema
 from cornerforge.sim import START_FIELDS, TRAITS, Script, average_traits, scripted_start
 from cornerforge.types import Crash, Odd, Scenario
 
@@ -35,6 +36,7 @@ def tables_of(
     policies: Sequence[str] = (),
     digests: Sequence[str] | None = None,
     starts: Sequence[NDArray[np.void]] | None = None,
+    poses: Sequence[NDArray[np.float64]] | None = None,
 ) -> tuple[pa.Table, pa.Table]:
     """Copy all cases of a harvest: rows of `fields.CASES` (with `POLICY_COLUMNS`), and of `fields.TRACKS`.
 
@@ -43,6 +45,7 @@ def tables_of(
         policies: Hashes of the policies that drove, in the order of the mixture; none: no columns of policies.
         digests: Digests to store instead of those of the recordings.
         starts: States at frame 0 of each scripted case; the tracks are `SCRIPTED_TRACKS` then.
+        poses: Rails of each scripted case (`sim.Script.poses`); the tracks are `RAILS_TRACKS` then.
     """
     rows = h.rows[: h.n_cases]
     names = zip(rows["seed"].tolist(), rows["test"].tolist(), strict=True)
@@ -84,6 +87,9 @@ def tables_of(
             np.stack([start[name].astype(np.float64) for name in START_FIELDS], axis=1).ravel() for start in starts
         ]
         tracks["start"] = _lists(np.concatenate(states), np.array([state.size for state in states]))
+    if poses is not None:
+        named = RAILS_TRACKS
+        tracks["rails"] = _lists(np.concatenate([one.ravel() for one in poses]), np.array([one.size for one in poses]))
     return cases, pa.Table.from_arrays([tracks[c.name] for c in named], schema=arrow_schema(named))
 
 
@@ -193,4 +199,8 @@ def script_of(scenario: Scenario, tracks: pa.Table, row: int) -> Script | None:
     missing = START_FIELDS[fields.shape[1] :]
     if missing and set(missing) <= set(later):
         fields = np.hstack([fields, np.stack([later[name] for name in missing], axis=1)])
-    return Script(scenario.slot, scripted_start(fields), scenario.action, scenario.seed, scenario.test)
+    poses = None
+    if "rails" in tracks.column_names:
+        flat = tracks.column("rails")[row].values.to_numpy(zero_copy_only=False)
+        poses = flat.reshape(-1, scenario.slot.size, POSE_NUMBERS).copy()
+    return Script(scenario.slot, scripted_start(fields), scenario.action, scenario.seed, scenario.test, poses)

@@ -30,9 +30,11 @@ from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
 from cornerforge.world_options import WorldOptions
 
-__all__ = ["driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
+__all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
 
 _NEEDED = ("seed", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
+SEVERAL = "several AVs"
+"""The AV of a library whose cases were made by different ones."""
 _ANALYSED = "cases.parquet"
 
 
@@ -43,6 +45,11 @@ def experiment_of(cases: CaseLibrary, av_timeout: float = DEFAULT_TIMEOUT, av_py
         FileFormatError: A file is missing or is not the one of the library.
     """
     _check_told(cases, ("av",))
+    if cases.identity["av"] == SEVERAL:
+        raise InputError(
+            f"The cases of {cases.path} were made by several AVs, so there is none to drive them with again; drive "
+            f"them with two of your choice: cornerforge retest {cases.path} --av NEW --baseline OLD"
+        )
     world = WorldOptions(av=str(cases.identity["av"]), av_timeout=av_timeout, av_python=av_python)
     return experiment_with(cases, world, changed=())
 

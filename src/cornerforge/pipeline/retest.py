@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import time
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Unpack
@@ -12,39 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
-from cornerforge.drivers.avs import numbers_of_av
-from cornerforge.errors import AvFaultError, InputError, ReplayError
-from cornerforge.execution import Rooms, in_order
-from cornerforge.foreign.loaders import is_foreign
-from cornerforge.library import CaseLibrary, StoredCase
-from cornerforge.pipeline.av_file import av_of
-from cornerforge.pipeline.cases import experiment_with
+from cornerforge.errors import AvFaultError, InputError
+from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.cases import SEVERAL
 from cornerforge.pipeline.forecast import forecast
+from cornerforge.pipeline.output import config_hash, provenance
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.retest_files import check_new_file, write_junit, write_sarif
+from cornerforge.pipeline.retest_pairs import RULE, Driven, pairs_of
 from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.pipeline.stored_cases import drive_as_recorded, run_with
 from cornerforge.rates.paired import difference_interval, sequential_verdict
+from cornerforge.report.comparison import check_page, write_comparison
 from cornerforge.results.retest import Compared, Difference, Retested, RetestedCase
-from cornerforge.road.straight import along
 from cornerforge.sim import (
     AV_CRASH,
     AV_FAULT,
-    NATURAL,
     NATURALISTIC,
     NOBODY,
-    Script,
-    ScriptDriver,
     simulate_chunks,
 )
 from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = ["retest", "retest_text"]
 
-_SAME_M = 1e-3
-"""Stored positions have 32 bits: this far along the road they are the same [m]."""
-_AFTER_S = 3
-"""How long after the end of a recording the others drive on naturally [s]: as long as nobody may touch a way out."""
-_CHUNK = 32
 _BLOCK = 2_048
 """Natural tests between two looks at the verdict."""
 FIXED, STILL, NEW, NEVER, FAILED = "fixed", "still crashing", "new", "never", "failed"
@@ -60,6 +52,7 @@ def retest(
     natural_tests: int | None = None,
     junit: Path | str | None = None,
     sarif: Path | str | None = None,
+    page: Path | str | None = None,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
@@ -76,6 +69,7 @@ def retest(
         baseline: AV to compare with; None: the AV that made the library, as its cases tell.
         natural_tests: Natural tests that both drive, for their natural rates; None: 10,000 with a baseline, else none.
         junit, sarif: New files for machines that run tests: JUnit XML, SARIF 2.1.0.
+        page: New file, .html: the answer, and both versions side by side in the same cases (extra `report`).
         seed: Of the natural tests.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
@@ -90,19 +84,25 @@ def retest(
     """
     began = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
-    for file in (junit, sarif):
-        if file is not None:
-            check_new_file(Path(file))
+    files = [Path(file) for file in (junit, sarif, page) if file is not None]
+    for index, file in enumerate(files):
+        if file.absolute() in [other.absolute() for other in files[:index]]:
+            raise InputError(f"{file} is named for two files; give each its own name.")
+        check_new_file(file)
+    if page is not None:
+        check_page()
     if natural_tests is None:
         natural_tests = 0 if baseline is None else 10_000
     check_integer("natural_tests", natural_tests, low=0, high=10**9)
     if natural_tests and baseline is None:
         raise InputError("Natural rates need both AVs; name the old one with --baseline.")
     options = WorldOptions(**world)
+    if baseline is not None and baseline == options.av:
+        raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
     cases = _opened(Path(library), baseline)
     n_threads = check_threads(threads)
-    new = _experiment(cases, options, options.av)
-    old = None if baseline is None else _experiment(cases, options, baseline)
+    new = run_with(cases, options, options.av)
+    old = None if baseline is None else run_with(cases, options, baseline)
     tests = natural_tests + (0 if cases.scripted else cases.next_test)
     for run in (new, old):
         if run is not None:
@@ -132,6 +132,16 @@ def retest(
         write_junit(Path(junit), result)
     if sarif is not None:
         write_sarif(Path(sarif), result)
+    if page is not None:
+        pairs = pairs_of(
+            cases,
+            Driven(recorded.by_case(cases.scalars(["case_id"])["case_id"].to_pylist()), new, old),
+            None if reacting is None else Driven(reacting.by_test(int(str(cases.identity["seed"]))), new, old),
+            None if natural is None or old is None else Driven(natural.by_test(seed), _naturally(new), _naturally(old)),
+            progress,
+        )
+        made = provenance({"library": config_hash(cases.identity), **new.identity(seed)}, result.seconds)
+        write_comparison(Path(page), result, pairs, RULE, made)
     return result
 
 
@@ -144,17 +154,17 @@ def _opened(library: Path, baseline: str | None) -> CaseLibrary:
     cases = CaseLibrary.open(library)
     if len(cases) == 0:
         raise InputError(f"The library {library} holds no cases yet, so there is none to drive again.")
+    if baseline is None and cases.identity.get("av") == SEVERAL:
+        raise InputError(
+            f"The cases of {library} were made by several AVs, so there is no old one to compare with; name one: "
+            "--baseline OLD"
+        )
     if baseline is None and not cases.scripted and cases.crashes != len(cases):
         raise InputError(
             f"The library {library} holds {len(cases):,} of {cases.crashes:,} crashes, so it does not tell in which "
             f"tests its AV crashed; say what to compare with: --baseline {shlex.quote(str(cases.identity['av']))}"
         )
     return cases
-
-
-def _experiment(cases: CaseLibrary, options: WorldOptions, av: str) -> Experiment:
-    """Build the experiment of the library with one of the two AVs; only one from outside needs a Python."""
-    return experiment_with(cases, replace(options, av=av, av_python=options.av_python if is_foreign(av) else None))
 
 
 def _note(cases: CaseLibrary) -> str | None:
@@ -197,6 +207,14 @@ class _Both:
             for known, crashes, was in rows
         ]
 
+    def by_case(self, ids: Sequence[str]) -> dict[str, str]:
+        """Say what became of each, by case id."""
+        return dict(zip(ids, self.kinds(), strict=True))
+
+    def by_test(self, seed: int) -> dict[str, str]:
+        """Say what became of each, by the case id that a test of its number has."""
+        return {f"{seed}:{test}": kind for test, kind in enumerate(self.kinds())}
+
     def compared(self) -> Compared:
         """Sum up.
 
@@ -227,51 +245,15 @@ def _as_recorded(
     cases: CaseLibrary, new: Experiment, old: Experiment | None, threads: int, progress: Progress
 ) -> _Both:
     """Drive every case with the others as recorded; without a baseline the old AV crashed in each."""
-    made_by = str(cases.identity["av"])
     ids = cases.scalars(["case_id"])["case_id"].to_pylist()
-    made = numbers_of_av(av_of("idm-mobil" if is_foreign(made_by) else made_by))
 
     def driven(run: Experiment, what: str) -> NDArray[np.int64]:
-        # Where vehicles start depends on the gaps that the AV wants: those of the one that made the library.
-        rooms = Rooms(lambda: (run.script_driver(), ScriptDriver(run.setting._replace(av=made), run.odd)))
-
-        def drive(first: int, count: int) -> NDArray[np.int64]:
-            with rooms.lend() as (driver, starts):
-                ends = [driver.drive(_script(cases.scenario(case), starts)) for case in ids[first : first + count]]
-            return np.array([_UNKNOWN if end.failed else _NO if end.pose is None else _YES for end in ends], np.int64)
-
-        parts = []
-        for part in in_order(drive, 0, len(ids), chunk=_CHUNK, threads=run.processes(threads)):
-            parts.append(part)
-            progress(what, sum(len(one) for one in parts), len(ids))
-        return np.concatenate(parts)
+        ends = drive_as_recorded(cases, ids, [run], threads, progress, what)
+        return np.array([_UNKNOWN if end.failed else _NO if end.pose is None else _YES for (end,) in ends], np.int64)
 
     crashed = driven(new, "cases as recorded")
     was = np.full(len(ids), _YES) if old is None else driven(old, "cases as recorded, baseline")
     return _Both(crashed, was, picked=True)
-
-
-def _script(stored: StoredCase, starts: ScriptDriver) -> Script:
-    """Make a script of a case: what is stored of the others; the far ones, and all after its end, drive naturally.
-
-    Raises:
-        ReplayError: The case does not begin where tests of its name begin.
-    """
-    script = stored.script
-    if script is None:
-        case = stored.scenario
-        start = starts.start_of_test(case.seed, case.test)
-        if np.abs(along(case.x[0], start["x"][case.slot])).max() > _SAME_M:
-            raise ReplayError(
-                f"Case {case.seed}:{case.test} does not begin as stored; install the version that made the library."
-            )
-        action = np.full((len(case.action), start.size), NATURAL, dtype=np.int8)
-        action[:, case.slot] = case.action
-        script = Script(np.arange(start.size, dtype=np.int16), start, action, case.seed, case.test)
-    decisions = min(len(script.action) + _AFTER_S, starts.max_decisions)
-    action = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
-    action[: len(script.action)] = script.action[:decisions]
-    return replace(script, action=action)
 
 
 def _reacting(cases: CaseLibrary, new: Experiment, old: Experiment | None, threads: int, progress: Progress) -> _Both:

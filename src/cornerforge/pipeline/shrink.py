@@ -74,6 +74,11 @@ def shrink(
     """
     began = time.perf_counter()
     source = CaseLibrary.open(Path(library))
+    if source.on_rails:
+        raise InputError(
+            f"The other vehicles of the cases in {library} move as they are told and decide nothing, so there is "
+            "nothing to leave out; shrink takes cases in which they drive."
+        )
     ids = _ids(source, [cases] if isinstance(cases, str) else cases)
     place = _place(Path(library), ids) if out is None else Path(out)
     run = experiment_of(source, av_timeout, av_python)

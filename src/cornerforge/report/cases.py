@@ -41,7 +41,9 @@ def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str
             yield case_id, None
 
 
-def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -> dict[str, Any]:
+def case_data(
+    case_id: str, scenario: Scenario, way_out: WayOut | None = None, *, first: int | None = None
+) -> dict[str, Any]:
     """Return what the animation needs of a case, as JSON values.
 
     Positions are in metres (x counted from the AV's centre at its start), speeds in m/s, times in s, rounded to 3
@@ -54,9 +56,11 @@ def case_data(case_id: str, scenario: Scenario, way_out: WayOut | None = None) -
         case_id: Name of the case, `seed:test`.
         scenario: The case; vehicles far from the AV may have been left out.
         way_out: How the AV could have avoided the crash; None if no way is known.
+        first: First frame that is shown; None: that of the last `SHOWN_S`.
     """
     n_frames = len(scenario.x)
-    first = max(0, n_frames - 1 - round(SHOWN_S / FRAME_S))
+    if first is None:
+        first = max(0, n_frames - 1 - round(SHOWN_S / FRAME_S))
     near = _near(scenario, first)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]
     position = {column: i for i, column in enumerate(columns)}

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from cornerforge._files import writing
 from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
 from cornerforge.analysis.flaw import headline
 from cornerforge.analysis.mechanism import MECHANISMS
@@ -36,6 +32,7 @@ from cornerforge.report.judged import (
     prevented_kinds,
     read_case_judgements,
 )
+from cornerforge.report.rendering import content_policy, environment, template, write_page
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS
 
@@ -43,7 +40,7 @@ __all__ = ["write_library_report", "write_report"]
 
 CASE_BYTES = 2_800_000
 """Room for trajectories on the page; with plotly's library (4.8 MB) the page stays below 8 MB."""
-SCRIPTS = ("charts.js", "animation.js")
+SCRIPTS = ("scene.js", "charts.js", "player.js", "animation.js")
 
 
 def write_report(out: Path) -> Path:
@@ -63,7 +60,7 @@ def write_report(out: Path) -> Path:
     plotly = _plotly_script()
     nothing = read_emptiness(out)
     if nothing is not None:
-        return _save(_render_nothing(nothing), out)
+        return write_page(_render_nothing(nothing), out / "report.html")
     return _write(read_artefacts(out), plotly)
 
 
@@ -83,14 +80,7 @@ def write_library_report(library: Path, out: Path) -> Path:
 
 def _write(artefacts: Artefacts, plotly: str) -> Path:
     cases, notes = _cases(artefacts)
-    return _save(_render(artefacts, cases, notes, plotly), artefacts.out)
-
-
-def _save(page: str, out: Path) -> Path:
-    target = out / "report.html"
-    with writing(target) as part:
-        part.write_text(page, encoding="utf-8", newline="\n")
-    return target
+    return write_page(_render(artefacts, cases, notes, plotly), artefacts.out / "report.html")
 
 
 def _plotly_script() -> str:
@@ -369,48 +359,28 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
     return made | {f"exposure-{key}": tables.exposure_table(h) for key, h in exposed.items()}
 
 
-def _environment() -> Any:
-    """Make the environment of the page's templates."""
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "report") from None
-    # StrictUndefined: a name that the template misspells is an error, not an empty place on the page.
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cornerforge.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False, "ensure_ascii": False}
-    environment.filters |= {"rate": text.rate, "miles": text.miles, "count": text.count, "duration": text.duration}
-    environment.filters |= {"share": text.share, "sentence": text.sentence}
-    return environment
-
-
 def _render_nothing(nothing: Emptiness) -> str:
     """Render the page of a run that found no case: what was tried, and what that says."""
-    environment = _environment()
+    pages = environment()
     from markupsafe import Markup
 
     return str(
-        environment.get_template("nothing.html.j2").render(
+        pages.get_template("nothing.html.j2").render(
             run=nothing.summary,
             provenance=tables.provenance_table(nothing.provenance),
-            style=Markup(_template("report.css")),
-            policy=_policy([]),
+            style=Markup(template("report.css")),
+            policy=content_policy([]),
         )
     )
 
 
 def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
-    environment = _environment()
+    pages = environment()
     from markupsafe import Markup
 
     kinds = kind_counts(artefacts.analysis.coverage)
-    scripts = [plotly, *(_template(name) for name in SCRIPTS)]
-    page: str = environment.get_template("report.html.j2").render(
+    scripts = [plotly, *(template(name) for name in SCRIPTS)]
+    page: str = pages.get_template("report.html.j2").render(
         run=artefacts.summary,
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
@@ -435,20 +405,8 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         groups=_groups(cases),
         notes=notes,
         # Marked as safe are our own files and plotly's, nothing else.
-        style=Markup(_template("report.css")),
+        style=Markup(template("report.css")),
         scripts=[Markup(script) for script in scripts],
-        policy=_policy(scripts),
+        policy=content_policy(scripts),
     )
     return page
-
-
-def _template(name: str) -> str:
-    return resources.files("cornerforge.report").joinpath("templates", name).read_text(encoding="utf-8")
-
-
-def _policy(scripts: list[str]) -> str:
-    """Content security policy: nothing is fetched, and only these scripts run, whatever a case's name may hold."""
-    digests = (hashlib.sha256(script.encode("utf-8")).digest() for script in scripts)
-    sources = " ".join(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests) or "'none'"
-    rest = "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
-    return f"default-src 'none'; script-src {sources}; {rest}"

@@ -9,7 +9,6 @@ import base64
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError, OutputError
 from cornerforge.ndd.drawing import check_matplotlib, png_of, svg_of
 from cornerforge.report import text
+from cornerforge.report.rendering import environment, template
 from cornerforge.report.reproduction_clusters import cluster_pictures, example_pictures, period_pictures
 from cornerforge.report.reproduction_figures import (
     Picture,
@@ -171,18 +171,10 @@ def _ends(row: PaperItem | PaperRow) -> str:
 
 
 def _render(found: _Items, made: _Made, sections: list[_Section]) -> str:
-    import jinja2
+    pages = environment()
     from markupsafe import Markup
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cornerforge.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    style = resources.files("cornerforge.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
-    return environment.get_template("reproduction.html.j2").render(
+    page: str = pages.get_template("reproduction.html.j2").render(
         sections=sections,
         effort=found.effort,
         seed=found.seed,
@@ -191,5 +183,6 @@ def _render(found: _Items, made: _Made, sections: list[_Section]) -> str:
         identity={key: value for key, value in made.identity.items() if not isinstance(value, dict)},
         machine=made.machine,
         # Marked as safe is our own file, nothing else.
-        style=Markup(style),
+        style=Markup(template("report.css")),
     )
+    return page

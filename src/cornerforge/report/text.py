@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["count", "duration", "interval", "miles", "rate", "sentence", "share", "times"]
+__all__ = ["count", "duration", "interval", "miles", "rate", "sentence", "share", "share_in_words", "signed", "times"]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -49,6 +49,17 @@ def miles(value: float, digits: int = 2) -> str:
     return f"{rate(value, digits)} miles"
 
 
+def share_in_words(value: float) -> str:
+    """A share as per cent to two digits; below one in a million it is said to be that.
+
+    >>> share_in_words(0.1234), share_in_words(0.0), share_in_words(2e-12)
+    ('12 %', '0 %', 'less than 1 in a million')
+    """
+    if 0.0 < value < 1e-6:
+        return "less than 1 in a million"
+    return f"{100.0 * float(f'{value:.1e}'):g} %"
+
+
 def interval(low: float, high: float, digits: int = 3) -> str:
     """Both ends of an interval.
 
@@ -67,6 +78,15 @@ def share(value: float) -> str:
     if value in (0.0, 1.0):
         return f"{100 * value:.0f} %"
     return f"{100 * value:.{1 if 0.01 <= value <= 0.99 else 2}f} %"
+
+
+def signed(value: float, digits: int = 3) -> str:
+    """A difference with its sign.
+
+    >>> signed(-0.0223), signed(0.004), signed(0.0)
+    ('−0.0223', '+0.00400', '0')
+    """
+    return rate(value) if value == 0.0 else ("−" if value < 0.0 else "+") + rate(abs(value), digits)
 
 
 def sentence(text: str) -> str:

@@ -13,10 +13,12 @@ from cornerforge.results.cases import Plausibility, Queried, Replayed, ShrunkLib
 from cornerforge.results.driving import Filled, NaturalRate, Simulated
 from cornerforge.results.learning import Trained, TrainedAv, TrainingCurve
 from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
+from cornerforge.results.r157 import Regulated
 from cornerforge.results.reading import from_json
 from cornerforge.results.reproduction import Reproduced
 from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
+from cornerforge.results.suite import SuiteBuilt
 from cornerforge.results.validation import NddValidated
 from cornerforge.results.whole import Exposure, Initialised, Reported, RunDone
 
@@ -35,6 +37,7 @@ __all__ = [
     "NddValidated",
     "Plausibility",
     "Queried",
+    "Regulated",
     "Replayed",
     "Reported",
     "Reproduced",
@@ -42,6 +45,7 @@ __all__ = [
     "RunDone",
     "ShrunkLibrary",
     "Simulated",
+    "SuiteBuilt",
     "Trained",
     "TrainedAv",
     "Varied",
@@ -64,6 +68,8 @@ VERBS: dict[str, type] = {
     "shrink": ShrunkLibrary,
     "replay": Replayed,
     "retest": Retested,
+    "suite build": SuiteBuilt,
+    "r157": Regulated,
     "query": Queried,
     "variety": Varied,
     "plausibility": Plausibility,

@@ -9,7 +9,7 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
   and `unpacked` copy, branch and store it at any moment.
 - *Setting*. A `Setting` is constant in a run: road, AV, naturalistic model and controllers. The `Controllers` say what
   drives the AV (`BUILT_IN`, `OUTSIDE`, `STEERED`), the critical BV, which is the one nearest to the AV (`ADVERSARIES`,
-  `TOLD`), and the other BVs (`NATURALISTIC`, `IDM_BVS`).
+  `TOLD`), and the other BVs (`NATURALISTIC`, `IDM_BVS`, `RAILS`: they move as they are told).
 - *Advance*. `advance` is the one loop. It returns when the test is over (`OVER`), when `until` seconds have passed
   (`MILESTONE`), or when somebody outside must answer (`AV_MUST_ANSWER`, `BV_MUST_ANSWER`); the answer goes into the
   world, and the next `advance` goes on from there. `Scratch` is memory to work in; nothing in it outlives a call.
@@ -30,10 +30,10 @@ of cornerforge take its names and nothing else (`tests/test_rooms.py`). Programs
 Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scratch`; `keep`; `loop`. Within the loop:
 `decide` (what BVs draw), `chances` (with which probability), `adversaries` (the critical BV), `av` and `av_kinds`
 (built-in AVs), `actions`, `motion`, `bicycle` (an AV that steers), `step` and `reach` (contact), `neighbours`. Views:
-`observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole tests),
-`runner`, `scripted`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`, `recorder`, `judge`.
-Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`, `forest`, `tilt`, `trees`,
-`grove`. What the adversary is paid for: `rewards`, `braking`, `crash_cases`.
+`observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole
+tests), `runner`, `scripted` and `rails`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`,
+`recorder`, `judge`. Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`,
+`forest`, `tilt`, `trees`, `grove`. What the adversary is paid for: `rewards`, `braking`, `crash_cases`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
 for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
@@ -101,6 +101,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.motion import move_vehicle
     from cornerforge.sim.neighbours import SIGHT
     from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
+    from cornerforge.sim.rails import NO_RAILS, Rails, rails_of
     from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
     from cornerforge.sim.rewards import (
         DRIVER,
@@ -142,6 +143,7 @@ if TYPE_CHECKING:
         NOBODY,
         OUTSIDE,
         POLICY,
+        RAILS,
         SCRIPTED,
         STEERED,
         TOLD,
@@ -174,23 +176,24 @@ __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
     "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "DRIVER", "FINISHED", "HIGHEST_COMMAND",
     "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL",
-    "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION",
-    "OUTSIDE", "OVER", "POLICY", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT", "START_FIELDS",
-    "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors", "Asked", "AvReward",
-    "Buffers", "Controllers", "CrashCases", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep",
-    "Outcomes", "Plan", "Recorder", "Reward", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally",
-    "Tilt", "Transitions", "Verdict", "World", "action_probabilities", "advance", "agents", "all_current",
-    "allocate_actors", "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history",
-    "allocate_leaves", "allocate_nursery", "allocate_outcomes", "allocate_recording", "allocate_scratch",
-    "allocate_starter_scratch", "allocate_windows", "allocate_worlds", "answer_as_av", "answer_as_bv", "answer_width",
-    "arrays_of", "average_traits", "branch_of", "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect",
-    "collect_av", "copy_of", "crashed_tests", "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window",
-    "drive_range", "driver_of_reward", "grove", "harvest_range", "hold", "is_full", "is_outside", "judge_crashes",
-    "keep_nothing", "keep_whole_test", "lateral_plan", "lessons", "lockstep", "manoeuvre_begin", "move_vehicle",
-    "n_slots", "ordered_lane", "packed", "path_of", "recordings_of_harvest", "reset_world", "reward_named",
-    "reward_numbers", "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "start_av_worlds",
-    "start_lane_change", "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked", "warm_up",
-    "warn_of_left_out", "world_of", "write_outcome",
+    "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN",
+    "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS",
+    "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS",
+    "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers", "Controllers", "CrashCases", "DriveChunk", "Ending",
+    "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Rails", "Recorder", "Reward", "RewardNumbers",
+    "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt", "Transitions", "Verdict", "World",
+    "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
+    "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves", "allocate_nursery",
+    "allocate_outcomes", "allocate_recording", "allocate_scratch", "allocate_starter_scratch", "allocate_windows",
+    "allocate_worlds", "answer_as_av", "answer_as_bv", "answer_width", "arrays_of", "average_traits", "branch_of",
+    "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
+    "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range", "driver_of_reward", "grove",
+    "harvest_range", "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing", "keep_whole_test",
+    "lateral_plan", "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed",
+    "path_of", "rails_of", "recordings_of_harvest", "reset_world", "reward_named", "reward_numbers",
+    "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "start_av_worlds", "start_lane_change",
+    "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked", "warm_up", "warn_of_left_out",
+    "world_of", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -212,7 +215,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # setting
     "setting": (
         "Setting", "Controllers", "BUILT_IN", "OUTSIDE", "ADVERSARIES", "NOBODY", "POLICY", "TOLD", "SCRIPTED",
-        "NATURALISTIC", "IDM_BVS", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
+        "NATURALISTIC", "IDM_BVS", "RAILS", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
     ),
     "av_kinds": ("DECIDES_EVERY", "built_in_av_decides"),
     # advance
@@ -239,6 +242,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
         "Keep", "keep_nothing", "keep_whole_test", "Outcomes", "allocate_outcomes", "write_outcome",
         "allocate_decisions", "allocate_windows",
     ),
+    "rails": ("NO_RAILS", "Rails", "rails_of"),
     "recorder": ("Recorder", "case_of", "scenario_digest"),
     "harvest": ("Harvest", "Buffers", "allocate_harvest", "harvest_range", "is_full"),
     # views

@@ -151,7 +151,16 @@ def _setting_of_test(test: int, setting: Setting, hostile: NDArray[np.void]) -> 
     row = hostile[test % hostile.size]
     old = setting.who
     who = Controllers(
-        OUTSIDE, row.critical, old.others, row.bounded, old.policy, 0, old.temperature, old.cast, old.script
+        OUTSIDE,
+        row.critical,
+        old.others,
+        row.bounded,
+        old.policy,
+        0,
+        old.temperature,
+        old.cast,
+        old.script,
+        old.rails,
     )
     return Setting(setting.road, setting.av, setting.tables, who)
 

@@ -23,7 +23,8 @@ from cornerforge.sim.decide import decide_bvs
 from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
-from cornerforge.sim.setting import LIKELIEST, NOBODY, POLICY, SCRIPTED, TOLD, critical_of, is_outside
+from cornerforge.sim.rails import name_actions
+from cornerforge.sim.setting import LIKELIEST, NOBODY, POLICY, RAILS, SCRIPTED, TOLD, critical_of, is_outside
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
 from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
@@ -268,7 +269,7 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     if who.others == SCRIPTED:  # first: what follows leaves in the scratch what `record_choice` reads
         sort_by_x(w)
         _follow_script(w, lane, setting, s.choice, keep.chances)
-    if who.critical != NOBODY or recorded:
+    if who.others != RAILS and (who.critical != NOBODY or recorded):
         bv, action, log_prob_policy = _critical_bv_acts(w, lane, recorded, setting, s)
     state.bv_has_answered = 0
     if _is_counted(step, keep):
@@ -277,11 +278,14 @@ def _begin_second(w: World, command: float, lane: int, setting: Setting, s: Scra
     state.bv_crashes_before = state.bv_crashes
     if who.others == SCRIPTED:
         _remember_script(w, setting)
+    elif who.others == RAILS:
+        sort_by_x(w)
+        name_actions(w, who.rails)
     else:
         decide_bvs(w, action, lane, setting, s)
     if recorded:
         record_choice(w, bv, log_prob_policy, s.choice, keep.decisions)
-    is_looked_at = keep.recording.shape[0] > SUBSTEPS * step or is_outside(who) or who.others == SCRIPTED
+    is_looked_at = keep.recording.shape[0] > SUBSTEPS * step or is_outside(who) or who.others >= SCRIPTED
     begin_to_act(w, command, lane, is_looked_at, setting, s)
 
 
@@ -338,7 +342,7 @@ def advance(w: World, setting: Setting, s: Scratch, keep: Keep, until: int) -> i
                     _begin_second(w, command, lane, setting, s, keep)
                 else:
                     av_acts(w, command, lane, road)
-            if move_on(w, substep, road, keep.recording):
+            if move_on(w, substep, setting, keep.recording):
                 _count_second(w, road, keep)
                 if keep.census.on:
                     count_travel(w, keep.counts)

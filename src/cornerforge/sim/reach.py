@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.world import World
 
-__all__ = ["bound_motion", "choose_current", "find_pairs"]
+__all__ = ["bound_motion", "choose_current", "find_pairs", "pairs_of_av"]
 
 _ROUNDING = 0.01
 """Added to bounds of motion [m], far more than rounding errors."""
@@ -97,6 +97,16 @@ def find_pairs(w: World, road: RoadNumbers, s: Scratch) -> None:
                 w.pair_b[found] = max(i, j)
                 found += 1
     state.n_pairs = found
+
+
+@inlined_kernel
+def pairs_of_av(w: World) -> None:
+    """List all pairs of the AV with another vehicle: on rails there is no bound of motion."""
+    state = w.state[0]
+    for j in range(1, state.n_vehicles):
+        w.pair_a[j - 1] = 0
+        w.pair_b[j - 1] = j
+    state.n_pairs = max(0, state.n_vehicles - 1)
 
 
 @inlined_kernel

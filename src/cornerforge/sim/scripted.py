@@ -3,7 +3,7 @@
 Seed and number name a test because its start and its BVs' decisions are drawn from them. A case that has been changed
 (`analysis/shrink.py`) has no name of that kind: a script gives every vehicle's start and every BV's actions. Rules,
 motion and contacts are those of natural tests, in the same kernels, so the script of a recorded crash of the AV gives
-that crash again, bit for bit.
+that crash again, bit for bit. Instead of actions the others may have rails (`rails`): then they move as those say.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from cornerforge.fields import POSE
 from cornerforge.sim import lockstep
 from cornerforge.sim.keep import Keep, allocate_decisions, keep_nothing
 from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, advance
+from cornerforge.sim.rails import NO_RAILS, Rails, put_on_rails, rails_of, set_speed_of
 from cornerforge.sim.recorder import scenario_of
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, SCRIPTED, STEERED
+from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, RAILS, SCRIPTED, STEERED
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
 from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current, allocate_worlds, n_slots, world_of
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from cornerforge.road.straight import RoadNumbers
     from cornerforge.sim.scratch import Scratch
     from cornerforge.sim.setting import Setting
     from cornerforge.sim.world import World
@@ -88,6 +90,9 @@ class Script:
         action: Action index of each vehicle at each decision (1 s apart), int8 (K, N), K at least 1; NATURAL for the
             likeliest. The AV's column is ignored: the AV decides by itself.
         seed, test: Its name, of which an AV from outside is told a number (`foreign.driver.seeds_of`).
+        poses: Rails of the others, float64 (F, N, POSE_NUMBERS), with at least 10 K + 1 frames; None: they act. On
+            rails `action` says only how long the script is, and `desired_speed` of the AV's start, if it is above 0,
+            at which speed the AV is set to drive [m/s].
     """
 
     slot: NDArray[np.int16]
@@ -95,6 +100,7 @@ class Script:
     action: NDArray[np.int8]
     seed: int = 0
     test: int = 0
+    poses: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         n = self.slot.size
@@ -107,10 +113,20 @@ class Script:
         if self.action.min() < NATURAL or self.action.max() >= N_ACTIONS:
             raise InputError(f"action must lie in [{NATURAL}, {N_ACTIONS - 1}]; it goes from {self.action.min()} to "
                              f"{self.action.max()}.")  # fmt: skip
+        if self.poses is not None and len(self.poses) <= SUBSTEPS * len(self.action):
+            raise InputError(
+                f"A script of {len(self.action)} s needs {SUBSTEPS * len(self.action) + 1} frames on rails; it has "
+                f"{len(self.poses)}."
+            )
+        if self.poses is not None:
+            rails_of(self.start[None], self.poses[None])
 
     def of(self, columns: NDArray[np.bool_]) -> Script:
         """Take the script of some vehicles only, bool (N,); the AV must be one of them."""
-        return replace(self, slot=self.slot[columns], start=self.start[columns], action=self.action[:, columns])
+        poses = None if self.poses is None else self.poses[:, columns]
+        return replace(
+            self, slot=self.slot[columns], start=self.start[columns], action=self.action[:, columns], poses=poses
+        )
 
 
 @dataclass(frozen=True)
@@ -141,9 +157,9 @@ class Asked(Protocol):
         """OUTSIDE or STEERED."""
 
     def in_test(
-        self, slots: int, seed: int, test: int
+        self, slots: int, seed: int, test: int, set_speed: float
     ) -> AbstractContextManager[tuple[NDArray[Any], Callable[[], NDArray[np.float64]]]]:
-        """Let it begin a test of this name: it remembers nothing of before.
+        """Let it begin a test of this name: it remembers nothing of before, and is set to drive at a speed [m/s].
 
         Returns:
             Where what it sees goes, (1, rows, columns), and what asks it about that: it returns its answer, (1, W), or
@@ -177,6 +193,13 @@ def _put(w: World, start: NDArray[np.void]) -> None:
         w.order[i] = i
     w.state[0].n_vehicles = start.size
     all_current(w)
+
+
+@kernel
+def _put_on_rails(w: World, rails: Rails, road: RoadNumbers) -> None:
+    """Put a world at the start of a script on rails."""
+    clear_world(w, 0, 0, 0)
+    put_on_rails(w, rails, road)
 
 
 @kernel
@@ -250,13 +273,20 @@ class ScriptDriver:
         self._check(script)
         self.drives += 1
         av = BUILT_IN if self._av is None else self._av.controller
+        rails = NO_RAILS if script.poses is None else rails_of(script.start[None], script.poses[None])
         drivers = self._setting.with_drivers(
             av=LIKELIEST if av_is_natural else av,
             critical=NOBODY,
-            others=SCRIPTED,
+            others=SCRIPTED if script.poses is None else RAILS,
             script=np.ascontiguousarray(script.action),
+            rails=rails,
         )
-        _put(self._world, script.start)
+        if script.poses is not None and (speed := set_speed_of(script.start)) is not None:
+            drivers = drivers.with_set_speed(speed)
+        if script.poses is None:
+            _put(self._world, script.start)
+        else:
+            _put_on_rails(self._world, rails, drivers.road)
         if self._av is None or av_is_natural:
             _go_on(self._world, drivers, self._scratch, keep)
         else:
@@ -264,7 +294,8 @@ class ScriptDriver:
         warn_of_left_out(self._scratch)
 
     def _drive_asking(self, av: Asked, script: Script, drivers: Setting, keep: Keep) -> None:
-        with av.in_test(self._world.vehicles.size, script.seed, script.test) as (views, ask):
+        set_speed = float(drivers.av.idm.desired_speed)
+        with av.in_test(self._world.vehicles.size, script.seed, script.test, set_speed) as (views, ask):
             batch = lockstep.Batch(self._worlds, views)
             while _go_on(self._world, drivers, self._scratch, keep) == AV_MUST_ANSWER:
                 lockstep.see(batch, drivers, self._scratch)
@@ -333,4 +364,7 @@ class ScriptDriver:
         states = self._world.vehicles[: script.slot.size]
         there = states["present"] == 1
         start = scripted_start(np.stack([states[name] for name in START_FIELDS], axis=1)[there].astype(np.float64))
-        return replace(script, slot=script.slot[there], start=start, action=script.action[decisions:, there])
+        poses = None if script.poses is None else script.poses[SUBSTEPS * decisions :, there]
+        return replace(
+            script, slot=script.slot[there], start=start, action=script.action[decisions:, there], poses=poses
+        )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge._philox import PURPOSE_CAST, block, uniform
 from cornerforge.drivers.policy import NO_POLICY, PolicyNumbers
+from cornerforge.sim.rails import NO_RAILS, Rails
 
 if TYPE_CHECKING:
     from cornerforge.drivers.naturalistic import NddTables
@@ -27,6 +28,7 @@ __all__ = [
     "NO_CAST",
     "NO_SCRIPT",
     "OUTSIDE",
+    "RAILS",
     "SCRIPTED",
     "STEERED",
     "Cast",
@@ -48,8 +50,9 @@ ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-cha
 """Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a Q-network. uniform: any
 allowed action. lane-changer: changes lanes two times in three. swerve: comes level with the AV in the next lane, then
 changes into its lane. TOLD, which has no name here: somebody outside the kernels."""
-NATURALISTIC, IDM_BVS, SCRIPTED = range(3)
-"""Controllers of the other BVs: the naturalistic model, the IDM without lane changes, or a script for every BV."""
+NATURALISTIC, IDM_BVS, SCRIPTED, RAILS = range(4)
+"""Controllers of the other BVs: the naturalistic model, the IDM without lane changes, a script of actions for every BV,
+or rails that say where every BV is (`sim.rails`)."""
 
 MEMBER = np.dtype(
     [
@@ -89,13 +92,14 @@ class Controllers(NamedTuple):
     Attributes:
         av: BUILT_IN, OUTSIDE, LIKELIEST or STEERED.
         critical: Code of ADVERSARIES, or TOLD.
-        others: NATURALISTIC, IDM_BVS or SCRIPTED.
+        others: NATURALISTIC, IDM_BVS, SCRIPTED or RAILS.
         bounded: 1 for the NDD-bounded mask.
         policy: The adversary's network; of a mixture the widest one, which decides the size of scratch.
         budget: Likelihood budget of a test (`observe.budget_units`); 0: no limit. Needs `bounded`.
         temperature: Temperature at which a policy draws its actions; 0: it takes the best one.
         cast: The mixture of policies, each with its own mask and budget; empty for none.
         script: Action of each vehicle at each decision, int8 (K, N), for SCRIPTED; the test is cut off after K.
+        rails: Starts and rails of the tests, for RAILS; then nobody is critical.
     """
 
     av: int = BUILT_IN
@@ -107,6 +111,7 @@ class Controllers(NamedTuple):
     temperature: float = 0.0
     cast: Cast = NO_CAST
     script: NDArray[np.int8] = NO_SCRIPT
+    rails: Rails = NO_RAILS
 
 
 class Setting(NamedTuple):
@@ -127,6 +132,10 @@ class Setting(NamedTuple):
     def with_drivers(self, **changed: object) -> Setting:
         """Copy the setting with other controllers, by the fields of `Controllers`; for Python, not for kernels."""
         return self._replace(who=self.who._replace(**changed))  # type: ignore[arg-type]
+
+    def with_set_speed(self, speed: float) -> Setting:
+        """Copy the setting with an AV that drives at another speed where nothing is in its way [m/s]."""
+        return self._replace(av=self.av._replace(idm=self.av.idm._replace(desired_speed=speed)))
 
 
 def answer_width(setting: Setting) -> int:

@@ -13,8 +13,9 @@ from cornerforge.road.straight import distance_left
 from cornerforge.sim.actions import apply_action, hold, start_lane_change
 from cornerforge.sim.bicycle import steer_on
 from cornerforge.sim.motion import move_vehicle
-from cornerforge.sim.reach import bound_motion, choose_current, find_pairs
-from cornerforge.sim.setting import BUILT_IN
+from cornerforge.sim.rails import ride
+from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
+from cornerforge.sim.setting import BUILT_IN, RAILS
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
@@ -162,13 +163,14 @@ def av_acts(w: World, command: float, lane: int, road: RoadNumbers) -> None:
 
 
 @inlined_kernel
-def _move(w: World, substep: int, road: RoadNumbers) -> None:
+def _move(w: World, substep: int, setting: Setting) -> None:
     """Move the vehicles that are kept current to the end of a substep; in the last substep all vehicles.
 
     What is known of the AV's neighbours still holds at the second's end, when the AV decides next.
     """
     v = w.vehicles
     state = w.state[0]
+    road = setting.road
     if substep == SUBSTEPS - 1:
         list_all(w)
     since = substep % road.av_substeps
@@ -176,6 +178,9 @@ def _move(w: World, substep: int, road: RoadNumbers) -> None:
         steer_on(w, state.av_controls[2 * since], state.av_controls[2 * since + 1], road)
     else:
         move_vehicle(v, 0, (since + 1) * _DT, road)
+    if setting.who.others == RAILS:
+        ride(w, SUBSTEPS * (state.decisions - 1) + substep + 1, setting.who.rails, road)
+        return
     held = (substep + 1) * _DT
     for k in range(1, state.n_current):
         move_vehicle(v, w.current[k], held, road)
@@ -185,32 +190,37 @@ def _move(w: World, substep: int, road: RoadNumbers) -> None:
 def begin_to_act(w: World, command: float, lane: int, everybody: bool, setting: Setting, s: Scratch) -> None:
     """Let all vehicles begin to act: BVs by their `action`, the AV with `command` [m/s2] and target `lane`.
 
-    `w.order` must be sorted. `everybody`: keep all vehicles current, because a recording, a script, or a controller
-    outside the kernels looks at them within the second.
+    `w.order` must be sorted. `everybody`: keep all vehicles current, because a recording, a script, rails or a
+    controller outside the kernels looks at them within the second.
     """
     v = w.vehicles
     road, av = setting.road, setting.av
+    on_rails = setting.who.others == RAILS
     for i in range(1, w.state[0].n_vehicles):
-        if v[i].present:
+        if v[i].present and not on_rails:
             apply_action(w, i, v[i].action, _ACCELERATIONS, road)
     av_acts(w, command, lane, road)
     by_its_law = setting.who.av == BUILT_IN
     braking = av.hardest_braking if by_its_law else _HARDEST_BRAKING
     acceleration = av.strongest_acceleration if by_its_law else _STRONGEST_ACCELERATION
-    bound_motion(w, braking, acceleration, s)
-    find_pairs(w, road, s)
+    if on_rails:
+        pairs_of_av(w)
+    else:
+        bound_motion(w, braking, acceleration, s)
+        find_pairs(w, road, s)
     choose_current(w, s, everybody or av.sees_everybody != 0, road)
     w.state[0].decisions += 1
 
 
 @inlined_kernel
-def move_on(w: World, substep: int, road: RoadNumbers, recording: NDArray[np.void]) -> bool:
+def move_on(w: World, substep: int, setting: Setting, recording: NDArray[np.void]) -> bool:
     """Move to the end of a substep (0..9) of the running second, look for contacts; True when the test ends there."""
     state = w.state[0]
+    road = setting.road
     first_frame = SUBSTEPS * (state.decisions - 1)
     frame = first_frame + substep + 1
     record_frame(w, frame - 1, recording)
-    _move(w, substep, road)
+    _move(w, substep, setting)
     ends = _check_contacts(w, frame, road)
     if not ends and distance_left(w.vehicles, 0, road) <= 0.0:
         state.outcome = COMPLETED

@@ -13,7 +13,8 @@ from cornerforge._philox import PURPOSE_CLASS, PURPOSE_INITIAL, PURPOSE_TRAITS, 
 from cornerforge.drivers.idm import desired_gap
 from cornerforge.ndd.memory import reflected
 from cornerforge.road.straight import half_lengths, lane_centre, part_right, truck_share_in
-from cornerforge.sim.setting import critical_of
+from cornerforge.sim.rails import put_on_rails
+from cornerforge.sim.setting import RAILS, critical_of
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING, all_current
 from cornerforge.types import CAR, CLASSES, MOTORCYCLE, TRUCK
 
@@ -296,10 +297,13 @@ def reset_world(w: World, seed: int, test: int, setting: Setting) -> None:
     """Put test `test` of `seed` at its start: the AV in slot 0 at `av_start`, then its lane, then the others.
 
     The AV's lead is no nearer than the AV's own desired gap: a closer start would itself cause crashes. The world gets
-    the likelihood budget of the adversary that drives this test.
+    the likelihood budget of the adversary that drives this test. A test on rails starts as they say.
     """
     road, initial = setting.road, setting.tables.initial
     clear_world(w, seed, test, 0)
+    if setting.who.others == RAILS:
+        put_on_rails(w, setting.who.rails, road)
+        return
     state = w.state[0]
     state.budget_left = critical_of(seed, test, setting.who)[2]
     av_lane = min(road.n_lanes - 1, math.floor(uniform(_next_words(w)[0]) * road.n_lanes))

@@ -1,260 +1,27 @@
 "use strict";
-// Plays the stored cases from above. Everything is drawn to scale in metres from recorded frames, 10 a second; between two
-// frames the picture is interpolated while it plays, and a paused picture is always a recorded frame.
+// Plays the stored cases, with their readings and the chart of the one that is shown.
 const player = (() => {
   const cases = JSON.parse(document.getElementById("cases").textContent);
   const $ = (id) => document.getElementById(id);
   if (cases.length === 0) return null;
 
-  const state = { index: 0, frame: 0, playing: false, rate: 1, view: 80, last: 0, ticket: 0, chartFrame: -1 };
-  const current = () => cases[state.index];
   const lastFrame = (item) => item.frames - 1;
-  const crashFrame = (item) => Math.min(item.crash ?? lastFrame(item), lastFrame(item));
-  const seconds = (item, frame) => (item.first + frame) * item.dt;
-
-  let colours = {};
-  function readColours() {
-    for (const name of ["av", "partner", "critical", "other", "road", "verge", "paint", "ink", "muted", "contact", "paper", "way-out-box"]) {
-      colours[name] = charts.css(name);
-    }
-  }
-
-  // ---- data ------------------------------------------------------------------------------------------------------------
-  // State of a vehicle at a frame, between two frames by straight lines; null where it was not recorded.
-  function at(vehicle, frame) {
-    const local = frame - vehicle.from;
-    const low = Math.floor(local);
-    const part = local - low;
-    const high = part > 0 ? low + 1 : low;
-    if (low < 0 || high >= vehicle.x.length || vehicle.x[low] === null || vehicle.x[high] === null) return null;
-    const mix = (values) => values[low] * (1 - part) + values[high] * part;
-    const [x, y, v, h] = ["x", "y", "v", "h"].map((key) => mix(vehicle[key]));
-    return { x, y, v, h, lane: vehicle.lane[low], kind: vehicle.kind, length: vehicle.length, width: vehicle.width };
-  }
-
-  const decision = (item, frame) => Math.min(Math.floor((item.first + frame + 1e-6) / 10), item.critical.length - 1);
-
-  function criticalVehicle(item, frame) {
-    const k = decision(item, frame);
-    return k < 0 ? -1 : item.critical[k];
-  }
-
-  function corners(box) {
-    const c = Math.cos(box.h), s = Math.sin(box.h);
-    const along = box.length / 2, across = box.width / 2;
-    return [[along, across], [-along, across], [-along, -across], [along, -across]].map(
-      ([a, b]) => [box.x + a * c - b * s, box.y + a * s + b * c]);
-  }
-
-  // Common area of two convex polygons given counter-clockwise (Sutherland and Hodgman's clipping).
-  function commonArea(subject, clip) {
-    let result = subject;
-    clip.forEach((p, i) => {
-      const q = clip[(i + 1) % clip.length];
-      const side = ([x, y]) => (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
-      const input = result;
-      result = [];
-      input.forEach((b, j) => {
-        const a = input[(j + input.length - 1) % input.length];
-        const sa = side(a), sb = side(b);
-        if ((sa >= 0) !== (sb >= 0)) {
-          const t = sa / (sa - sb);
-          result.push([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]);
-        }
-        if (sb >= 0) result.push(b);
-      });
-    });
-    return result;
-  }
-
-  // ---- picture ---------------------------------------------------------------------------------------------------------
-  function prepare(canvas) {
-    const pixels = window.devicePixelRatio || 1;
-    const width = canvas.clientWidth, height = canvas.clientHeight;
-    canvas.width = Math.round(width * pixels);
-    canvas.height = Math.round(height * pixels);
-    const context = canvas.getContext("2d");
-    context.setTransform(pixels, 0, 0, pixels, 0, 0);
-    return { context, width, height };
-  }
-
-  // Map of metres to pixels: x to the right, y to the left of the driver, so upwards.
-  function makeView(item, frame, width, height, metres) {
-    const av = at(item.vehicles[0], frame);
-    const scale = Math.min(width / metres, (height - 4) / (item.lanes * item.laneWidth + 0.6));
-    const middle = (item.lanes * item.laneWidth) / 2;
-    return {
-      scale, width, height, left: av.x - width / 2 / scale, right: av.x + width / 2 / scale,
-      px: (x) => (x - av.x) * scale + width / 2,
-      py: (y) => height / 2 - (y - middle) * scale,
-    };
-  }
-
-  function drawRoad(g, view, item, detail) {
-    const top = view.py(item.lanes * item.laneWidth), bottom = view.py(0);
-    g.fillStyle = colours.verge;
-    g.fillRect(0, 0, view.width, view.height);
-    g.fillStyle = colours.road;
-    g.fillRect(0, top - 0.3 * view.scale, view.width, bottom - top + 0.6 * view.scale);
-    g.fillStyle = colours.paint;
-    const line = Math.max(1, 0.15 * view.scale);
-    for (const y of [top, bottom]) g.fillRect(0, y - line / 2, view.width, line);
-    for (let lane = 1; lane < item.lanes; lane++) {
-      const y = view.py(lane * item.laneWidth) - line / 2;
-      for (let x = Math.floor(view.left / 12) * 12; x < view.right; x += 12) g.fillRect(view.px(x), y, 3 * view.scale, line);
-    }
-    if (detail) drawRuler(g, view, bottom + 0.5 * view.scale);
-  }
-
-  function drawRuler(g, view, y) {
-    g.fillStyle = colours.muted;
-    g.font = "11px system-ui, sans-serif";
-    g.textAlign = "center";
-    for (let x = Math.ceil(view.left / 10) * 10; x < view.right; x += 10) {
-      g.fillRect(view.px(x), y, 1, 5);
-      if (x % 20 === 0) g.fillText(`${x} m`, view.px(x), y + 16);
-    }
-  }
-
-  function drawVehicle(g, view, box, colour, outlined) {
-    const length = box.length * view.scale, width = box.width * view.scale;
-    g.save();
-    g.translate(view.px(box.x), view.py(box.y));
-    g.rotate(-box.h);
-    g.fillStyle = colour;
-    g.fillRect(-length / 2, -width / 2, length, width);
-    g.fillStyle = "rgba(255,255,255,0.55)"; // the windscreen shows which end is the front
-    // A truck's cab is at its nose; a car has a bonnet before it.
-    const [behindNose, deep] = box.kind === "truck" ? [0.9 * view.scale, 0.7 * view.scale] : [0.38 * length, 0.13 * length];
-    g.fillRect(length / 2 - behindNose, -0.36 * width, deep, 0.72 * width);
-    g.strokeStyle = outlined ? colours.ink : "rgba(0,0,0,0.45)";
-    g.lineWidth = outlined ? 2 : 1;
-    g.strokeRect(-length / 2, -width / 2, length, width);
-    g.restore();
-  }
-
-  // The AV on its way out: an outline, since it is not what happened.
-  function drawWayOut(g, view, box) {
-    const length = box.length * view.scale, width = box.width * view.scale;
-    g.save();
-    g.translate(view.px(box.x), view.py(box.y));
-    g.rotate(-box.h);
-    g.strokeStyle = colours["way-out-box"];
-    g.lineWidth = 2.5;
-    g.setLineDash([6, 4]);
-    g.strokeRect(-length / 2, -width / 2, length, width);
-    g.restore();
-  }
-
-  // An arrow from the nose to the lane that the vehicle changes to; none while it keeps its lane.
-  function drawTarget(g, view, item, box, colour) {
-    const goal = (box.lane + 0.5) * item.laneWidth;
-    if (box.lane < 0 || Math.abs(goal - box.y) < 0.25) return;
-    const nose = box.x + box.length / 2;
-    const [x0, y0, x1, y1] = [view.px(nose), view.py(box.y), view.px(nose + 7), view.py(goal)];
-    g.strokeStyle = colour;
-    g.fillStyle = colour;
-    g.lineWidth = 2;
-    g.setLineDash([5, 4]);
-    g.beginPath();
-    g.moveTo(x0, y0);
-    g.bezierCurveTo((x0 + x1) / 2, y0, (x0 + x1) / 2, y1, x1, y1);
-    g.stroke();
-    g.setLineDash([]);
-    g.beginPath();
-    g.moveTo(x1 + 8, y1);
-    g.lineTo(x1 - 1, y1 - 5);
-    g.lineTo(x1 - 1, y1 + 5);
-    g.fill();
-  }
-
-  function drawLabel(g, view, box, label, below, strong) {
-    const reach = (box.width / 2) * view.scale + Math.abs(Math.sin(box.h)) * (box.length / 2) * view.scale;
-    const y = view.py(box.y) + (below ? reach + 14 : -reach - 5);
-    g.font = `${strong ? "600 13px" : "11px"} system-ui, sans-serif`;
-    g.textAlign = "center";
-    // A plate of the road's colour keeps the text clear of lane markings.
-    const wide = g.measureText(label).width + 6;
-    g.fillStyle = colours.road;
-    g.fillRect(view.px(box.x) - wide / 2, y - (strong ? 12 : 10), wide, strong ? 16 : 13);
-    g.fillStyle = colours.paint;
-    g.fillText(label, view.px(box.x), y);
-  }
-
-  function drawContact(g, view, a, b) {
-    const area = commonArea(corners(a), corners(b));
-    if (area.length < 3) return;
-    g.fillStyle = colours.contact;
-    g.beginPath();
-    area.forEach(([x, y]) => g.lineTo(view.px(x), view.py(y)));
-    g.fill();
-    const cx = area.reduce((sum, p) => sum + p[0], 0) / area.length;
-    const cy = area.reduce((sum, p) => sum + p[1], 0) / area.length;
-    g.strokeStyle = colours.contact;
-    g.lineWidth = view.scale > 6 ? 2.5 : 1.5;
-    g.beginPath();
-    g.arc(view.px(cx), view.py(cy), 1.7 * view.scale, 0, 2 * Math.PI);
-    g.stroke();
-  }
-
-  function colourOf(item, index, critical) {
-    if (index === 0) return colours.av;
-    if (index === item.partner) return colours.partner;
-    return index === critical ? colours.critical : colours.other;
-  }
-
-  function drawScene(canvas, item, frame, metres, detail) {
-    const { context: g, width, height } = prepare(canvas);
-    if (width === 0) return;
-    const view = makeView(item, frame, width, height, metres);
-    const critical = criticalVehicle(item, frame);
-    drawRoad(g, view, item, detail);
-    const boxes = item.vehicles.map((vehicle) => at(vehicle, frame));
-    // The AV and its partner are drawn last, so that nothing hides them.
-    const order = boxes.map((_, i) => i).filter((i) => boxes[i] && i !== 0 && i !== item.partner);
-    if (item.partner > 0 && boxes[item.partner]) order.push(item.partner);
-    order.push(0);
-    for (const i of order) {
-      const colour = colourOf(item, i, critical);
-      if (detail) drawTarget(g, view, item, boxes[i], i === 0 || i === item.partner ? colours.paint : colour);
-      drawVehicle(g, view, boxes[i], colour, i === critical);
-    }
-    const wayOut = detail && item.wayOut ? at(item.wayOut, frame) : null;
-    if (wayOut) drawWayOut(g, view, wayOut);
-    if (item.crash !== null && frame >= item.crash && item.partner > 0 && boxes[item.partner]) {
-      drawContact(g, view, boxes[0], boxes[item.partner]);
-    }
-    if (detail && view.scale > 5) {
-      const partner = item.partner > 0 ? boxes[item.partner] : null;
-      for (const i of order) {
-        const box = boxes[i];
-        const kind = item.vehicles[i].kind;
-        const name = i === 0 ? "AV" : `BV ${item.vehicles[i].slot}${kind === "car" ? "" : `, ${kind},`}`;
-        const pair = i === 0 || i === item.partner;
-        // The two that meet carry their labels on the sides turned away from each other.
-        const below = pair && partner ? (i === 0) === boxes[0].y < partner.y : false;
-        drawLabel(g, view, box, pair ? `${name} ${box.v.toFixed(1)} m/s` : box.v.toFixed(1), below, pair);
-      }
-    }
-  }
-
-  // ---- readout, chart --------------------------------------------------------------------------------------------------
-  const show = (value, unit, digits = 1) => (value === null || value === undefined ? "–" : `${value.toFixed(digits).replace(/^-(0\.0+)$/, "$1").replace("-", "−")} ${unit}`);
+  let chartFrame = -1;
 
   function writeReadout(item, frame) {
-    const av = at(item.vehicles[0], frame);
-    const bv = item.partner > 0 ? at(item.vehicles[item.partner], frame) : null;
+    const av = scene.at(item.vehicles[0], frame);
+    const bv = item.partner > 0 ? scene.at(item.vehicles[item.partner], frame) : null;
     const before = item.crash === null ? null : (item.crash - frame) * item.dt;
-    const k = decision(item, frame);
+    const k = scene.decision(item, frame);
     const cells = {
       frame: `${item.first + frame} of ${item.first + lastFrame(item)}`,
-      time: show(seconds(item, frame), "s"),
-      before: show(before, "s"),
-      av: show(av.v, "m/s"),
-      bv: show(bv && bv.v, "m/s"),
-      gap: show(bv && Math.abs(bv.x - av.x) - (bv.length + av.length) / 2, "m"),
-      ttc: item.ttc[frame] === null ? "∞" : show(item.ttc[frame], "s", 2),
-      plane: item.ttcPlane[frame] === null ? "∞" : show(item.ttcPlane[frame], "s", 2),
+      time: scene.show(scene.seconds(item, frame), "s"),
+      before: scene.show(before, "s"),
+      av: scene.show(av.v, "m/s"),
+      bv: scene.show(bv && bv.v, "m/s"),
+      gap: scene.show(bv && Math.abs(bv.x - av.x) - (bv.length + av.length) / 2, "m"),
+      ttc: item.ttc[frame] === null ? "∞" : scene.show(item.ttc[frame], "s", 2),
+      plane: item.ttcPlane[frame] === null ? "∞" : scene.show(item.ttcPlane[frame], "s", 2),
       critical: k >= 0 && item.critical[k] > 0 ? `BV ${item.vehicles[item.critical[k]].slot}: ${item.action[k] || "–"}` : "–",
       p: k >= 0 && item.p_nde[k] !== null ? (item.p_nde[k] === 0 ? "impossible" : String(item.p_nde[k])) : "–",
     };
@@ -262,7 +29,7 @@ const player = (() => {
   }
 
   function series(item, vehicle, key) {
-    const x = vehicle[key].map((_, i) => seconds(item, vehicle.from + i));
+    const x = vehicle[key].map((_, i) => scene.seconds(item, vehicle.from + i));
     return { x, y: vehicle[key] };
   }
 
@@ -276,7 +43,7 @@ const player = (() => {
   }
 
   function drawChart(item) {
-    const range = [seconds(item, 0), seconds(item, lastFrame(item)) + 0.05 * item.frames * item.dt];
+    const range = [scene.seconds(item, 0), scene.seconds(item, lastFrame(item)) + 0.05 * item.frames * item.dt];
     const axis = { gridcolor: "css:grid", linecolor: "css:muted", zeroline: false };
     const data = [{ ...series(item, item.vehicles[0], "v"), name: "AV speed", line: { color: "css:av", width: 2.5 } }];
     if (item.partner > 0) {
@@ -285,7 +52,7 @@ const player = (() => {
         data.push({ ...series(item, item.wayOut, "v"), mode: "lines", name: "AV speed on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
       }
       data.push({ ...series(item, partner, "v"), name: `BV ${partner.slot} speed`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
-      const x = item.ttc.map((_, i) => seconds(item, i));
+      const x = item.ttc.map((_, i) => scene.seconds(item, i));
       data.push({ x, y: item.ttc, yaxis: "y2", name: "TTC in the lane", line: { color: "css:ink", width: 2.5 } });
       data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "TTC in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
     }
@@ -293,7 +60,7 @@ const player = (() => {
     const shapes = [{ ...upright, x0: range[0], x1: range[0], line: { color: "css:muted", width: 2 } }];
     const annotations = [];
     if (item.crash !== null) {
-      const t = seconds(item, item.crash);
+      const t = scene.seconds(item, item.crash);
       shapes.push({ ...upright, x0: t, x1: t, line: { color: "css:contact", width: 2, dash: "dot" } });
       annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
     }
@@ -307,165 +74,36 @@ const player = (() => {
       yaxis: { ...axis, title: { text: "speed [m/s]" }, domain: [0.52, 1], range: speedRange(item) },
       yaxis2: { ...axis, title: { text: "TTC [s]" }, domain: [0, 0.42], range: [0, 10] },
     };
-    state.chartFrame = -1;
+    chartFrame = -1;
     charts.draw($("case-chart"), { data, layout });
   }
 
   function moveCursor(item, frame) {
-    if (frame === state.chartFrame) return;
-    state.chartFrame = frame;
-    const t = seconds(item, frame);
+    if (frame === chartFrame) return;
+    chartFrame = frame;
+    const t = scene.seconds(item, frame);
     Plotly.relayout($("case-chart"), { "shapes[0].x0": t, "shapes[0].x1": t });
   }
 
-  // ---- control ---------------------------------------------------------------------------------------------------------
-  // The road's width follows from the scale, so the view shows the metres that it promises.
-  function fitHeight(item) {
-    const canvas = $("road");
-    const scale = canvas.clientWidth / state.view;
-    const height = Math.round(Math.min(720, Math.max(150, scale * (item.lanes * item.laneWidth + 0.6) + 70)));
-    if (canvas.clientHeight !== height) canvas.style.height = `${height}px`;
-  }
+  const made = makePlayer({
+    cases,
+    draw: (item, frame, metres) => {
+      scene.fitHeight($("road"), item, metres);
+      scene.draw($("road"), item, frame, metres, true);
+    },
+    chosen: drawChart,
+    moved: (item, frame) => { writeReadout(item, frame); moveCursor(item, frame); },
+    thumbnail: (item) => item,
+  });
 
-  function refresh() {
-    const item = current();
-    fitHeight(item);
-    const whole = Math.floor(state.frame + 1e-6);
-    drawScene($("road"), item, state.playing ? state.frame : whole, state.view, true);
-    $("scrub").value = whole;
-    $("scrub").setAttribute("aria-valuetext", `${seconds(item, whole).toFixed(1)} seconds`);
-    writeReadout(item, whole);
-    moveCursor(item, whole);
-  }
-
-  function writeHash() {
-    const frame = Math.floor(state.frame + 1e-6);
-    const t = frame === crashFrame(current()) ? "crash" : seconds(current(), frame).toFixed(1);
-    history.replaceState(null, "", `#case=${encodeURIComponent(current().id).replaceAll("%3A", ":")}&t=${t}`);
-  }
-
-  function pause() {
-    state.playing = false;
-    state.frame = Math.floor(state.frame + 1e-6);
-    $("play").textContent = "Play";
-    refresh();
-  }
-
-  function play() {
-    if (state.frame >= lastFrame(current())) state.frame = 0;
-    state.playing = true;
-    state.last = performance.now();
-    $("play").textContent = "Pause";
-    cancelAnimationFrame(state.ticket); // a case may be chosen while another plays
-    state.ticket = requestAnimationFrame(tick);
-  }
-
-  function tick(now) {
-    if (!state.playing) return;
-    // The first picture's time is when it was begun, which may lie before the click that it answers.
-    state.frame += (Math.max(0, now - state.last) / 1000 / current().dt) * state.rate;
-    state.last = now;
-    if (state.frame >= lastFrame(current())) {
-      state.frame = lastFrame(current());
-      pause();
-      writeHash();
-      return;
-    }
-    refresh();
-    state.ticket = requestAnimationFrame(tick);
-  }
-
-  function seek(frame) {
-    state.frame = Math.max(0, Math.min(lastFrame(current()), frame));
-    pause();
-    writeHash();
-  }
-
-  function select(index, frame = 0) {
-    state.index = index;
-    state.playing = false;
-    const item = current();
-    document.querySelectorAll("button.case").forEach((button) => {
-      button.setAttribute("aria-pressed", String(Number(button.dataset.index) === index));
-    });
-    $("case-title").textContent = item.title;
-    $("case-verdict").textContent = item.verdict;
-    $("scrub").max = lastFrame(item);
-    state.frame = Math.max(0, Math.min(lastFrame(item), frame));
-    drawChart(item);
-    pause();
-  }
-
-  function selectId(id) {
-    const index = cases.findIndex((item) => item.id === id);
-    $("map-note").textContent = index < 0
-      ? `Case ${id} is not among those on this page; play it with: cornerforge replay LIBRARY ${id}` : "";
-    if (index >= 0) {
-      select(index);
-      writeHash();
-      $("player").scrollIntoView({ block: "nearest" });
-    }
-  }
-
-  function readHash() {
-    const wish = new URLSearchParams(location.hash.slice(1));
-    const index = cases.findIndex((item) => item.id === wish.get("case"));
-    if (index < 0) return false;
-    const t = wish.get("t");
-    const item = cases[index];
-    const frame = t === "crash" ? crashFrame(item) : Math.round((Number(t) || 0) / item.dt) - item.first;
-    select(index, frame);
-    return true;
-  }
-
-  function onKey(event) {
-    const tag = event.target.tagName;
-    if (event.ctrlKey || event.metaKey || event.altKey || tag === "SELECT") return;
-    if (event.key === " " && !["BUTTON", "SUMMARY", "A"].includes(tag)) state.playing ? pause() : play();
-    else if (event.key === "ArrowLeft") seek(Math.ceil(state.frame) - 1);
-    else if (event.key === "ArrowRight") seek(Math.floor(state.frame) + 1);
-    else return;
-    event.preventDefault();
-  }
-
-  function drawThumbnails() {
-    document.querySelectorAll("button.case").forEach((button) => {
-      const item = cases[Number(button.dataset.index)];
-      drawScene(button.querySelector("canvas"), item, crashFrame(item), 36, false);
-    });
-  }
-
-  function listen() {
-    $("play").addEventListener("click", () => (state.playing ? pause() : play()));
-    $("back").addEventListener("click", () => seek(state.frame - 1));
-    $("forward").addEventListener("click", () => seek(Math.floor(state.frame) + 1));
-    $("to-crash").addEventListener("click", () => seek(crashFrame(current())));
-    $("scrub").addEventListener("input", (event) => seek(Number(event.target.value)));
-    $("rate").addEventListener("change", (event) => { state.rate = Number(event.target.value); });
-    $("view").addEventListener("change", (event) => { state.view = Number(event.target.value); refresh(); });
-    document.querySelectorAll("button.case").forEach((button) => {
-      button.addEventListener("click", () => { select(Number(button.dataset.index)); writeHash(); play(); });
-    });
-    document.querySelectorAll("a.play").forEach((link) => {
-      link.addEventListener("click", (event) => { event.preventDefault(); selectId(link.dataset.case); play(); });
-    });
-    document.addEventListener("keydown", onKey);
-    window.addEventListener("hashchange", readHash);
-    charts.dark.addEventListener("change", () => { readColours(); refresh(); drawThumbnails(); });
-    new ResizeObserver(() => { refresh(); drawThumbnails(); }).observe($("road"));
-    const map = document.querySelector('[data-figure="map"]');
-    map.on("plotly_click", (event) => selectId(event.points[0].customdata));
-    $("case-chart").on("plotly_click", (event) => {
-      seek(Math.round(event.points[0].x / current().dt) - current().first);
-    });
-  }
-
-  readColours();
-  if (!readHash()) {
-    const best = Math.max(0, cases.findIndex((item) => item.top === 1));
-    select(best, crashFrame(cases[best]));
-  }
-  listen();
-  drawThumbnails();
-  return { cases, select, seek, state };
+  made.start(Math.max(0, cases.findIndex((item) => item.top === 1)));
+  document.querySelector('[data-figure="map"]').on("plotly_click", (event) => {
+    const id = event.points[0].customdata;
+    $("map-note").textContent = made.selectId(id)
+      ? "" : `Case ${id} is not among those on this page; play it with: cornerforge replay LIBRARY ${id}`;
+  });
+  $("case-chart").on("plotly_click", (event) => {
+    made.seek(Math.round(event.points[0].x / made.current().dt) - made.current().first);
+  });
+  return made;
 })();

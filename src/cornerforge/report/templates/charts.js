@@ -8,13 +8,10 @@ const charts = (() => {
     modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
   };
   const drawn = new Map(); // element -> figure with unresolved colours
-  const dark = window.matchMedia("(prefers-color-scheme: dark)");
-
-  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
   // A copy of the figure in which "css:ink" and the like have become colours.
   function resolve(node) {
-    if (typeof node === "string") return node.startsWith("css:") ? css(node.slice(4)) : node;
+    if (typeof node === "string") return node.startsWith("css:") ? scene.css(node.slice(4)) : node;
     if (Array.isArray(node)) return node.map(resolve);
     if (node && typeof node === "object") {
       return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, resolve(value)]));
@@ -28,10 +25,10 @@ const charts = (() => {
     return Plotly.react(element, data, layout, figure.layout.dragmode === "zoom" ? zoomable : config);
   }
 
-  dark.addEventListener("change", () => drawn.forEach((figure, element) => draw(element, figure)));
+  scene.dark.addEventListener("change", () => drawn.forEach((figure, element) => draw(element, figure)));
 
   const figures = JSON.parse(document.getElementById("figures").textContent);
   document.querySelectorAll("[data-figure]").forEach((element) => draw(element, figures[element.dataset.figure]));
 
-  return { css, dark, draw };
+  return { draw };
 })();
