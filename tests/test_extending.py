@@ -60,7 +60,7 @@ def mttc(bbd: ArrayLike, range_rate: ArrayLike, acceleration: ArrayLike) -> NDAr
 }  # fmt: skip
 AV_LAW: Recipe = {
     "drivers/avs.py": [
-        ("AV_KINDS = {\n", 'AV_KINDS = {\n    "gentle": AvLaw(5, 0.5, None, sees_everybody=False, parameters=()),\n'),
+        ("AV_KINDS = {\n", 'AV_KINDS = {\n    "gentle": AvLaw(9, 0.5, None, sees_everybody=False, parameters=()),\n'),
         (
             '        AvModel(\n            "idm-mobil-d2rl"',
             '        AvModel("gentle", "brakes with 0.5 m/s2 at most", IdmParams(), MobilParams(), kind="gentle"),\n'
@@ -69,20 +69,21 @@ AV_LAW: Recipe = {
     ],
     "sim/av_kinds.py": [
         (
-            '_DECISIONS = {"watchful"',
+            '_DECISIONS = {\n    "watchful"',
             '''@kernel
 def _gentle(w: World, _substep: int, road: RoadNumbers, av: AvNumbers, _scratch: AvScratch) -> tuple[float, int]:
     """The IDM with a weak foot."""
     return max(-0.5, lead_acceleration(w, 0, w.vehicles[0].lanes, av.sight, road, av)), w.vehicles[0].target_lane
 
 
-_DECISIONS = {"gentle": _gentle, "watchful"''',
+_DECISIONS = {
+    "gentle": _gentle, "watchful"''',
         )
     ],
 }  # fmt: skip
 REWARD: Recipe = {
     "sim/rewards.py": [
-        ("REWARDS = {\n", 'REWARDS = {\n    "struck": Reward(3, "a crash in which the AV is struck"),\n'),
+        ("REWARDS = {\n", 'REWARDS = {\n    "struck": Reward(9, "a crash in which the AV is struck"),\n'),
         (
             "_RULES: dict[str, Any] = {",
             """@inlined_kernel
@@ -214,7 +215,7 @@ def test_help_names_what_there_is() -> None:
 
 FORGOTTEN: dict[str, tuple[str, str, str, str]] = {
     "how hard a law brakes": (
-        "drivers/avs.py", "AvLaw(5, 0.5, None,", "AvLaw(code=4, strongest_acceleration=None,", "hardest_braking",
+        "drivers/avs.py", "AvLaw(9, 0.5, None,", "AvLaw(code=4, strongest_acceleration=None,", "hardest_braking",
     ),
     "how far a law looks": ("drivers/avs.py", "0.5, None, sees_everybody=False", "0.5, None", "sees_everybody"),
     "what a law drives by": (
@@ -222,7 +223,7 @@ FORGOTTEN: dict[str, tuple[str, str, str, str]] = {
         "parameters",
     ),
     "what a law does": ("sim/av_kinds.py", '"gentle": _gentle, ', "", "gentle: declared and without a kernel"),
-    "a code of its own": ("drivers/avs.py", "AvLaw(5,", "AvLaw(2,", "Two have the same code: .*'gentle': 2"),
+    "a code of its own": ("drivers/avs.py", "AvLaw(9,", "AvLaw(2,", "Two have the same code: .*'gentle': 2"),
     "what a reward pays for": (
         "sim/rewards.py", '"struck": _that_is_struck, ', "", "struck: declared and without a kernel",
     ),

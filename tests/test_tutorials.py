@@ -19,7 +19,7 @@ LOOSE = {
     r"^Cluster 0 .*": "Cluster 0 (...): typical ...",
     r"^Rare: .*": "Rare: ...",
     r"^At fault \(RSS\): .*": "At fault (RSS): ...",
-    r"^(Avoidable: .* cases\): ).*": r"\1...",
+    r"^(Ways out of .*: ).*": r"\1...",
     r"^(  \d\.\d\d: \d+:\d+: ).*": r"\1...",
     r"^(?:av|bv|both)\t.*": "...",
 }

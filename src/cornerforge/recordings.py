@@ -29,6 +29,7 @@ __all__ = [
     "bodies_in",
     "bodies_of",
     "box_in",
+    "recordings_of_columns",
     "recordings_of_scenarios",
     "recordings_of_tracks",
     "unpack",
@@ -207,7 +208,7 @@ def recordings_of_tracks(cases: pa.Table, tracks: pa.Table, odd: Odd) -> Recordi
     for body in BODY:
         if body.column.name in tracks.column_names:
             bodies[body.name] = flat(body.column.name)
-    return _recordings(
+    return recordings_of_columns(
         names=_numbers_of(ids),
         frames=tracks.column("n_frames").to_numpy().astype(np.int64),
         vehicles=tracks.column("slot").combine_chunks().value_lengths().to_numpy().astype(np.int64),
@@ -248,7 +249,7 @@ def recordings_of_scenarios(scenarios: Sequence[Scenario]) -> Recordings:
         return np.concatenate([getattr(s, name)[:end].T.ravel() for s, end in zip(scenarios, ends, strict=True)])
 
     frames = np.array(ends, dtype=np.int64)
-    found = _recordings(
+    found = recordings_of_columns(
         names=names,
         frames=frames,
         vehicles=np.array([s.slot.size for s in scenarios], dtype=np.int64),
@@ -278,7 +279,7 @@ def _numbers_of(case_ids: Sequence[str]) -> NDArray[np.int64]:
     return numbers
 
 
-def _recordings(
+def recordings_of_columns(
     *,
     names: NDArray[np.int64],
     frames: NDArray[np.int64],
@@ -289,7 +290,16 @@ def _recordings(
     bodies: NDArray[np.void],
     states: dict[str, NDArray[Any]],
 ) -> Recordings:
-    """Make recordings: find where each case begins, and its crash partner by the slot."""
+    """Make recordings of columns in their order: find where each case begins, and its crash partner by the slot.
+
+    Args:
+        names: Seed and test of each case, shape (C, 2).
+        frames, vehicles, last: As in `Recordings`.
+        slot: As in `Recordings`.
+        bv_slot: Name of the vehicle that the AV touched first, shape (C,).
+        bodies: Of each vehicle, (V,) records that hold the fields of `BODY_FIELDS`.
+        states: The series of `fields.SERIES` by name, shape (E,) each.
+    """
     sizes = frames * vehicles
     vehicle_at = np.cumsum(vehicles) - vehicles
     case = np.repeat(np.arange(frames.size), vehicles)

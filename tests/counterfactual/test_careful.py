@@ -13,7 +13,7 @@ from reference.world import Vehicle
 
 from cornerforge.analysis.avoidability import AvoidParams
 from cornerforge.analysis.prevented import PREVENTED_COLUMNS, Prevention, prevented_by
-from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of
+from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of, own_reaction
 
 PARAMS = AvoidParams(horizon_s=1.2)
 
@@ -42,7 +42,9 @@ def survives(traffic: Traffic, moment: int, driver: str, margin: float) -> bool:
             since = f
         held = 0.0
         if since is not None:
-            held = braking_of(CAREFUL[driver], 0.1 * (f - since), demanded, me.acceleration, 0.1)
+            held = braking_of(
+                CAREFUL[driver], 0.1 * (f - since), demanded, me.acceleration, 0.1, own_reaction(CAREFUL[driver])
+            )
         if at_once:
             me.acceleration = held
         me.hold(held, ODD)

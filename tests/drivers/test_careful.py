@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of, crashes_at_cut_ins
+from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of, crashes_at_cut_ins, own_reaction
 from cornerforge.errors import InputError, UnknownNameError
 
 VERDICTS = Path(__file__).parents[3] / "shared" / "data" / "r157" / "cut_in.csv.gz"
@@ -83,7 +83,7 @@ def test_how_they_brake() -> None:
     def course(driver: str, demanded: float) -> list[float]:
         a, found = 0.0, []
         for k in range(20):
-            a = braking_of(CAREFUL[driver], 0.1 * k, demanded, a, 0.1)
+            a = braking_of(CAREFUL[driver], 0.1 * k, demanded, a, 0.1, own_reaction(CAREFUL[driver]))
             found.append(a)
         return found
 
@@ -95,7 +95,7 @@ def test_how_they_brake() -> None:
     assert course("reg157", 6.0)[:6] == [0.0, 0.0, 0.0, 0.0, -6.0, -6.0]
     assert course("rss-brake", hardest)[:8] == [0.0] * 8
     assert course("fsm", 4.5)[-1] == -4.5
-    assert braking_of(CAREFUL["fsm"], 3.0, 0.0, -4.5, 0.1) == 0.0, "when danger is over it holds its speed"
+    assert braking_of(CAREFUL["fsm"], 3.0, 0.0, -4.5, 0.1, 0.75) == 0.0, "when danger is over it holds its speed"
 
 
 def test_bad_input_is_named() -> None:

@@ -14,6 +14,7 @@ from cornerforge.envs.runs import adversary_batch, driving_batch
 from cornerforge.envs.spaces import av_commands
 from cornerforge.errors import InputError
 from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.pipeline.verdicts import judge_by_case
 from cornerforge.sim.actions import ordered_lane
 from cornerforge.sim.adversaries import choose_action
 from cornerforge.sim.agents import substitute_action
@@ -129,7 +130,7 @@ def test_at_the_end_everybody_stands_where_the_recording_says(reckless: Path) ->
     assert within_a_second > N // 4
 
 
-@pytest.mark.parametrize("reward", ["crash", "striking", "avoidable"])
+@pytest.mark.parametrize("reward", ["crash", "striking", "avoidable", "preventable", "own-fault"])
 def test_the_adversary_is_paid_as_its_crashes_are_judged(reward: str, reckless: Path) -> None:
     """One sum per test, by the judgement of the same tests driven again; two threads with scratch of their own."""
     batch = adversary_batch(N, 2, WorldOptions(model=reckless), reward=reward, delay=0.3)
@@ -147,7 +148,9 @@ def test_the_adversary_is_paid_as_its_crashes_are_judged(reward: str, reckless: 
     strikes, avoidable = judge_crashes(
         run.setting, run.slots, seed=SEED, tests=crashed.tolist(), braking=reward_numbers(reward, 0.3).braking
     )
-    paid = {"crash": np.ones(crashed.size, np.bool_), "striking": strikes, "avoidable": avoidable}[reward]
+    by_case = judge_by_case(run, SEED, crashed.tolist(), reward, 1)
+    in_kernels = {"crash": np.ones(crashed.size, np.bool_), "striking": strikes, "avoidable": avoidable}
+    paid = in_kernels[reward] if by_case is None else by_case.paid
     assert paid.all() == (reward == "crash")
     assert paid.any() or reward == "striking", "nobody who is swerved into strikes"
     expected = np.where(batch.outcome == BV_CRASH, -1.0, 0.0)

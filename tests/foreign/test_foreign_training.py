@@ -27,6 +27,7 @@ from cornerforge.foreign.collector import ForeignCollector, Group
 from cornerforge.foreign.driver import MAX_FAULTS, Fault, ForeignAv, seeds_of
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.pipeline.train import evaluate
+from cornerforge.pipeline.verdicts import verdict_of
 from cornerforge.results.rates import Yield
 from cornerforge.sim import N_OBSERVATION, OUTSIDE, TOLD, Exploring, allocate_actors, reward_numbers, start_worlds
 from cornerforge.sim.scratch import allocate_scratch
@@ -52,7 +53,7 @@ def world(av: str) -> Experiment:
 @functools.cache
 def inside(reward: str) -> TrainResult:
     run = world("rl")
-    return train_adversary(run.setting, run.slots, replace(TINY, reward=reward))
+    return train_adversary(run.setting, run.slots, replace(TINY, reward=reward), verdict=verdict_of(reward, run))
 
 
 def outside(
@@ -64,8 +65,9 @@ def outside(
     setting = run.setting.with_drivers(av=OUTSIDE)
     try:
         return train_adversary(
-            setting, run.slots, config, av=av, seed=seed, threads=threads, checkpoint=checkpoint, progress=progress
-        )
+            setting, run.slots, config, av=av, verdict=verdict_of(config.reward, run), seed=seed, threads=threads,
+            checkpoint=checkpoint, progress=progress,
+        )  # fmt: skip
     finally:
         av.close()
 
@@ -83,7 +85,7 @@ def assert_same(result: TrainResult, expected: TrainResult) -> None:
 
 
 @pytest.mark.usefixtures("twins")
-@pytest.mark.parametrize("reward", ["crash", "avoidable"])
+@pytest.mark.parametrize("reward", ["crash", "avoidable", "preventable"])
 @pytest.mark.parametrize(("batch", "threads"), [(256, 2), (24, 2), (24, 1)])
 def test_the_weights_are_those_of_the_same_av_inside(reward: str, batch: int, threads: int) -> None:
     """`rl` decides every half second, so a world that was given the wrong seat would be out of step."""
@@ -105,7 +107,7 @@ def test_the_yield_is_that_of_the_same_av_inside(bv: str, tests: int) -> None:
     built_in = experiment(av="rl", bv=bv)
     av = ForeignAv("twins:Twin", ODD)
     foreign = replace(built_in, setting=built_in.setting.with_drivers(av=OUTSIDE), foreign=av)
-    expected, found = (evaluate(run, tests=tests, seed=4, threads=2) for run in (built_in, foreign))
+    expected, found = (evaluate(run, tests=tests, seed=4, reward="own-fault", threads=2) for run in (built_in, foreign))
     assert isinstance(found, Yield)
     assert found == expected
     assert 0.0 < found.avoidable_per_test < found.crashes_per_test
@@ -328,17 +330,17 @@ def test_plausibility_and_variety_take_it(monkeypatch: pytest.MonkeyPatch) -> No
 # --- Adversary-v0 ---
 
 
-def _driven(av: str, mode: str, steps: int = 250) -> tuple[list[Any], ...]:
+def _driven(av: str, mode: str, steps: int = 250, reward: str = "avoidable") -> tuple[list[Any], ...]:
     """What an adversary that draws at random sees and gets in 6 worlds, and how its tests end."""
     many: Any = gymnasium.make_vec(
-        "cornerforge/Adversary-v0", num_envs=6, av=av, reward="avoidable", autoreset_mode=mode, threads=1
+        "cornerforge/Adversary-v0", num_envs=6, av=av, reward=reward, autoreset_mode=mode, threads=1
     )
     rng = np.random.default_rng(3)
     seen, paid, ends = [many.reset(seed=5)[0].tobytes()], [], []
     for _ in range(steps):
-        observation, reward, terminated, truncated, info = many.step(rng.integers(0, 33, 6))
+        observation, given, terminated, truncated, info = many.step(rng.integers(0, 33, 6))
         seen.append(observation.tobytes())
-        paid.append(reward.tolist())
+        paid.append(given.tolist())
         if (terminated | truncated).any():
             told = info if "outcome" in info else info["final_info"]
             ends.append([(told["outcome"][b], told["case"][b]) for b in np.flatnonzero(terminated | truncated)])
@@ -347,10 +349,12 @@ def _driven(av: str, mode: str, steps: int = 250) -> tuple[list[Any], ...]:
 
 
 @pytest.mark.usefixtures("twins")
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_an_agent_sees_and_gets_the_same_from_the_same_av_outside(mode: str) -> None:
+@pytest.mark.parametrize(
+    ("mode", "reward"), [("NextStep", "avoidable"), ("SameStep", "avoidable"), ("SameStep", "preventable:rss-brake")]
+)
+def test_an_agent_sees_and_gets_the_same_from_the_same_av_outside(mode: str, reward: str) -> None:
     """In mode NextStep a world that begins anew stands still while the others go on: the AV must not lose its step."""
-    expected, found = _driven("rl", mode), _driven("twins:Twin", mode)
+    expected, found = (_driven(av, mode, reward=reward) for av in ("rl", "twins:Twin"))
     assert found == expected
     assert len(expected[2]) > 10
     assert any(any(row) for row in expected[1])

@@ -56,8 +56,9 @@ def test_counted_cases_have_the_rates_that_were_counted(
         assert sum(rates) == pytest.approx(found.crashes_per_test)
         assert rates == sorted(rates, reverse=True)
     assert natural.avoidable is not None
-    assert analysed.avoidability is not None
-    assert natural.avoidable.share == pytest.approx(analysed.avoidability.avoidable_share)
+    assert natural.avoidable_after_s == 1.0
+    assert analysed.judges is not None
+    assert natural.avoidable.share == pytest.approx(analysed.judges.lead.share)
     assert natural.avoidable.cases == round(20 * natural.avoidable.share)
     assert 0.0 < natural.serious_injuries.share < analysed.severity["av_injury_probability"]["99"]
 
@@ -91,6 +92,7 @@ def test_weights_make_the_shares() -> None:
         },
         prevented={"fsm": np.array([True, False, True, False]), "fsm, by braking": np.zeros(4, np.bool_)},
         avoidable=np.array([True, True, True, True]),
+        avoidable_after_s=0.5,
         looked_at=np.array([False, True, False, True]),
         injury=np.array([0.0, 0.0, 0.5, 0.0]),
     )
@@ -111,6 +113,7 @@ def test_weights_make_the_shares() -> None:
     assert found.prevented_by["fsm"].share == pytest.approx(0.625)
     assert list(found.prevented_by) == ["fsm"]
     assert found.avoidable is not None
+    assert found.avoidable_after_s == 0.5
     assert found.avoidable.crashes_per_test == pytest.approx(8e-7)  # both that were drawn, which stand for all
     assert found.serious_injuries.crashes_per_test == pytest.approx(0.5e-7)
 
@@ -119,8 +122,9 @@ def test_without_a_drawn_way_out_nothing_is_said_of_avoidable() -> None:
     nobody = np.zeros(2, np.bool_)
     kinds = {name: ["0", "0"] for name in ("clusters", "crash_types", "mechanisms", "fault", "conducts")}
     found = natural_shares(
-        np.full(2, 1e-7), Odd(), kinds=kinds, prevented={}, avoidable=nobody, looked_at=nobody, injury=np.full(2, 0.1)
-    )
+        np.full(2, 1e-7), Odd(), kinds=kinds, prevented={}, avoidable=nobody, avoidable_after_s=1.0, looked_at=nobody,
+        injury=np.full(2, 0.1),
+    )  # fmt: skip
     assert found.avoidable is None
 
 

@@ -154,9 +154,17 @@ def test_shares_stand_with_their_intervals(run_folder: Path) -> None:
     known, grid = analysis["avoidability"], analysis["coverage"]
     made = Page(write_report(run_folder))
     text = " ".join(made.text.split())
-    low, high = (share(value) for value in known["interval95"])
-    assert f"{share(known['avoidable_share'])} of n = 60 cases (95 % interval {low} to {high})" in text
-    assert "(reaction time 0 s)" in text
+    lead = analysis["judges"]["lead"]
+    low, high = (share(value) for value in lead["interval95"])
+    assert (
+        "An AV that reacts 1.0 s after the manoeuvre began that led to the crash had a way out in "
+        f"{share(lead['share'])} of n = 60 cases (95 % interval {low} to {high})"
+    ) in text
+    shares = {one["reaction_s"]: share(one["share"]) for one in analysis["judges"]["avoidable"]}
+    assert f"{shares[0.5]} with 0.50 s, {shares[0.75]} with 0.75 s" in text
+    assert f"with perfect foresight, so with 0 s, {shares[0.0]}." in text
+    assert shares[0.0] == share(known["avoidable_share"])
+    assert "Judges against each other" in text
     low, high = (share(value) for value in grid["unseen_kind_interval95"])
     assert f"kind not seen yet: {share(grid['unseen_kind_chance'])} (95 % interval {low} to {high})" in text
     figures = made.data("figures")

@@ -18,7 +18,7 @@ from cornerforge.sim.drive_bv import Exploring, allocate_actors, collect, start_
 from cornerforge.sim.judge import judge_crashes
 from cornerforge.sim.keep import keep_nothing
 from cornerforge.sim.observe import N_OBSERVATION
-from cornerforge.sim.rewards import REWARDS, av_strikes, is_paid, reward_named, reward_numbers
+from cornerforge.sim.rewards import REWARDS, av_strikes, driver_of_reward, is_paid, reward_named, reward_numbers
 from cornerforge.sim.runner import drive_chunk
 from cornerforge.sim.scratch import allocate_scratch
 from cornerforge.sim.setting import ADVERSARIES, TOLD
@@ -82,7 +82,22 @@ def test_who_is_paid_for_what() -> None:
         "crash": [True, True, True, True],
         "striking": [False, False, True, True],
         "avoidable": [False, True, False, True],
+        "preventable": [False] * 4,  # these are given outside the kernels
+        "preventable-by-braking": [False] * 4,
+        "own-fault": [False] * 4,
     }
+    by_case = {name for name, reward in REWARDS.items() if reward.by_case}
+    assert by_case == {"preventable", "preventable-by-braking", "own-fault"}
+
+
+def test_a_reward_may_name_its_reference_driver() -> None:
+    assert driver_of_reward("preventable") == driver_of_reward("preventable:cc-human") == "cc-human"
+    assert driver_of_reward("preventable:fsm") == driver_of_reward("preventable-by-braking:fsm") == "fsm"
+    assert driver_of_reward("own-fault") is None
+    with pytest.raises(UnknownNameError, match=r'reference driver.*Did you mean "fsm"'):
+        reward_named("preventable:fsn")
+    with pytest.raises(InputError, match='crash asks no driver; leave out ":fsm"'):
+        reward_named("crash:fsm")
 
 
 def test_unknown_rewards_and_times_out_of_range_are_named() -> None:
@@ -93,7 +108,7 @@ def test_unknown_rewards_and_times_out_of_range_are_named() -> None:
             reward_numbers("avoidable", **wrong)
 
 
-@pytest.mark.parametrize("name", REWARDS)
+@pytest.mark.parametrize("name", [name for name, reward in REWARDS.items() if not reward.by_case])
 @pytest.mark.parametrize("adversary", ["swerve", "lane-changer"])
 def test_collect_pays_as_tests_judged_apart(name: str, adversary: str, model: NddModel, seed: int) -> None:
     odd, n = Odd(), 24

@@ -26,7 +26,7 @@ from cornerforge.adversary.config import TrainConfig
 from cornerforge.adversary.learner import DqnLearner, below
 from cornerforge.adversary.replay import allocate_transitions
 from cornerforge.drivers.policy import PolicyNumbers
-from cornerforge.errors import FileFormatError, MissingExtraError
+from cornerforge.errors import FileFormatError, InputError, MissingExtraError
 from cornerforge.foreign.collector import ForeignCollector
 from cornerforge.foreign.driver import ForeignAv
 from cornerforge.results.learning import TrainingPoint
@@ -34,9 +34,11 @@ from cornerforge.sim import (
     N_OBSERVATION,
     POLICY,
     TOLD,
+    CrashCases,
     Exploring,
     Setting,
     Transitions,
+    Verdict,
     allocate_actors,
     allocate_scratch,
     arrays_of,
@@ -120,10 +122,16 @@ class _Actor:
     """The worlds that produce transitions of the adversary."""
 
     def __init__(
-        self, setting: Setting, slots: int, config: TrainConfig, seed: int, av: ForeignAv | None, threads: int
-    ) -> None:
+        self, setting: Setting, slots: int, config: TrainConfig, seed: int, av: ForeignAv | None, threads: int,
+        verdict: Verdict | None,
+    ) -> None:  # fmt: skip
         self._setting, self._seed = setting, seed
         self._reward = reward_numbers(config.reward, config.delay_s)
+        if self._reward.by_case != (verdict is not None):
+            raise InputError(
+                f"Only a reward that is judged by cases takes a verdict, and needs it; got {config.reward}."
+            )
+        self._cases = None if verdict is None else CrashCases(setting, slots, verdict)
         self._guided = round(config.guided * config.worlds), config.guided_epsilon
         self._scratch = allocate_scratch(slots, setting.who.policy)
         self._keep = keep_nothing(slots)
@@ -147,6 +155,10 @@ class _Actor:
             self._collect(len(self._actors.allowed), exploring, out)
         else:
             self._foreign.collect(exploring, self._reward, out)
+        if self._cases is not None:
+            paid = self._cases.judge(self._actors.worlds, self._actors.history)
+            out.reward[paid] = 1.0
+            self._actors.finished["paid"] += int((paid >= self._guided[0]).sum())
         return out
 
     def _exploring(self, weights: NDArray[np.float32], epsilon: float) -> Exploring:
@@ -202,6 +214,7 @@ def train_adversary(
     config: TrainConfig,
     *,
     av: ForeignAv | None = None,
+    verdict: Verdict | None = None,
     seed: int = 0,
     threads: int = 2,
     max_seconds: float | None = None,
@@ -215,6 +228,7 @@ def train_adversary(
         slots: Vehicle slots per world.
         config: Hyperparameters; `config.decisions` says how long, rounded up to whole iterations.
         av: The AV, if it is a foreign one and the setting's AV is OUTSIDE. Tests in which it fails are in its `faults`.
+        verdict: Which crashes are paid for, under a reward that is judged by cases; None: under any other.
         seed: Determines tests, exploration, initial weights and replay draws.
         threads: 1 acts and learns by turns, more do both at once; the result is the same.
         max_seconds: Stop earlier after this time [s], over which the learning rate falls; then the result depends on
@@ -227,7 +241,8 @@ def train_adversary(
         Final weights and the training curve.
 
     Raises:
-        InputError: The seed is out of range, or the checkpoint is of another training.
+        InputError: The seed is out of range, the checkpoint is of another training, or the verdict does not go with
+            the reward.
         FileFormatError: The checkpoint is damaged.
         OutputError: The checkpoint cannot be written.
         AvFaultError: The foreign AV failed in too many tests.
@@ -237,7 +252,9 @@ def train_adversary(
     with ExitStack() as stack:
 
         def worlds(numbers: PolicyNumbers) -> Actor:
-            actor = _Actor(setting.with_drivers(critical=TOLD, policy=numbers), slots, config, seed, av, threads)
+            actor = _Actor(
+                setting.with_drivers(critical=TOLD, policy=numbers), slots, config, seed, av, threads, verdict
+            )
             stack.callback(actor.close)
             return actor
 

@@ -16,7 +16,7 @@ from cornerforge.analysis.avoidability import AVOIDABILITY_SCHEMA, AvoidParams, 
 from cornerforge.analysis.conduct import CONDUCT_COLUMNS, NO_CONDUCT, conduct_of
 from cornerforge.analysis.fault import FAULT_COLUMNS, assign_fault
 from cornerforge.analysis.measures import MEASURES, measure_cases
-from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevention_of
+from cornerforge.analysis.prevented import PREVENTED_COLUMNS, prevented_at, prevention_of
 from cornerforge.analysis.value import (
     PARTS,
     Value,
@@ -54,10 +54,13 @@ class CaseTable:
             (null where it was not looked for) and `fields.SHORTFALL` (null where the library lacks it), after
             `case_id`.
         witnesses: `AVOIDABILITY_SCHEMA` for the cases that were looked at, with the ways out.
+        reacting: Of these, what reference drivers would have prevented had they reacted faster or more slowly, as
+            `prevented_at` says it.
     """
 
     table: pa.Table
     witnesses: pa.Table
+    reacting: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -99,8 +102,11 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         prevention = prevention_of(recordings, problems, reading.odd, reading.params, threads=reading.threads)
         columns |= conduct_of(recordings, reading.odd).columns() | prevention.columns()
         wanted = pc.is_in(cases.column("case_id"), value_set=pa.array(sorted(reading.look_at), pa.string()))
-        witnesses = avoidability_table(
-            cases.filter(wanted), tracks.filter(wanted), reading.odd, reading.params, threads=reading.threads
+        seen, moved = cases.filter(wanted), tracks.filter(wanted)
+        witnesses = avoidability_table(seen, moved, reading.odd, reading.params, threads=reading.threads)
+        given = [problem for problem, chosen in zip(problems, wanted.to_pylist(), strict=True) if chosen]
+        reacting = prevented_at(
+            recordings_of_tracks(seen, moved, reading.odd), given, reading.odd, reading.params, threads=reading.threads
         )
         ids = cases.column("case_id")
         place = pc.index_in(ids, value_set=witnesses.column("case_id").combine_chunks())
@@ -116,7 +122,7 @@ def read_shards(shards: Iterable[tuple[pa.Table, pa.Table]], reading: ShardReadi
         for column in SHORTFALL:
             fields.append(arrow_field(column))
             arrays.append(cases.column(column.name).combine_chunks())
-        yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses)
+        yield CaseTable(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), witnesses, reacting)
 
 
 def _prevented_by_braking(table: pa.Table) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
+from cornerforge._checks import check_integer, check_number
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
 from cornerforge.counterfactual import (
     HOLDS,
@@ -27,10 +27,22 @@ from cornerforge.fields import Field
 from cornerforge.recordings import Recordings, recordings_of_scenarios
 from cornerforge.types import FRAME_S, Odd, Scenario
 
-__all__ = ["PREVENTED_COLUMNS", "Prevented", "Prevention", "prevented_by", "prevention_of"]
+__all__ = [
+    "PREVENTED_COLUMNS",
+    "REACTIONS_S",
+    "Prevented",
+    "Prevention",
+    "prevented_at",
+    "prevented_by",
+    "prevention_of",
+]
 
 _CHUNK = 256
 _NOBODY = "nobody"
+_OWN = -1.0
+
+REACTIONS_S = (0.0, 0.5, 0.75, 1.0, 1.5)
+"""Reaction times that are compared [s]."""
 
 
 def _column(driver: str) -> str:
@@ -107,8 +119,9 @@ class Prevention:
 
 
 def prevention_of(
-    recordings: Recordings, problems: list[str | None], odd: Odd, params: AvoidParams, *, threads: int = 1
-) -> Prevention:
+    recordings: Recordings, problems: list[str | None], odd: Odd, params: AvoidParams, *,
+    reaction_s: float | None = None, threads: int = 1,
+) -> Prevention:  # fmt: skip
     """Let each reference driver drive in the AV's place in each case.
 
     Args:
@@ -116,9 +129,14 @@ def prevention_of(
         problems: Why a case cannot be judged (`avoidability.problem_of`); None: it can.
         odd: Road and rules of all of them.
         params: `horizon_s`, `others` and `steers` are read.
+        reaction_s: Time from seeing danger to braking, of all drivers, 0 to 5; None: each has its own.
         threads: Size of the pool; does not change the result.
+
+    Raises:
+        InputError: A number is out of range.
     """
     check_integer("threads", threads, low=1, high=1024)
+    reaction = _OWN if reaction_s is None else check_number("reaction_s", reaction_s, low=0.0, high=5.0, unit="s")
     judged = np.array([problem is None for problem in problems], np.bool_)
     out = allocate_judgements(0)
     if recordings.n_cases:
@@ -126,7 +144,7 @@ def prevention_of(
         manoeuvres = manoeuvres_of(odd, params)
         frames, vehicles = int(recordings.frames.max()), int(recordings.vehicles.max())
         rooms = Rooms(partial(allocate_judge_scratch, manoeuvres, frames, vehicles))
-        judge = partial(_judge_range, recordings, manoeuvres, rooms)
+        judge = partial(_judge_range, recordings, manoeuvres, float(reaction), rooms)
         parts = list(in_order(judge, 0, recordings.n_cases, chunk=_CHUNK, threads=threads))
         out = Judgements(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     untouched = (out.touched < 0) & judged[:, None]
@@ -135,12 +153,29 @@ def prevention_of(
     )
 
 
+def prevented_at(
+    recordings: Recordings, problems: list[str | None], odd: Odd, params: AvoidParams, *, threads: int = 1
+) -> NDArray[np.bool_]:
+    """Say of C cases which of D reference drivers would have prevented it, had they reacted as fast as `REACTIONS_S`.
+
+    Arguments as those of `prevention_of`.
+
+    Returns:
+        Shape (C, reactions, D), False where a case cannot be judged. A driver sees danger by its own rule all the same.
+    """
+    each = [
+        prevention_of(recordings, problems, odd, params, reaction_s=reaction, threads=threads).prevented
+        for reaction in REACTIONS_S
+    ]
+    return np.stack(each, axis=1)
+
+
 def _judge_range(
-    recordings: Recordings, manoeuvres: Manoeuvres, rooms: Rooms[JudgeScratch], first: int, count: int
+    recordings: Recordings, manoeuvres: Manoeuvres, reaction: float, rooms: Rooms[JudgeScratch], first: int, count: int
 ) -> Judgements:
     out = allocate_judgements(count)
     with rooms.lend() as scratch:
-        judge_cases(recordings, first, first + count, manoeuvres, scratch, out)
+        judge_cases(recordings, first, first + count, manoeuvres, reaction, scratch, out)
     return out
 
 
@@ -167,7 +202,7 @@ def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[
     m = manoeuvres_of(scenario.odd, params or AvoidParams())
     out = allocate_judgements(1)
     scratch = allocate_judge_scratch(m, int(recordings.frames[0]), int(recordings.vehicles[0]))
-    judge_cases(recordings, 0, 1, m, scratch, out)
+    judge_cases(recordings, 0, 1, m, _OWN, scratch, out)
     last = int(recordings.last[0])
     return {
         name: Prevented(

@@ -14,6 +14,7 @@ from cornerforge.cli.options import (
     Json,
     Quiet,
     Resume,
+    Reward,
     Seed,
     Threads,
     World,
@@ -23,7 +24,6 @@ from cornerforge.cli.options import (
 )
 from cornerforge.cli.output import rate_text, run_command, training_fault_text, yield_text
 from cornerforge.cli.program import command
-from cornerforge.world_options import REWARD_NAMES
 
 if TYPE_CHECKING:
     from cornerforge.results import Trained, TrainedAv
@@ -40,13 +40,7 @@ def train(
     out: Annotated[Path, typer.Option(help="Policy file to write, .safetensors.", show_default=False)],
     world: World = None,
     preset: Annotated[str, typer.Option(help="fast or paper.", autocompletion=completing("fast", "paper"))] = "fast",
-    reward: Annotated[
-        str,
-        typer.Option(
-            help=f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all.",
-            autocompletion=completing(*REWARD_NAMES),
-        ),
-    ] = "crash",
+    reward: Reward = "crash",
     delay: Annotated[float, typer.Option(help="Seconds that the AV has to react, in avoidable.")] = 1.0,
     decisions: Annotated[int | None, typer.Option(help="Length in decisions.", show_default=False)] = None,
     minutes: Annotated[
@@ -67,7 +61,8 @@ def train(
     """
 
     def text(r: Trained) -> str:
-        lines = [yield_text(r, "Adversary")] + [yield_text(b, f"{b.name:>21}") for b in r.baselines]
+        lines = [yield_text(r, "Adversary", r.reward)]
+        lines += [yield_text(b, f"{b.name:>21}", r.reward) for b in r.baselines]
         lines += training_fault_text(r.av_faults)
         return "\n".join([*lines, f"{r.decisions:,} decisions in {r.seconds:.0f} s; policy: {r.out}"])
 

@@ -11,11 +11,11 @@ from typing import Annotated, Any, TypeAlias
 import typer
 
 from cornerforge.cli.config import read_config
-from cornerforge.world_options import WorldOptions
+from cornerforge.world_options import REWARD_NAMES, WorldOptions
 
 __all__ = [
     "Acting", "Address", "Config", "DataFormat", "Debug", "Engine", "IdleSeed", "IdleThreads", "Json", "JsonFile",
-    "Library", "Quiet", "Resume", "Seed", "Threads", "World", "completing", "flag", "takes_world",
+    "Library", "Quiet", "Resume", "Reward", "Seed", "Threads", "World", "completing", "flag", "takes_world",
 ]  # fmt: skip
 
 
@@ -116,6 +116,14 @@ Config = Annotated[
     ),
 ]
 Resume = Annotated[bool, flag("--resume", "Go on with what is there.")]
+Reward = Annotated[
+    str,
+    typer.Option(
+        help=f"Crashes of the AV that are paid for: {', '.join(REWARD_NAMES)}; crash: all. preventable:DRIVER and "
+        "preventable-by-braking:DRIVER name the reference driver, cc-human by default.",
+        autocompletion=completing(*REWARD_NAMES),
+    ),
+]
 Library = Annotated[Path, typer.Argument(metavar="LIB", help="A case library.", show_default=False)]
 World: TypeAlias = Any
 """What `takes_world` hands to a command: the options of the world by name, for `**world` of a verb."""

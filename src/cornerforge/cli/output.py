@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from cornerforge.results import Analysed, Filled
-    from cornerforge.results.analysis import NaturalKind
+    from cornerforge.results.analysis import Judges, NaturalKind, ShareAtReaction
     from cornerforge.results.rates import Rate, Yield
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "fault_text",
     "judgement_text",
     "natural_text",
+    "paid_text",
     "rate_text",
     "run_command",
     "speed_text",
@@ -179,10 +180,20 @@ def rate_text(r: Rate | Filled, what: str) -> str:
     return line
 
 
-def yield_text(r: Yield, what: str) -> str:
+def paid_text(r: Yield, reward: str | None) -> str:
+    """Write how many crashes a reward pays for that is judged by cases, after a yield; "" under any other."""
+    if r.paid_per_test is None or r.paid_interval95 is None or r.strictly_paid_per_test is None:
+        return ""
+    low, high = r.paid_interval95
+    strictly = "AV alone at fault" if reward == "own-fault" else "by braking"
+    return f"; {reward}: {r.paid_per_test:.4g} ({low:.3g} to {high:.3g}; {strictly} {r.strictly_paid_per_test:.4g})"
+
+
+def yield_text(r: Yield, what: str, reward: str) -> str:
     """Write an adversary's yield, how much of it braking would have avoided, and in how many crashes the AV struck."""
     low, high = r.avoidable_interval95
     line = f"{rate_text(r, what)}, {r.avoidable_per_test:.4g} avoidable by braking ({low:.3g} to {high:.3g})"
+    line += paid_text(r, reward)
     share = r.striking_share
     return line if share is None else f"{line}; the AV strikes in {100.0 * share:.1f} %"
 
@@ -199,7 +210,10 @@ def natural_text(r: Analysed) -> list[str]:
             for name, kind in kinds.items()
         ]
     if found.avoidable is not None:
-        lines.append(f"  {100.0 * found.avoidable.share:5.1f} %  avoidable by the AV: {_miles(found.avoidable)}")
+        after = f"{found.avoidable_after_s or 0.0:g} s after the manoeuvre began"
+        lines.append(
+            f"  {100.0 * found.avoidable.share:5.1f} %  avoidable by the AV, {after}: {_miles(found.avoidable)}"
+        )
     lines.append(f"  A serious injury in the AV (MAIS 3 or more) {_miles(found.serious_injuries)}")
     return lines
 
@@ -230,13 +244,13 @@ def judgement_text(r: Analysed) -> list[str]:
             f"Of {told.cases:,} cases reference drivers in the AV's place would have prevented (by braking): {shares}; "
             f"holding the speed is enough in {told.held:,}"
         )
+    if r.judges is not None:
+        lines += _judges_text(r.judges)
     if r.avoidability is not None:
         seen = r.avoidability
-        low, high = seen.interval95
         labels = ", ".join(f"{label} {n:,}" for label, n in seen.labels.items() if n)
         lines.append(
-            f"Avoidable: {100.0 * seen.avoidable_share:.1f} % (95 % interval {100.0 * low:.1f} to "
-            f"{100.0 * high:.1f} %, {seen.cases:,} cases): {labels}"
+            f"Ways out of {seen.cases:,} cases, {seen.reaction_s:g} s after the manoeuvre began or later: {labels}"
         )
     cover = r.coverage
     low, high = cover.unseen_kind_interval95
@@ -249,6 +263,32 @@ def judgement_text(r: Analysed) -> list[str]:
         lines.append(f"Worth a look first ({frequent}value: case: what happened):")
         lines += [f"  {one.value:.2f}: {one.case_id}: {one.text}" for one in r.value.top]
     return lines
+
+
+def _judges_text(found: Judges) -> list[str]:
+    """Write the share of avoidable crashes, first with a time to react, then by reaction time, and what judges say."""
+
+    def shares(each: Sequence[ShareAtReaction]) -> str:
+        return ", ".join(f"{one.reaction_s:g} s {100.0 * one.share:.1f}" for one in each)
+
+    low, high = found.lead.interval95
+    names = list(found.agreement)
+    table = [
+        f"  {row} {name:<22}"
+        + "".join(
+            f"{100.0 * (found.both[a][a] / found.cases if a == name else found.agreement[name][a]):6.1f}" for a in names
+        )
+        for row, name in enumerate(names, 1)
+    ]
+    return [
+        f"Avoidable: {100.0 * found.lead.share:.1f} % (95 % interval {100.0 * low:.1f} to {100.0 * high:.1f} %, "
+        f"{found.cases:,} cases) by an AV that reacts {found.lead.reaction_s:g} s after the manoeuvre began",
+        f"  by its reaction time [%]: {shares(found.avoidable)}",
+        *(f"  {name} prevents, by its own [%]: {shares(each)}" for name, each in found.prevented.items()),
+        "Judges: cases that each calls preventable (diagonal), and of which two say the same [%]",
+        "    " + " " * 22 + "".join(f"{number:6d}" for number in range(1, len(names) + 1)),
+        *table,
+    ]
 
 
 def fault_text(av_faults: int) -> list[str]:

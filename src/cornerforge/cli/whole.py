@@ -18,13 +18,14 @@ from cornerforge.cli.options import (
     JsonFile,
     Quiet,
     Resume,
+    Reward,
     Seed,
     Threads,
     World,
     completing,
     takes_world,
 )
-from cornerforge.cli.output import rate_text, run_command, training_fault_text, wrong_text
+from cornerforge.cli.output import paid_text, rate_text, run_command, training_fault_text, wrong_text
 from cornerforge.cli.program import command
 
 if TYPE_CHECKING:
@@ -83,6 +84,7 @@ def run(
         str | None,  # also the old name of --effort, which goes on working
         typer.Option(metavar="NATS", help="Likelihood budget of a test in nats, as for train.", show_default=False),
     ] = None,
+    reward: Reward = "crash",
     resume: Resume = False,
     config: Config = None,
     seed: Seed = 0,
@@ -102,7 +104,7 @@ def run(
                 rate_text(r.natural, "Natural traffic"),
                 *miles_text(r.natural),
                 *([] if doubt is None else [doubt]),
-                rate_text(r.train, "Adversary"),
+                rate_text(r.train, "Adversary") + paid_text(r.train, r.reward),
                 *training_fault_text(r.train.av_faults),
                 f"{r.generate.cases:,} cases in {r.generate.library}; "
                 + (
@@ -118,8 +120,8 @@ def run(
 
     run_command(
         lambda bars: cornerforge.run(
-            effort=effort, hours=hours, stand_in=stand_in, out=out, budget=budget, resume=resume, seed=seed,
-            threads=threads, progress=bars, **world,
+            effort=effort, hours=hours, stand_in=stand_in, out=out, budget=budget, reward=reward,
+            resume=resume, seed=seed, threads=threads, progress=bars, **world,
         ),
         text, as_json=as_json, quiet=quiet,
     )  # fmt: skip

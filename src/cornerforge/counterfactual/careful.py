@@ -15,7 +15,7 @@ from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.counterfactual.motion import allocate_rows, continue_recording, take_over_av
 from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
-from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of
+from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of, own_reaction
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, box_in, unpack
 from cornerforge.road.straight import way_from
@@ -122,7 +122,7 @@ def _look(test: Trajectories, f: int, kind: int, w: World, ttc: float) -> tuple[
 
 @kernel
 def _drive(
-    test: Trajectories, moment: int, end: int, kind: int, m: Manoeuvres, w: World
+    test: Trajectories, moment: int, end: int, kind: int, reaction: float, m: Manoeuvres, w: World
 ) -> tuple[int, int, float, float]:
     """Let a reference driver drive from a moment to `end` and then stop; returns the columns of `Judgements`."""
     v = w.vehicles
@@ -155,7 +155,7 @@ def _drive(
             since, reacted = 0.0, f
         command = 0.0
         if since >= 0.0:
-            command = braking_of(kind, since, demanded, v[0].acceleration, _DT)
+            command = braking_of(kind, since, demanded, v[0].acceleration, _DT, reaction)
             since += _DT
         hardest = max(hardest, -command)
         if kind == AT_ONCE:
@@ -166,13 +166,16 @@ def _drive(
 
 
 @kernel
-def judge_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: JudgeScratch, out: Judgements) -> None:
+def judge_cases(
+    r: Recordings, first: int, stop: int, m: Manoeuvres, reaction: float, s: JudgeScratch, out: Judgements
+) -> None:
     """Let each driver drive in cases first .. stop - 1; a case with partner 0 is left out.
 
     Args:
         r: The recordings.
         first, stop: Range of cases.
         m: As for the search of ways out; `accelerations`, `every`, `lane_changes` and `lookback` are not read.
+        reaction: Time from seeing danger to braking, of all drivers [s]; below 0: each has its own (`own_reaction`).
         s: Scratch.
         out: Holds stop - first rows, for the cases in order.
     """
@@ -188,7 +191,8 @@ def judge_cases(r: Recordings, first: int, stop: int, m: Manoeuvres, s: JudgeScr
         continue_recording(test, last, end + s.tail, r.partner[c], m.only_partner, m.road, s.rows)
         out.begin[row] = begin
         for kind in range(DRIVERS):
-            touched, reacted, ttc, hardest = _drive(test, begin, end, kind, m, s.rows)
+            delay = reaction if reaction >= 0.0 else own_reaction(kind)
+            touched, reacted, ttc, hardest = _drive(test, begin, end, kind, delay, m, s.rows)
             out.touched[row, kind] = touched
             out.reacted[row, kind] = reacted
             out.least_ttc[row, kind] = ttc

@@ -46,6 +46,7 @@ __all__ = [
     "crashes_at_cut_ins",
     "cut_in_poses",
     "drives_into",
+    "own_reaction",
 ]
 
 CAREFUL = {"cc-human": 0, "reg157": 1, "rss-brake": 2, "fsm": 3}
@@ -164,7 +165,13 @@ def braking_demanded(kind: int, speed: float, acceleration: float, t: Threat) ->
 
 
 @inlined_kernel
-def braking_of(kind: int, since: float, demanded: float, acceleration: float, step: float) -> float:
+def own_reaction(kind: int) -> float:
+    """Look up the time from seeing danger to braking that a driver's source gives it [s]."""
+    return _REG_DELAY if kind == _REG157 else _DELAY
+
+
+@inlined_kernel
+def braking_of(kind: int, since: float, demanded: float, acceleration: float, step: float, reaction: float) -> float:
     """Compute the acceleration [m/s2] that a reference driver has in a step that begins `since` it saw danger [s].
 
     Args:
@@ -173,12 +180,13 @@ def braking_of(kind: int, since: float, demanded: float, acceleration: float, st
         demanded: What `braking_demanded` says now [m/s2]; 0: danger is over, and it holds its speed.
         acceleration: Its own in the step before [m/s2].
         step: Length of a step [s].
+        reaction: From seeing danger to braking [s], `own_reaction` or another; what it calls danger stays as it is.
     """
     if demanded <= 0.0:
         return 0.0
     if kind == _REG157:
-        return 0.0 if since < _REG_DELAY - _SLIVER else -demanded
-    if since < _DELAY - _SLIVER:
+        return 0.0 if since < reaction - _SLIVER else -demanded
+    if since < reaction - _SLIVER:
         return -_OFF_PEDAL if kind == _CC_HUMAN else 0.0
     return max(-demanded, acceleration - _JERK * step)
 
@@ -267,7 +275,7 @@ def drives_into(
         if demanded > 0.0 and since < 0.0:
             since = 0.0
         if since >= 0.0:
-            acceleration = braking_of(kind, since, demanded, acceleration, _STEP)
+            acceleration = braking_of(kind, since, demanded, acceleration, _STEP, own_reaction(kind))
             since += _STEP
         speed = max(speed + acceleration * _STEP, 0.0)
         x += speed * _STEP

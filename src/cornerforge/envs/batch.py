@@ -27,8 +27,10 @@ from cornerforge.sim import (
     TIME_UP,
     TOLD,
     Actors,
+    CrashCases,
     RewardNumbers,
     Scratch,
+    Verdict,
     World,
     agents,
     allocate_history,
@@ -205,20 +207,25 @@ class BvBatch(Batch):
     Args:
         run, n, threads, cores: As for `Batch`.
         reward: Which crashes give the agent its reward.
+        verdict: Which crashes are paid for, under a reward that is judged by cases.
 
     Attributes:
         observation: float32 (B, N_OBSERVATION).
         allowed: Action mask, bool (B, 33).
     """
 
-    def __init__(self, run: Experiment, n: int, threads: int | None, cores: int, reward: RewardNumbers) -> None:
+    def __init__(
+        self, run: Experiment, n: int, threads: int | None, cores: int, reward: RewardNumbers,
+        verdict: Verdict | None = None,
+    ) -> None:  # fmt: skip
         self._agents = agents.allocate_bv_agents(n, run.slots)
         super().__init__(run, n, threads, cores, self._agents)
         self._setting = run.setting.with_drivers(critical=TOLD)
         self._pays = reward
+        self._cases = None if verdict is None else CrashCases(self._setting, run.slots, verdict)
         done = allocate_history(n, run.setting, run.slots)
         scratch = (allocate_history(0, run.setting, run.slots) for _ in self._parts[1:])
-        self._histories = [done, *(own._replace(action=done.action) for own in scratch)]
+        self._histories = [done, *(own._replace(action=done.action, crashed=done.crashed) for own in scratch)]
         self._outside = None
         if run.foreign is not None:
             none = np.zeros((n, 0), dtype=np.float32), self._agents.allowed, np.zeros(1, dtype=FINISHED)
@@ -274,12 +281,15 @@ class BvBatch(Batch):
             self._outside.drive_second(np.flatnonzero(chosen))
             agents.end_step_as_bv(0, self.n, self._setting, self._pays, self._agents, done, s)
             warn_of_left_out(s)
-            return
+        else:
 
-        def work(begin: int, end: int, s: Scratch, k: int) -> None:
-            agents.step_as_bv(begin, end, self._setting, self._pays, self._agents, self._histories[k], s, self._keep)
+            def work(begin: int, end: int, s: Scratch, k: int) -> None:
+                own = self._histories[k]
+                agents.step_as_bv(begin, end, self._setting, self._pays, self._agents, own, s, self._keep)
 
-        self._share(work)
+            self._share(work)
+        if self._cases is not None:
+            self.reward[self._cases.judge(self.worlds, self._histories[0])] = 1.0
 
 
 class AvBatch(Batch):

@@ -9,6 +9,7 @@ from typing import Any
 from cornerforge.envs.batch import AvBatch, BvBatch
 from cornerforge.errors import InputError
 from cornerforge.pipeline.setting import check_threads, experiment
+from cornerforge.pipeline.verdicts import verdict_of
 from cornerforge.sim import reward_numbers
 from cornerforge.world_options import WorldOptions
 
@@ -41,7 +42,7 @@ def adversary_batch(n: int, threads: int | None, world: WorldOptions, *, reward:
     pays = reward_numbers(reward, delay)
     # The agent chooses the actions of the controlled BV; an adversary is named so that the mask may be bounded.
     run = experiment(world, bv="uniform", takes_foreign=True)
-    return BvBatch(run, n, threads, check_threads(None), pays)
+    return BvBatch(run, n, threads, check_threads(None), pays, verdict_of(reward, run))
 
 
 def driving_batch(

@@ -55,7 +55,7 @@ class ReproduceEffort:
         bounded_decisions: Length of a training with the bound; crashes are rarer there, so it needs more decisions.
         seeds: Trainings of each kind, each with a seed of its own.
         trained_on: AVs that adversaries are trained on; None for all built-in ones.
-        rewards: Rewards that adversaries are trained for; None for all.
+        rewards: Rewards that adversaries are trained for; None for all that kernels judge.
         tests: Evaluation tests of each adversary and AV.
         natural_tests: Tests of each AV in natural traffic.
         typed: Crashes of each adversary and AV that are driven again and classified, the first ones in test order.
@@ -171,9 +171,10 @@ class Bench:
 
     @property
     def rewards(self) -> tuple[str, ...]:
-        """What learned adversaries are paid for: all rewards that there are, or those of the effort."""
+        """What learned adversaries are paid for: all rewards that kernels judge, or those of the effort."""
         wanted = self.size.rewards
-        return tuple(REWARDS) if wanted is None else tuple(name for name in REWARDS if name in wanted)
+        judged = [name for name, reward in REWARDS.items() if not reward.by_case]
+        return tuple(name for name in judged if wanted is None or name in wanted)
 
     def inputs(self) -> dict[str, Any]:
         """What decides a measurement beside its own arguments: code, seed, world, and the AVs."""

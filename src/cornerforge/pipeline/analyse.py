@@ -15,6 +15,7 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.judges import LEAD_S, has_way_out, judges_of
 from cornerforge.pipeline.natural import is_natural, natural_shares, natural_weights
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -34,6 +35,7 @@ __all__ = ["DEFAULT_LOOKS", "analyse"]
 DEFAULT_LOOKS = 2000
 """Default number of cases drawn for the search for ways out: it takes a few seconds on two cores."""
 _TOP = 10
+_BY_BRAKING = ", by braking"
 _SHOWING = 5
 """Cases that are shown for a flaw."""
 
@@ -108,16 +110,17 @@ def analyse(
     told = found.to_json()
     drawn = _draw(found.case_ids, looks, seed)
     chosen = drawn | _outstanding(found) if looks != 0 else drawn
-    table, witnesses, value = _judge(cases, found, chosen, reaction, n_threads, progress, told["seconds"])
+    table, witnesses, reacting, value = _judge(cases, found, chosen, reaction, n_threads, progress, told["seconds"])
     natural = None
     if weights is not None:
-        natural = _natural(cases, found, table, drawn, np.array([weights[case] for case in found.case_ids]))
+        natural = _natural(cases, found, table, drawn, reaction, np.array([weights[case] for case in found.case_ids]))
     doing, showing = _own_doing(found, table, value, weights)
     first = value.best(_TOP).tolist()
     if purpose == "road" and natural is not None:
         typical = _most_frequent(found, natural)
         first = [*showing, *(row for row in typical if row not in showing)][:_TOP]
     told |= _judged(found, table, drawn, reaction) | {
+        "judges": _compared(found, table, drawn, reaction, reacting),
         "own_doing": doing,
         "value": {"weights": value.weights, "top": _top(cases, found, table, value, first)}, "purpose": purpose,
     }  # fmt: skip
@@ -162,8 +165,13 @@ def _outstanding(found: Analysis) -> frozenset[str]:
 def _judge(
     cases: CaseLibrary, found: Analysis, chosen: frozenset[str], reaction: float, threads: int, progress: Progress,
     seconds: dict[str, float],
-) -> tuple[pa.Table, pa.Table, Value]:  # fmt: skip
-    """Judge case by case, in the order of the analysis; add the time that each part took to `seconds`."""
+) -> tuple[pa.Table, pa.Table, dict[str, NDArray[np.bool_]], Value]:  # fmt: skip
+    """Judge case by case, in the order of the analysis; add the time that each part took to `seconds`.
+
+    Returns:
+        The table; ways out; of each case that was looked at what drivers would have prevented, `CaseTable.reacting`;
+        the values.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -198,7 +206,12 @@ def _judge(
     table, value = values_of(table.take(rows), found.projection.points)
     seconds["judge"] = time.perf_counter() - begin
     seconds["total"] += seconds["judge"]
-    return table, pa.concat_tables([part.witnesses for part in parts]), value
+    reacting = {
+        case: row
+        for part in parts
+        for case, row in zip(part.witnesses.column("case_id").to_pylist(), part.reacting, strict=True)
+    }
+    return table, pa.concat_tables([part.witnesses for part in parts]), reacting, value
 
 
 def _judged(found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float) -> dict[str, Any]:
@@ -278,7 +291,7 @@ def _prevented_masks(table: pa.Table) -> dict[str, NDArray[np.bool_]]:
     said = [set() if names is None else set(names.split(", ")) for names in _strings(table, "prevented_by")]
     held = np.array([bool(value) for value in table.column("held_speed_prevents").to_pylist()], np.bool_)
     by = {name: np.array([name in names for names in said], np.bool_) for name in CAREFUL}
-    return by | {f"{name}, by braking": cases & ~held for name, cases in by.items()}
+    return by | {f"{name}{_BY_BRAKING}": cases & ~held for name, cases in by.items()}
 
 
 def _prevented(table: pa.Table) -> dict[str, Any] | None:
@@ -299,7 +312,7 @@ def _prevented(table: pa.Table) -> dict[str, Any] | None:
             "by_braking": int(braking.sum()),
         }
 
-    by = {name: (masks[name], masks[f"{name}, by braking"]) for name in CAREFUL}
+    by = {name: (masks[name], masks[f"{name}{_BY_BRAKING}"]) for name in CAREFUL}
     every, braked = (np.logical_or.reduce(part) for part in zip(*by.values(), strict=True))
     held = sum(bool(value) for value in table.column("held_speed_prevents").to_pylist())
     return {
@@ -308,6 +321,27 @@ def _prevented(table: pa.Table) -> dict[str, Any] | None:
         "any": share(every, braked),
         "held": held,
     }
+
+
+def _compared(
+    found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float, reacting: dict[str, NDArray[np.bool_]]
+) -> dict[str, Any] | None:
+    """Compare the judges on the drawn cases that all of them judged; None: there is none."""
+    said, ways = _strings(table, "prevented_by"), _strings(table, "avoidability")
+    rows = [
+        row
+        for row, case in enumerate(found.case_ids)
+        if case in drawn and said[row] is not None and ways[row] not in (None, "undecided")
+    ]
+    masks, held = _prevented_masks(table), table.column("held_speed_prevents").to_pylist()
+    compared = judges_of(
+        _column(table, "time_to_react_s")[rows],
+        {name: cases[rows] for name, cases in masks.items() if not name.endswith(_BY_BRAKING)},
+        np.array([bool(held[row]) for row in rows], np.bool_),
+        np.array([reacting[found.case_ids[row]] for row in rows], np.bool_),
+        float(reaction) or LEAD_S,
+    )
+    return None if compared is None else as_json(compared)
 
 
 def _own_doing(
@@ -350,12 +384,12 @@ def _share_interval(rows: NDArray[np.intp], weights: NDArray[np.float64] | None,
 
 
 def _natural(
-    cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], weights: NDArray[np.float64]
-) -> Natural:
+    cases: CaseLibrary, found: Analysis, table: pa.Table, drawn: frozenset[str], reaction: float,
+    weights: NDArray[np.float64],
+) -> Natural:  # fmt: skip
     """Compute how often each kind happens in natural traffic; `weights`: of the cases, in the order of the analysis."""
-    labels = _strings(table, "avoidability")
-    without = (None, "unavoidable", "undecided")
-    mechanisms: list[str | None] = [None] * len(labels)
+    after = float(reaction) or LEAD_S
+    mechanisms: list[str | None] = [None] * table.num_rows
     if "mechanism" in cases.extra:
         rows = cases.scalars(["case_id", "mechanism"])
         known = dict(zip(rows["case_id"].to_pylist(), rows["mechanism"].to_pylist(), strict=True))
@@ -371,7 +405,8 @@ def _natural(
             "conducts": _strings(table, "conduct"),
         },
         prevented=_prevented_masks(table),
-        avoidable=np.array([label not in without for label in labels], np.bool_),
+        avoidable=has_way_out(_column(table, "time_to_react_s"), after),
+        avoidable_after_s=after,
         looked_at=np.array([case in drawn for case in found.case_ids], np.bool_),
         injury=_column(table, "av_injury_probability"),
     )

@@ -88,6 +88,7 @@ def natural_shares(
     kinds: Mapping[str, Kinds],
     prevented: Mapping[str, NDArray[np.bool_]],
     avoidable: NDArray[np.bool_],
+    avoidable_after_s: float,
     looked_at: NDArray[np.bool_],
     injury: NDArray[np.float64],
 ) -> Natural:
@@ -99,6 +100,7 @@ def natural_shares(
         kinds: "clusters", "crash_types", "mechanisms", "fault" and "conducts": what each case is.
         prevented: By name, whether a reference driver would have prevented each case, shape (S,).
         avoidable: Whether a way out was found, shape (S,).
+        avoidable_after_s: How long after the begin of the manoeuvre it may begin [s].
         looked_at: Whether the case was drawn for that, shape (S,).
         injury: Chance of a serious injury in the AV, shape (S,).
     """
@@ -116,6 +118,7 @@ def natural_shares(
         fault=rates.by(kinds["fault"]),
         prevented_by={name: rates.of(weights[cases]) for name, cases in prevented.items() if cases.any()},
         avoidable=ways,
+        avoidable_after_s=avoidable_after_s,
         conducts=rates.by(kinds["conducts"]),
         serious_injuries=rates.of(weights * injury, float((weights * injury).max())),
     )

@@ -88,8 +88,8 @@ _OUTSIDE = 0.85
 """Share of `natural_tests` that an AV from outside drives, which is asked in all of them."""
 
 
-def _train_config(size: Effort) -> TrainConfig:
-    return replace(preset_named("fast"), decisions=size.decisions)
+def _train_config(size: Effort, reward: str) -> TrainConfig:
+    return replace(preset_named("fast"), decisions=size.decisions, reward=reward)
 
 
 def _natural_method(natural: Experiment, max_tests: int) -> str:
@@ -97,11 +97,11 @@ def _natural_method(natural: Experiment, max_tests: int) -> str:
     return "auto" if natural.foreign is None or why_only_counting(max_tests) is not None else "is"
 
 
-def _identity(plain: Experiment, effort: str, seed: int) -> dict[str, Any]:
+def _identity(plain: Experiment, effort: str, config: TrainConfig, seed: int) -> dict[str, Any]:
     """Return what decides the results of a run, without a policy and a way to drive BVs: a run has several of them."""
     identity: dict[str, Any] = plain.identity(seed)
     size = EFFORTS[effort]
-    settings = {"world": identity.pop("config_hash"), "effort": asdict(size), "train": asdict(_train_config(size))}
+    settings = {"world": identity.pop("config_hash"), "effort": asdict(size), "train": asdict(config)}
     del identity["bv"], identity["policy_hash"]
     return {
         **identity,
@@ -120,6 +120,7 @@ def run(
     budget: float | str | None = None,
     out: Path | str = "cornerforge-out",
     bounded: bool = False,
+    reward: str = "crash",
     resume: bool = False,
     seed: int = 0,
     threads: int | None = None,
@@ -138,6 +139,7 @@ def run(
             it once was called, with a warning.
         out: Folder for everything; must be new or empty unless `resume`.
         bounded: The adversary uses only actions that the naturalistic model calls possible.
+        reward: Which crashes the adversary is paid for, as for `train`.
         resume: Go on with what is in `out`; finished stages are kept, and an unfinished training too.
         seed: 0 or more.
         threads: None for all cores; does not change the result.
@@ -160,6 +162,7 @@ def run(
         raise InputError(f"stand_in = {stand_in!r} has no effect without hours: --hours H --stand-in {stand_in}")
     effort, budget = effort_and_budget(effort, budget, EFFORTS)
     size = EFFORTS[effort]
+    config = _train_config(size, reward)
     check_integer("seed", seed, low=0, high=2**32 - 1)
     check_threads(threads)
     options = WorldOptions(**world)
@@ -167,13 +170,13 @@ def run(
         from cornerforge.pipeline.spend import spend
 
         return spend(
-            options, hours=hours, stand_in=stand_in, folder=folder, bounded=bounded, budget=budget, resume=resume,
-            seed=seed, threads=threads, progress=progress,
+            options, hours=hours, stand_in=stand_in, folder=folder, bounded=bounded, budget=budget, reward=reward,
+            resume=resume, seed=seed, threads=threads, progress=progress,
         )  # fmt: skip
     natural = experiment(options, takes_foreign=True, seed=seed)
     plain = experiment(options, bv="uniform", bounded=bounded, budget=budget, takes_foreign=True, seed=seed)
     natural_tests = size.natural_tests if natural.foreign is None else round(_OUTSIDE * size.natural_tests)
-    identity = _identity(plain, effort, seed)
+    identity = _identity(plain, effort, config, seed)
     open_output(folder, identity, resume=resume)
     forecast(
         natural, threads, "all that this effort asks for", decisions=size.decisions,
@@ -196,11 +199,11 @@ def run(
     natural_cases = once(
         "natural_cases", NaturalCases, lambda: analyse_natural(often, folder / "natural", seed, progress)
     )
-    checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, _train_config(size), seed)
+    checkpoint = checkpoint_beside(folder / "policy.safetensors", plain, config, seed)
     trained = once(
         "train",
         TrainedStage,
-        lambda: train_stage(plain, _train_config(size), checkpoint, folder, seed, threads, progress),
+        lambda: train_stage(plain, config, checkpoint, folder, seed, threads, progress),
     )
     checkpoint.remove()
     policy = load_policy(folder / "policy.safetensors")
@@ -208,9 +211,11 @@ def run(
     hostile.keep_printed(folder / AV_LOG)
     tests = size.evaluation_tests
     evaluation = once(
-        "evaluate", Yield, lambda: evaluate(hostile, tests=tests, seed=seed, threads=threads, progress=progress)
+        "evaluate",
+        Yield,
+        lambda: evaluate(hostile, tests=tests, seed=seed, reward=reward, threads=threads, progress=progress),
     )
-    baselines = once("baselines", PlainRates, lambda: plain_rates(plain, tests, seed, threads, progress))
+    baselines = once("baselines", PlainRates, lambda: plain_rates(plain, tests, reward, seed, threads, progress))
     exposed = once(
         "exposure",
         Counted,
@@ -238,6 +243,7 @@ def run(
         av=options.av,
         bounded=plain.bounded,
         budget=plain.budget,
+        reward=reward,
         nde=nde.rate,
         natural=often,
         natural_cases=natural_cases.analysed,

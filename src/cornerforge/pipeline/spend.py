@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ from cornerforge.pipeline.stages import (
     write_exposure,
 )
 from cornerforge.pipeline.train import checkpoint_beside, judge, yield_of
+from cornerforge.pipeline.verdicts import count_paid
 from cornerforge.rates import binomial_interval
 from cornerforge.rates.exposure import BvTravel
 from cornerforge.rates.monte_carlo import Block, MonteCarlo
@@ -122,6 +123,7 @@ class Portion:
         frames, bv_millimetres: Time driven [0.1 s], and what BVs drove, as counted at decisions [mm].
         crashed: Tests in which the AV crashed.
         strikes, avoidable: Of these, the AV struck, braking would have avoided it; judged for an adversary only.
+        paid, strictly: As `verdicts.count_paid` gives them; None where nothing is judged.
         exposure: As in `Counted`.
     """
 
@@ -140,6 +142,8 @@ class Portion:
     strikes: int
     avoidable: int
     exposure: dict[str, tuple[int, ...]]
+    paid: int | None = None
+    strictly: int | None = None
 
     @property
     def valid(self) -> int:
@@ -238,8 +242,9 @@ def _portion(first: int, begun: tuple[float, float], tally: Tally, frames: int, 
 
 
 def _attack(
-    run: Experiment, library: Path, seed: int, threads: int | None, progress: Progress, first: int, tests: int
-) -> Portion:
+    run: Experiment, library: Path, reward: str, seed: int, threads: int | None, progress: Progress, first: int,
+    tests: int,
+) -> Portion:  # fmt: skip
     """Drive a portion of the adversary's tests, and store its crashes in the library."""
     begun, tally = (_clock(), cpu_seconds()), Tally()
     if run.foreign is not None:
@@ -253,8 +258,9 @@ def _attack(
     crashed = [test for test in stored if first <= test < first + tests]
     strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", 1.0), check_threads(threads))
     return _portion(
-        first, begun, tally, 0, crashed=tuple(crashed), strikes=int(strikes.sum()), avoidable=int(avoidable.sum())
-    )
+        first, begun, tally, 0, crashed=tuple(crashed), strikes=int(strikes.sum()), avoidable=int(avoidable.sum()),
+        **count_paid(run, seed, crashed, reward, check_threads(threads)),
+    )  # fmt: skip
 
 
 def _drive_natural(
@@ -386,7 +392,7 @@ def _logged(run: Experiment, folder: Path) -> Experiment:
 
 def spend(
     options: WorldOptions, *, hours: float, stand_in: str, folder: Path, bounded: bool, budget: float | None,
-    resume: bool, seed: int, threads: int | None, progress: Progress,
+    reward: str, resume: bool, seed: int, threads: int | None, progress: Progress,
 ) -> RunDone:  # fmt: skip
     """Do the whole job in about so many hours; see `run`.
 
@@ -400,7 +406,7 @@ def spend(
     natural = experiment(options, takes_foreign=True, seed=seed)
     masked: dict[str, Any] = {"bv": "uniform", "bounded": bounded, "budget": budget, "seed": seed}
     substitute = experiment(replace(options, av=stand_in), **masked)
-    identity = _identity(natural, substitute, hours, stand_in, seed)
+    identity = _identity(natural, substitute, hours, stand_in, reward, seed)
     open_output(folder, identity, resume=resume)
     _logged(natural, folder)
     stages = Stages(folder)
@@ -409,7 +415,7 @@ def spend(
     _tell_plan(plan, natural, threads, hours)
     natural.rest()
 
-    config = replace(preset_named("fast"), decisions=plan.decisions)
+    config = replace(preset_named("fast"), decisions=plan.decisions, reward=reward)
     plain = (
         substitute if plan.stand_in is not None else _logged(experiment(options, takes_foreign=True, **masked), folder)
     )
@@ -421,7 +427,7 @@ def spend(
     library = folder / "library"
     attacks = _in_portions(
         stages, "attack", plan, _ATTACK_UNTIL * limit, spent,
-        lambda first, tests: _attack(hostile, library, seed, threads, progress, first, tests),
+        lambda first, tests: _attack(hostile, library, reward, seed, threads, progress, first, tests),
         lambda done: sum(len(p.crashed) for p in done) >= _MOST_CASES,
     )  # fmt: skip
     spent += sum(p.seconds for p in attacks)
@@ -429,7 +435,7 @@ def spend(
 
     baselines = _compared(
         stages, lambda: _logged(experiment(options, takes_foreign=True, **masked), folder),
-        plan.baselines, seed, threads, progress,
+        plan.baselines, reward, seed, threads, progress,
     )  # fmt: skip
     spent += baselines.seconds
     nde, often = _roads(stages, natural, options, plan, limit, spent, folder, seed, threads, progress)
@@ -447,7 +453,8 @@ def spend(
     crashes = sum(len(p.crashed) for p in attacks)
     found = yield_of(
         crashes, attacked.rate.tests, attacked.rate.miles, sum(p.strikes for p in attacks),
-        sum(p.avoidable for p in attacks),
+        sum(p.avoidable for p in attacks), paid=_sum(p.paid for p in attacks),
+        strictly=_sum(p.strictly for p in attacks),
     )  # fmt: skip
     spending = Spending(
         hours=hours,
@@ -467,6 +474,7 @@ def spend(
         av=options.av,
         bounded=substitute.bounded,
         budget=substitute.budget,
+        reward=reward,
         nde=nde.rate,
         natural=often,
         natural_cases=roads.analysed,
@@ -490,13 +498,14 @@ def spend(
 
 
 def _compared(
-    stages: Stages, make: Callable[[], Experiment], tests: int, seed: int, threads: int | None, progress: Progress
-) -> PlainRates:
+    stages: Stages, make: Callable[[], Experiment], tests: int, reward: str, seed: int, threads: int | None,
+    progress: Progress,
+) -> PlainRates:  # fmt: skip
     """Measure the plain adversaries, if the plan has tests for them; `make` builds the run, which may start an AV."""
 
     def measured() -> PlainRates:
         own = make()
-        found = plain_rates(own, tests, seed, threads, progress)
+        found = plain_rates(own, tests, reward, seed, threads, progress)
         own.rest()
         return found
 
@@ -538,6 +547,12 @@ def _roads(
 def _test_miles(run: Experiment) -> float:
     """Return the miles of a test that is driven to its end."""
     return run.odd.test_length / METRES_PER_MILE
+
+
+def _sum(counts: Iterable[int | None]) -> int | None:
+    """Sum counts up; None if one is None."""
+    known = list(counts)
+    return None if None in known else sum(n for n in known if n is not None)
 
 
 def _train(
@@ -588,12 +603,14 @@ def _parts(
     return tuple(parts)
 
 
-def _identity(natural: Experiment, substitute: Experiment, hours: float, stand_in: str, seed: int) -> dict[str, Any]:
+def _identity(
+    natural: Experiment, substitute: Experiment, hours: float, stand_in: str, reward: str, seed: int
+) -> dict[str, Any]:
     """Return what decides the results of a run for some hours, but for the speed."""
     identity: dict[str, Any] = natural.identity(seed)
     hostile = substitute.identity(seed)
     settings = {"world": identity.pop("config_hash"), "mask": hostile["config_hash"]}
-    settings |= {"hours": hours, "stand_in": stand_in, "train": asdict(preset_named("fast"))}
+    settings |= {"hours": hours, "stand_in": stand_in, "train": asdict(replace(preset_named("fast"), reward=reward))}
     del identity["bv"], identity["policy_hash"]
     return {
         **identity,

@@ -146,10 +146,12 @@ def train_stage(
     return TrainedStage(learned, tuple(point_seconds(result)))
 
 
-def plain_rates(plain: Experiment, tests: int, seed: int, threads: int | None, progress: Progress) -> PlainRates:
+def plain_rates(
+    plain: Experiment, tests: int, reward: str, seed: int, threads: int | None, progress: Progress
+) -> PlainRates:
     """Measure the plain adversaries; traffic without an adversary is measured as the baseline, on many more tests."""
     begun = time.perf_counter()
-    rates = measure_baselines(plain, tests=tests, seed=seed, threads=threads, progress=progress)
+    rates = measure_baselines(plain, tests=tests, reward=reward, seed=seed, threads=threads, progress=progress)
     return PlainRates(tuple(rate for rate in rates if rate.name != "nobody"), round(time.perf_counter() - begun, 3))
 
 

@@ -21,6 +21,7 @@ from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import check_new_file, code_hash, provenance, read_json_file, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress, moving
 from cornerforge.pipeline.setting import AV_LOG, Experiment, check_threads, experiment
+from cornerforge.pipeline.verdicts import count_paid, verdict_of
 from cornerforge.rates import binomial_interval
 from cornerforge.results import Trained
 from cornerforge.results.learning import Baseline
@@ -170,6 +171,7 @@ def learn(
             run.slots,
             config,
             av=run.foreign,
+            verdict=verdict_of(config.reward, run),
             seed=seed,
             threads=check_threads(threads),
             max_seconds=max_seconds,
@@ -191,16 +193,20 @@ def evaluate(
     tests: int,
     seed: int,
     delay_s: float = 1.0,
+    reward: str = "crash",
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Yield:
     """Measure the yield on evaluation tests: all crashes, crashes avoidable by braking, crashes in which the AV struck.
+
+    Under a reward that is judged by cases, crashes that it pays for, too.
 
     Args:
         run: The experiment.
         tests: Number of tests, at least 1.
         seed: Seed of the tests.
         delay_s: The AV's time to react, for `sim.braking.is_avoidable` [s].
+        reward: Name of the reward whose crashes are counted if it is judged by cases.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
     """
@@ -219,17 +225,26 @@ def evaluate(
             told("evaluate", tally.tests + tally.av_faults, tests)
     check_not_all_spoiled(run, tally.tests, tests)
     strikes, avoidable = judge(run, seed, crashed, reward_numbers("avoidable", delay_s), check_threads(threads))
-    return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), int(avoidable.sum()))
+    counted = count_paid(run, seed, crashed, reward, check_threads(threads))
+    return yield_of(len(crashed), tally.tests, tally.miles, int(strikes.sum()), int(avoidable.sum()), **counted)
 
 
-def yield_of(crashes: int, tests: int, miles: float, strikes: int, avoidable: int) -> Yield:
-    """Make a yield of counts: crashes, in how many of them the AV struck, and how many braking would have avoided."""
+def yield_of(
+    crashes: int, tests: int, miles: float, strikes: int, avoidable: int, *, paid: int | None, strictly: int | None
+) -> Yield:
+    """Make a yield of counts: crashes, in how many of them the AV struck, and how many braking would have avoided.
+
+    `paid` and `strictly` as `verdicts.count_paid` gives them.
+    """
     return Yield(
         **vars(rate_summary(crashes, tests, miles)),
         avoidable_per_test=avoidable / tests,
         avoidable_interval95=binomial_interval(avoidable, tests),
         striking_share=strikes / crashes if crashes else None,
         striking_interval95=binomial_interval(strikes, crashes) if crashes else None,
+        paid_per_test=None if paid is None else paid / tests,
+        paid_interval95=None if paid is None else binomial_interval(paid, tests),
+        strictly_paid_per_test=None if strictly is None else strictly / tests,
     )
 
 
@@ -250,6 +265,7 @@ def measure_baselines(
     tests: int,
     seed: int,
     delay_s: float = 1.0,
+    reward: str = "crash",
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Baseline, ...]:
@@ -265,7 +281,9 @@ def measure_baselines(
                 critical=ADVERSARIES[name], bounded=int(bounded), budget=budget, temperature=0.0, cast=NO_CAST
             )
             plain = replace(run, setting=setting, bv=name, bounded=bounded, policies=(), acting="greedy")
-            rate = evaluate(plain, tests=tests, seed=seed, delay_s=delay_s, threads=threads, progress=progress)
+            rate = evaluate(
+                plain, tests=tests, seed=seed, delay_s=delay_s, reward=reward, threads=threads, progress=progress
+            )
             rates.append(Baseline(name=f"{name}, bounded" if bounded else name, bounded=bounded, **vars(rate)))
     return tuple(rates)
 
@@ -294,7 +312,8 @@ def train(
         out: Policy file, `.safetensors`; must not exist unless `resume`. Date and duration of the training stand in
             `NAME.provenance.json` beside it, so that the same training gives a policy of the same bytes.
         preset: "fast" or "paper".
-        reward: Which crashes of the AV give a reward: a name of `sim.rewards.REWARDS`.
+        reward: Which crashes of the AV give a reward: a name of `sim.rewards.REWARDS`; `preventable:DRIVER` names the
+            reference driver.
         delay: For the reward `avoidable`, and for counting avoidable crashes: the AV's time to react [s].
         decisions: Length in decisions; None for the preset's. The same seed and decisions give the same weights
             (PyTorch may round differently on another processor; the weights then differ).
@@ -362,7 +381,7 @@ def train(
     checkpoint.remove()
     trained = experiment(options.without_mask(), policy=policy, takes_foreign=True, seed=seed)
     trained.keep_printed(log)
-    measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "threads": threads}
+    measured: dict[str, Any] = {"tests": tests, "seed": seed, "delay_s": delay, "reward": reward, "threads": threads}
     about: Any = policy.about
     return Trained(
         decisions=about["decisions"],

@@ -349,6 +349,9 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
     if analysis.prevented is not None:
         kinds, n = prevented_kinds(analysis.prevented), analysis.prevented.cases
         made["prevented"] = tables.share_table("Cases that a reference driver would have prevented", "driver", kinds, n)
+    if analysis.judges is not None:
+        made["reactions"] = tables.reaction_table(analysis.judges)
+        made["agreement"] = tables.agreement_table(analysis.judges)
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
         made["avoidability"] = tables.share_table("Cases looked at", "avoidability", kinds, n)

@@ -18,7 +18,7 @@ from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
 from cornerforge.report.judged import FAULT_WORDS
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import Coverage, Natural
+from cornerforge.results.analysis import Coverage, Judges, Natural
 from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.whole import Exposed
 
@@ -26,6 +26,7 @@ __all__ = [
     "HeatCell",
     "HeatRow",
     "Table",
+    "agreement_table",
     "cluster_table",
     "coverage_rows",
     "crash_type_table",
@@ -35,6 +36,7 @@ __all__ = [
     "natural_table",
     "provenance_table",
     "rate_table",
+    "reaction_table",
     "severity_table",
     "share_table",
     "training_table",
@@ -76,7 +78,7 @@ def natural_table(found: Natural) -> Table:
     kinds |= {f"the AV's part: {CONDUCTS[name]}": kind for name, kind in (found.conducts or {}).items()}
     kinds |= {f"prevented by {name}": kind for name, kind in (found.prevented_by or {}).items()}
     if found.avoidable is not None:
-        kinds["avoidable by the AV"] = found.avoidable
+        kinds[f"avoidable by the AV, {found.avoidable_after_s or 0.0:g} s after the manoeuvre began"] = found.avoidable
     kinds["a serious injury in the AV (MAIS 3 or more)"] = found.serious_injuries
     rows = [
         [
@@ -157,6 +159,40 @@ def share_table(caption: str, kind: str, counts: dict[str, int], cases: int) -> 
         low, high = binomial_interval(n, cases)
         rows.append([name, text.count(n), text.share(n / cases), f"{text.share(low)} to {text.share(high)}"])
     return Table(f"{caption}, n = {text.count(cases)}", [kind, "cases", "share", "95 % interval"], rows)
+
+
+def reaction_table(found: Judges) -> Table:
+    """Share of cases that could have been prevented, by who drives and how fast it reacts."""
+    head = ["who drives", *(f"{one.reaction_s:g} s" for one in found.avoidable)]
+    each = {"the AV, on its last way out": found.avoidable, **found.prevented}
+    rows = [
+        [
+            name,
+            *(
+                f"{text.share(one.share)} ({text.share(one.interval95[0])} to {text.share(one.interval95[1])})"
+                for one in shares
+            ),
+        ]
+        for name, shares in each.items()
+    ]
+    caption = (
+        f"Cases that could have been prevented, by reaction time, with 95 % intervals, n = {text.count(found.cases)}"
+    )
+    return Table(caption, head, rows)
+
+
+def agreement_table(found: Judges) -> Table:
+    """Shares of cases of which two judges say the same; the last column says how many each calls preventable."""
+    names = list(found.agreement)
+    rows = [
+        [
+            a,
+            *("–" if a == b else text.share(found.agreement[a][b]) for b in names),
+            f"{text.count(found.both[a][a])} of {text.count(found.cases)}",
+        ]
+        for a in names
+    ]
+    return Table("Cases of which two judges say the same", ["judge", *names, "calls preventable"], rows)
 
 
 _SEVERITIES = {

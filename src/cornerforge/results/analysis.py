@@ -18,11 +18,13 @@ __all__ = [
     "ClusterChoice",
     "Coverage",
     "FlawShown",
+    "Judges",
     "Natural",
     "NaturalKind",
     "OwnDoing",
     "Prevented",
     "PreventedShare",
+    "ShareAtReaction",
     "TopCase",
     "ValueFound",
 ]
@@ -96,6 +98,41 @@ class Prevented:
     by: dict[str, PreventedShare] = field(metadata=meant("By reference driver."))
     any: PreventedShare = field(metadata=meant("By at least one of them."))
     held: int = field(metadata=meant("Cases in which holding the speed is enough, whoever drives."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShareAtReaction:
+    """How many of the cases a judge calls preventable at one reaction time."""
+
+    reaction_s: float = field(metadata=meant("From the begin of the manoeuvre, or from seeing danger.", "s"))
+    cases: int = field(metadata=meant("Cases that could have been prevented."))
+    share: float = field(metadata=share("Of the cases that were compared, 0 to 1."))
+    interval95: Interval = field(metadata=meant("Exact interval of `share`."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judges:
+    """The judges against each other on the drawn cases (docs/adr/0044): reference drivers, ways out, a held speed."""
+
+    cases: int = field(metadata=meant("Cases drawn that all of them judged."))
+    both: dict[str, dict[str, int]] = field(
+        metadata=meant("Cases that two judges both call preventable; of one with itself: that it calls so.")
+    )
+    agreement: dict[str, dict[str, float]] = field(
+        metadata=meant("Share of the cases of which two judges say the same, 0 to 1.")
+    )
+    avoidable: tuple[ShareAtReaction, ...] = field(
+        metadata=meant("Cases with a way out that may begin so long after the manoeuvre began, or later.")
+    )
+    lead: ShareAtReaction = field(
+        metadata=meant("The one of `avoidable` that is told first: with the reaction time that the user gave, or 1 s.")
+    )
+    prevented: dict[str, tuple[ShareAtReaction, ...]] = field(
+        metadata=meant(
+            "By reference driver: cases that it would have prevented, had it braked so long after it saw danger; what "
+            "it calls danger stays as it is."
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,7 +235,16 @@ class Natural:
     )
     fault: dict[str, NaturalKind] = field(metadata=meant("By who is at fault (RSS)."))
     avoidable: NaturalKind | None = field(
-        metadata=meant("Those with a way out, from the cases drawn for it; null: none was, or none had one.")
+        metadata=meant(
+            "Those with a way out that may begin `avoidable_after_s` after the manoeuvre began, or later, from the "
+            "cases drawn for it; null: none was, or none had one."
+        )
+    )
+    avoidable_after_s: float | None = field(
+        default=None,
+        metadata=meant(
+            "Time to react that `avoidable` leaves the AV; missing in files of earlier versions, where 0.", "s"
+        ),
     )
     prevented_by: dict[str, NaturalKind] | None = field(
         default=None,
@@ -251,6 +297,10 @@ class Analysed:
     prevented: Prevented | None = field(
         default=None,
         metadata=meant("What reference drivers would have prevented; missing in files of earlier versions."),
+    )
+    judges: Judges | None = field(
+        default=None,
+        metadata=meant("The judges against each other; missing: no ways out were searched, or an earlier version."),
     )
     own_doing: OwnDoing | None = field(
         default=None, metadata=meant("What the AV itself does wrong; missing in files of earlier versions.")

@@ -42,7 +42,9 @@ class _Training(Learned):
     preset: str = field(metadata=PRESET)
     bounded: bool = field(metadata=BOUNDED)
     budget: float | None = field(metadata=BUDGET)
-    reward: str = field(metadata=meant("Which crashes were paid for: crash, striking or avoidable."))
+    reward: str = field(
+        metadata=meant("Which crashes were paid for: a name of a reward, such as crash or preventable.")
+    )
     delay_s: float = field(metadata=meant("Time that the AV has to react, for avoidable crashes.", "s"))
 
 

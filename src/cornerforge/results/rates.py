@@ -46,3 +46,23 @@ class Yield(Rate):
         metadata=share("Share of the crashes in which the AV struck, 0 to 1; null: no crash.")
     )
     striking_interval95: Interval | None = field(metadata=meant("Exact interval of `striking_share`; null: no crash."))
+    paid_per_test: float | None = field(
+        default=None,
+        metadata=share(
+            "Share of the tests with a crash that the reward pays for, 0 to 1; missing: the reward is not judged "
+            "by cases.",
+            "per test",
+        ),
+    )
+    paid_interval95: Interval | None = field(
+        default=None, metadata=meant("Exact interval of `paid_per_test`; missing: likewise.", "per test")
+    )
+    strictly_paid_per_test: float | None = field(
+        default=None,
+        metadata=share(
+            "The same by a stricter reading, 0 to 1. preventable: the driver's braking was needed, holding the speed "
+            "from the manoeuvre's begin would not have been enough; own-fault: the AV alone was at fault. Missing: "
+            "likewise.",
+            "per test",
+        ),
+    )

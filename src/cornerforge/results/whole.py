@@ -74,6 +74,12 @@ class RunDone:
     av: str = field(metadata=meant("Name of the AV."))
     bounded: bool = field(metadata=BOUNDED)
     budget: float | None = field(metadata=BUDGET)
+    reward: str | None = field(
+        default=None,
+        metadata=meant(
+            "Which crashes the adversary was paid for, as for `train`; missing in files of earlier versions."
+        ),
+    )
     nde: Simulated = field(metadata=meant("Natural traffic."))
     natural: NaturalRate = field(metadata=meant("How often the AV crashes in it."))
     natural_cases: Analysed | None = field(

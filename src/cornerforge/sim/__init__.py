@@ -33,7 +33,7 @@ Inside, in the order of reading: `world`, `traffic`, `snapshot`; `setting`; `scr
 `observe`, `av_view`, `av_scene`, `av_features`; `tracking` follows trajectories of AVs. Callers: `drive` (whole
 tests), `runner`, `scripted` and `rails`, `lockstep`, `agents`, `drive_bv`, `drive_bv_outside`, `drive_av`; `harvest`,
 `recorder`, `judge`. Trees: `steering` (words that are held to a part), `danger`, `acts`, `branches`, `lessons`,
-`forest`, `tilt`, `trees`, `grove`. What the adversary is paid for: `rewards`, `braking`.
+`forest`, `tilt`, `trees`, `grove`. What the adversary is paid for: `rewards`, `braking`, `crash_cases`.
 
 The package knows no file, no learner and no plot. The same seed, test and setting give the same bits on any machine,
 for any number of threads, through any of the callers (docs/design.md, ADR 20 and 21).
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from cornerforge.sim.bicycle import MOST_LATERAL_ACCELERATION
     from cornerforge.sim.braking import lateral_plan, manoeuvre_begin
     from cornerforge.sim.chances import action_probabilities, allocate_starter_scratch
+    from cornerforge.sim.crash_cases import CrashCases, Verdict, recordings_of_harvest
     from cornerforge.sim.drive import drive_range
     from cornerforge.sim.drive_av import (
         AV_DECISIONS,
@@ -102,7 +103,15 @@ if TYPE_CHECKING:
     from cornerforge.sim.observe import N_OBSERVATION, N_OWN, OBSERVATION_VERSION, budget_units
     from cornerforge.sim.rails import NO_RAILS, Rails, rails_of
     from cornerforge.sim.recorder import Recorder, case_of, scenario_digest
-    from cornerforge.sim.rewards import REWARDS, RewardNumbers, reward_numbers
+    from cornerforge.sim.rewards import (
+        DRIVER,
+        REWARDS,
+        Reward,
+        RewardNumbers,
+        driver_of_reward,
+        reward_named,
+        reward_numbers,
+    )
     from cornerforge.sim.runner import (
         DriveChunk,
         Tally,
@@ -165,25 +174,26 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ADVERSARIES", "AV_CRASH", "AV_DECISIONS", "AV_FAULT", "AV_FEATURES_VERSION", "AV_MUST_ANSWER", "AV_VIEW_VERSION",
-    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "FINISHED", "HIGHEST_COMMAND", "HOSTILE",
-    "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL", "NATURALISTIC",
-    "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN", "OBSERVATION_VERSION",
-    "OUTSIDE", "OVER", "POLICY", "RAILS", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS", "SCRIPTED", "SIGHT",
-    "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS", "VIEW_ROWS", "Actors",
-    "Asked", "AvReward", "Buffers", "Controllers", "DriveChunk", "Ending", "Exploring", "Forest", "Harvest", "Keep",
-    "Outcomes", "Plan", "Rails", "Recorder", "RewardNumbers", "Scratch", "Script", "ScriptDriver", "Setting", "Tally",
-    "Tilt", "Transitions", "World", "action_probabilities", "advance", "agents", "all_current", "allocate_actors",
-    "allocate_av_actors", "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves",
-    "allocate_nursery", "allocate_outcomes", "allocate_recording", "allocate_scratch", "allocate_starter_scratch",
-    "allocate_windows", "allocate_worlds", "answer_as_av", "answer_as_bv", "answer_width", "arrays_of",
-    "average_traits", "branch_of", "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect",
-    "collect_av", "copy_of", "crashed_tests", "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window",
-    "drive_range", "grove", "harvest_range", "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing",
-    "keep_whole_test", "lateral_plan", "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots",
-    "ordered_lane", "packed", "path_of", "rails_of", "reset_world", "reward_numbers", "scenario_digest",
-    "scripted_start", "simulate", "simulate_chunks", "start_av_worlds", "start_lane_change", "start_worlds",
-    "statistics", "tracking", "tree_of", "trees", "unpacked", "warm_up", "warn_of_left_out", "world_of",
-    "write_outcome",
+    "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "DRIVER", "FINISHED", "HIGHEST_COMMAND",
+    "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL",
+    "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN",
+    "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS",
+    "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS",
+    "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers", "Controllers", "CrashCases", "DriveChunk", "Ending",
+    "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Rails", "Recorder", "Reward", "RewardNumbers",
+    "Scratch", "Script", "ScriptDriver", "Setting", "Tally", "Tilt", "Transitions", "Verdict", "World",
+    "action_probabilities", "advance", "agents", "all_current", "allocate_actors", "allocate_av_actors",
+    "allocate_decisions", "allocate_harvest", "allocate_history", "allocate_leaves", "allocate_nursery",
+    "allocate_outcomes", "allocate_recording", "allocate_scratch", "allocate_starter_scratch", "allocate_windows",
+    "allocate_worlds", "answer_as_av", "answer_as_bv", "answer_width", "arrays_of", "average_traits", "branch_of",
+    "budget_units", "built_in_av_decides", "case_of", "cast_of", "collect", "collect_av", "copy_of", "crashed_tests",
+    "danger", "drive_bv_outside", "drive_chunk", "drive_chunk_by_window", "drive_range", "driver_of_reward", "grove",
+    "harvest_range", "hold", "is_full", "is_outside", "judge_crashes", "keep_nothing", "keep_whole_test",
+    "lateral_plan", "lessons", "lockstep", "manoeuvre_begin", "move_vehicle", "n_slots", "ordered_lane", "packed",
+    "path_of", "rails_of", "recordings_of_harvest", "reset_world", "reward_named", "reward_numbers",
+    "scenario_digest", "scripted_start", "simulate", "simulate_chunks", "start_av_worlds", "start_lane_change",
+    "start_worlds", "statistics", "tracking", "tree_of", "trees", "unpacked", "warm_up", "warn_of_left_out",
+    "world_of", "write_outcome",
 ]  # fmt: skip
 
 FOR_PROGRAMS = (
@@ -246,7 +256,10 @@ _PLACES: dict[str, tuple[str, ...]] = {
     "chances": ("action_probabilities", "allocate_starter_scratch"),
     "braking": ("manoeuvre_begin", "lateral_plan"),
     # training
-    "rewards": ("REWARDS", "RewardNumbers", "reward_numbers"),
+    "rewards": (
+        "DRIVER", "REWARDS", "Reward", "RewardNumbers", "driver_of_reward", "reward_named", "reward_numbers",
+    ),
+    "crash_cases": ("CrashCases", "Verdict", "recordings_of_harvest"),
     "drive_bv": (
         "Actors", "Exploring", "FINISHED", "Transitions", "allocate_actors", "allocate_history", "collect",
         "start_worlds",

@@ -12,7 +12,7 @@ import numpy as np
 
 from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
 from cornerforge.drivers.avs import AV_KINDS
-from cornerforge.drivers.careful import Threat, braking_demanded, braking_of
+from cornerforge.drivers.careful import Threat, braking_demanded, braking_of, own_reaction
 from cornerforge.drivers.mobil import NO_CHANGE, mobil_gain
 from cornerforge.drivers.policy import best_action, q_values
 from cornerforge.drivers.rss import rss_braking, rss_distance
@@ -234,7 +234,9 @@ def _careful(w: World, substep: int, road: RoadNumbers, av: AvNumbers, _scratch:
     if state.av_alarmed == 0:
         return gentle, lane
     since = (now - state.av_alarmed) * FRAME_S
-    return min(gentle, braking_of(av.careful, since, demanded, v[0].acceleration, road.av_substeps * FRAME_S)), lane
+    step = road.av_substeps * FRAME_S
+    hard = braking_of(av.careful, since, demanded, v[0].acceleration, step, own_reaction(av.careful))
+    return min(gentle, hard), lane
 
 
 _DECISIONS = {

@@ -56,6 +56,7 @@ __all__ = [
     "allocate_history",
     "choose",
     "collect",
+    "drive_again",
     "reward_of",
     "settle",
     "start_worlds",
@@ -81,6 +82,8 @@ class History(NamedTuple):
         answers: Answers of an AV outside the kernels, as `lockstep.answer_with` takes them, (B, answers, W); no
             answers for others.
         answered: How many of them were given, int64 (B,).
+        crashed: The test that ended in a crash of the AV in the last second, where the reward is judged by its case; -1
+            for none, int64 (B,). Who judges sets it back.
         world: One world to drive in.
         keep: Holds the frames of one whole test.
     """
@@ -88,6 +91,7 @@ class History(NamedTuple):
     action: NDArray[np.int8]
     answers: NDArray[np.float64]
     answered: NDArray[np.int64]
+    crashed: NDArray[np.int64]
     world: World
     keep: Keep
 
@@ -100,6 +104,7 @@ def allocate_history(n_worlds: int, setting: Setting, slots: int) -> History:
         np.zeros((n_worlds, decisions), dtype=np.int8),
         np.zeros((n_worlds, answers, answer_width(setting))),
         np.zeros(n_worlds, dtype=np.int64),
+        np.full(n_worlds, -1, dtype=np.int64),
         world_of(allocate_worlds(1, slots)),
         keep_nothing(slots)._replace(recording=allocate_recording(SUBSTEPS * decisions + 1, slots)),
     )
@@ -203,14 +208,23 @@ def advance_again(history: History, b: int, w: World, setting: Setting, s: Scrat
 
 
 @kernel
-def _drive_again(history: History, b: int, w: World, setting: Setting, s: Scratch) -> None:
-    """Drive the test that has just ended in `w` once more, with the same decisions, and record it."""
-    again = history.world
-    recording = history.keep.recording
-    forget_frames(recording, w.state[0].frame + 1, again.vehicles.size)
-    reset_world(again, w.state[0].seed, w.state[0].test, setting)
+def drive_again(
+    history: History, b: int, seed: int, test: int, again: World, setting: Setting, s: Scratch, keep: Keep
+) -> None:
+    """Drive in `again` the test that has just ended in world b once more, with the same decisions.
+
+    Args:
+        history: Of the worlds.
+        b: The world.
+        seed, test: The test that ended; world b may be at the start of the next by now.
+        again: A world to drive in.
+        setting: The run.
+        s: Scratch.
+        keep: What is kept; all vehicles are absent in its recording.
+    """
+    reset_world(again, seed, test, setting)
     k = 0
-    while advance_again(history, b, again, setting, s, history.keep) == AV_MUST_ANSWER:
+    while advance_again(history, b, again, setting, s, keep) == AV_MUST_ANSWER:
         answer_with(again, history.answers[b, k], setting)
         k += 1
 
@@ -222,23 +236,27 @@ def reward_of(
     """Compute the reward of the decision that world b has just carried out.
 
     +1 for a crash of the AV that `reward` pays for (the paper: every one), -1 when the controlled BV crashes with
-    another BV, else 0.
+    another BV, else 0. A crash that is judged by its case gives 0 and is noted in `history.crashed`.
 
     Args:
         w: The world.
         b: Its row in `history`, which holds the actions since its test began.
         setting: The run.
         reward: Which crashes are paid.
-        history: Read; its world and recording are scratch.
+        history: Its actions and answers are read; its world and recording are scratch.
         s: Scratch.
     """
     code = w.state[0].outcome
     if code != AV_CRASH:
         return -1.0 if code == BV_CRASH else 0.0
+    if reward.by_case:
+        history.crashed[b] = w.state[0].test
+        return 0.0
     strikes = False
     avoidable = False
     if reward.code == AVOIDABLE:
-        _drive_again(history, b, w, setting, s)
+        forget_frames(history.keep.recording, w.state[0].frame + 1, history.world.vehicles.size)
+        drive_again(history, b, w.state[0].seed, w.state[0].test, history.world, setting, s, history.keep)
         strikes, avoidable = judge_crash(history.world, history.keep.recording, setting, reward.braking)
     else:
         strikes = av_strikes(w.vehicles, 0, w.state[0].slot_b)

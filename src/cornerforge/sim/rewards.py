@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from cornerforge._checks import check_number
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel, kernel_by_code
-from cornerforge.errors import UnknownNameError
+from cornerforge.drivers.careful import CAREFUL
+from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.road.straight import ahead_by
 from cornerforge.sim.braking import Braking
 
@@ -20,9 +21,21 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["REWARDS", "Reward", "RewardNumbers", "av_strikes", "is_paid", "reward_named", "reward_numbers"]
+__all__ = [
+    "DRIVER",
+    "REWARDS",
+    "Reward",
+    "RewardNumbers",
+    "av_strikes",
+    "driver_of_reward",
+    "is_paid",
+    "reward_named",
+    "reward_numbers",
+]
 
-CRASH, STRIKING, AVOIDABLE = range(3)
+CRASH, STRIKING, AVOIDABLE, PREVENTABLE, BY_BRAKING, OWN_FAULT = range(6)
+DRIVER = "cc-human"
+"""The reference driver of rewards that ask one, where the name gives none."""
 _FACING = 0.5
 """Cosine of 60 degrees, as in `analysis.contact`: closer than that to facing the other box, a front takes part."""
 
@@ -35,10 +48,13 @@ class Reward:
         code: The number by which kernels know it.
         pays_for: Which crashes of the AV give +1, in words. Under every reward a crash of the controlled BV with
             another BV gives -1, and all else 0.
+        by_case: Each crash is judged outside the kernels, by the functions that analyse stored cases, on the case that
+            a library would hold of it (`crash_cases`).
     """
 
     code: int
     pays_for: str
+    by_case: bool = False
 
 
 REWARDS = {
@@ -48,33 +64,68 @@ REWARDS = {
         AVOIDABLE,
         "a crash that the AV would have avoided by braking at 8 m/s2 from d seconds after the manoeuvre began (d = 1)",
     ),
+    "preventable": Reward(
+        PREVENTABLE,
+        f"a crash that a reference driver in the AV's place would have prevented: {DRIVER}, or preventable:DRIVER",
+        by_case=True,
+    ),
+    "preventable-by-braking": Reward(
+        BY_BRAKING,
+        "such a crash that holding the speed would not have prevented, so that the driver's braking was needed",
+        by_case=True,
+    ),
+    "own-fault": Reward(OWN_FAULT, "a crash in which the AV broke a rule of RSS, alone or both did", by_case=True),
 }
-"""The rewards by name."""
+"""The rewards by name; the two that ask a reference driver may end in a colon and a name of `careful.CAREFUL`."""
 
 
 class RewardNumbers(NamedTuple):
-    """A reward as kernels take it: its code, and how the AV would have braked (used by `avoidable` only)."""
+    """A reward as kernels take it.
+
+    Attributes:
+        code: Of `REWARDS`.
+        braking: How the AV would have braked (used by `avoidable` only).
+        by_case: Kernels pay for no crash; they note each in `drive_bv.History`, to be judged outside.
+    """
 
     code: int
     braking: Braking
+    by_case: bool
 
 
 def reward_named(name: str) -> Reward:
     """Look up a reward.
 
     Raises:
-        UnknownNameError: There is none of that name.
+        UnknownNameError: There is none of that name, or no such reference driver.
+        InputError: A driver is named for a reward that asks none.
     """
-    if name not in REWARDS:
+    plain, colon, driver = name.partition(":")
+    if plain not in REWARDS:
         raise UnknownNameError("reward", name, REWARDS)
-    return REWARDS[name]
+    if colon and REWARDS[plain].code not in (PREVENTABLE, BY_BRAKING):
+        raise InputError(f'reward = "{name}" is not allowed: {plain} asks no driver; leave out "{colon}{driver}".')
+    if colon and driver not in CAREFUL:
+        raise UnknownNameError("reference driver", driver, CAREFUL)
+    return REWARDS[plain]
+
+
+def driver_of_reward(name: str) -> str | None:
+    """Give the reference driver by which a reward judges; None: it judges by none.
+
+    Raises:
+        UnknownNameError, InputError: As `reward_named`.
+    """
+    if reward_named(name).code not in (PREVENTABLE, BY_BRAKING):
+        return None
+    return name.partition(":")[2] or DRIVER
 
 
 def reward_numbers(name: str, delay_s: float = 1.0, deceleration_mps2: float = 8.0) -> RewardNumbers:
     """Make a reward as kernels take it.
 
     Args:
-        name: One of `REWARDS`.
+        name: One of `REWARDS`, as `reward_named` takes it.
         delay_s: For `avoidable`: time from the begin of the manoeuvre to the AV's braking [s], 0 to 10.
         deceleration_mps2: For `avoidable`: deceleration of that braking [m/s2], 0.1 to 20.
 
@@ -83,7 +134,8 @@ def reward_numbers(name: str, delay_s: float = 1.0, deceleration_mps2: float = 8
     """
     delay = check_number("delay_s", delay_s, low=0.0, high=10.0, unit="s")
     deceleration = check_number("deceleration_mps2", deceleration_mps2, low=0.1, high=20.0, unit="m/s2")
-    return RewardNumbers(reward_named(name).code, Braking(float(delay), float(deceleration)))
+    reward = reward_named(name)
+    return RewardNumbers(reward.code, Braking(float(delay), float(deceleration)), reward.by_case)
 
 
 class _Boxes(NamedTuple):
@@ -178,7 +230,19 @@ def _that_was_avoidable(_strikes: bool, avoidable: bool) -> bool:
     return avoidable
 
 
-_RULES: dict[str, Any] = {"crash": _every_crash, "striking": _that_strikes, "avoidable": _that_was_avoidable}
+@inlined_kernel
+def _none_here(_strikes: bool, _avoidable: bool) -> bool:
+    return False
+
+
+_RULES: dict[str, Any] = {
+    "crash": _every_crash,
+    "striking": _that_strikes,
+    "avoidable": _that_was_avoidable,
+    "preventable": _none_here,
+    "preventable-by-braking": _none_here,
+    "own-fault": _none_here,
+}
 """Which crashes of the AV each reward pays for, by whether the AV strikes and whether braking would have avoided it."""
 _rule_of: Any = kernel_by_code({name: reward.code for name, reward in REWARDS.items()}, _RULES)
 
