@@ -130,10 +130,21 @@ def test_times_of_the_training_are_in_the_provenance_only(finished: tuple[Path, 
 def test_the_likelihood_budget_is_in_the_identity() -> None:
     """The name of the effort once stood in its place."""
     bounded = experiment(bv="uniform", budget=5.0)
-    identity = run_module._identity(bounded, "quick", 2)
+    config = run_module._train_config(run_module.EFFORTS["quick"], "crash")
+    identity = run_module._identity(bounded, "quick", config, 2)
     assert (identity["effort"], identity["budget"], identity["bounded"]) == ("quick", 5.0, True)
-    other = run_module._identity(experiment(bv="uniform", budget=6.0), "quick", 2)
+    other = run_module._identity(experiment(bv="uniform", budget=6.0), "quick", config, 2)
     assert identity["config_hash"] != other["config_hash"]
+    paid_otherwise = run_module._train_config(run_module.EFFORTS["quick"], "own-fault")
+    assert run_module._identity(bounded, "quick", paid_otherwise, 2)["config_hash"] != identity["config_hash"]
+
+
+def test_a_run_is_for_a_reward(tmp_path: Path) -> None:
+    found = cornerforge.run(effort="quick", out=tmp_path / "run", reward="preventable:fsm", seed=3)
+    assert found.reward == "preventable:fsm"
+    assert found.train.paid_per_test is not None
+    assert all(one.paid_per_test is not None for one in found.baselines)
+    assert read(tmp_path / "run" / "training.json")["config"]["reward"] == "preventable:fsm"
 
 
 def test_the_old_name_of_effort_is_taken_with_a_warning(finished: tuple[Path, RunDone]) -> None:
