@@ -113,7 +113,7 @@ def _timed_substeps(
             command, lane = av_decide(w, road, setting.av)
             av_acts(w, command, lane, road)
             since = _lap(ns, AV, since, clock)
-        _move(w, substep, road)
+        _move(w, substep, setting)
         since = _lap(ns, MOVE, since, clock)
         frame = first_frame + substep + 1
         ends = _check_contacts(w, frame, road)

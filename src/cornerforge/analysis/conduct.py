@@ -10,10 +10,10 @@ look at the AV and the vehicle that it touched; in this order, the first that fi
    `not-behind` if the other's centre was behind its own, `not-beside` if it was ahead. Else `cuts-in` if it left less
    than 0.3 s to the one behind, or was itself that near behind the other.
 3. It ran into the rear of one that had been in its path for at least 1 s: they overlapped sideways, or the other's body
-   was in the AV's lane, by 0.375 m at least. It had to act when the time to collision fell
-   below 4 s, or when 1.5 m/s2 of braking were needed, the other's own braking included. Only if 0.8 s later no more
-   than 6 m/s2 were needed: `brakes-late` if it began to brake (1 m/s2) more than 0.8 s after; if it never did,
-   `stops-heeding` where its acceleration had risen by 0.5 m/s2 within 0.5 s behind the other, else `does-not-brake`.
+   was in the AV's lane, by 0.375 m at least. It had to act when the time to collision fell below 4 s, or when 1.5 m/s2
+   of braking were needed, the other's own braking included. Only if 0.8 s later no more than 6 m/s2 were needed:
+   `brakes-late` if it began to brake (1 m/s2) more than 0.8 s after; if it never did, `stops-heeding` where its
+   acceleration had risen by 0.5 m/s2 within 0.5 s behind the other, else `does-not-brake`.
 4. It ran into the rear of one behind which it had followed for 2 s with a time gap of less than 0.8 s, without closing
    in (1 m/s): `too-close`.
 
@@ -161,9 +161,8 @@ def _changes_mind(y: NDArray[np.float64], first: int, last: int, lane_width: flo
     if moved < _TURN:
         return False
     begin = max(first, last - _LOOKS_BACK)
-    before = farthest = low = high = y[
-        begin
-    ]  # the last turn, and the farthest point since; the range while it is straight
+    before = farthest = y[begin]  # the last turn, and the farthest point since
+    low = high = y[begin]  # the range before the first turn
     direction, turns, stayed = 0, 0, 0
     for t in range(begin, last + 1):
         if direction == 0:
