@@ -47,7 +47,7 @@ F = TypeVar("F", bound=Callable[..., object])
 _SOURCES = (
     "_jit.py", "_kernel_*.py", "_elementary.py", "_philox.py", "fields.py", "geometry.py", "types.py", "recordings.py",
     "ndd/grids.py", "ndd/memory.py", "drivers/*.py", "road/*.py", "sim/*.py", "counterfactual/*.py",
-    "analysis/density_grid.py",
+    "analysis/conduct.py", "analysis/density_grid.py",
 )  # fmt: skip
 
 

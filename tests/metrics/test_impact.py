@@ -60,7 +60,7 @@ def test_momentum_is_kept_and_friction_stops_sliding_at_most(
     across, along = mine + others
     assert across == pytest.approx((1.0 + restitution) * closing)
     assert along <= sliding * (1.0 + 1e-12)
-    slides_on = along < sliding * (1.0 - 1e-9)
+    slides_on = along < sliding * (1.0 - 1e-9) - 1e-300  # the smallest numbers have no half
     if slides_on:
         assert along == pytest.approx(friction * across)
 

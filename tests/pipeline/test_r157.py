@@ -82,13 +82,13 @@ def test_the_judge_crashes_where_the_public_implementation_does(driver: str) -> 
         rows = {(int(r["ego_kmh"]), int(r["cut_in_kmh"]), float(r["gap_m"]), float(r["lateral_speed_mps"])):
                 r[COLUMN[driver]] == "1" for r in csv.DictReader(file)}  # fmt: skip
     same = []
-    for panel in panels(["cut-in"], ROAD)[0][::4]:
+    for panel in panels(["cut-in"], ROAD)[0]:
         crashes = judged(panel, driver)
         for crash, gap, across in zip(crashes, *panel.points, strict=True):
             key = (panel.av_kmh, panel.other_kmh, float(gap), float(across))
             if key in rows:
                 same.append(rows[key] == crash)
-    assert len(same) > 3000
+    assert len(same) == 16_167
     assert np.mean(same) >= 0.995
 
 
@@ -174,7 +174,7 @@ def test_an_av_that_fails_is_left_out_and_counted(tmp_path: Path, monkeypatch: p
     (tmp_path / "raising.py").write_text(RAISES, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(cornerforge.errors.AvFaultError, match="spoiled 20 tests"):
+    with pytest.raises(cornerforge.errors.AvFaultError, match=r"spoiled \d+ tests"):
         cornerforge.r157(av="raising:Raises", families=["cut-in"])
 
 

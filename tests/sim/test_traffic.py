@@ -89,7 +89,7 @@ def test_the_av_starts_at_no_less_than_its_desired_gap(model: NddModel, seed: in
         wish = desired_gap(av["speed"], lead["speed"] - av["speed"], setting.av.idm)
         assert gap >= wish - 1e-9
         at_its_own += abs(gap - wish) < 1e-9
-    assert at_its_own > 50  # the rule does bind
+    assert at_its_own > (0 if name == "flawed-too-close" else 50)  # the rule does bind, seldom who follows at 0.2 s
 
 
 def share_of_speeds(law: InitialState, speeds: np.ndarray) -> np.ndarray:

@@ -71,8 +71,8 @@ def closing_at_least(other: float, closing: float) -> float | None:
 
     None: none were recorded at such a speed.
 
-    >>> round(closing_at_least(27.8, 8.33), 4)
-    0.0011
+    >>> round(closing_at_least(27.8, 8.33), 5)
+    0.00101
     """
     band = _band(other)
     if band is None:

@@ -7,7 +7,7 @@ cases: so the same crash has the same verdict in training, in an environment and
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -61,9 +61,16 @@ def recordings_of_harvest(h: Harvest) -> Recordings:
     )
 
 
+class _Room(NamedTuple):
+    """A world and scratch to drive in."""
+
+    again: World
+    scratch: Scratch
+
+
 @kernel
 def _keep_crashes(
-    first: int, worlds: World, history: History, setting: Setting, again: World, s: Scratch, keep: Keep, h: Harvest,
+    first: int, worlds: World, history: History, setting: Setting, room: _Room, keep: Keep, h: Harvest,
     kept: NDArray[np.int64],
 ) -> int:  # fmt: skip
     """Append the crashes of worlds first, first + 1, ... as cases until there is no more room.
@@ -73,7 +80,7 @@ def _keep_crashes(
         worlds: Their seeds are read.
         history: What they did; `crashed` says which tests.
         setting: The run, whose critical BV is TOLD.
-        again, s: A world and scratch to drive in.
+        room: To drive in.
         keep: Keeps one whole test; all vehicles are absent before and after.
         h: The columns to append to.
         kept: Receives the world of each case.
@@ -81,7 +88,7 @@ def _keep_crashes(
     Returns:
         The first world that was not looked at.
     """
-    recording = keep.recording
+    recording, again, s = keep.recording, room.again, room.scratch
     for b in range(first, history.crashed.size):
         if history.crashed[b] < 0:
             continue
@@ -105,8 +112,7 @@ class CrashCases:
 
     def __init__(self, setting: Setting, slots: int, verdict: Verdict) -> None:
         self._setting, self._verdict = setting, verdict
-        self._again = world_of(allocate_worlds(1, slots))
-        self._scratch = allocate_scratch(slots, setting.who.policy)
+        self._room = _Room(world_of(allocate_worlds(1, slots)), allocate_scratch(slots, setting.who.policy))
         self._keep = keep_whole_test(setting, slots)
         self._harvest = allocate_harvest(_ROOM, slots, setting.road.max_decisions)
         self._kept = np.zeros(self._harvest.rows.size, dtype=np.int64)
@@ -128,10 +134,10 @@ class CrashCases:
         while first < history.crashed.size:
             self._harvest.clear()
             first = _keep_crashes(
-                first, worlds, history, self._setting, self._again, self._scratch, self._keep, self._harvest, self._kept
+                first, worlds, history, self._setting, self._room, self._keep, self._harvest, self._kept
             )
             verdict = self._verdict(recordings_of_harvest(self._harvest))
             paid.append(self._kept[: verdict.size][verdict])
-        warn_of_left_out(self._scratch)
+        warn_of_left_out(self._room.scratch)
         history.crashed[:] = -1
         return np.concatenate(paid) if paid else np.empty(0, dtype=np.int64)
