@@ -136,7 +136,7 @@ def test_only_what_decides_outcomes_changes_the_simulation_hash(tmp_path: Path) 
 
 
 def test_all_kernel_sources_count_but_for_those_that_drive_no_natural_traffic() -> None:
-    others = {"_kernel_*.py", "recordings.py", "counterfactual/*.py", "analysis/density_grid.py"}
+    others = {"_kernel_*.py", "recordings.py", "counterfactual/*.py", "analysis/conduct.py", "analysis/density_grid.py"}
     assert set(_jit._SOURCES) - set(ledger._SIMULATION) == others
     assert set(ledger._SIMULATION) - set(_jit._SOURCES) == set()
 
