@@ -137,7 +137,9 @@ def _nothing_in(natural: OwnDoing, adversary: OwnDoing) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
+    if share < 0.1:
+        return f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:.{1 if 0.99 <= share < 1.0 else 0}f} %"
 
 
 def _name(
