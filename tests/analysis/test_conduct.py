@@ -151,6 +151,7 @@ def test_the_sentence() -> None:
         "Nothing was found that is this AV's own doing, in 71 natural crashes. In 1 of them it did something wrong, "
         "too few to name a flaw."
     )
+    assert in_words([], [], conducts(none_ahead=1), natural=False).endswith("own doing, in 1 crash.")
     without = OwnDoing(text=none, flaws=(), conducts={"none": 70, "hesitates": 1})
     assert headline(without, without).startswith(
         "Nothing was found that is this AV's own doing: not in 71 natural crashes, nor in 71 that an adversary caused."

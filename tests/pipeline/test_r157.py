@@ -154,7 +154,7 @@ def test_what_is_said_is_what_happened(few: list[Panel], tmp_path: Path) -> None
     assert 0 < other.failed < said.failed
     with pytest.raises(InputError, match="nothing to leave out"):
         cornerforge.shrink(tmp_path / "out" / "library", ["0:0"], out=tmp_path / "small")
-    with pytest.raises(OutputError, match="not an empty folder"):
+    with pytest.raises(OutputError, match="is there already and not empty"):
         cornerforge.r157(out=tmp_path / "out")
 
 

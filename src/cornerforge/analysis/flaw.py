@@ -98,6 +98,7 @@ def in_words(flaws: Sequence[Flaw], intervals: Sequence[Sequence[float]], conduc
     n, wrong = conduct.code.size, int((conduct.code != list(CONDUCTS).index(NO_CONDUCT)).sum())
     kind = "natural crashes" if natural else "crashes"
     if not flaws:
+        kind = kind if n != 1 else kind.removesuffix("es")
         some = f" In {wrong:,} of them it did something wrong, too few to name a flaw." if wrong else ""
         return f"{_NOTHING}, in {n:,} {kind}.{some}"
     first, (low, high) = flaws[0], intervals[0]

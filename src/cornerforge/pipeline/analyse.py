@@ -111,10 +111,11 @@ def analyse(
     drawn = _draw(found.case_ids, looks, seed)
     chosen = drawn | _outstanding(found) if looks != 0 else drawn
     table, witnesses, reacting, value = _judge(cases, found, chosen, reaction, n_threads, progress, told["seconds"])
-    natural = None
+    natural = by_case = None
     if weights is not None:
-        natural = _natural(cases, found, table, drawn, reaction, np.array([weights[case] for case in found.case_ids]))
-    doing, showing = _own_doing(found, table, value, weights)
+        by_case = np.array([weights[case] for case in found.case_ids])
+        natural = _natural(cases, found, table, drawn, reaction, by_case)
+    doing, showing = _own_doing(found, table, value, by_case)
     first = value.best(_TOP).tolist()
     if purpose == "road" and natural is not None:
         typical = _most_frequent(found, natural)
@@ -345,19 +346,21 @@ def _compared(
 
 
 def _own_doing(
-    found: Analysis, table: pa.Table, value: Value, weights: dict[str, float] | None
+    found: Analysis, table: pa.Table, value: Value, weights: NDArray[np.float64] | None
 ) -> tuple[dict[str, Any], list[int]]:
-    """Say what the AV does wrong, and give the rows of the cases to show for the flaw that shows most."""
+    """Say what the AV does wrong, and give the rows of the cases to show for the flaw that shows most.
+
+    `weights`: how often each case happens in natural traffic; None: the cases come from an adversary.
+    """
     from cornerforge.analysis.conduct import Conduct
     from cornerforge.analysis.flaw import flaws_of, in_words
 
     conduct = Conduct.of_columns(
         _strings(table, "conduct"), _strings(table, "conduct_side"), _column(table, "conduct_s")
     )
-    by_case = None if weights is None else np.array([weights[case] for case in found.case_ids])
-    flaws, shown = flaws_of(conduct, by_case), []
+    flaws, shown = flaws_of(conduct, weights), []
     first: list[int] = []
-    intervals = [_share_interval(flaw.cases, by_case, conduct.code.size) for flaw in flaws]
+    intervals = [_share_interval(flaw.cases, weights, conduct.code.size) for flaw in flaws]
     score = np.nan_to_num(value.score, nan=-1.0)
     for flaw, interval in zip(flaws, intervals, strict=True):
         ranked = flaw.cases[np.argsort(-score[flaw.cases], kind="stable")[:_SHOWING]].tolist()

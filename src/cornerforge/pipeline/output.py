@@ -24,6 +24,7 @@ from cornerforge.execution import code_hash
 __all__ = [
     "called_with",
     "check_new_file",
+    "check_new_folder",
     "check_path",
     "code_hash",
     "config_hash",
@@ -133,6 +134,18 @@ def check_path(path: Path) -> None:
         str(path).encode()
     except UnicodeEncodeError as error:
         raise InputError(f"{str(path)!a} is no UTF-8; choose another name.") from error
+
+
+def check_new_folder(folder: Path) -> None:
+    """Check, before long work, that a folder is new or empty; create nothing.
+
+    Raises:
+        OutputError: It holds something, is no folder, or cannot be read.
+    """
+    check_path(folder)
+    names = sorted(_entries(folder))
+    if names:
+        raise OutputError(f"{folder} is there already and not empty ({names[0]}); choose a new or empty folder.")
 
 
 def check_new_file(path: Path, *, overwrite: bool = False) -> None:

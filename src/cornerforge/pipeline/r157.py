@@ -15,14 +15,22 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
-from cornerforge.errors import AvFaultError, OutputError
+from cornerforge.errors import AvFaultError
 from cornerforge.execution import in_order
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.generate import MODEL_FILE
-from cornerforge.pipeline.output import code_hash, open_output, provenance, version, write_json, write_text
+from cornerforge.pipeline.output import (
+    check_new_folder,
+    code_hash,
+    open_output,
+    provenance,
+    version,
+    write_json,
+    write_text,
+)
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.r157_roads import closing_at_least, cut_in_density
 from cornerforge.pipeline.r157_scenarios import FAMILIES, Panel, panels, rails_of_panel, road_of_r157
@@ -116,7 +124,7 @@ def r157(
         from cornerforge.report import check_r157_page
 
         check_r157_page()
-        _check_new(place)
+        check_new_folder(place)  # before an AV from outside starts
     run = experiment(options, road=odd, takes_foreign=True, seed=seed)
     if place is not None:
         open_output(place, _identity(run, wanted, seed), resume=False)
@@ -152,16 +160,6 @@ def r157(
 def _identity(run: Experiment, wanted: Sequence[Panel], seed: int) -> dict[str, Any]:
     """Name what decides the result."""
     return {**run.identity(seed), "families": ",".join(dict.fromkeys(panel.family for panel in wanted))}
-
-
-def _check_new(place: Path) -> None:
-    """Check, before an AV from outside starts, that the folder is new or empty.
-
-    Raises:
-        OutputError: It holds something, or is no folder.
-    """
-    if place.exists() and (not place.is_dir() or any(place.iterdir())):
-        raise OutputError(f"{place} exists already and is not an empty folder; remove it, or choose another place.")
 
 
 def _setting(setting: Setting, panel: Panel, rails: Rails) -> Setting:

@@ -15,7 +15,7 @@ from cornerforge._checks import check_integer
 from cornerforge.analysis.contact import impact_speed
 from cornerforge.analysis.suite import LeftOut, choose, leave_one_out, rank_agreement
 from cornerforge.drivers.avs import AVS
-from cornerforge.errors import InputError, OutputError, ReplayError
+from cornerforge.errors import InputError, ReplayError
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
 from cornerforge.library.schema import SCRIPTED
@@ -23,7 +23,7 @@ from cornerforge.ndd.model import model_hash, save_model
 from cornerforge.pipeline.cases import SEVERAL, experiment_of
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.generate import MODEL_FILE
-from cornerforge.pipeline.output import check_path, code_hash, config_hash, provenance, version, write_json
+from cornerforge.pipeline.output import check_new_folder, code_hash, config_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, check_threads
 from cornerforge.pipeline.stored_cases import StoredScripts, drive_as_recorded, run_with
@@ -107,7 +107,7 @@ def suite_build(
     options = WorldOptions(**world)
     makers = [_maker(cases, options) for cases in sources]
     _check_fit(sources, makers)
-    _check_free(place)
+    check_new_folder(place)
     found = _driven(sources, makers, names, options, threads, progress)
     chosen = choose(found.crashes, found.severity, size)
     identity = _identity(makers)
@@ -210,21 +210,6 @@ def _check_fit(sources: Sequence[CaseLibrary], makers: Sequence[Experiment]) -> 
                     f"{sources[0].path} and {cases.path} differ in their {what}, so they make no suite together; build "
                     "one of each."
                 )
-
-
-def _check_free(place: Path) -> None:
-    """Check, before long work, that a folder is new or empty.
-
-    Raises:
-        OutputError: It is not.
-    """
-    check_path(place)
-    try:
-        is_free = not place.exists() or (place.is_dir() and not any(place.iterdir()))
-    except OSError as error:
-        raise OutputError(f"{place} cannot be used as a folder: {error.strerror}; choose another place.") from error
-    if not is_free:
-        raise OutputError(f"{place} is there already and not empty; choose a new or empty folder.")
 
 
 def _ends(
