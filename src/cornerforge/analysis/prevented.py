@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_integer, check_number
 from cornerforge.analysis.avoidability import AvoidParams, manoeuvres_of, problem_of
 from cornerforge.counterfactual import (
-    HOLDS,
     Judgements,
     JudgeScratch,
     Manoeuvres,
@@ -20,7 +19,7 @@ from cornerforge.counterfactual import (
     allocate_judgements,
     judge_cases,
 )
-from cornerforge.drivers.careful import CAREFUL
+from cornerforge.drivers.careful import CAREFUL, HOLDS
 from cornerforge.errors import InputError
 from cornerforge.execution import Rooms, in_order
 from cornerforge.fields import Field

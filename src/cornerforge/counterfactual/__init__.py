@@ -14,7 +14,6 @@ from cornerforge._doors import door
 
 if TYPE_CHECKING:
     from cornerforge.counterfactual.careful import (
-        HOLDS,
         Judgements,
         JudgeScratch,
         allocate_judge_scratch,
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 __all__ = [
     "BRAKING",
     "COMBINED",
-    "HOLDS",
     "STEERING",
     "CaseScratch",
     "JudgeScratch",
@@ -63,7 +61,6 @@ __getattr__ = door(
         "allocate_ways_out": "cases",
         "CaseScratch": "cases",
         "search_cases": "cases",
-        "HOLDS": "careful",
         "Judgements": "careful",
         "JudgeScratch": "careful",
         "allocate_judge_scratch": "careful",

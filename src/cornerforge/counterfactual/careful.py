@@ -15,7 +15,7 @@ from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
 from cornerforge.counterfactual.motion import allocate_rows, continue_recording, take_over_av
 from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
-from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of, own_reaction
+from cornerforge.drivers.careful import CAREFUL, HOLDS, Threat, braking_demanded, braking_of, own_reaction
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, box_in, unpack
 from cornerforge.road.straight import way_from
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
-    "HOLDS",
     "JudgeScratch",
     "Judgements",
     "allocate_judge_scratch",
@@ -34,8 +33,6 @@ __all__ = [
     "judge_cases",
 ]
 
-HOLDS = len(CAREFUL)
-"""Column of the driver that only holds its speed."""
 DRIVERS = HOLDS + 1
 AT_ONCE = CAREFUL["reg157"]
 """It has its braking at once; the others have a jerk of their own, which the ODD may limit further."""

@@ -194,7 +194,7 @@ def braking_of(kind: int, since: float, demanded: float, acceleration: float, st
 # In the place of an AV, among others that move as they are told
 
 HOLDS = len(CAREFUL)
-"""Code of a driver that only holds its speed: where that is enough, no care was needed."""
+"""Code of a driver that only holds its speed, after those of `CAREFUL`: where that is enough, no care was needed."""
 SCENARIOS = {"cut-in": 0, "cut-out": 1, "deceleration": 2}
 """Families of scenarios of UN R157 and their codes: `cc-human` sees danger differently in them."""
 _CUT_IN = SCENARIOS["cut-in"]

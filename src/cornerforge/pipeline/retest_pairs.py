@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from cornerforge.analysis.contact import impact_speed
@@ -122,7 +122,7 @@ def _scripted(cases: CaseLibrary, driven: Driven) -> Callable[[str], tuple[Scena
 
 
 def _tests(
-    cases: CaseLibrary, stored: Sequence[str] | set[str], driven: Driven, old: Experiment | None
+    cases: CaseLibrary, stored: Collection[str], driven: Driven, old: Experiment | None
 ) -> Callable[[str], tuple[Scenario | None, Scenario]]:
     """Make what records a test of a seed; without a baseline the stored recording is the old version's."""
     new = driven.new.recorder()

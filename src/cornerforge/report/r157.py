@@ -5,17 +5,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._files import writing
-from cornerforge.errors import MissingExtraError
 from cornerforge.ndd.drawing import check_matplotlib, png_of
 from cornerforge.report import text
+from cornerforge.report.rendering import content_policy, environment, template, write_page
 from cornerforge.results import Regulated
 
 __all__ = ["R157Picture", "check_r157_page", "write_r157_page"]
@@ -74,10 +72,7 @@ def check_r157_page() -> None:
         MissingExtraError: matplotlib or jinja2 is not installed.
     """
     check_matplotlib()
-    try:
-        import jinja2  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("jinja2", "report") from None
+    environment()
 
 
 def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Picture]) -> None:
@@ -91,21 +86,13 @@ def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Pictur
     Raises:
         OutputError: It cannot be written.
     """
-    import jinja2
+    pages = environment()
     from markupsafe import Markup
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("cornerforge.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["n"] = text.count
-    environment.filters["part"] = text.share_in_words
-    environment.filters["in10000"] = lambda value: text.rate(10_000 * value, 2)
-    environment.filters["small"] = lambda value: "< 0.0001 %" if 0.0 < value < _LEAST else text.share_in_words(value)
-    style = resources.files("cornerforge.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
+    pages.filters["n"] = text.count
+    pages.filters["part"] = text.share_in_words
+    pages.filters["in10000"] = lambda value: text.rate(10_000 * value, 2)
+    pages.filters["small"] = lambda value: "< 0.0001 %" if 0.0 < value < _LEAST else text.share_in_words(value)
     sections = []
     for family in result.families:
         drawn = png_of(_drawing([one for one in pictures if one.family == family.family]))
@@ -118,11 +105,14 @@ def write_r157_page(path: Path, result: Regulated, pictures: Sequence[R157Pictur
                 "pairs": [pair for pair in result.pairs if pair.family == family.family],
             }
         )
-    page = environment.get_template("r157.html.j2").render(
-        r=result, sections=sections, drivers=list(_LINES), style=Markup(style)
+    page = pages.get_template("r157.html.j2").render(
+        r=result,
+        sections=sections,
+        drivers=list(_LINES),
+        style=Markup(template("report.css")),
+        policy=content_policy([]),
     )
-    with writing(path) as part:
-        part.write_text(page, encoding="utf-8", newline="\n")
+    write_page(page, path)
 
 
 def _drawing(pictures: Sequence[R157Picture]) -> Any:
