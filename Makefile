@@ -8,6 +8,7 @@ BIN := .venv/bin
 SETUP := .venv/.stamp-setup
 BENCH := .venv-bench/.stamp-setup
 DOCS := .venv-docs/.stamp-setup
+WEB := src/cornerforge/explorer/static/index.html
 WHEEL := .venv-wheel
 PIP := -m pip -qq --disable-pip-version-check
 SCRIPTS := $(wildcard benchmarks/*.py docs/_site/*.py examples/*.py)
@@ -24,12 +25,14 @@ MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-slow check format docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
 
 setup: $(SETUP) ## install cornerforge and its tools into .venv, in the versions of constraints.txt
+
+web: $(WEB) ## build the explorer's page into the package (needs Node.js 20 or newer, which nothing else here does)
 
 demo: $(SETUP) ## find, sort and report corner cases of a built-in AV, and of one with a flaw, within minutes; goes on where it was stopped
 	@$(BIN)/cornerforge run --effort quick --out $(OUT) --resume
@@ -103,6 +106,13 @@ $(SETUP): pyproject.toml constraints.txt
 	@$(call venv,.venv)
 	@$(BIN)/python $(PIP) install -c constraints.txt -e ".[all,dev]"
 	@touch $@
+
+web/node_modules/.stamp-setup: web/package.json web/package-lock.json
+	@command -v npm >/dev/null || { echo "The explorer's page is built with Node.js 20 or newer: install it, then make web."; exit 1; }
+	@cd web && npm ci --no-audit --no-fund --loglevel error && touch node_modules/.stamp-setup
+
+$(WEB): web/node_modules/.stamp-setup web/build.mjs web/tsconfig.json $(shell find web/src -type f)
+	@cd web && npm run --silent check && npm run --silent build
 
 $(BENCH): pyproject.toml constraints.txt
 	@$(call venv,.venv-bench)

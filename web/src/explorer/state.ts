@@ -1,0 +1,20 @@
+// What the user looks at, all of it: the address bar holds this and nothing else, so that a link shows the same again.
+import { signal } from "@preact/signals";
+
+/** A case by its source and its name there, such as "natural/0:12". */
+export type CaseKey = string;
+
+/** The case that is watched; null: none. */
+export const watched = signal<CaseKey | null>(null);
+/** What is shown beside it, in step: another case, or `av:NAME`, the same case driven by another AV; null: nothing. */
+export const beside = signal<string | null>(null);
+/** Seconds since the test began; what is drawn. */
+export const time = signal(0);
+/** Whether time runs, and how fast. */
+export const playing = signal(false);
+export const rate = signal(1);
+export const looping = signal(false);
+/** From above, or from behind and over the AV with orbit. */
+export const camera = signal<"above" | "chase">("above");
+/** Names of the reference drivers shown as ghosts; "way-out" is the AV's last way out. */
+export const ghosts = signal<ReadonlySet<string>>(new Set());

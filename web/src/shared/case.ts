@@ -1,0 +1,48 @@
+// A recorded case, as `cornerforge.report.cases.case_data` writes it. Metres, seconds, radians; y to the left.
+
+export type Kind = "car" | "truck" | "motorcycle";
+
+/** The motion of one vehicle, every 0.1 s. Its lists begin at frame `from`; a null is a frame that was not recorded. */
+export interface Motion {
+  readonly length: number;
+  readonly width: number;
+  readonly from: number;
+  readonly x: readonly (number | null)[];
+  readonly y: readonly (number | null)[];
+  readonly v: readonly (number | null)[];
+  readonly h: readonly (number | null)[];
+  /** Lane kept or changed to; -1 where it is not known. */
+  readonly lane: readonly number[];
+}
+
+export interface Vehicle extends Motion {
+  readonly slot: number;
+  readonly kind: Kind;
+}
+
+/** What happened from frame 0 on, which is `first` frames after the test began. `vehicles[0]` is the AV. */
+export interface Case {
+  readonly id: string;
+  /** Seconds between two frames. */
+  readonly dt: number;
+  readonly first: number;
+  readonly frames: number;
+  readonly lanes: number;
+  readonly laneWidth: number;
+  readonly maxSpeed: number;
+  readonly vehicles: readonly Vehicle[];
+  /** The AV on its last way out. */
+  readonly wayOut: Motion | null;
+  /** At each decision (every 10 frames of the test) the critical BV's index into `vehicles`, -1: none. */
+  readonly critical: readonly number[];
+  readonly action: readonly string[];
+  /** Natural probability of the action; null: no critical BV. */
+  readonly p_nde: readonly (number | null)[];
+  /** Frame of the first contact; null: none. */
+  readonly crash: number | null;
+  /** Index of the vehicle that the AV touches first; -1: none. */
+  readonly partner: number;
+  /** Time to collision with the partner at each frame [s], in the lane and in the plane; null: infinite. */
+  readonly ttc: readonly (number | null)[];
+  readonly ttcPlane: readonly (number | null)[];
+}
