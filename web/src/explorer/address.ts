@@ -150,12 +150,18 @@ export function readFilter(text: string): Filter | null {
     const ends = { lo: lo === "" ? -Infinity : Number(lo), hi: hi === "" ? Infinity : Number(hi) };
     return ends.lo <= ends.hi ? { kind: "range", ...ends } : null;
   }
-  const values: string[] = [""];
+  const values: string[] = [];
+  let value = "";
   for (let i = 0; i < text.length; i++) {
-    if (text[i] === "\\" && i + 1 < text.length) values[values.length - 1] += text[++i];
-    else if (text[i] === "|") values.push("");
-    else values[values.length - 1] += text[i];
+    if (text[i] === "|") {
+      values.push(value);
+      value = "";
+    } else {
+      if (text[i] === "\\" && i + 1 < text.length) i++;
+      value += text[i]!;
+    }
   }
+  values.push(value);
   const some = values.filter((value) => value !== "");
   return some.length > 0 ? { kind: "values", values: some } : null;
 }
