@@ -1,5 +1,5 @@
 // What the user looks at, all of it: the address bar holds this and nothing else, so that a link shows the same again.
-import { signal } from "@preact/signals";
+import { batch, signal } from "@preact/signals";
 
 /** A case by its source and its name there, such as "natural/0:12". */
 export type CaseKey = string;
@@ -18,3 +18,16 @@ export const looping = signal(false);
 export const camera = signal<"above" | "chase">("above");
 /** Names of the reference drivers shown as ghosts; "way-out" is the AV's last way out. */
 export const ghosts = signal<ReadonlySet<string>>(new Set());
+
+/** Where the next case opens: at a time of its test, at its contact ("crash"), or (null) 5 s before its contact. */
+export const opening = signal<number | "crash" | null>(null);
+
+/** Watch a case. It plays at once only where the user asked for it, as with a Play button. */
+export function open(key: CaseKey, at: number | "crash" | null = null, play = false): void {
+  batch(() => {
+    opening.value = at;
+    playing.value = play;
+    beside.value = null;
+    watched.value = key;
+  });
+}
