@@ -3,7 +3,7 @@ import { batch, effect } from "@preact/signals";
 import { NOWHERE, type Place, read, write } from "./address";
 import { about, infos, n, rowOf, say } from "./data";
 import type { Filter } from "./filters";
-import { axes, beside, camera, colour, filters, ghosts, lasso, playing, show, sort, sql, startAt, time, watched } from "./state";
+import { axes, beside, camera, colour, filters, ghosts, lasso, opening, playing, show, sort, sql, time, watched } from "./state";
 import { cursor, isNumeric } from "./views";
 
 /** How long after a change the address bar follows [ms]: browsers refuse more than some ten writes a second. */
@@ -29,17 +29,16 @@ function present(): Place {
 
 let shownTime: Place["t"] = null;
 
+/** Until a case is read, the link keeps where it is to open. */
 function wantedTime(): Place["t"] {
-  if (startAt.value !== null) return startAt.value;
-  return time.value > 0 ? time.value : null;
+  return opening.value ?? (time.value > 0 ? time.value : null);
 }
 
 function apply(place: Place): void {
   batch(() => {
     if (place.case !== watched.peek()) {
       playing.value = false;
-      time.value = typeof place.t === "number" ? place.t : 0;
-      startAt.value = place.t;
+      opening.value = place.t;
     } else if (typeof place.t === "number" && !playing.peek()) time.value = place.t;
     watched.value = place.case;
     beside.value = place.beside;

@@ -1,5 +1,5 @@
 // What the user looks at, all of it: the address bar holds this and nothing else, so that a link shows the same again.
-import { signal } from "@preact/signals";
+import { batch, signal } from "@preact/signals";
 import type { Filter } from "./filters";
 import type { Point } from "./lasso";
 
@@ -12,8 +12,6 @@ export const watched = signal<CaseKey | null>(null);
 export const beside = signal<string | null>(null);
 /** Seconds since the test began; what is drawn. */
 export const time = signal(0);
-/** Where the next case that is read begins [s], or at its crash; null: at its beginning. Whoever reads the case takes it. */
-export const startAt = signal<number | "crash" | null>(null);
 /** Whether time runs, and how fast. */
 export const playing = signal(false);
 export const rate = signal(1);
@@ -22,6 +20,19 @@ export const looping = signal(false);
 export const camera = signal<"above" | "chase">("above");
 /** Names of the reference drivers shown as ghosts; "way-out" is the AV's last way out. */
 export const ghosts = signal<ReadonlySet<string>>(new Set());
+
+/** Where the next case opens: at a time of its test, at its contact ("crash"), or (null) 5 s before its contact. */
+export const opening = signal<number | "crash" | null>(null);
+
+/** Watch a case. It plays at once only where the user asked for it, as with a Play button. */
+export function open(key: CaseKey, at: number | "crash" | null = null, play = false): void {
+  batch(() => {
+    opening.value = at;
+    playing.value = play;
+    beside.value = null;
+    watched.value = key;
+  });
+}
 
 /** By the name of the column. */
 export const filters = signal<ReadonlyMap<string, Filter>>(new Map());

@@ -1,5 +1,5 @@
 // What the panes show, computed from the state and the columns: which cases pass, in which order, where, in which colour.
-import { computed, effect, signal } from "@preact/signals";
+import { batch, computed, effect, signal } from "@preact/signals";
 import { ApiError, type ColumnInfo, postSql } from "./api";
 import type { Box } from "./camera";
 import { type Column, extentOf, orderOf, valuesOf } from "./columns";
@@ -8,7 +8,7 @@ import { countPassing, failsOf, failsOfBits, type Filter, passingOf, sumOf } fro
 import { onceIn, plainName } from "./format";
 import { failsOfLasso, type Point } from "./lasso";
 import { binsOf, encodeCategories, encodeNumbers, type Encoding } from "./scales";
-import { axes, colour, filters, lasso, show, sort, sql, startAt, watched, playing, time, beside } from "./state";
+import { axes, colour, filters, lasso, open, show, sort, sql, watched } from "./state";
 import { dark } from "./theme";
 
 /** Bins of histograms. */
@@ -298,14 +298,12 @@ export const encoding = computed<Encoding | null>(() => {
 /** Row under the cursor of list and map; -1: none. */
 export const cursor = signal(-1);
 
-export function watch(key: string, { play = false, at = null }: { play?: boolean; at?: number | "crash" | null } = {}): void {
-  startAt.value = at;
-  if (watched.peek() !== key) beside.value = null;
-  playing.value = false;
-  time.value = typeof at === "number" ? at : 0;
-  watched.value = key;
-  cursor.value = rowOf(key);
-  playing.value = play;
+/** Watch a case, with the cursor on it. */
+export function watch(key: string, play = false): void {
+  batch(() => {
+    open(key, null, play);
+    cursor.value = rowOf(key);
+  });
 }
 
 /** Move the cursor along the list; a case that is watched gives way to the new one. */
