@@ -1,5 +1,7 @@
 // What the user looks at, all of it: the address bar holds this and nothing else, so that a link shows the same again.
 import { batch, signal } from "@preact/signals";
+import type { Filter } from "./filters";
+import type { Point } from "./lasso";
 
 /** A case by its source and its name there, such as "natural/0:12". */
 export type CaseKey = string;
@@ -31,3 +33,15 @@ export function open(key: CaseKey, at: number | "crash" | null = null, play = fa
     watched.value = key;
   });
 }
+
+/** By the name of the column. */
+export const filters = signal<ReadonlyMap<string, Filter>>(new Map());
+/** Around cases of the map, in units of its axes; empty: none. */
+export const lasso = signal<readonly Point[]>([]);
+/** A condition for the server; "": none. */
+export const sql = signal("");
+/** Columns; null: the usual ones (`views.ts` says which). */
+export const colour = signal<string | null>(null);
+export const axes = signal<readonly [string, string] | null>(null);
+export const sort = signal<{ readonly column: string; readonly descending: boolean } | null>(null);
+export const show = signal<readonly string[] | null>(null);
