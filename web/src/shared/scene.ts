@@ -220,7 +220,8 @@ interface Name {
   readonly box: Box;
   readonly below: boolean;
   readonly strong: boolean;
-  readonly colour: string;
+  /** Of the line under the name; null: none. */
+  readonly colour: string | null;
 }
 
 /** Write names where they hide no vehicle and no other name; a plate keeps them clear of lane markings. */
@@ -238,7 +239,7 @@ function drawNames(g: Pen, view: View, names: readonly Name[], boxes: readonly B
     if (!at) return;
     const gap = Math.abs(at.y - wish.box.y) - at.h - wish.box.h;
     if (gap > 6 || (Math.abs(at.x - wish.box.x) > 1 && Math.abs(at.y - wish.box.y) > at.h)) {
-      g.strokeStyle = colour;
+      g.strokeStyle = colour ?? colours.muted;
       g.lineWidth = 1;
       g.beginPath();
       g.moveTo(at.x, at.y - Math.sign(at.y - wish.box.y) * at.h);
@@ -247,7 +248,7 @@ function drawNames(g: Pen, view: View, names: readonly Name[], boxes: readonly B
     }
     g.fillStyle = colours.road;
     g.fillRect(at.x - at.w, at.y - at.h, 2 * at.w, 2 * at.h);
-    if (strong) {
+    if (colour) {
       g.fillStyle = colour;
       g.fillRect(at.x - at.w, at.y + at.h - 2, 2 * at.w, 2);
     }
@@ -300,9 +301,12 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
   // The two that meet carry their names on the sides turned away from each other.
   const below = (i: number) => (partner !== null && isOfPair(i) ? (i === 0) === av.y < partner.y : false);
   const named = [0, ...(partner ? [item.partner] : []), ...(isBrief ? [] : others)];
-  const names = named.map((i) => ({
-    text: nameOf(item, i, boxes[i]!, isBrief), box: boxes[i]!, below: below(i), strong: isOfPair(i), colour: colour(i),
+  const names: Name[] = named.map((i) => ({
+    text: nameOf(item, i, boxes[i]!, isBrief), box: boxes[i]!, below: below(i), strong: isOfPair(i), colour: isOfPair(i) ? colour(i) : null,
   }));
+  for (const { box, colour: shade, name } of shades) {
+    if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
+  }
   drawNames(g, view, names, order.map((i) => boxes[i]!), colours);
 }
 
