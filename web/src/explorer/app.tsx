@@ -17,21 +17,19 @@ import { cursor, startAsking, startWanting, step, watch } from "./views";
 export function App() {
   useEffect(() => {
     const stops: (() => void)[] = [];
-    let gone = false;
+    let begun = false;
     const begin = async () => {
       await refresh();
-      if (gone || !about.peek()) return;
+      if (begun || !about.peek()) return;
+      begun = true;
       stops.push(bind(), startWanting(), startAsking(), startArranging());
       void readNotes();
     };
     // Without an answer there is nothing to tie together yet: the banner's button asks again.
-    const stopWaiting = failure.subscribe((line) => {
-      if (line === null && about.peek() === null && stops.length === 0) void begin();
-    });
-    stops.push(stopWaiting);
+    stops.push(failure.subscribe((line) => { if (line === null && !begun) void begin(); }));
     document.addEventListener("keydown", onKey);
     return () => {
-      gone = true;
+      begun = true;
       stops.forEach((stop) => stop());
       document.removeEventListener("keydown", onKey);
     };
@@ -102,7 +100,8 @@ function onKey(event: KeyboardEvent): void {
     return;
   }
   if (inField || helpOpen.peek()) return;
-  const act = KEYS[event.key];
+  const isFree = document.activeElement === document.body;
+  const act = event.key === "Enter" && isFree && cursor.peek() >= 0 ? () => watch(keyOf(cursor.peek())) : KEYS[event.key];
   if (!act) return;
   event.preventDefault();
   act();
@@ -111,7 +110,6 @@ function onKey(event: KeyboardEvent): void {
 const KEYS: Readonly<Record<string, () => void>> = {
   j: () => step(1),
   k: () => step(-1),
-  Enter: () => { if (document.activeElement === document.body && cursor.peek() >= 0) watch(keyOf(cursor.peek())); },
   "/": () => focus("search"),
   f: () => { tab.value = "filters"; focusIn(".filters summary, .filters input"); },
   c: () => { tab.value = "map"; focus("colour"); },

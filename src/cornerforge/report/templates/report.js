@@ -289,7 +289,7 @@
       if (!at) return;
       const gap = Math.abs(at.y - wish.box.y) - at.h - wish.box.h;
       if (gap > 6 || Math.abs(at.x - wish.box.x) > 1 && Math.abs(at.y - wish.box.y) > at.h) {
-        g.strokeStyle = colour;
+        g.strokeStyle = colour ?? colours.muted;
         g.lineWidth = 1;
         g.beginPath();
         g.moveTo(at.x, at.y - Math.sign(at.y - wish.box.y) * at.h);
@@ -298,7 +298,7 @@
       }
       g.fillStyle = colours.road;
       g.fillRect(at.x - at.w, at.y - at.h, 2 * at.w, 2 * at.h);
-      if (strong) {
+      if (colour) {
         g.fillStyle = colour;
         g.fillRect(at.x - at.w, at.y + at.h - 2, 2 * at.w, 2);
       }
@@ -351,8 +351,11 @@
       box: boxes[i],
       below: below(i),
       strong: isOfPair(i),
-      colour: colour(i)
+      colour: isOfPair(i) ? colour(i) : null
     }));
+    for (const { box, colour: shade, name } of shades) {
+      if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
+    }
     drawNames(g, view, names, order.map((i) => boxes[i]), colours);
   }
   function heightFor(item, width, metres) {
@@ -380,7 +383,16 @@
     "grid",
     "way-out",
     "way-out-box",
-    "plane"
+    "plane",
+    "accent",
+    "ghost-1",
+    "ghost-2",
+    "ghost-3",
+    "ghost-4",
+    "ghost-1-box",
+    "ghost-2-box",
+    "ghost-3-box",
+    "ghost-4-box"
   ];
   var css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   function readColours() {
