@@ -8,6 +8,7 @@ BIN := .venv/bin
 SETUP := .venv/.stamp-setup
 BENCH := .venv-bench/.stamp-setup
 DOCS := .venv-docs/.stamp-setup
+BROWSER := .venv/.stamp-browser
 WEB := src/cornerforge/explorer/static/index.html
 WHEEL := .venv-wheel
 PIP := -m pip -qq --disable-pip-version-check
@@ -25,7 +26,7 @@ MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-slow check format docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-slow test-browser check format docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -44,7 +45,11 @@ test: $(SETUP) ## run the default tests and the examples in docstrings: offline,
 	@$(BIN)/python -m pytest -n auto --dist loadfile --durations 25
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
-	@$(BIN)/python -m pytest -m "not gpu" --seed random --hypothesis-profile slow
+	@$(BIN)/python -m pytest -m "not gpu and not browser" --seed random --hypothesis-profile slow
+
+test-browser: $(SETUP) $(WEB) $(BROWSER) ## test the explorer and the pages: their scripts with Vitest, and all of it in Chromium
+	@cd web && npm test --silent
+	@$(BIN)/python -m pytest -m browser --durations 5 tests/browser
 
 check: $(SETUP) ## check format, lint, types, layers and spelling; changes nothing
 	@$(BIN)/ruff format --check --quiet --output-format concise $(LINTED) || { echo "Not formatted; format it with: make format"; exit 1; }
@@ -62,7 +67,7 @@ docs: $(DOCS) ## build the documentation as a site that loads nothing from elsew
 	@.venv-docs/bin/python docs/_site/site_check.py site
 
 # The tests run from the unpacked source archive, without its src/: what they import can only be the installed wheel.
-wheel: $(SETUP) ## build the source archive and the wheel, and try them in an environment of their own: dist/
+wheel: $(SETUP) $(WEB) ## build the source archive and the wheel, and try them in an environment of their own: dist/
 	@rm -rf build dist $(WHEEL)
 	@$(BIN)/python -m build --outdir dist . >build.log 2>&1 || { cat build.log; exit 1; }
 	@$(BIN)/python -m build --wheel --outdir build/direct . >build.log 2>&1 || { cat build.log; exit 1; }
@@ -98,7 +103,7 @@ clean-cache: ## drop the compiled kernels; the next start compiles them anew (ne
 	@find src \( -name '*.nbi' -o -name '*.nbc' \) -delete
 
 clean: clean-cache ## drop all that make made, .venv too; keeps out/
-	@rm -rf .venv .venv-* build dist site .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@rm -rf .venv .venv-* build dist site web/node_modules src/cornerforge/explorer/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # A stamp is newer than the two files that decide what gets installed, or the installation runs again.
@@ -113,6 +118,14 @@ web/node_modules/.stamp-setup: web/package.json web/package-lock.json
 
 $(WEB): web/node_modules/.stamp-setup web/build.mjs web/tsconfig.json $(shell find web/src -type f)
 	@cd web && npm run --silent check && npm run --silent build
+
+# Chromium is the system's: on Debian and Ubuntu it is installed here, if that is allowed.
+$(BROWSER): $(SETUP)
+	@command -v chromium >/dev/null || { command -v apt-get >/dev/null && test "$$(id -u)" = 0 && \
+	  { apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install -y chromium; } >apt.log 2>&1 && rm apt.log; } || \
+	  { echo "The tests need Chromium as the program chromium; install it, for example: sudo apt-get install chromium"; exit 1; }
+	@$(BIN)/python $(PIP) install -c constraints.txt -e ".[browser]"
+	@touch $@
 
 $(BENCH): pyproject.toml constraints.txt
 	@$(call venv,.venv-bench)

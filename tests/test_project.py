@@ -17,7 +17,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parents[1]
-MADE = {".git", "out", "build", "dist", "site", "cornerforge-out", "__pycache__"}
+MADE = {".git", "out", "build", "dist", "site", "static", "node_modules", "cornerforge-out", "__pycache__"}
 LARGE_BYTES = 500_000
 MAY_BE_LARGE = {"src/cornerforge/ndd/default_model.npz"}
 PROBE = Path(__file__).with_name("import_probe.py")
