@@ -1,0 +1,223 @@
+"""The explorer as somebody uses it, in a browser without a GPU."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+from browser_session import Opener, Server, serve
+
+pytestmark = pytest.mark.browser
+
+FIRST = "The most frequent crash that a careful driver would have prevented"
+
+
+def shown(page: Any) -> tuple[int, int]:
+    """Cases that pass the filters, and all cases."""
+    line = page.get_by_role("status").filter(has_text=" cases").first.inner_text()
+    found = re.match(r"([\d,]+) of ([\d,]+) cases", line)
+    assert found is not None, line
+    few, all_ = (int(part.replace(",", "")) for part in found.groups())
+    return few, all_
+
+
+def ready(page: Any) -> Any:
+    page.get_by_role("heading", name=FIRST).wait_for()
+    page.get_by_role("status").filter(has_text=" cases").first.wait_for()
+    return page
+
+
+def seconds(page: Any) -> float:
+    return float(page.get_by_label("time since the test began").inner_text().split(" s")[0])
+
+
+def first_case(page: Any) -> str:
+    """Key of the case of the first card."""
+    found = re.search(r"Case (\S+) at the contact", page.get_by_role("img").first.get_attribute("aria-label"))
+    assert found is not None
+    return found.group(1)
+
+
+def test_a_newcomer_plays_the_most_frequent_preventable_natural_crash(server: Server, look: Opener) -> None:
+    """Without reading anything: it is the first thing on the page, in sight, with the first button that says Play."""
+    page = ready(look(server.url))
+    play = page.get_by_role("button", name="Play").first
+    box = play.bounding_box()
+    assert box["y"] + box["height"] <= 720
+    assert FIRST in play.get_attribute("aria-label")
+    play.click()
+    page.get_by_role("button", name="Pause").wait_for()
+    before = seconds(page)
+    page.wait_for_function("document.querySelector('.watch [role=status]')?.textContent.includes('contact')")
+    page.get_by_role("button", name="Play").first.wait_for()  # it has come to its end
+    assert seconds(page) > before
+    assert "case=natural/" in page.url
+    assert "by braking" in page.locator(".watch").inner_text()
+
+
+def test_filters_narrow_all_views_and_the_link_shows_the_same_again(server: Server, look: Opener) -> None:
+    page = ready(look(server.url))
+    all_ = shown(page)
+    box = page.get_by_role("region", name="Filters").get_by_role("checkbox", name="a careful driver, by braking")
+    expected = int(re.sub(r"\D", "", box.get_attribute("aria-label") or box.evaluate("e => e.closest('label').innerText")))
+    box.check()
+    page.wait_for_function(f"document.body.innerText.includes('{expected:,} of')")
+    few = shown(page)
+    assert 0 < few[0] == expected < all_[0]
+    rows = page.get_by_role("grid").get_by_role("row")
+    assert int(page.get_by_role("grid").get_attribute("aria-rowcount")) == few[0] + 1
+    assert all("careful driver" in text for text in rows.all_inner_texts()[1:])
+    again = ready(look(page.url))
+    again.wait_for_function(f"document.body.innerText.includes('{expected:,} of')")
+    assert shown(again) == few
+
+
+def test_the_lasso_chooses_what_it_encloses(server: Server, look: Opener) -> None:
+    page = ready(look(server.url))
+    all_ = shown(page)[0]
+    page.get_by_role("button", name="Lasso").click()
+    box = page.get_by_role("application").bounding_box()
+    left, top, right, bottom = box["x"] + 5, box["y"] + 5, box["x"] + box["width"] / 2, box["y"] + box["height"] - 5
+    page.mouse.move(left, top)
+    page.mouse.down()
+    for x, y in ((right, top), (right, bottom), (left, bottom), (left, top)):
+        page.mouse.move(x, y, steps=6)
+    page.mouse.up()
+    page.wait_for_function("location.hash.includes('lasso=')")
+    half = shown(page)[0]
+    assert 0 < half < all_
+    again = ready(look(page.url))
+    again.wait_for_function(f"document.body.innerText.includes('{half:,} of')")
+
+
+def test_a_click_on_the_map_shows_the_case_under_it(server: Server, look: Opener) -> None:
+    page = ready(look(server.url + "#f.source=natural"))
+    page.get_by_role("grid").get_by_role("row").nth(1).click()
+    page.locator(".watch").wait_for()
+    key = re.search(r"case=([^&]+)", page.url)
+    page.go_back()
+    assert key is not None
+    page.locator(".watch").wait_for(state="detached")
+    place = page.get_by_role("application").bounding_box()
+    # Somewhere on a grid there is a point.
+    for i in range(400):
+        page.mouse.click(place["x"] + place["width"] * (0.05 + 0.9 * (i % 20) / 19), place["y"] + place["height"] * (0.1 + 0.8 * (i // 20) / 19))
+        if "case=" in page.url:
+            break
+    page.locator(".watch").wait_for()
+
+
+def test_sql_filters_and_says_what_is_wrong(server: Server, look: Opener) -> None:
+    page = ready(look(server.url, allowed=("400",)))
+    all_ = shown(page)[0]
+    page.get_by_text("SQL, for experts").click()
+    box = page.get_by_role("region", name="Filters").get_by_role("textbox", name=re.compile("SQL|condition", re.I)).first
+    box.fill("impact_speed_mps > 8")
+    box.press("Control+Enter")
+    page.wait_for_function("location.hash.includes('sql=')")
+    page.wait_for_function(f"!document.body.innerText.includes('{all_:,} of')")
+    assert 0 < shown(page)[0] < all_
+    box.fill("no_such_column > 8")
+    box.press("Control+Enter")
+    page.get_by_text("no_such_column").filter(visible=True).first.wait_for()
+
+
+def test_a_case_beside_the_same_with_another_av_in_step(server: Server, look: Opener) -> None:
+    page = ready(look(server.url))
+    page.get_by_role("button", name="Play").first.click()
+    page.locator(".watch").wait_for()
+    page.locator(".watch").get_by_label("beside").select_option(label="idm-mobil")
+    page.wait_for_function("document.querySelectorAll('.watch canvas[role=img], .watch [role=img] canvas').length >= 2 || document.querySelectorAll('.watch figure').length >= 2")
+    assert "beside=av" in page.url or "beside" in page.url
+
+
+def test_three_dimensions_come_without_a_graphics_card(server: Server, look: Opener) -> None:
+    key = first_case(ready(look(server.url)))
+    page = look(f"{server.url}#case={quote(key, safe='/:')}&t=crash&camera=chase", allowed=("WebGL", "GPU stall"))
+    drawn = page.locator(".watch canvas, .watch svg").first
+    drawn.wait_for()
+    page.wait_for_timeout(500)
+    picture = page.locator(".watch figure").first.screenshot()
+    assert len(picture) > 8_000, "an even area compresses to less"
+
+
+@pytest.mark.parametrize("wrong", ["natural/0:999999999", "nowhere/0:1", "../../etc/passwd", "natural/%00"])
+def test_a_bad_link_is_said_and_the_page_goes_on(server: Server, look: Opener, wrong: str) -> None:
+    page = ready(look(f"{server.url}#case={wrong}&f.nothing=1&colour=none&t=x", allowed=("404", "400")))
+    page.get_by_text("not here").first.wait_for()
+    page.get_by_role("button", name="Play").first.click()
+    page.locator(".watch").wait_for()
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_phone_shows_all_of_it_without_scrolling_sideways(server: Server, look: Opener, dark: bool) -> None:
+    page = ready(look(server.url, width=390, height=844, dark=dark))
+    wide = "document.documentElement.scrollWidth"
+    assert page.evaluate(wide) <= 390
+    page.get_by_role("button", name="Play").first.click()
+    page.locator(".watch").wait_for()
+    assert page.evaluate(wide) <= 390
+    for tab in ("Map", "List", "Filters"):
+        page.get_by_role("tab", name=tab).or_(page.get_by_role("button", name=tab, exact=True)).first.click()
+        assert page.evaluate(wide) <= 390
+    light = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (sum(int(part) for part in re.findall(r"\d+", light)[:3]) < 200) is dark
+
+
+def test_the_keyboard_reaches_everything(server: Server, look: Opener) -> None:
+    page = ready(look(server.url))
+    page.keyboard.press("?")
+    page.get_by_role("dialog").wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_role("dialog").wait_for(state="hidden")
+    page.keyboard.press("j")
+    page.keyboard.press("Enter")
+    page.locator(".watch").wait_for()
+    page.keyboard.press("Space")
+    page.get_by_role("button", name="Pause").wait_for()
+    page.keyboard.press("Space")
+    at = seconds(page)
+    page.keyboard.press("ArrowRight")
+    page.wait_for_function(f"!document.querySelector('.watch [role=status]').textContent.startsWith('{at:.1f} s')")
+    assert seconds(page) == pytest.approx(at + 0.1, abs=0.051)
+    page.keyboard.press("Escape")
+    page.locator(".watch").wait_for(state="detached")
+
+
+def test_notes_are_kept_beside_the_library(server: Server, look: Opener, run: Path) -> None:
+    page = ready(look(server.url))
+    page.get_by_role("button", name="Play").first.click()
+    page.get_by_role("textbox", name=re.compile("note", re.I)).first.fill("brakes far too late")
+    page.get_by_text(re.compile("saved", re.I)).first.wait_for()
+    again = look(page.url)
+    box = again.get_by_role("textbox", name=re.compile("note", re.I)).first
+    box.wait_for()
+    again.wait_for_function("[...document.querySelectorAll('textarea')].some(one => one.value === 'brakes far too late')")
+    kept = json.loads((run / "natural" / "library-notes.json").read_text(encoding="utf-8"))
+    assert "brakes far too late" in json.dumps(kept)
+
+
+def test_a_library_without_analysis_gets_one_while_it_is_looked_at(look: Opener, run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run / "library", tmp_path / "bare")
+    bare = serve(tmp_path / "bare")
+    try:
+        page = look(bare.url)
+        page.get_by_role("status").filter(has_text=" cases").first.wait_for()
+        assert shown(page) == (300, 300)
+        page.get_by_role("button", name="Play").first.wait_for(timeout=60_000)
+        assert (tmp_path / "bare-analysis" / "analysis.json").is_file()
+    finally:
+        bare.stop()
+
+
+def test_a_server_that_is_gone_is_said(look: Opener, run: Path) -> None:
+    gone = serve(run)
+    page = ready(look(gone.url, allowed=("ERR_CONNECTION_REFUSED", "Failed to fetch", "Failed to load")))
+    gone.stop()
+    page.get_by_role("grid").get_by_role("row").nth(1).click()
+    page.get_by_role("alert").first.wait_for()
