@@ -24,7 +24,7 @@ export function MapPane() {
   return (
     <>
       <header class="pane-head">
-        <h2 class="narrow-hidden">Map</h2>
+        <h2 class="hidden">Map</h2>
         <label class="pick">
           Colour
           <select id="colour" value={colourColumn.value ?? ""} onChange={(event) => (colour.value = event.currentTarget.value)}>
@@ -191,7 +191,7 @@ function Tip() {
     <div class="tip" style={{ left: right ? "auto" : `${px + 14}px`, right: right ? `${size.value.width - px + 14}px` : "auto", top: `${Math.max(4, Math.min(size.value.height - 74, py - 20))}px` }}>
       <b>{keyOf(row)}</b>
       {kind && <p>{cellOf(kind, columns.value.get(kind), row)}</p>}
-      {shown && shown !== kind && <p>{nameOf(shown)}: {cellOf(shown, columns.value.get(shown), row)} {unit}</p>}
+      {shown && shown !== kind && <p>{nameOf(shown)}: {shown === "often" && "once in "}{cellOf(shown, columns.value.get(shown), row)} {unit}</p>}
     </div>
   );
 }
