@@ -52,7 +52,9 @@ function Dimension({ column, open }: { column: string; open: boolean }) {
   const info = infos.value.get(column);
   const loaded = columns.value.get(column);
   const name = capital(nameOf(column));
-  if (!filter && loaded && saysNothing(loaded)) return null;
+  const others = sourceMask.value;
+  const isEmpty = useMemo(() => loaded !== undefined && saysNothing(loaded, others), [loaded, others]);
+  if (!filter && isEmpty) return null;
   return (
     <details class="dimension" open={isOpen || filter !== undefined} onToggle={(event) => setOpen(event.currentTarget.open)}>
       <summary title={info?.meaning}>
@@ -71,8 +73,7 @@ function Dimension({ column, open }: { column: string; open: boolean }) {
 }
 
 /** Whether no case of the chosen sources has a value. */
-function saysNothing(column: Column): boolean {
-  const others = sourceMask.value;
+function saysNothing(column: Column, others: Uint8Array | null): boolean {
   if (column.kind === "category") {
     const unknown = column.names.indexOf(NOT_KNOWN);
     return unknown >= 0 && column.codes.every((code, row) => code === unknown || others?.[row] === 1);
