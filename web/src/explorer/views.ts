@@ -68,9 +68,13 @@ export const listColumns = computed<readonly string[]>(() => {
   return USUAL_LIST[shownKind.value].filter((name) => has(name) && (name !== "labels" || some));
 });
 
+// Signals of their own, so that what depends on the source alone stays as it is when other filters change.
+const sourceFilter = computed(() => filters.value.get("source"));
+const sourceColumn = computed(() => columns.value.get("source"));
+
 /** Whether the chosen sources hold natural cases, made ones, or both. */
 export const shownKind = computed<"natural" | "made" | "both">(() => {
-  const filter = filters.value.get("source");
+  const filter = sourceFilter.value;
   const chosen = (about.value?.sources ?? []).filter(({ name }) => filter?.kind !== "values" || filter.values.includes(name));
   return chosen.every(({ natural }) => natural) ? "natural" : chosen.some(({ natural }) => natural) ? "both" : "made";
 });
@@ -256,11 +260,7 @@ export interface Placed {
 }
 
 /** Rows of other sources than the chosen ones; null: all sources are chosen. */
-export const sourceMask = computed(() => {
-  const filter = filters.value.get("source");
-  const column = columns.value.get("source");
-  return filter && column ? failsOf(column, filter) : null;
-});
+export const sourceMask = computed(() => (sourceFilter.value && sourceColumn.value ? failsOf(sourceColumn.value, sourceFilter.value) : null));
 
 export const placed = computed<Placed | null>(() => {
   const names = axisColumns.value;
