@@ -2,7 +2,7 @@
 import { effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { ticks, toData, toScreen } from "./camera";
-import { columns, infos, keyOf, n, rowOf } from "./data";
+import { columns, failure, infos, keyOf, n, rowOf } from "./data";
 import { count, number } from "./format";
 import { Legend } from "./legend";
 import { cellOf } from "./list";
@@ -23,7 +23,7 @@ const FINGER = 20;
 export function MapPane() {
   return (
     <>
-      <header class="pane-head">
+      <header class="pane-head map-head">
         <h2 class="hidden">Map</h2>
         <label class="pick">
           Colour
@@ -113,7 +113,7 @@ function Waiting() {
   const hasPlane = axisColumns.value !== null && infos.value.size > 1;
   return (
     <div class="empty over" role="status">
-      {infos.value.size <= 1 || hasPlane ? <p>Loading the cases …</p> : <p>The map appears when the analysis is done.</p>}
+      {failure.value !== null ? <p>Nothing to show: the server did not answer.</p> : infos.value.size <= 1 || hasPlane ? <p>Loading the cases …</p> : <p>The map appears when the analysis is done.</p>}
     </div>
   );
 }

@@ -46,6 +46,8 @@ const USUAL_LIST = {
   made: ["case_id", "crash_type", "value", "prevention", "impact_speed_mps", "labels"],
   both: ["source", "case_id", "crash_type", "prevention", "impact_speed_mps", "often", "value", "labels"],
 };
+/** What the list shows instead where there is no analysis. */
+const PLAIN_LIST = ["case_id", "mechanism", "crash_type", "av_speed_mps", "bv_speed_mps", "crash_time_s", "labels"];
 
 const has = (name: string) => infos.value.has(name);
 
@@ -65,7 +67,9 @@ export const listColumns = computed<readonly string[]>(() => {
   if (show.value) return show.value.filter((name) => name === "case_id" || has(name));
   const labelled = columns.value.get("labels");
   const some = labelled?.kind === "category" && labelled.names.length > 1;
-  return USUAL_LIST[shownKind.value].filter((name) => has(name) && (name !== "labels" || some));
+  const kind = shownKind.value;
+  const other = kind === "natural" && has("mechanism") ? "crash_type" : "mechanism";
+  return (has("prevention") ? USUAL_LIST[kind] : PLAIN_LIST).filter((name) => has(name) && name !== other && (name !== "labels" || some));
 });
 
 // Signals of their own, so that what depends on the source alone stays as it is when other filters change.
@@ -313,9 +317,12 @@ export const encoding = computed<Encoding | null>(() => {
 /** Row under the cursor of list and map; -1: none. */
 export const cursor = signal(-1);
 
-/** Watch a case, with the cursor on it. */
+/** Watch a case, with the cursor on it. A case of a source that is not shown brings its source. */
 export function watch(key: string, play = false): void {
+  const source = key.slice(0, key.indexOf("/"));
+  const chosen = sourceFilter.peek();
   batch(() => {
+    if (chosen?.kind === "values" && !chosen.values.includes(source)) setFilter("source", { kind: "values", values: [source] });
     open(key, null, play);
     cursor.value = rowOf(key);
   });
