@@ -2,7 +2,7 @@
 import type { Case, Motion } from "./case";
 import type { Colours } from "./colours";
 import { type Rect, place } from "./labels";
-import { type Box, type Point, boxAt, changesTo, criticalAt, overlap } from "./motion";
+import { type Box, type Point, boxAt, changesTo, criticalAt, touch } from "./motion";
 import { brakes, trail } from "./trails";
 
 /** A vehicle that was not there: where the AV would be had it acted otherwise. */
@@ -188,16 +188,19 @@ function drawTarget(g: Pen, view: View, item: Case, box: Box, colour: string): v
 }
 
 function drawContact(g: Pen, view: View, a: Box, b: Box, colours: Colours): void {
-  const found = overlap(a, b);
-  if (!found) return;
-  const { area, middle } = found;
+  const { area, middle } = touch(a, b);
   g.fillStyle = g.strokeStyle = colours.contact;
   g.beginPath();
   area.forEach(([x, y]: Point) => g.lineTo(view.px(x), view.py(y)));
   g.fill();
-  g.lineWidth = view.scale > 6 ? 2.5 : 1.5;
+  const width = view.scale > 6 ? 2.5 : 1.5;
   g.beginPath();
   g.arc(view.px(middle[0]), view.py(middle[1]), Math.max(6, 1.7 * view.scale), 0, 2 * Math.PI);
+  g.strokeStyle = colours.paint; // a light rim keeps the ring clear of vehicles of any colour
+  g.lineWidth = 2 * width;
+  g.stroke();
+  g.strokeStyle = colours.contact;
+  g.lineWidth = width;
   g.stroke();
 }
 

@@ -2,9 +2,10 @@
 import { useComputed, useSignalEffect } from "@preact/signals";
 import { useRef } from "preact/hooks";
 import { camera, looping, playing, rate, time } from "../state";
+import type { Place } from "./eye";
 import { RATES, obey, seek, togglePlay } from "./player";
 import { contactAt, spanOf } from "./run";
-import { ahead, isShortLoop, metres, resetView, runs, trails } from "./view";
+import { ahead, isShortLoop, lookFrom, metres, resetView, runs, trails } from "./view";
 
 const loopName = () => (!looping.value ? "off" : isShortLoop.value ? "last" : "all");
 
@@ -43,6 +44,11 @@ export function Transport({ manoeuvre, width }: { manoeuvre: number | null; widt
           <button type="button" aria-pressed={camera.value === "above"} onClick={() => { camera.value = "above"; }} title="From above, to scale (v)">From above</button>
           <button type="button" aria-pressed={camera.value === "chase"} onClick={() => { camera.value = "chase"; }} title="From behind the AV (v)">3-D</button>
         </span>
+        {camera.value === "chase" && (
+          <label>from <select value={lookFrom.value} onChange={(event) => { lookFrom.value = event.currentTarget.value as Place; }}>
+            <option value="behind">behind the AV</option><option value="ahead">ahead, looking back</option><option value="beside">its right</option>
+          </select></label>
+        )}
         <span class="choice" role="group" aria-label="Zoom">
           <button type="button" onClick={does("out")} aria-label="Farther" title="Farther (−)">−</button>
           <button type="button" onClick={does("in")} aria-label="Nearer" title="Nearer (+)">+</button>
