@@ -129,8 +129,8 @@
   }
   var BRAKES_FROM = 1;
   function brakes(motion, frame, dt) {
-    const [now, before] = [boxAt(motion, frame), boxAt(motion, frame - 1)];
-    return now !== null && before !== null && (before.v - now.v) / dt > BRAKES_FROM;
+    const [now, before] = [valueAt(motion, "v", frame), valueAt(motion, "v", frame - 1)];
+    return now !== null && before !== null && (before - now) / dt > BRAKES_FROM;
   }
 
   // src/shared/scene.ts

@@ -4,7 +4,7 @@ import { effect, signal } from "@preact/signals";
 import { heightFor, drawScene } from "../../shared/scene";
 import { time } from "../state";
 import { type Run, frameOf } from "./run";
-import { TRAIL_S, ahead, colours, metresFor, shades, trails, zoom } from "./view";
+import { TRAIL_S, ahead, colours, metresFor, runs, shades, trails, zoom } from "./view";
 
 export function Above({ run }: { run: Run }) {
   const ref = useRef<HTMLCanvasElement>(null);
@@ -16,7 +16,7 @@ export function Above({ run }: { run: Run }) {
     const stop = effect(() => {
       if (width.value === 0) return;
       const wide = metresFor(width.value);
-      const height = Math.min(heightFor(run.item, width.value, wide), Math.max(150, window.innerHeight * 0.45));
+      const height = Math.min(heightFor(run.item, width.value, wide), Math.max(150, window.innerHeight * (runs.value.length > 1 ? 0.3 : 0.45)));
       canvas.style.height = `${Math.round(height)}px`;
       const shown = colours.value;
       const ghosts = run.mark === "A" ? shades.value.map(({ motion, onRoad, name }) => ({ motion, name, colour: shown[onRoad] })) : [];

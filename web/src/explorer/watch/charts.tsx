@@ -32,7 +32,7 @@ export function Charts({ manoeuvre }: { manoeuvre: number | null }) {
       const shown = series(runs.value, shades.value.map(lineOf));
       const marks = marksOf(runs.value, manoeuvre);
       drawn = shown.panels.map((panel) => new Chart(host, panel, shown, marks));
-      moveAll(drawn, time.peek(), true);
+      for (const chart of drawn) chart.fit(); // each has its width only when all of them stand
     });
     const stopMoving = effect(() => moveAll(drawn, time.value, !playing.value));
     const watcher = new ResizeObserver(() => { for (const chart of drawn) chart.fit(); });
