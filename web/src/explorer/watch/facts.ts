@@ -44,7 +44,7 @@ const GROUPS: readonly Group[] = [
   },
   {
     title: "Whose fault",
-    first: { fault: null, fault_rule: null, fault_s: "rule broken, before contact", conduct: null, conduct_s: "since, before contact" },
+    first: { fault: null, fault_rule: null, fault_s: "rule broken, before contact", conduct: null, conduct_s: "it began, before contact" },
     more: /^(av_rule|av_fault|bv_rule|bv_fault|blame|conduct)/,
   },
   {

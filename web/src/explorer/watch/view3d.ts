@@ -130,7 +130,8 @@ class World {
 
   constructor(private readonly scene: Scene, private readonly item: Case, private readonly colours: Colours) {
     const sky = new Color(colours.verge).lerp(new Color("#7fa8c9"), 0.35);
-    const grass = new Color(colours.verge).lerp(new Color("#6f8f5a"), 0.38);
+    const isDark = sky.getHSL({ h: 0, s: 0, l: 0 }).l < 0.5;
+    const grass = new Color(colours.verge).lerp(new Color("#6f8f5a"), isDark ? 0.07 : 0.38);
     scene.background = sky;
     scene.fog = new Fog(sky, 90, 330);
     const sun = new DirectionalLight("#ffffff", LIGHT.direct * Math.PI);
