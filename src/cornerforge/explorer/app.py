@@ -109,7 +109,7 @@ class Guard:
         return None if self._token is None else self._ask_token(scope, headers, self._token)
 
     def _ask_token(self, scope: Scope, headers: Mapping[str, list[str]], token: str) -> Response | None:
-        given = parse_qs(scope["query_string"].decode("latin-1"), max_num_fields=50).get("token", [""])[0]
+        given = _token_in(scope["query_string"].decode("latin-1"))
         if scope["path"] == "/" and secrets.compare_digest(given.encode(), token.encode()):
             answer = RedirectResponse("/", 303)
             answer.set_cookie(_COOKIE, token, httponly=True, samesite="strict", path="/")
@@ -120,6 +120,13 @@ class Guard:
                 if name == _COOKIE and secrets.compare_digest(value.encode(), token.encode()):
                     return None
         return _fault(401, "This explorer needs the whole address that cornerforge printed, with its token.")
+
+
+def _token_in(query: str) -> str:
+    try:
+        return parse_qs(query, max_num_fields=10).get("token", [""])[0]
+    except ValueError:  # too many fields
+        return ""
 
 
 async def _body(request: Request) -> Any:
@@ -195,6 +202,25 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
         answer.headers["content-disposition"] = f'attachment; filename="{name}"'
         return answer
 
+    async def sql(request: Request) -> Response:
+        asked = await _body(request)
+        where = asked.get("where") if isinstance(asked, dict) else None
+        if not isinstance(where, str):
+            raise HTTPException(400, 'Send {"where": "a condition in SQL"}.')
+        bits = await run_in_threadpool(exhibit.rows_where, where)
+        return Response(bits, media_type="application/octet-stream")
+
+    def notes(request: Request) -> Response:  # noqa: ARG001
+        return _json(exhibit.notes())
+
+    async def note(request: Request) -> Response:
+        given = await _body(request)
+        if not isinstance(given, dict) or not {"labels", "note"} >= set(given):
+            raise HTTPException(400, 'Send {"labels": ["a label"], "note": "a text"}.')
+        source, case_id = request.path_params["source"], request.path_params["case_id"]
+        kept = await run_in_threadpool(exhibit.note, source, case_id, given.get("labels", []), given.get("note", ""))
+        return _json(kept)
+
     one = "/api/case/{source}/{case_id}"
     return Starlette(
         routes=[
@@ -206,12 +232,16 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
             Route(f"{one}/ghosts", answering(ghosts)),
             Route(one + "/with/{av:path}", answering(case_with)),
             Route(one + "/download/{name}", answering(download)),
+            Route("/api/sql", sql, methods=["POST"]),
+            Route("/api/notes", answering(notes)),
+            Route("/api/notes/{source}/{case_id}", note, methods=["PUT"]),
         ],
         exception_handlers={
             HTTPException: lambda _, error: _fault(error.status_code, error.detail),
             UnknownKeyError: lambda _, error: _fault(404, str(error)),
             CornerForgeError: lambda _, error: _fault(_status(error), str(error)),
             ClientDisconnect: lambda _, __: _fault(400, "The request ended early."),
+            Exception: lambda _, __: _fault(500, "The server failed at this; what it says in its terminal is a bug."),
         },
     )
 

@@ -116,6 +116,12 @@ class CaseTable:
             writer.write_table(chosen)
         return bytes(sink.getvalue())
 
+    def plain(self) -> pa.Table:
+        """Give the table with texts instead of categories, for SQL: any text can be compared with those."""
+        kinds = [pa.string() if pa.types.is_dictionary(field.type) else field.type for field in self.table.schema]
+        fields = [pa.field(name, kind) for name, kind in zip(self.table.column_names, kinds, strict=True)]
+        return self.table.cast(pa.schema(fields))
+
     def row(self, index: int) -> dict[str, Any]:
         """Give all that is known of one case; None for null."""
         values: dict[str, Any] = self.table.slice(index, 1).to_pylist()[0]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +16,12 @@ import pyarrow as pa
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.explorer.columns import CaseTable, case_table
+from cornerforge.explorer.notes import keep_note, notes_file, read_notes
 from cornerforge.explorer.sources import Analysis, Source, read_ways_out
 from cornerforge.explorer.start import cards, headline_of
 from cornerforge.explorer.words import KINDS, label_of
 from cornerforge.library import StoredCase
+from cornerforge.library.query import SECONDS, Asker
 from cornerforge.report import text
 from cornerforge.report.cases import case_data, first_shown, ghost
 from cornerforge.report.judged import JUDGED, WayOut, judgement_of
@@ -74,6 +78,9 @@ class _Shelf:
     lock: threading.Lock = field(default_factory=threading.Lock)
 
 
+_WHOLE = re.compile(r"\s*(select|with|from)\b", re.IGNORECASE)
+"""Begins a whole SELECT; all else is a condition."""
+
 DOWNLOADS: Mapping[str, tuple[str, str, str]] = {"json": ("JSON", "application/json", "json")}
 """Formats of a download: what people read, media type, end of the file's name; `Exhibit.download` makes the file."""
 
@@ -101,7 +108,8 @@ class Exhibit:
         self.work: dict[str, Any] | None = None
         self.revision = 1
         self._shelves = {source.name: _Shelf(source, analysis) for source, analysis in sources}
-        self._drives = threading.Lock()
+        self._drives, self._asking = threading.Lock(), threading.Lock()
+        self._asker: tuple[CaseTable, Asker] | None = None
         self._table = case_table(sources)
 
     @property
@@ -237,6 +245,57 @@ class Exhibit:
         _, media, end = DOWNLOADS[name]
         return media, f"{source}-{case_id.replace(':', '-')}.{end}", self.case(source, case_id)
 
+    def rows_where(self, where: str) -> bytes:
+        """Say which rows a condition in SQL holds for, or a whole SELECT names by `source` and `case_id`.
+
+        Returns:
+            One bit a row, the lowest first.
+
+        Raises:
+            InputError: The condition is wrong or forbidden, or takes too much time or memory.
+            MissingExtraError: DuckDB is not installed.
+        """
+        if not self._asking.acquire(timeout=2.0 * SECONDS):
+            raise InputError("Other questions are being answered; ask again.")
+        try:
+            table = self._table
+            if self._asker is None or self._asker[0] is not table:
+                if self._asker is not None:
+                    self._asker[1].close()
+                self._asker = table, Asker(table.plain())
+            return _bits(self._asker[1], table, where)
+        finally:
+            self._asking.release()
+
+    def notes(self) -> dict[str, Any]:
+        """Make what /api/notes says.
+
+        Raises:
+            FileFormatError: A file of notes is damaged.
+        """
+        return {
+            f"{name}/{case}": one for name in self._shelves for case, one in read_notes(self._notes_file(name)).items()
+        }
+
+    def note(self, source: str, case_id: str, labels: Any, note: Any) -> dict[str, Any]:
+        """Keep labels and a note of a case; both empty: keep none.
+
+        Raises:
+            UnknownKeyError: There is no such case.
+            InputError: They are no texts, or too long.
+            FileFormatError, OutputError: The file of notes is damaged, or cannot be written.
+        """
+        self.row_of(source, case_id)
+        return keep_note(self._notes_file(source), case_id, labels, note)
+
+    def _notes_file(self, source: str) -> Path:
+        return notes_file(self._shelves[source].source.cases.path)
+
+    def close(self) -> None:
+        """End what was started."""
+        if self._asker is not None:
+            self._asker[1].close()
+
     def _stored(self, source: str, case_id: str) -> tuple[_Shelf, StoredCase]:
         shelf = self._shelves[source]
         with shelf.lock:
@@ -269,6 +328,22 @@ class Exhibit:
             for column in self._table.columns
             if column.name not in ("source", "case_id")
         ]
+
+
+def _bits(asker: Asker, table: CaseTable, where: str) -> bytes:
+    if not where.strip():
+        raise InputError("The condition is empty.")
+    is_whole = _WHOLE.match(where) is not None
+    names, rows = asker.ask(where if is_whole else f"SELECT source, case_id FROM cases WHERE (\n{where}\n)")
+    if not {"source", "case_id"} <= set(names):
+        raise InputError("A SELECT must give the columns source and case_id; or write a condition only.")
+    of, case = names.index("source"), names.index("case_id")
+    chosen = np.zeros(table.table.num_rows, np.bool_)
+    for row in rows:
+        at = table.rows.get((str(row[of]), str(row[case])))
+        if at is not None:
+            chosen[at] = True
+    return np.packbits(chosen, bitorder="little").tobytes()
 
 
 def _counts(source: pa.ChunkedArray) -> dict[str, int]:

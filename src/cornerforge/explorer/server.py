@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
+import logging
 import secrets
 import socket
 from collections.abc import Callable
@@ -83,8 +85,6 @@ def open_door(host: str, port: int | None) -> Door:
             listening.listen(128)
         except OSError as error:
             listening.close()
-            import errno
-
             if error.errno == errno.EADDRINUSE:
                 continue
             raise OutputError(
@@ -121,5 +121,6 @@ def serve_exhibit(exhibit: Exhibit, door: Door, up: Callable[[], None]) -> None:
         access_log=False, server_header=False, date_header=False, proxy_headers=False, timeout_keep_alive=30,
         timeout_graceful_shutdown=1, h11_max_incomplete_event_size=32 * 1024,
     )  # fmt: skip
+    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # no line for each malformed request
     up()
     uvicorn.Server(config).run(sockets=[door.listening])

@@ -97,6 +97,7 @@ def serve(
         pass
     finally:
         stopping.set()
+        exhibit.close()
         door.listening.close()
     return served
 

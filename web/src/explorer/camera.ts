@@ -18,13 +18,11 @@ export interface Box {
   readonly y: readonly [number, number];
 }
 
-/** Everything in sight, with a margin [px]. `square`: both axes have one scale, as those of one unit should. */
-export function fit(box: Box, size: Size, square: boolean, margin = 24): View {
+/** Everything in sight, with a margin [px]. */
+export function fit(box: Box, size: Size, margin = 34): View {
   const scale = (lo: number, hi: number, px: number) => Math.max(px - 2 * margin, 1) / (hi > lo ? hi - lo : 1);
-  let sx = scale(...box.x, size.width);
-  let sy = scale(...box.y, size.height);
-  if (square) sx = sy = Math.min(sx, sy);
-  return { x: (box.x[0] + box.x[1]) / 2, y: (box.y[0] + box.y[1]) / 2, sx, sy };
+  const middle = ([lo, hi]: readonly [number, number]) => (lo + hi) / 2;
+  return { x: middle(box.x), y: middle(box.y), sx: scale(...box.x, size.width), sy: scale(...box.y, size.height) };
 }
 
 export function toScreen(view: View, size: Size, x: number, y: number): [number, number] {

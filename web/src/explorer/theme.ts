@@ -1,9 +1,9 @@
 // Light or dark: as the system says, until the user chooses.
 import { computed, effect, signal } from "@preact/signals";
+import { dark as system } from "../shared/colours";
 
 export type Theme = "system" | "light" | "dark";
 
-const system = window.matchMedia("(prefers-color-scheme: dark)");
 const systemDark = signal(system.matches);
 system.addEventListener("change", () => (systemDark.value = system.matches));
 
@@ -23,6 +23,8 @@ effect(() => {
   const root = document.documentElement;
   if (theme.value === "system") delete root.dataset.theme;
   else root.dataset.theme = theme.value;
+  // Pictures that read colours from the style sheet read them again.
+  system.dispatchEvent(new Event("change"));
   try {
     if (theme.value === "system") localStorage.removeItem("theme");
     else localStorage.setItem("theme", theme.value);
