@@ -361,7 +361,7 @@
     if (!look.detail) return;
     const isBrief = view.scale <= 5;
     const below = (i) => partner !== null && isOfPair(i) ? i === 0 === av.y < partner.y : false;
-    const named = [0, ...partner ? [item.partner] : [], ...isBrief ? [] : others];
+    const named = [0, ...partner && isSeen(partner) ? [item.partner] : [], ...isBrief ? [] : others];
     const names = named.map((i) => ({
       text: nameOf(item, i, boxes[i], isBrief),
       box: boxes[i],
@@ -373,6 +373,27 @@
       if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
     }
     drawNames(g, view, names, order.map((i) => boxes[i]), colours);
+    if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner].slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
+  }
+  function drawPointer(g, view, name, av, partner, top, colours) {
+    const isAhead = partner.x > av.x;
+    const text = `${name}, ${Math.max(0, gapAlong(av, partner)).toFixed(0)} m ${isAhead ? "ahead" : "behind"}`;
+    g.font = "600 12px system-ui, sans-serif";
+    const [wide, y, tip] = [g.measureText(text).width + 12, Math.max(12, top - 14), isAhead ? view.width - 4 : 4];
+    const way = isAhead ? -1 : 1;
+    g.fillStyle = colours.partner;
+    g.beginPath();
+    g.moveTo(tip, y);
+    g.lineTo(tip + way * 9, y - 10);
+    g.lineTo(tip + way * (9 + wide), y - 10);
+    g.lineTo(tip + way * (9 + wide), y + 10);
+    g.lineTo(tip + way * 9, y + 10);
+    g.fill();
+    g.fillStyle = "#ffffff";
+    g.textAlign = "center";
+    g.textBaseline = "middle";
+    g.fillText(text, tip + way * (9 + wide / 2), y);
+    g.textBaseline = "alphabetic";
   }
   function heightFor(item, width, metres) {
     const scale = width / metres;

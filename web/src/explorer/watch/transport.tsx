@@ -24,7 +24,7 @@ export function Transport({ manoeuvre, width }: { manoeuvre: number | null; widt
   const isMoved = useComputed(() => metres.value !== null || ahead.value !== 0 || camera.value === "chase");
   return (
     <>
-      <div class="transport" role="group" aria-label="Time">
+      <div class="transport time" role="group" aria-label="Time">
         <button type="button" class="play" onClick={togglePlay} aria-keyshortcuts="Space">{playing.value ? "Pause" : "Play"}</button>
         <button type="button" onClick={does("back")} aria-label="0.1 s back" title="0.1 s back (←)">−1</button>
         <Scrub from={from} to={to} dt={first.dt} contact={first.crash === null ? null : contact} manoeuvre={manoeuvre} />
@@ -33,7 +33,7 @@ export function Transport({ manoeuvre, width }: { manoeuvre: number | null; widt
       </div>
       <div class="transport" role="group" aria-label="View">
         <button type="button" onClick={does("manoeuvre")} disabled={manoeuvre === null} title="Begin of the manoeuvre that led to it (m)">To the manoeuvre</button>
-        <button type="button" onClick={does("contact")} title={first.crash === null ? "The end (End)" : "Contact (c)"}>{first.crash === null ? "To the end" : "To the crash"}</button>
+        <button type="button" onClick={does("contact")} title={first.crash === null ? "The end (End)" : "Contact (x)"}>{first.crash === null ? "To the end" : "To the crash"}</button>
         <label>speed <select value={String(rate.value)} onChange={(event) => { rate.value = Number(event.currentTarget.value); }}>
           {RATES.map((one) => <option key={one} value={String(one)}>×{one}</option>)}
         </select></label>

@@ -25,7 +25,7 @@ export const TRAIL_S = 3;
 const [LEAST_M, MOST_M] = [16, 220];
 
 /** A picture's width in metres: what is asked for, or so that a car is well seen. */
-export const metresFor = (width: number): number => metres.value ?? Math.max(36, Math.min(100, width / 11));
+export const metresFor = (width: number): number => metres.value ?? Math.max(44, Math.min(100, width / 9));
 
 /** Show less of the road (factor below 1) or more. */
 export function zoom(factor: number, width: number): void {

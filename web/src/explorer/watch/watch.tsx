@@ -122,7 +122,6 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
       <header>
         <h2>{item.title}</h2>
         {sentences.filter(Boolean).length > 0 && <p class="verdict">{sentences.join(" ")}</p>}
-        <Take about={about} item={item} />
       </header>
       {ready.value && (
         <>
@@ -131,7 +130,7 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
           <div class="pictures">
             {runs.value.map((run) => (
               <figure key={run.mark}>
-                {runs.value.length > 1 && <figcaption><b class="mark">{run.mark}</b> {run.name}{run.mark === "B" && endOf(run)}</figcaption>}
+                {runs.value.length > 1 && <figcaption><b class="mark">{run.mark}</b> {run.name}{run.mark === "B" && endOf(run)}{run.mark === "B" && !isSameTest && second?.title && <span class="note">. {second.title}</span>}</figcaption>}
                 {camera.value === "above" ? <Above run={run} /> : <Chase run={run} />}
               </figure>
             ))}
@@ -145,6 +144,7 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
           <p class="note">Across: time since the test began [s]; click or drag to go there. Dashed lines: the manoeuvre begins, the contact.</p>
         </>
       )}
+      <Take about={about} item={item} />
       <Facts facts={item.facts} columns={about.columns} />
     </div>
   );
