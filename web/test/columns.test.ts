@@ -1,4 +1,4 @@
-import { tableFromArrays, tableFromIPC, tableToIPC } from "@uwdata/flechette";
+import { columnFromArray, dictionary, tableFromArrays, tableFromColumns, tableFromIPC, tableToIPC, utf8 } from "@uwdata/flechette";
 import { describe, expect, it } from "vitest";
 import type { ColumnInfo, ColumnType } from "../src/explorer/api";
 import { categoryOf, type CategoryColumn, columnOf, columnsOf, extentOf, NOT_KNOWN, orderOf } from "../src/explorer/columns";
@@ -21,6 +21,17 @@ describe("decoding columns", () => {
     const column = decoded(["b", "a", null, null, null, "a"], "category") as CategoryColumn;
     expect(column.names).toEqual(["a", "b", NOT_KNOWN]);
     expect([...column.codes]).toEqual([1, 0, 2, 2, 2, 0]);
+  });
+
+  it("reads the codes of a dictionary as the texts they stand for", () => {
+    const texts = ["b", "a", null, "b", "c", null, "b"];
+    const arrow = columnFromArray(texts, dictionary(utf8()));
+    const bytes = tableToIPC(tableFromColumns({ c: arrow }), { format: "stream" })!;
+    const fast = columnOf(info("c", "category"), tableFromIPC(bytes).getChild("c")!) as CategoryColumn;
+    const slow = categoryOf(info("c", "category"), texts);
+    expect(fast.names).toEqual(slow.names);
+    expect([...fast.codes]).toEqual([...slow.codes]);
+    expect([...fast.codes].map((code) => fast.names[code])).toEqual(texts.map((text) => text ?? NOT_KNOWN));
   });
 
   it("splits names that list several things", () => {

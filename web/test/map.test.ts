@@ -9,8 +9,8 @@ describe("camera", () => {
   const view = fit({ x: [0, 10], y: [-1, 1] }, size);
 
   it("fits everything with a margin", () => {
-    expect(toScreen(view, size, 0, -1)).toEqual([24, 76]);
-    expect(toScreen(view, size, 10, 1)).toEqual([176, 24]);
+    expect(toScreen(view, size, 0, -1)).toEqual([34, 66]);
+    expect(toScreen(view, size, 10, 1)).toEqual([166, 34]);
   });
 
   it("keeps what is under the pointer when it zooms, within bounds", () => {

@@ -13,6 +13,7 @@ import { watched } from "./state";
 import { Banners, Status } from "./status";
 import { folded, helpOpen, lassoing, listOver, startArranging, tab, type Tab } from "./ui";
 import { cursor, startAsking, startWanting, step, watch } from "./views";
+import { commandOf } from "./watch/keys";
 
 export function App() {
   useEffect(() => {
@@ -100,6 +101,9 @@ function onKey(event: KeyboardEvent): void {
     return;
   }
   if (inField || helpOpen.peek()) return;
+  // A case that is shown has keys of its own, unless another part has the focus.
+  const isCase = target === document.body || target.closest(".watch") !== null;
+  if (isCase && watched.peek() !== null && !listOver.peek() && commandOf(event) !== null) return;
   const isFree = document.activeElement === document.body;
   const act = event.key === "Enter" && isFree && cursor.peek() >= 0 ? () => watch(keyOf(cursor.peek())) : KEYS[event.key];
   if (!act) return;

@@ -91,20 +91,20 @@ function withSource(given: ReadonlyMap<string, Filter>, key: string | null): Rea
 
 /** Read the address bar now (what the library has must be known), then follow it and write to it. */
 export function bind(): () => void {
+  let written = "";
+  let writtenCase: string | null = null;
+  let timer = 0;
   const readNow = () => {
-    const { place, problems } = read(location.hash);
+    written = location.hash.replace(/^#/, "");
+    const { place, problems } = read(written);
     problems.forEach(say);
+    // What was read is no new step of the history.
+    writtenCase = place.case;
     apply(checked(place));
   };
   readNow();
-  let written = location.hash.replace(/^#/, "");
-  let writtenCase = watched.peek();
-  let timer = 0;
   const follow = () => {
-    if (location.hash.replace(/^#/, "") === written) return;
-    written = location.hash.replace(/^#/, "");
-    readNow();
-    writtenCase = watched.peek();
+    if (location.hash.replace(/^#/, "") !== written) readNow();
   };
   const put = () => {
     const hash = write(present());

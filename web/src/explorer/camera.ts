@@ -19,7 +19,7 @@ export interface Box {
 }
 
 /** Everything in sight, with a margin [px]. */
-export function fit(box: Box, size: Size, margin = 24): View {
+export function fit(box: Box, size: Size, margin = 34): View {
   const scale = (lo: number, hi: number, px: number) => Math.max(px - 2 * margin, 1) / (hi > lo ? hi - lo : 1);
   const middle = ([lo, hi]: readonly [number, number]) => (lo + hi) / 2;
   return { x: middle(box.x), y: middle(box.y), sx: scale(...box.x, size.width), sy: scale(...box.y, size.height) };

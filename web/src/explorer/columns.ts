@@ -1,5 +1,5 @@
 // The columns of all cases as typed arrays: what filters, the map and the list compute with. No object a row anywhere.
-import type { Column as ArrowColumn, Table } from "@uwdata/flechette";
+import { type Column as ArrowColumn, type Table, Type } from "@uwdata/flechette";
 import type { ColumnInfo } from "./api";
 
 /** What a category is called where the value is not known. */
@@ -52,16 +52,14 @@ export function columnOf(info: ColumnInfo, values: ArrowColumn<unknown>, listed 
       return integersAsCategory(info, numbers) ?? { kind: "number", info, values: numbers };
     }
     case "flag":
-      return categoryOf(info, map(values, (value) => (value === null ? null : value ? "yes" : "no")), {
-        order: (a, b) => (a < b ? 1 : -1),
-      });
+      return categoryOf(info, map(values, (value) => (value === null ? null : value ? "yes" : "no")), (a, b) => (a < b ? 1 : -1));
     case "category":
-      return categoryOf(info, map(values, (value) => (value === null ? null : String(value))), { listed, order: givenOrder(info) });
+      return arranged(info, dictionaryOf(values) ?? collected(map(values, textOf)), givenOrder(info), listed);
   }
 }
 
 /** A few values stand in the server's order, so that each has the same colour in every run; of many the most frequent come first. */
-function givenOrder(info: ColumnInfo): ((a: string, b: string) => number) | undefined {
+function givenOrder(info: ColumnInfo): Order | undefined {
   const given = Object.keys(info.values ?? {});
   if (given.length === 0 || given.length > FEW) return undefined;
   const place = (name: string) => (given.includes(name) ? given.indexOf(name) : given.length);
@@ -95,39 +93,79 @@ function integersAsCategory(info: ColumnInfo, numbers: Float64Array): CategoryCo
     if (different.size > FEW) return null;
   }
   const texts = map(numbers, (value) => (Number.isNaN(value as number) ? null : String(value)));
-  const column = categoryOf(info, texts, { order: (a, b) => Number(a) - Number(b) });
+  const column = categoryOf(info, texts, (a, b) => Number(a) - Number(b));
   return { ...column, values: numbers };
 }
 
 /** A category column from its texts by row; null: not known. */
-export function categoryOf(
-  info: ColumnInfo,
-  texts: Iterable<string | null>,
-  { order, listed = false }: { order?: ((a: string, b: string) => number) | undefined; listed?: boolean } = {},
-): CategoryColumn {
+export function categoryOf(info: ColumnInfo, texts: Iterable<string | null>, order?: Order): CategoryColumn {
+  return arranged(info, collected(texts), order, false);
+}
+
+type Order = (a: string, b: string) => number;
+
+const textOf = (value: unknown): string | null => (value === null ? null : String(value));
+
+/** Different texts, and of each row which one it has. */
+interface Coded {
+  readonly texts: readonly (string | null)[];
+  readonly codes: ArrayLike<number>;
+}
+
+function collected(texts: Iterable<string | null>): Coded {
   const first = new Map<string | null, number>();
-  const raw: number[] = [];
-  const counts: number[] = [];
+  const codes: number[] = [];
   for (const text of texts) {
     let code = first.get(text);
-    if (code === undefined) {
-      code = first.size;
-      first.set(text, code);
-      counts.push(0);
-    }
-    raw.push(code);
-    counts[code]!++;
+    if (code === undefined) first.set(text, (code = first.size));
+    codes.push(code);
   }
-  const frequent = (a: string, b: string) => counts[first.get(b)!]! - counts[first.get(a)!]! || (a < b ? -1 : 1);
-  const known = [...first.keys()].filter((name): name is string => name !== null).sort(order ?? frequent);
-  const names = first.has(null) ? [...known, NOT_KNOWN] : known;
-  const code = new Uint16Array(first.size);
-  known.forEach((name, index) => (code[first.get(name)!] = index));
-  if (first.has(null)) code[first.get(null)!] = known.length;
+  return { texts: [...first.keys()], codes };
+}
+
+/** What a part of a column with a dictionary offers. */
+interface Keyed {
+  readonly length: number;
+  readonly nullCount: number;
+  readonly cache: Iterable<unknown>;
+  key(row: number): number;
+  isValid(row: number): boolean;
+}
+
+/** The codes as the server sends them; null: the column is not sent with one dictionary. */
+function dictionaryOf(values: ArrowColumn<unknown>): Coded | null {
+  if (values.type.typeId !== Type.Dictionary || values.data.length === 0) return null;
+  const batches = values.data as unknown as readonly Keyed[];
+  const dictionary = batches[0]!.cache;
+  if (batches.some((batch) => batch.cache !== dictionary)) return null;
+  const texts = [...dictionary].map(textOf);
+  if (new Set(texts).size < texts.length || texts.includes(null)) return null;
+  const codes = new Uint16Array(values.length);
+  let row = 0;
+  for (const batch of batches) {
+    const isWhole = batch.nullCount === 0;
+    for (let i = 0; i < batch.length; i++) codes[row++] = isWhole || batch.isValid(i) ? batch.key(i) : texts.length;
+  }
+  return { texts: [...texts, null], codes };
+}
+
+/** The categories that occur, in order: of most rows first, if no other order is given; what is not known last. */
+function arranged(info: ColumnInfo, { texts, codes }: Coded, order: Order | undefined, listed: boolean): CategoryColumn {
+  const counts = new Uint32Array(texts.length);
+  for (let row = 0; row < codes.length; row++) counts[codes[row]!]!++;
+  const place = new Map(texts.map((text, code) => [text, code]));
+  const frequent: Order = (a, b) => counts[place.get(b)!]! - counts[place.get(a)!]! || (a < b ? -1 : 1);
+  const known = texts.filter((text, code): text is string => text !== null && counts[code]! > 0).sort(order ?? frequent);
+  const unknown = place.get(null);
+  const names = unknown !== undefined && counts[unknown]! > 0 ? [...known, NOT_KNOWN] : known;
+  const next = new Uint16Array(texts.length).fill(known.length);
+  known.forEach((name, code) => (next[place.get(name)!] = code));
+  const arrangedCodes = new Uint16Array(codes.length);
+  for (let row = 0; row < codes.length; row++) arrangedCodes[row] = next[codes[row]!]!;
   return {
     kind: "category",
     info,
-    codes: Uint16Array.from(raw, (from) => code[from]!),
+    codes: arrangedCodes,
     names,
     members: names.map((name) => (listed && name !== NOT_KNOWN ? name.split(/[,\s]+/).filter(Boolean) : [name])),
     values: null,

@@ -43,12 +43,14 @@ export const UNLABELLED = "no label";
 const labelColumn = computed<Column | null>(() => {
   const texts = new Array<string>(n.value).fill(UNLABELLED);
   const members = new Map<string, readonly string[]>();
-  for (const [key, { labels }] of Object.entries(notes.value)) {
-    const row = rowOf(key);
-    if (row < 0 || labels.length === 0) continue;
-    const name = labels.join(", ");
-    texts[row] = name;
-    members.set(name, labels);
+  const labelled = new Map(Object.entries(notes.value).filter(([, { labels }]) => labels.length > 0));
+  const names = new Set([...labelled.keys()].map((key) => key.slice(key.indexOf("/") + 1)));
+  const ids = loaded.value.get("case_id");
+  for (let row = 0; names.size > 0 && row < texts.length; row++) {
+    const labels = ids?.kind === "text" && names.has(ids.values[row]!) ? labelled.get(keyOf(row))?.labels : undefined;
+    if (!labels) continue;
+    texts[row] = labels.join(", ");
+    members.set(texts[row]!, labels);
   }
   const column = categoryOf(LABELS, texts);
   return { ...column, members: column.names.map((name) => members.get(name) ?? [name]) };
@@ -68,18 +70,23 @@ export const infos = computed<ReadonlyMap<string, ColumnInfo>>(() => {
   return all;
 });
 
-const keys = computed(() => {
-  const sources = loaded.value.get("source");
-  const ids = loaded.value.get("case_id");
-  const rows = new Map<CaseKey, number>();
-  if (sources?.kind !== "category" || ids?.kind !== "text") return rows;
-  ids.values.forEach((id, row) => rows.set(`${sources.names[sources.codes[row]!]}/${id}`, row));
-  return rows;
-});
+/** Rows that were asked for, so that a case is looked for once. */
+const found = computed(() => ({ of: loaded.value, rows: new Map<CaseKey, number>() }));
 
 /** -1: no such case. */
 export function rowOf(key: CaseKey): number {
-  return keys.value.get(key) ?? -1;
+  const { of, rows } = found.value;
+  const known = rows.get(key);
+  if (known !== undefined) return known;
+  const sources = of.get("source");
+  const ids = of.get("case_id");
+  const slash = key.indexOf("/");
+  if (slash < 0 || sources?.kind !== "category" || ids?.kind !== "text") return -1;
+  const source = sources.names.indexOf(key.slice(0, slash));
+  const id = key.slice(slash + 1);
+  const row = ids.values.findIndex((other, row) => other === id && sources.codes[row] === source);
+  rows.set(key, row);
+  return row;
 }
 
 export function keyOf(row: number): CaseKey {
@@ -144,7 +151,7 @@ export async function refresh(): Promise<void> {
       loaded.value = await fetchColumns(had);
     } else about.value = now;
     failure.value = null;
-    want([]);
+    if (before) want([]);
     if (now.work) setTimeout(refresh, POLL);
   } catch (error) {
     failure.value = lineOf(error);

@@ -1,13 +1,13 @@
 // The filters at the left: what there is of each kind among the cases that the other filters leave.
 import { useMemo, useState } from "preact/hooks";
-import type { CategoryColumn } from "./columns";
+import { type CategoryColumn, type Column, NOT_KNOWN } from "./columns";
 import { columns, infos, n } from "./data";
 import { byMember, countsOf } from "./filters";
-import { count } from "./format";
+import { capital, count } from "./format";
 import { Histogram } from "./histogram";
 import { filters } from "./state";
 import { Sql } from "./sql";
-import { clearAll, fails, isFiltered, isNumeric, masks, nameOf, setFilter, shownFilters, toggleValue, wordOf } from "./views";
+import { clearAll, fails, isFiltered, isNumeric, masks, nameOf, setFilter, shownFilters, sourceMask, toggleValue, wordOf } from "./views";
 
 /** So many values stand there at once; the others on demand. */
 const SHOWN = 7;
@@ -51,7 +51,10 @@ function Dimension({ column, open }: { column: string; open: boolean }) {
   const filter = filters.value.get(column);
   const info = infos.value.get(column);
   const loaded = columns.value.get(column);
-  const name = nameOf(column);
+  const name = capital(nameOf(column));
+  const others = sourceMask.value;
+  const isEmpty = useMemo(() => loaded !== undefined && saysNothing(loaded, others), [loaded, others]);
+  if (!filter && isEmpty) return null;
   return (
     <details class="dimension" open={isOpen || filter !== undefined} onToggle={(event) => setOpen(event.currentTarget.open)}>
       <summary title={info?.meaning}>
@@ -69,6 +72,15 @@ function Dimension({ column, open }: { column: string; open: boolean }) {
   );
 }
 
+/** Whether no case of the chosen sources has a value. */
+function saysNothing(column: Column, others: Uint8Array | null): boolean {
+  if (column.kind === "category") {
+    const unknown = column.names.indexOf(NOT_KNOWN);
+    return unknown >= 0 && column.codes.every((code, row) => code === unknown || others?.[row] === 1);
+  }
+  return column.kind === "number" && column.values.every((value, row) => Number.isNaN(value) || others?.[row] === 1);
+}
+
 function Values({ column, loaded }: { column: string; loaded: CategoryColumn }) {
   const [all, setAll] = useState(false);
   const own = masks.value.get(column) ?? null;
@@ -76,9 +88,9 @@ function Values({ column, loaded }: { column: string; loaded: CategoryColumn }) 
   const counts = useMemo(() => byMember(loaded, countsOf(loaded, failing, own)), [loaded, failing, own]);
   const filter = filters.value.get(column);
   const chosen = new Set(filter?.kind === "values" ? filter.values : []);
-  const names = [...counts.keys()];
+  const names = [...counts.keys()].filter((name) => name !== NOT_KNOWN || counts.get(name)! > 0 || chosen.has(name));
   // A link may choose a whole list of names at once; it must be seen to be undone.
-  for (const value of chosen) if (!counts.has(value)) names.push(value);
+  for (const value of chosen) if (!names.includes(value)) names.push(value);
   const top = Math.max(1, ...counts.values());
   const shown = all || names.length <= SHOWN + 1 ? names : names.filter((name, place) => place < SHOWN || chosen.has(name));
   return (

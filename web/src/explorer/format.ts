@@ -48,6 +48,15 @@ function minus(text: string): string {
   return text.replace("-", "−");
 }
 
+export function capital(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+/** A case's name without most of a long seed, which all cases of a library share: "2918264622725855778:12" -> "…:12". */
+export function shortName(caseId: string): string {
+  return caseId.replace(/^\d{6,}:/, "…:");
+}
+
 /** "min_ttc_front_s" -> "min ttc front": for columns without a better title. */
 export function plainName(column: string): string {
   return column.replace(/_(mps2|mps|rad|nats|m|s)$/, "").replaceAll("_", " ");

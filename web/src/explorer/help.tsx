@@ -32,6 +32,7 @@ export function Help() {
         </header>
         <p>Each point of the map, and each row of the list, is one crash of the automated vehicle (AV). Cases near each other happened in a similar way.
           Filters, the lasso and the legend choose among them; map, list and counts follow. The address of the page holds all of it: send it, and others see the same.</p>
+        <p>A case that is watched takes the keys of the second table, unless the map, the list or a filter has the focus.</p>
         <div class="key-tables">
           <Keys title="Everywhere" keys={KEYS} />
           <Keys title="While a case is watched" keys={WATCH_KEYS} />

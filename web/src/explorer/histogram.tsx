@@ -5,7 +5,7 @@ import { type Bins, histogramOf, placeOf, valueAt } from "./filters";
 import { number, onceIn, quantity } from "./format";
 import { binsOf } from "./scales";
 import { filters } from "./state";
-import { BINS, fails, masks, nameOf, setFilter } from "./views";
+import { BINS, fails, masks, nameOf, setFilter, sourceMask } from "./views";
 
 /** Positions of a handle. */
 const STEPS = 200;
@@ -23,7 +23,8 @@ export function Histogram({ column: name, colourAt }: Props) {
   const bins = useMemo(() => (column && values ? binsOf(column.info, values, BINS) : null), [column]);
   const own = masks.value.get(name) ?? null;
   const failing = fails.value;
-  const all = useMemo(() => values && bins && histogramOf(values, bins, null, null), [values, bins]);
+  const others = sourceMask.value;
+  const all = useMemo(() => values && bins && histogramOf(values, bins, others, null), [values, bins, others]);
   const now = useMemo(() => values && bins && histogramOf(values, bins, failing, own), [values, bins, failing, own]);
   if (!column || !values) return <p class="quiet">{n.value > 0 ? "Loading" : ""}</p>;
   if (!bins || !all || !now) return <p class="quiet">No case has a value.</p>;

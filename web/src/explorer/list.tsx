@@ -2,7 +2,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { Column } from "./columns";
 import { columns, infos, keyOf, n } from "./data";
-import { count } from "./format";
+import { capital, count, shortName } from "./format";
 import { textOf } from "./histogram";
 import { contentHeight, offsetOf, scrollTo, windowAt } from "./rows";
 import { show, sort, watched } from "./state";
@@ -34,7 +34,9 @@ export function List() {
   const names = listColumns.value;
   const { from, to } = windowAt(scroll, viewport, ROW, all.length);
   const shift = scroll - offsetOf(scroll, viewport, ROW, all.length);
-  const template = names.map((name) => widthOf(name, columns.value.get(name))).join(" ");
+  const widths = names.map((name) => widthOf(name, columns.value.get(name)));
+  const template = widths.map((width) => `minmax(${width}px, ${width}fr)`).join(" ");
+  const minWidth = `${widths.reduce((sum, width) => sum + width, 0)}px`;
   const drawn = [];
   for (let place = from; place < to; place++) drawn.push(place);
 
@@ -70,7 +72,7 @@ export function List() {
         onScroll={(event) => setScroll(event.currentTarget.scrollTop)}
         onKeyDown={onKeyDown}
       >
-        <div class="list-head" role="row" style={{ gridTemplateColumns: template }}>
+        <div class="list-head" role="row" style={{ gridTemplateColumns: template, minWidth }}>
           {names.map((name) => <Head key={name} name={name} />)}
         </div>
         {all.length === 0 && n.value > 0 && (
@@ -79,7 +81,7 @@ export function List() {
             {isFiltered.value && <button type="button" onClick={clearAll}>Clear all filters</button>}
           </div>
         )}
-        <div class="list-body" role="rowgroup" style={{ height: `${contentHeight(ROW, all.length)}px` }}>
+        <div class="list-body" role="rowgroup" style={{ height: `${contentHeight(ROW, all.length)}px`, minWidth }}>
           {drawn.map((place) => {
             const row = all[place]!;
             const key = keyOf(row);
@@ -116,7 +118,7 @@ function Head({ name }: { name: string }) {
         title={info?.meaning ?? "Sort by the name of the case"}
         onClick={() => (sort.value = { column: name, descending: sorted ? !descending : isRight(name) })}
       >
-        <span class="name">{nameOf(name)}{unit && <small> {unit}</small>}</span>
+        <span class="name">{name === "often" ? "Once in" : capital(nameOf(name))}{unit && <small> {unit}</small>}</span>
         <span class="arrow" aria-hidden="true">{sorted ? (descending ? "▼" : "▲") : ""}</span>
       </button>
     </div>
@@ -125,15 +127,16 @@ function Head({ name }: { name: string }) {
 
 function Cell({ name, row }: { name: string; row: number }) {
   const text = cellOf(name, columns.value.get(name), row);
-  return <div role="gridcell" class={isRight(name) ? "right" : ""} title={text.length > 14 ? text : undefined}>{text}</div>;
+  return <div role="gridcell" class={isRight(name) ? "right" : ""} title={name === "case_id" ? keyOf(row) : text.length > 14 ? text : undefined}>{text}</div>;
 }
 
 /** A value as the list shows it; the unit stands in the head. */
 export function cellOf(name: string, column: Column | undefined, row: number): string {
   if (!column) return "";
-  if (column.kind === "text") return column.values[row] ?? "";
+  if (column.kind === "text") return name === "case_id" ? shortName(column.values[row] ?? "") : (column.values[row] ?? "");
   if (column.kind === "category") return name === "labels" && column.names[column.codes[row]!] === "no label" ? "" : wordOf(name, column.names[column.codes[row]!]!);
-  return textOf(name, column.values[row]!, column.info.unit === "rad" ? "rad" : "");
+  const text = textOf(name, column.values[row]!, column.info.unit === "rad" ? "rad" : "");
+  return name === "often" ? text.replace("once in ", "") : text;
 }
 
 function isRight(name: string): boolean {
@@ -141,10 +144,11 @@ function isRight(name: string): boolean {
   return type === "number" || type === "integer";
 }
 
-function widthOf(name: string, column: Column | undefined): string {
-  if (name === "often") return "minmax(150px, 1fr)";
-  if (name === "case_id") return "minmax(72px, 0.6fr)";
-  return column?.kind === "category" && !column.values ? "minmax(130px, 1.4fr)" : "minmax(84px, 0.8fr)";
+/** Width of a column [px], at least; what is left over is shared in proportion. */
+function widthOf(name: string, column: Column | undefined): number {
+  if (name === "often") return 118;
+  if (name === "case_id") return 82;
+  return column?.kind === "category" && !column.values ? 130 : 84;
 }
 
 /** Which columns the list shows. */

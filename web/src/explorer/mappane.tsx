@@ -2,7 +2,7 @@
 import { effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { ticks, toData, toScreen } from "./camera";
-import { columns, infos, keyOf, n, rowOf } from "./data";
+import { columns, failure, infos, keyOf, n, rowOf } from "./data";
 import { count, number } from "./format";
 import { Legend } from "./legend";
 import { cellOf } from "./list";
@@ -23,8 +23,8 @@ const FINGER = 20;
 export function MapPane() {
   return (
     <>
-      <header class="pane-head">
-        <h2 class="narrow-hidden">Map</h2>
+      <header class="pane-head map-head">
+        <h2 class="hidden">Map</h2>
         <label class="pick">
           Colour
           <select id="colour" value={colourColumn.value ?? ""} onChange={(event) => (colour.value = event.currentTarget.value)}>
@@ -113,7 +113,7 @@ function Waiting() {
   const hasPlane = axisColumns.value !== null && infos.value.size > 1;
   return (
     <div class="empty over" role="status">
-      {infos.value.size <= 1 || hasPlane ? <p>Loading the cases …</p> : <p>The map appears when the analysis is done.</p>}
+      {failure.value !== null ? <p>Nothing to show: the server did not answer.</p> : infos.value.size <= 1 || hasPlane ? <p>Loading the cases …</p> : <p>The map appears when the analysis is done.</p>}
     </div>
   );
 }
@@ -191,7 +191,7 @@ function Tip() {
     <div class="tip" style={{ left: right ? "auto" : `${px + 14}px`, right: right ? `${size.value.width - px + 14}px` : "auto", top: `${Math.max(4, Math.min(size.value.height - 74, py - 20))}px` }}>
       <b>{keyOf(row)}</b>
       {kind && <p>{cellOf(kind, columns.value.get(kind), row)}</p>}
-      {shown && shown !== kind && <p>{nameOf(shown)}: {cellOf(shown, columns.value.get(shown), row)} {unit}</p>}
+      {shown && shown !== kind && <p>{nameOf(shown)}: {shown === "often" && "once in "}{cellOf(shown, columns.value.get(shown), row)} {unit}</p>}
     </div>
   );
 }

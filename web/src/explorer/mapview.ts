@@ -43,7 +43,7 @@ export function sceneOf(px: number, ground: number, faint: number): Scene | null
   const now = view.value;
   if (!at || !colours || !now || at.xs.length !== fails.value.length || colours.codes.length !== at.xs.length) return null;
   const magnification = Math.sqrt((now.sx / everything.value!.sx) * (now.sy / everything.value!.sy));
-  const radius = Math.round(2 * px * radiusOf(at.xs.length - at.missing, size.value, magnification)) / 2;
+  const radius = Math.round(2 * px * radiusOf(at.shown, size.value, magnification)) / 2;
   return { xs: at.xs, ys: at.ys, encoding: colours, fails: fails.value, lit: lit.value, radius, ground, faint };
 }
 

@@ -83,7 +83,9 @@ export function paint(pixels: Uint32Array, size: Size, view: View, scene: Scene)
   const n = xs.length;
   const left = width / 2 - view.x * view.sx;
   const top = height / 2 + view.y * view.sy;
-  const faintReach = scene.radius >= 2 ? 1 : 0;
+  const faintStamp = stampOf("dot", 0.7 * scene.radius);
+  const faintReach = faintStamp.reach;
+  const faintPixels = alongRows(faintStamp.fill, width);
 
   for (let row = 0; row < n; row++) {
     if (fails[row] === 0 && (lit < 0 || codes[row] === lit)) continue;
@@ -91,8 +93,7 @@ export function paint(pixels: Uint32Array, size: Size, view: View, scene: Scene)
     const py = Math.floor(top - ys[row]! * view.sy);
     if (!(px >= faintReach && py >= faintReach && px < width - faintReach && py < height - faintReach)) continue;
     const at = py * width + px;
-    pixels[at] = faint;
-    if (faintReach > 0) pixels[at - 1] = pixels[at + 1] = pixels[at - width] = pixels[at + width] = faint;
+    for (let k = 0; k < faintPixels.length; k++) pixels[at + faintPixels[k]!] = faint;
   }
 
   const ground = opaque(scene.ground);

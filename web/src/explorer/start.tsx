@@ -4,6 +4,7 @@ import { getCase, type StartCard, type WatchedCase } from "./api";
 import { about } from "./data";
 import { type Filter } from "./filters";
 import { readFilter } from "./address";
+import { capital } from "./format";
 import { readColours } from "../shared/colours";
 import { crashFrame } from "../shared/motion";
 import { drawScene } from "../shared/scene";
@@ -42,8 +43,6 @@ function Card({ card, first }: { card: StartCard; first: boolean }) {
     </li>
   );
 }
-
-const capital = (text: string): string => text.charAt(0).toUpperCase() + text.slice(1);
 
 function play(card: StartCard): void {
   const chosen = new Map<string, Filter>();

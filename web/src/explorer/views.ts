@@ -41,7 +41,13 @@ export const USUAL_COLOURS = [
   "av_injury_probability", "often", "value", "role", "labels",
 ];
 export const USUAL_AXES = ["pc1", "pc2", "impact_speed_mps", "av_speed_mps", "crash_time_s", "relative_lon_m", "relative_lat_m", "often", "value"];
-const USUAL_LIST = ["case_id", "mechanism", "crash_type", "prevention", "impact_speed_mps", "often", "value", "labels"];
+const USUAL_LIST = {
+  natural: ["case_id", "mechanism", "often", "prevention", "impact_speed_mps", "labels"],
+  made: ["case_id", "crash_type", "value", "prevention", "impact_speed_mps", "labels"],
+  both: ["source", "case_id", "crash_type", "prevention", "impact_speed_mps", "often", "value", "labels"],
+};
+/** What the list shows instead where there is no analysis. */
+const PLAIN_LIST = ["case_id", "mechanism", "crash_type", "av_speed_mps", "bv_speed_mps", "crash_time_s", "labels"];
 
 const has = (name: string) => infos.value.has(name);
 
@@ -61,13 +67,25 @@ export const listColumns = computed<readonly string[]>(() => {
   if (show.value) return show.value.filter((name) => name === "case_id" || has(name));
   const labelled = columns.value.get("labels");
   const some = labelled?.kind === "category" && labelled.names.length > 1;
-  const both = has("mechanism") && about.value?.sources.every((source) => source.natural);
-  return USUAL_LIST.filter((name) => has(name) && (name !== "labels" || some) && (name !== "crash_type" || !both));
+  const kind = shownKind.value;
+  const other = kind === "natural" && has("mechanism") ? "crash_type" : "mechanism";
+  return (has("prevention") ? USUAL_LIST[kind] : PLAIN_LIST).filter((name) => has(name) && name !== other && (name !== "labels" || some));
+});
+
+// Signals of their own, so that what depends on the source alone stays as it is when other filters change.
+const sourceFilter = computed(() => filters.value.get("source"));
+const sourceColumn = computed(() => columns.value.get("source"));
+
+/** Whether the chosen sources hold natural cases, made ones, or both. */
+export const shownKind = computed<"natural" | "made" | "both">(() => {
+  const filter = sourceFilter.value;
+  const chosen = (about.value?.sources ?? []).filter(({ name }) => filter?.kind !== "values" || filter.values.includes(name));
+  return chosen.every(({ natural }) => natural) ? "natural" : chosen.some(({ natural }) => natural) ? "both" : "made";
 });
 
 export const sorting = computed(() => {
   if (sort.value && (sort.value.column === "case_id" || has(sort.value.column))) return sort.value;
-  if (has("often")) return { column: "often", descending: true };
+  if (has("often") && shownKind.value !== "made") return { column: "often", descending: true };
   return has("value") ? { column: "value", descending: true } : { column: "case_id", descending: false };
 });
 
@@ -237,18 +255,16 @@ export interface Placed {
   readonly ys: Float64Array;
   readonly log: readonly [boolean, boolean];
   readonly box: Box;
-  /** Cases of the chosen sources that have no place. */
+  /** Cases of the chosen sources that have a place, and that have none. */
+  readonly shown: number;
   readonly missing: number;
   /** From units of the axes to places, and back. */
   readonly toAxis: (point: Point) => Point;
   readonly toUnits: (point: Point) => Point;
 }
 
-const sourceMask = computed(() => {
-  const filter = filters.value.get("source");
-  const column = columns.value.get("source");
-  return filter && column ? failsOf(column, filter) : null;
-});
+/** Rows of other sources than the chosen ones; null: all sources are chosen. */
+export const sourceMask = computed(() => (sourceFilter.value && sourceColumn.value ? failsOf(sourceColumn.value, sourceFilter.value) : null));
 
 export const placed = computed<Placed | null>(() => {
   const names = axisColumns.value;
@@ -261,12 +277,14 @@ export const placed = computed<Placed | null>(() => {
   const ys = new Float64Array(va.length);
   const hidden = sourceMask.value;
   let missing = 0;
+  let shown = 0;
   for (let row = 0; row < xs.length; row++) {
     const x = log[0] ? Math.log10(va[row]!) : va[row]!;
     const y = log[1] ? Math.log10(vb[row]!) : vb[row]!;
     const other = hidden !== null && hidden[row] === 1;
     const isPlaced = !other && Number.isFinite(x) && Number.isFinite(y);
-    if (!isPlaced && !other) missing++;
+    if (isPlaced) shown++;
+    else if (!other) missing++;
     xs[row] = isPlaced ? x : NaN;
     ys[row] = isPlaced ? y : NaN;
   }
@@ -278,6 +296,7 @@ export const placed = computed<Placed | null>(() => {
     ys,
     log,
     box: { x: extentOf(xs) ?? [0, 1], y: extentOf(ys) ?? [0, 1] },
+    shown,
     missing,
     toAxis: ([x, y]) => [on(x, log[0]), on(y, log[1])],
     toUnits: ([x, y]) => [off(x, log[0]), off(y, log[1])],
@@ -298,9 +317,12 @@ export const encoding = computed<Encoding | null>(() => {
 /** Row under the cursor of list and map; -1: none. */
 export const cursor = signal(-1);
 
-/** Watch a case, with the cursor on it. */
+/** Watch a case, with the cursor on it. A case of a source that is not shown brings its source. */
 export function watch(key: string, play = false): void {
+  const source = key.slice(0, key.indexOf("/"));
+  const chosen = sourceFilter.peek();
   batch(() => {
+    if (chosen?.kind === "values" && !chosen.values.includes(source)) setFilter("source", { kind: "values", values: [source] });
     open(key, null, play);
     cursor.value = rowOf(key);
   });

@@ -4,7 +4,10 @@ import { effect, signal } from "@preact/signals";
 import { heightFor, drawScene } from "../../shared/scene";
 import { time } from "../state";
 import { type Run, frameOf } from "./run";
-import { TRAIL_S, ahead, colours, metresFor, shades, trails, zoom } from "./view";
+import { TRAIL_S, ahead, colours, metresFor, runs, shades, trails, zoom } from "./view";
+
+/** Mark of the browser's performance timeline when a case is first drawn, by which tests measure how long a click takes. */
+export const DRAWN = "case drawn";
 
 export function Above({ run }: { run: Run }) {
   const ref = useRef<HTMLCanvasElement>(null);
@@ -13,15 +16,18 @@ export function Above({ run }: { run: Run }) {
     const width = signal(canvas.clientWidth);
     const watcher = new ResizeObserver(() => { width.value = canvas.clientWidth; });
     watcher.observe(canvas);
+    let isDrawn = false;
     const stop = effect(() => {
       if (width.value === 0) return;
       const wide = metresFor(width.value);
-      const height = Math.min(heightFor(run.item, width.value, wide), Math.max(150, window.innerHeight * 0.45));
+      const height = Math.min(heightFor(run.item, width.value, wide), Math.max(150, window.innerHeight * (runs.value.length > 1 ? 0.3 : 0.45)));
       canvas.style.height = `${Math.round(height)}px`;
       const shown = colours.value;
       const ghosts = run.mark === "A" ? shades.value.map(({ motion, onRoad, name }) => ({ motion, name, colour: shown[onRoad] })) : [];
       const look = { metres: wide, detail: true, ahead: ahead.value, ghosts, ...(trails.value ? { trail: TRAIL_S } : {}) };
       drawScene(canvas, run.item, frameOf(run, time.value), look, shown);
+      if (!isDrawn) performance.mark(DRAWN);
+      isDrawn = true;
     });
     const unlisten = listen(canvas);
     return () => { stop(); unlisten(); watcher.disconnect(); };

@@ -32,7 +32,7 @@ export function Charts({ manoeuvre }: { manoeuvre: number | null }) {
       const shown = series(runs.value, shades.value.map(lineOf));
       const marks = marksOf(runs.value, manoeuvre);
       drawn = shown.panels.map((panel) => new Chart(host, panel, shown, marks));
-      moveAll(drawn, time.peek(), true);
+      for (const chart of drawn) chart.fit(); // each has its width only when all of them stand
     });
     const stopMoving = effect(() => moveAll(drawn, time.value, !playing.value));
     const watcher = new ResizeObserver(() => { for (const chart of drawn) chart.fit(); });
@@ -86,7 +86,7 @@ class Chart {
         height: HEIGHT,
         legend: { show: false },
         cursor: { sync: { key: "watch" }, drag: { x: false, y: false }, y: false, points: { size: 6 } },
-        scales: { x: { time: false }, y: { range: () => [...panel.range] } },
+        scales: { x: { time: false, range: (_, low, high) => [low, high + 0.03 * (high - low)] }, y: { range: () => [...panel.range] } },
         axes: [{ ...axis, size: 24 }, { ...axis, size: 38 }],
         series: [
           {},
@@ -150,7 +150,7 @@ class Chart {
     this.legend.classList.toggle("hovered", this.hovered >= 0);
     this.panel.lines.forEach((line, i) => {
       const value = line.values[index] ?? null;
-      const text = value === null && this.panel.name === "time to collision" ? "∞" : show(value, "", this.panel.unit === "m/s²" ? 1 : 1);
+      const text = value === null && this.panel.name === "time to collision" ? "∞" : show(value, "", 1);
       if (this.values[i]!.textContent !== text) this.values[i]!.textContent = text;
     });
   }

@@ -2,18 +2,20 @@
 import { effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { time } from "../state";
+import { type Eye, PLACES, bestPlace, scaled } from "./eye";
 import { type Run, frameOf } from "./run";
 import type { View3d } from "./view3d";
-import { TRAIL_S, colours, looksAnew, nearer, shades, trails } from "./view";
+import { TRAIL_S, colours, lookFrom, looksAnew, nearer, runs, shades, trails } from "./view";
 
-type Eye = readonly [number, number, number];
-const BEHIND: Eye = [-17, 0, 7.5];
 /** Where the camera stands from what it looks at [m]; all views share it, so that two recordings are seen alike. */
-const eye = signal<Eye>(BEHIND);
+const eye = signal<Eye>(PLACES.behind);
 
 effect(() => {
-  if (looksAnew.value > 0) eye.value = BEHIND;
+  looksAnew.value;
+  lookFrom.value = bestPlace(runs.value[0]?.item);
+  eye.value = PLACES[lookFrom.value];
 });
+effect(() => { eye.value = PLACES[lookFrom.value]; });
 
 let steps = 0;
 effect(() => {
@@ -21,13 +23,6 @@ effect(() => {
   steps = nearer.value;
   if (factor !== 1) eye.value = scaled(eye.peek(), factor);
 });
-
-/** The camera nearer or farther, within what the view allows. */
-export function scaled([x, y, z]: Eye, factor: number): Eye {
-  const far = Math.hypot(x, y, z);
-  const f = Math.max(5, Math.min(140, far * factor)) / far;
-  return [x * f, y * f, z * f];
-}
 
 export function Chase({ run }: { run: Run }) {
   const ref = useRef<HTMLDivElement>(null);

@@ -1,5 +1,5 @@
 // The facts of a case in the order of the questions that a reader asks. Pure.
-import { show } from "../../shared/format";
+import { show, showSmall } from "../../shared/format";
 import type { ColumnInfo, Fact } from "../api";
 
 export interface FactRow {
@@ -22,24 +22,40 @@ type Column = ColumnInfo & { readonly label?: string; readonly values?: Readonly
 
 interface Group {
   readonly title: string;
-  readonly first: readonly string[];
+  /** What stands first, by the column's name, as a reader calls it; null: as the server does. */
+  readonly first: Readonly<Record<string, string | null>>;
   readonly more: RegExp;
 }
 
 const GROUPS: readonly Group[] = [
   {
     title: "What happened",
-    first: ["mechanism", "crash_type", "side", "striker", "bv_kind", "impact_speed_mps", "av_speed_mps", "bv_speed_mps", "av_delta_v_mps", "av_injury_probability", "crash_time_s"],
+    first: {
+      mechanism: null, crash_type: null, side: null, striker: null, bv_kind: null, impact_speed_mps: "speed relative to each other at contact",
+      av_speed_mps: "speed of the AV at contact", bv_speed_mps: "speed of the BV at contact", av_delta_v_mps: "change of the AV's velocity (delta-v)",
+      av_injury_probability: null, crash_time_s: "contact, after the begin of the test",
+    },
     more: /^(bv_slot|bv_length|bv_width|av_lane|relative_|impact_|duration|bv_delta_v|bv_injury|av_force|bv_force|physically)/,
   },
-  { title: "How often", first: ["often", "weight", "possible_shortfall_nats", "n_implausible"], more: /^(log_prob|shortfall|n_impossible|n_decisions)/ },
-  { title: "Whose fault", first: ["fault", "fault_rule", "fault_s", "conduct", "conduct_s"], more: /^(av_rule|av_fault|bv_rule|bv_fault|blame|conduct)/ },
+  {
+    title: "How often",
+    first: { often: null, weight: "crashes per test that it stands for", possible_shortfall_nats: "how unlikely the BV's actions were (shortfall)", n_impossible: "actions impossible in natural traffic", n_implausible: "actions hardly ever seen in natural traffic" },
+    more: /^(log_prob|shortfall|n_decisions)/,
+  },
+  {
+    title: "Whose fault",
+    first: { fault: null, fault_rule: null, fault_s: "rule broken, before contact", conduct: null, conduct_s: "it began, before contact" },
+    more: /^(av_rule|av_fault|bv_rule|bv_fault|blame|conduct)/,
+  },
   {
     title: "What would have prevented it",
-    first: ["prevention", "prevented_by", "held_speed_prevents", "way_out", "avoidability", "manoeuvre_begin_s", "latest_any_s", "time_to_react_s"],
+    first: {
+      prevention: null, prevented_by: "reference drivers that would have", held_speed_prevents: "to hold the speed would have", way_out: null, avoidability: "the AV could have avoided it",
+      manoeuvre_begin_s: "manoeuvre began, before contact", latest_any_s: "last way out, before contact", time_to_react_s: "time to react (from one to the other)",
+    },
     more: /^(latest_|avoidability|least_ttc|braking_)/,
   },
-  { title: "Why look at it", first: ["role", "value"], more: /^(value_|cluster|group|pc\d)/ },
+  { title: "Why look at it", first: { role: "shown as", value: "value of the case, 0 to 1" }, more: /^(value_|cluster|group|pc\d)/ },
 ];
 const MEASURES = "Measures";
 
@@ -52,7 +68,10 @@ export function inWords(fact: Fact, values?: Readonly<Record<string, string>>): 
     const said = values?.[value] ?? value;
     return isNumberWord(value) ? (value.startsWith("-") || value.startsWith("minus") ? "−∞" : "∞") : said;
   }
-  return show(value, unit, digitsOf(value)).replace(/^(.*?)e\+?(−?)(-?)(\d+)/, "$1 · 10^$2$4");
+  const print = unit.replace("m/s2", "m/s²");
+  const size = Math.abs(value);
+  if (size === 0 || !Number.isFinite(value) || size >= 1e-4) return show(value, print, digitsOf(value));
+  return `${showSmall(value)} ${print}`.trim();
 }
 
 const isNumberWord = (text: string): boolean => /^(-|minus )?inf(inite|inity)?$/.test(text);
@@ -71,17 +90,20 @@ export function factGroups(facts: readonly Fact[], columns: readonly Column[]): 
   const byName = new Map(facts.map((fact) => [fact.name, fact]));
   const columnOf = new Map(columns.map((column) => [column.name, column]));
   const used = new Set<string>();
-  const row = (fact: Fact): FactRow => {
+  const row = (fact: Fact, label: string | null = null): FactRow => {
     used.add(fact.name);
     const column = columnOf.get(fact.name);
-    return { name: fact.name, label: column?.label ?? labelOf(fact.name), value: inWords(fact, column?.values), meaning: fact.meaning };
+    return { name: fact.name, label: label ?? column?.label ?? labelOf(fact.name), value: inWords(fact, column?.values), meaning: fact.meaning };
   };
   const isKnown = (fact: Fact | undefined): fact is Fact => fact !== undefined && fact.value !== null && fact.value !== "";
   const groups = GROUPS.map(({ title, first, more }) => {
-    const rows = first.map((name) => byName.get(name)).filter(isKnown).map(row);
-    return { title, rows, more: facts.filter((fact) => !used.has(fact.name) && more.test(fact.name)).map(row) };
+    const rows = Object.entries(first).flatMap(([name, label]) => {
+      const fact = byName.get(name);
+      return isKnown(fact) ? [row(fact, label)] : [];
+    });
+    return { title, rows, more: facts.filter((fact) => !used.has(fact.name) && more.test(fact.name)).map((fact) => row(fact)) };
   });
-  const rest = facts.filter((fact) => !used.has(fact.name) && !["case_id", "source", "key"].includes(fact.name)).map(row);
+  const rest = facts.filter((fact) => !used.has(fact.name) && !["case_id", "source", "key"].includes(fact.name)).map((fact) => row(fact));
   return [...groups, { title: MEASURES, rows: [], more: rest }].filter(({ rows, more }) => rows.length + more.length > 0);
 }
 

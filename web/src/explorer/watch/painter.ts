@@ -17,6 +17,8 @@ interface Face {
 
 /** Faces nearer than this are cut off [m]. */
 const NEAR = 0.3;
+/** A vehicle may reach this far ahead of its middle [m]; what lies farther behind the camera is not looked at. */
+const BEHIND = 15;
 /** Where the light comes from, and how strong it is; `view3d` gives three's lights the same. */
 export const LIGHT = { from: new Vector3(-0.45, 0.35, 0.82).normalize(), ambient: 0.55, direct: 0.5 };
 
@@ -60,6 +62,7 @@ export class Painter {
     camera.updateMatrixWorld();
     const { pen, size: [width, height] } = this;
     pen.setTransform(this.pixels, 0, 0, this.pixels, 0, 0);
+    blended.clear(); // the mist may have another colour
     const sky = scene.background instanceof Color ? scene.background : new Color("#888");
     pen.globalAlpha = 1;
     pen.fillStyle = `#${sky.getHexString()}`;
@@ -85,6 +88,23 @@ export class Painter {
   }
 }
 
+const STEPS = 48;
+const blended = new Map<number, string>();
+const blend = new Color();
+
+/** A colour in a light (1: as it is) and in mist (1: all mist), both in steps, as CSS writes it; each is made once. */
+function mixed(colour: Color, light: number, mist: Color, share: number): string {
+  const [a, b] = [Math.round(light * STEPS), Math.round(share * STEPS)];
+  // Exact below 2^53: 24 bits of colour, and room for both steps.
+  const key = (colour.getHex() * 128 + a) * 64 + b;
+  let text = blended.get(key);
+  if (text === undefined) {
+    text = `#${blend.copy(colour).multiplyScalar(a / STEPS).lerp(mist, b / STEPS).getHexString()}`;
+    blended.set(key, text);
+  }
+  return text;
+}
+
 function facesOf(scene: Scene, camera: Camera): Face[] {
   const found: Face[] = [];
   const toCamera = new Matrix4();
@@ -103,6 +123,7 @@ function facesOf(scene: Scene, camera: Camera): Face[] {
     // What belongs together is sorted as one, so that a car never shows through another.
     const owner = object.parent && object.parent !== scene ? object.parent : null;
     const far = owner ? -place.setFromMatrixPosition(owner.matrixWorld).applyMatrix4(camera.matrixWorldInverse).z : 0;
+    if (owner && (far < -BEHIND || (fog && far > fog.far))) return;
     const vertex = (i: number): Spot => {
       place.set(values[3 * i]!, values[3 * i + 1]!, values[3 * i + 2]!).applyMatrix4(toCamera);
       return [place.x, place.y, place.z];
@@ -110,10 +131,10 @@ function facesOf(scene: Scene, camera: Camera): Face[] {
     const add = (points: readonly Spot[], shade: number, isLine: boolean) => {
       if (points.length < 2) return;
       const depth = -points.reduce((sum, point) => sum + point[2], 0) / points.length;
-      const colour = material.color.clone().multiplyScalar(shade);
-      if (fog && !isLine) colour.lerp(fog.color, Math.max(0, Math.min(1, (depth - fog.near) / (fog.far - fog.near))));
       if (fog && depth > fog.far) return;
-      found.push({ order: object.renderOrder, far, depth, points, colour: `#${colour.getHexString()}`, alpha: material.opacity, isLine });
+      const mist = fog && !isLine ? Math.max(0, (depth - fog.near) / (fog.far - fog.near)) : 0;
+      const colour = mixed(material.color, shade, fog?.color ?? material.color, mist);
+      found.push({ order: object.renderOrder, far, depth, points, colour, alpha: material.opacity, isLine });
     };
     if (!isMesh) {
       for (let i = 0; i + 1 < count; i += 2) {

@@ -1,6 +1,6 @@
 // Values at the moment that is shown; with two recordings, both and their difference.
 import { useComputed } from "@preact/signals";
-import { show } from "../../shared/format";
+import { show, showSmall } from "../../shared/format";
 import { boxAt, crashFrame, decisionAt } from "../../shared/motion";
 import { accelerationAt } from "../../shared/trails";
 import { time } from "../state";
@@ -43,7 +43,7 @@ function controlled(run: Run, frame: number): string {
   const index = run.item.critical[k] ?? -1;
   const p = run.item.p_nde[k] ?? null;
   if (k < 0 || index <= 0) return "";
-  const chance = p === null ? "" : p === 0 ? ", impossible in natural traffic" : `, natural probability ${p}`;
+  const chance = p === null ? "" : p === 0 ? ", impossible in natural traffic" : `, natural probability ${showSmall(p)}`;
   return `The adversary controls BV ${run.item.vehicles[index]!.slot}: ${(run.item.action[k] || "no action").replace("-", "−")}${chance}.`;
 }
 
@@ -62,7 +62,6 @@ export function Readout() {
     return (
       <>
         <dl class="readout">
-          <div><dt>now</dt><dd class={frames[0]! >= crashFrame(a.item) && a.item.crash !== null ? "touches" : ""}>{stateOf(a, now, frames[0]!)}</dd></div>
           {rows.map(({ name, unit, digits, values }) => <div key={name}><dt>{name}</dt><dd>{show(values[0], unit, digits)}</dd></div>)}
         </dl>
         {said && <p class="note">{said}</p>}

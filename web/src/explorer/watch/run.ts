@@ -35,7 +35,9 @@ export const shiftOf = (a: Case, b: Case, isSameTest: boolean): number =>
 const round = (seconds: number): number => Math.round(seconds * 1000) / 1000;
 
 /** Frame of a recording at a time of the clock; before its begin and after its end it stands still. */
-export const frameOf = ({ item, shift }: Run, time: number): number => clamp(frameAt(item, time + shift), 0, item.frames - 1);
+export const frameOf = ({ item, shift }: Run, time: number): number =>
+  // Rounded, so that 81 recorded frames of 0.1 s are frame 81 and not a hair before it.
+  clamp(Math.round(frameAt(item, time + shift) * 1e6) / 1e6, 0, item.frames - 1);
 
 /** Whether a recording moves at a time of the clock. */
 export function isOn({ item, shift }: Run, time: number): boolean {

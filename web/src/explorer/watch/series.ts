@@ -77,11 +77,13 @@ export function series(runs: readonly Run[], ghosts: readonly GhostLine[]): Seri
     { name: "speed", unit: "m/s", lines: [...speed, ...shades], range: around([...speed, ...shades], 6, 0) },
     { name: "acceleration", unit: "m/s²", lines: acceleration, range: around(acceleration, 4) },
     { name: "gap along the road", unit: "m", lines: gap, range: around(gap, 10) },
-    { name: "time to collision", unit: "s", lines: ttc, range: [0, TTC_MOST] },
+    { name: "time to collision", unit: "s", lines: ttc.filter(isKnown), range: [0, TTC_MOST] },
     { name: "place across the road", unit: "m", lines: lateral, range: [0, wide] },
   ];
-  return { x, panels: panels.filter((panel) => panel.lines.some((line) => line.values.some((value) => value !== null))) };
+  return { x, panels: panels.filter(({ lines: all }) => all.some(isKnown)) };
 }
+
+const isKnown = (line: Line): boolean => line.values.some((value) => value !== null);
 
 interface Member {
   readonly motion: Motion;

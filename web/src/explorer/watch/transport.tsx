@@ -2,9 +2,10 @@
 import { useComputed, useSignalEffect } from "@preact/signals";
 import { useRef } from "preact/hooks";
 import { camera, looping, playing, rate, time } from "../state";
+import type { Place } from "./eye";
 import { RATES, obey, seek, togglePlay } from "./player";
 import { contactAt, spanOf } from "./run";
-import { ahead, isShortLoop, metres, resetView, runs, trails } from "./view";
+import { ahead, isShortLoop, lookFrom, metres, resetView, runs, trails } from "./view";
 
 const loopName = () => (!looping.value ? "off" : isShortLoop.value ? "last" : "all");
 
@@ -23,7 +24,7 @@ export function Transport({ manoeuvre, width }: { manoeuvre: number | null; widt
   const isMoved = useComputed(() => metres.value !== null || ahead.value !== 0 || camera.value === "chase");
   return (
     <>
-      <div class="transport" role="group" aria-label="Time">
+      <div class="transport time" role="group" aria-label="Time">
         <button type="button" class="play" onClick={togglePlay} aria-keyshortcuts="Space">{playing.value ? "Pause" : "Play"}</button>
         <button type="button" onClick={does("back")} aria-label="0.1 s back" title="0.1 s back (←)">−1</button>
         <Scrub from={from} to={to} dt={first.dt} contact={first.crash === null ? null : contact} manoeuvre={manoeuvre} />
@@ -32,7 +33,7 @@ export function Transport({ manoeuvre, width }: { manoeuvre: number | null; widt
       </div>
       <div class="transport" role="group" aria-label="View">
         <button type="button" onClick={does("manoeuvre")} disabled={manoeuvre === null} title="Begin of the manoeuvre that led to it (m)">To the manoeuvre</button>
-        <button type="button" onClick={does("contact")} title={first.crash === null ? "The end (End)" : "Contact (c)"}>{first.crash === null ? "To the end" : "To the crash"}</button>
+        <button type="button" onClick={does("contact")} title={first.crash === null ? "The end (End)" : "Contact (x)"}>{first.crash === null ? "To the end" : "To the crash"}</button>
         <label>speed <select value={String(rate.value)} onChange={(event) => { rate.value = Number(event.currentTarget.value); }}>
           {RATES.map((one) => <option key={one} value={String(one)}>×{one}</option>)}
         </select></label>
@@ -43,6 +44,11 @@ export function Transport({ manoeuvre, width }: { manoeuvre: number | null; widt
           <button type="button" aria-pressed={camera.value === "above"} onClick={() => { camera.value = "above"; }} title="From above, to scale (v)">From above</button>
           <button type="button" aria-pressed={camera.value === "chase"} onClick={() => { camera.value = "chase"; }} title="From behind the AV (v)">3-D</button>
         </span>
+        {camera.value === "chase" && (
+          <label>from <select value={lookFrom.value} onChange={(event) => { lookFrom.value = event.currentTarget.value as Place; }}>
+            <option value="behind">behind the AV</option><option value="ahead">ahead, looking back</option><option value="beside">its right</option>
+          </select></label>
+        )}
         <span class="choice" role="group" aria-label="Zoom">
           <button type="button" onClick={does("out")} aria-label="Farther" title="Farther (−)">−</button>
           <button type="button" onClick={does("in")} aria-label="Nearer" title="Nearer (+)">+</button>

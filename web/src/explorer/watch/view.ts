@@ -3,6 +3,7 @@ import { computed, signal } from "@preact/signals";
 import type { Colours, ColourName } from "../../shared/colours";
 import { dark, readColours } from "../../shared/colours";
 import type { Motion } from "../../shared/case";
+import type { Place } from "./eye";
 import type { Run } from "./run";
 
 /** Width of the picture from above [m]; null: by the width of the picture. */
@@ -17,11 +18,14 @@ export const looksAnew = signal(0);
 /** Steps of nearer (+1) and farther (-1) asked of the 3-D view, counted. */
 export const nearer = signal(0);
 
+/** Where the 3-D view looks from, unless a drag has turned it. */
+export const lookFrom = signal<Place>("behind");
+
 export const TRAIL_S = 3;
 const [LEAST_M, MOST_M] = [16, 220];
 
 /** A picture's width in metres: what is asked for, or so that a car is well seen. */
-export const metresFor = (width: number): number => metres.value ?? Math.max(36, Math.min(100, width / 11));
+export const metresFor = (width: number): number => metres.value ?? Math.max(44, Math.min(100, width / 9));
 
 /** Show less of the road (factor below 1) or more. */
 export function zoom(factor: number, width: number): void {

@@ -7,13 +7,13 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Case, Kind, Motion } from "../../shared/case";
 import type { Colours } from "../../shared/colours";
-import { boxAt, criticalAt, overlap } from "../../shared/motion";
+import { boxAt, criticalAt, touch } from "../../shared/motion";
 import { brakes, trail } from "../../shared/trails";
 import { LIGHT, Painter } from "./painter";
 import { type Stuff, faces, triangles, vehicleBlocks } from "./solids";
 
 /** What the camera looks at is this far ahead of the AV and this high [m]. */
-const [AHEAD, HIGH] = [5, 1];
+const [AHEAD, HIGH] = [2, 1];
 const ORDER = { verge: 0, road: 1, paint: 2, shadow: 3, trail: 4, solid: 5, ghost: 6, contact: 7 };
 
 export interface Shown {
@@ -43,12 +43,21 @@ export interface View3d {
 
 type Renderer = Pick<Painter, "domElement" | "setSize" | "setPixelRatio" | "render" | "dispose">;
 
+/** Whether a program on the processor draws what a graphics card should. */
+function isImitated(context: WebGL2RenderingContext): boolean {
+  const names = context.getExtension("WEBGL_debug_renderer_info");
+  const name = String(context.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : context.RENDERER));
+  const found = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+  if (found) context.getExtension("WEBGL_lose_context")?.loseContext();
+  return found;
+}
+
+/** WebGL where the machine has it; where a program would only imitate it, painting is several times faster. */
 function makeRenderer(): { renderer: Renderer; isPainted: boolean } {
-  try {
-    return { renderer: new WebGLRenderer({ antialias: true, powerPreference: "low-power" }), isPainted: false };
-  } catch {
-    return { renderer: new Painter(), isPainted: true };
-  }
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("webgl2", { antialias: true, failIfMajorPerformanceCaveat: true, powerPreference: "low-power" });
+  if (!context || isImitated(context)) return { renderer: new Painter(), isPainted: true };
+  return { renderer: new WebGLRenderer({ canvas, context, antialias: true }), isPainted: false };
 }
 
 /** `turned` is told where a drag or the wheel puts the camera. */
@@ -76,7 +85,7 @@ export function makeView3d(item: Case, colours: Colours, turned: (eye: [number, 
       renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
       renderer.setSize(width, height, false);
       camera.aspect = width / height;
-      camera.fov = width < height * 1.2 ? 62 : 50;
+      camera.fov = width < height * 1.2 ? 58 : 42;
       camera.updateProjectionMatrix();
     },
     draw(shown) {
@@ -121,12 +130,14 @@ class World {
 
   constructor(private readonly scene: Scene, private readonly item: Case, private readonly colours: Colours) {
     const sky = new Color(colours.verge).lerp(new Color("#7fa8c9"), 0.35);
+    const isDark = sky.getHSL({ h: 0, s: 0, l: 0 }).l < 0.5;
+    const grass = new Color(colours.verge).lerp(new Color("#6f8f5a"), isDark ? 0.07 : 0.38);
     scene.background = sky;
     scene.fog = new Fog(sky, 90, 330);
     const sun = new DirectionalLight("#ffffff", LIGHT.direct * Math.PI);
     sun.position.copy(LIGHT.from);
     scene.add(new AmbientLight("#ffffff", LIGHT.ambient * Math.PI), sun);
-    this.layRoad();
+    this.layRoad(grass);
     this.vehicles = item.vehicles.map((vehicle) => this.makeVehicle(vehicle.kind, vehicle.length, vehicle.width));
     this.ribbons = item.vehicles.map(() => {
       const ribbon = flat([], colours.other, ORDER.trail);
@@ -136,11 +147,12 @@ class World {
       return ribbon;
     });
     this.ring = flat(ringQuads(2.1, 0.22, 0.08), colours.contact, ORDER.contact);
+    this.ring.material.depthTest = false; // it lies between the two, and shall be seen from wherever one looks
     scene.add(...this.vehicles, ...this.ribbons, this.ring);
   }
 
   /** Ground, lanes with their markings, and posts at the verge, which show how fast the AV is. */
-  private layRoad(): void {
+  private layRoad(grass: Color): void {
     const { item, colours, scene } = this;
     const places = item.vehicles[0]!.x.filter((x) => x !== null);
     const [from, to] = [Math.floor((Math.min(...places) - 180) / 12) * 12, Math.max(...places) + 360];
@@ -148,7 +160,7 @@ class World {
     const steps = Array.from({ length: Math.ceil((to - from) / 12) }, (_, i) => from + 12 * i);
     const strips = (y0: number, y1: number, z: number, long = 12) => steps.map((x) => patch(x, x + long, y0, y1, z));
     scene.add(
-      flat([...strips(-150, -0.9, -0.02), ...strips(wide + 0.9, wide + 150, -0.02)], new Color(colours.verge).multiplyScalar(0.9), ORDER.verge),
+      flat([...strips(-500, -0.9, -0.02), ...strips(wide + 0.9, wide + 500, -0.02)], grass, ORDER.verge),
       flat(strips(-0.9, wide + 0.9, 0), colours.road, ORDER.road),
       flat([...strips(-0.1, 0.1, 0.01), ...strips(wide - 0.1, wide + 0.1, 0.01)], colours.paint, ORDER.paint),
       flat(Array.from({ length: item.lanes - 1 }, (_, i) => strips((i + 1) * item.laneWidth - 0.08, (i + 1) * item.laneWidth + 0.08, 0.01, 3)).flat(), colours.paint, ORDER.paint),
@@ -160,7 +172,7 @@ class World {
       for (const y of [-1.6, wide + 1.6]) {
         const group = new Group(); // one each, so that the painter can tell which is farther
         group.position.set(x, y, 0);
-        group.add(solid(post(0, 0), new MeshLambertMaterial({ color: colours.paint })));
+        group.add(solid(post(0, 0), new MeshLambertMaterial({ color: colours.muted })));
         scene.add(group);
       }
     }
@@ -224,9 +236,9 @@ class World {
     });
     this.putShades(frame, ghosts);
     const pair = [0, item.partner].map((index) => (index >= 0 ? boxAt(item.vehicles[index]!, frame) : null));
-    const touch = item.crash !== null && frame >= item.crash && pair[0] && pair[1] ? overlap(pair[0], pair[1]) : null;
-    this.ring.visible = touch !== null;
-    if (touch) this.ring.position.set(touch.middle[0], touch.middle[1], 1.6);
+    const met = item.crash !== null && frame >= item.crash && pair[0] && pair[1] ? touch(pair[0], pair[1]) : null;
+    this.ring.visible = met !== null;
+    if (met) this.ring.position.set(met.middle[0], met.middle[1], 1.6);
   }
 
   private putShades(frame: number, ghosts: Shown["ghosts"]): void {

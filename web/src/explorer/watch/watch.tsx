@@ -3,6 +3,7 @@ import "./watch.css";
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { type About, type Fact, type Ghost, type WatchedCase, getCase, getCaseWith, getGhosts } from "../api";
+import type { Case } from "../../shared/case";
 import { type CaseKey, beside, camera, ghosts, opening, time } from "../state";
 import { Above } from "./above";
 import { Beside } from "./beside";
@@ -22,7 +23,7 @@ import { WAY_OUT, colours, ghostColours, resetView, runs, shades } from "./view"
 import { withPartner } from "./partner";
 
 export function Watch({ about, caseKey }: { about: About; caseKey: CaseKey }) {
-  const loaded = useLoaded((signal) => getCase(caseKey, signal), caseKey);
+  const loaded = useLoaded((signal) => getCase(caseKey, signal).then((item) => asDriven(item, caseKey, about)), caseKey);
   return (
     <article class="watch" aria-busy={loaded.state === "loading"}>
       {loaded.state === "there" && loaded.value.key === caseKey ? (
@@ -54,12 +55,22 @@ function Failed({ what, loaded }: { what: string; loaded: Loaded<unknown> & { st
   );
 }
 
+/** In natural traffic nobody is controlled: what is recorded as such is only the nearest vehicle. */
+function asDriven<T extends Case>(item: T, key: CaseKey, about: About): T {
+  const source = about.sources.find(({ name }) => key.startsWith(`${name}/`));
+  return source?.natural ? { ...item, critical: [], action: [], p_nde: [] } : item;
+}
+
 /** The case with its partner, beside another one if there is one. */
 function Watched({ about, item }: { about: About; item: WatchedCase }) {
   const wish = beside.value;
   const isSameTest = wish?.startsWith("av:") ?? false;
   const other = useLoaded(
-    (signal) => (wish === null ? Promise.resolve(null) : isSameTest ? getCaseWith(item.key, wish.slice(3), signal) : getCase(wish, signal)),
+    async (signal) => {
+      if (wish === null) return null;
+      if (!isSameTest) return asDriven(await getCase(wish, signal), wish, about);
+      return asDriven(await getCaseWith(item.key, wish.slice(3), signal), item.key, about);
+    },
     `${item.key} ${wish}`,
   );
   const drivers = useLoaded((signal) => (about.drivers.length === 0 ? Promise.resolve({ drivers: {} }) : getGhosts(item.key, signal)), item.key);
@@ -111,7 +122,6 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
       <header>
         <h2>{item.title}</h2>
         {sentences.filter(Boolean).length > 0 && <p class="verdict">{sentences.join(" ")}</p>}
-        <Take about={about} item={item} />
       </header>
       {ready.value && (
         <>
@@ -120,19 +130,21 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
           <div class="pictures">
             {runs.value.map((run) => (
               <figure key={run.mark}>
-                {runs.value.length > 1 && <figcaption><b class="mark">{run.mark}</b> {run.name}{run.mark === "B" && endOf(run)}</figcaption>}
+                {runs.value.length > 1 && <figcaption><b class="mark">{run.mark}</b> {run.name}{run.mark === "B" && endOf(run)}{run.mark === "B" && !isSameTest && second?.title && <span class="note">. {second.title}</span>}</figcaption>}
                 {camera.value === "above" ? <Above run={run} /> : <Chase run={run} />}
               </figure>
             ))}
           </div>
-          <Key hasPartner={item.partner > 0} isControlled={item.critical.some((index) => index > 0)} />
           <Transport manoeuvre={manoeuvre} width={width} />
           <Readout />
+          <Key hasPartner={item.partner > 0} isControlled={item.critical.some((index) => index > 0)} />
           <GhostToggles item={item} drivers={about.drivers} loaded={drivers} />
           <Beside about={about} caseKey={item.key} />
           <Charts manoeuvre={manoeuvre} />
+          <p class="note">Across: time since the test began [s]; click or drag to go there. Dashed lines: the manoeuvre begins, the contact.</p>
         </>
       )}
+      <Take about={about} item={item} />
       <Facts facts={item.facts} columns={about.columns} />
     </div>
   );
@@ -162,9 +174,13 @@ function Key({ hasPartner, isControlled }: { hasPartner: boolean; isControlled: 
       <li><span class="box other" />other BVs</li>
       <li><span class="box contact" />contact</li>
       <li><span class="box braking" />red at the rear: brakes</li>
-      <li>dashed arrow: lane change</li>
-      <li>line behind: the last 3 s, a dot each second</li>
-      <li>numbers: speed [m/s]</li>
+      {camera.value === "above" ? (
+        <>
+          <li>dashed arrow: lane change</li>
+          <li>line behind: the last 3 s, a dot each second</li>
+          <li>numbers: speed [m/s]</li>
+        </>
+      ) : <li>line behind: the last 3 s</li>}
     </ul>
   );
 }
