@@ -46,3 +46,12 @@ class Complaints:
         page.on("pageerror", lambda error: self.lines.append(str(error)))
         page.on("request", lambda one: one.url.startswith(("http", "ws")) and not one.url.startswith(home)
                 and self.lines.append(f"asks {one.url}"))  # fmt: skip
+
+
+def until(page: Any, condition: str) -> None:
+    """Wait until a condition in JavaScript holds, 20 s at most; Playwright's own way needs `eval`, which the page forbids."""
+    for _ in range(400):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(f"never true: {condition}")

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 import pytest
-from browser_session import Opener, Server, serve
+from browser_session import Opener, Server, serve, until
 
 pytestmark = pytest.mark.browser
 
@@ -19,7 +19,7 @@ FIRST = "The most frequent crash that a careful driver would have prevented"
 
 def shown(page: Any) -> tuple[int, int]:
     """Cases that pass the filters, and all cases."""
-    line = page.get_by_role("status").filter(has_text=" cases").first.inner_text()
+    line = page.locator(".counted").text_content()
     found = re.match(r"([\d,]+) of ([\d,]+) cases", line)
     assert found is not None, line
     few, all_ = (int(part.replace(",", "")) for part in found.groups())
@@ -28,12 +28,18 @@ def shown(page: Any) -> tuple[int, int]:
 
 def ready(page: Any) -> Any:
     page.get_by_role("heading", name=FIRST).wait_for()
-    page.get_by_role("status").filter(has_text=" cases").first.wait_for()
+    until(page, "/^[1-9]/.test(document.querySelector('.counted')?.textContent)")
     return page
 
 
+def watching(page: Any) -> Any:
+    """The watched case, once it is there."""
+    page.locator(".watch").get_by_role("slider", name="Time").wait_for()
+    return page.locator(".watch")
+
+
 def seconds(page: Any) -> float:
-    return float(page.get_by_label("time since the test began").inner_text().split(" s")[0])
+    return float(page.locator(".watch output").first.inner_text().split(" s")[0])
 
 
 def first_case(page: Any) -> str:
@@ -53,9 +59,9 @@ def test_a_newcomer_plays_the_most_frequent_preventable_natural_crash(server: Se
     play.click()
     page.get_by_role("button", name="Pause").wait_for()
     before = seconds(page)
-    page.wait_for_function("document.querySelector('.watch [role=status]')?.textContent.includes('contact')")
-    page.get_by_role("button", name="Play").first.wait_for()  # it has come to its end
+    page.get_by_role("button", name="Play", exact=True).wait_for()  # it has come to its end
     assert seconds(page) > before
+    assert page.locator(".watch output").first.inner_text().endswith("contact")
     assert "case=natural/" in page.url
     assert "by braking" in page.locator(".watch").inner_text()
 
@@ -64,17 +70,16 @@ def test_filters_narrow_all_views_and_the_link_shows_the_same_again(server: Serv
     page = ready(look(server.url))
     all_ = shown(page)
     box = page.get_by_role("region", name="Filters").get_by_role("checkbox", name="a careful driver, by braking")
-    expected = int(re.sub(r"\D", "", box.get_attribute("aria-label") or box.evaluate("e => e.closest('label').innerText")))
+    expected = int(re.sub(r"\D", "", box.evaluate("box => box.closest('label').innerText")))
     box.check()
-    page.wait_for_function(f"document.body.innerText.includes('{expected:,} of')")
-    few = shown(page)
-    assert 0 < few[0] == expected < all_[0]
-    rows = page.get_by_role("grid").get_by_role("row")
-    assert int(page.get_by_role("grid").get_attribute("aria-rowcount")) == few[0] + 1
-    assert all("careful driver" in text for text in rows.all_inner_texts()[1:])
+    until(page, f"document.querySelector('.counted').textContent.startsWith('{expected:,} of')")
+    assert 0 < expected < all_[0]
+    grid = page.get_by_role("grid")
+    assert int(grid.get_attribute("aria-rowcount")) == expected + 1
+    assert all("a careful driver" in text for text in grid.get_by_role("row").all_inner_texts()[1:])
     again = ready(look(page.url))
-    again.wait_for_function(f"document.body.innerText.includes('{expected:,} of')")
-    assert shown(again) == few
+    until(again, f"document.querySelector('.counted').textContent.startsWith('{expected:,} of')")
+    assert again.get_by_role("region", name="Filters").get_by_role("checkbox", checked=True).count() == 1
 
 
 def test_the_lasso_chooses_what_it_encloses(server: Server, look: Opener) -> None:
@@ -88,11 +93,12 @@ def test_the_lasso_chooses_what_it_encloses(server: Server, look: Opener) -> Non
     for x, y in ((right, top), (right, bottom), (left, bottom), (left, top)):
         page.mouse.move(x, y, steps=6)
     page.mouse.up()
-    page.wait_for_function("location.hash.includes('lasso=')")
+    until(page, "location.hash.includes('lasso=')")
+    until(page, f"!document.querySelector('.counted').textContent.startsWith('{all_:,} of')")
     half = shown(page)[0]
     assert 0 < half < all_
     again = ready(look(page.url))
-    again.wait_for_function(f"document.body.innerText.includes('{half:,} of')")
+    until(again, f"document.querySelector('.counted').textContent.startsWith('{half:,} of')")
 
 
 def test_a_click_on_the_map_shows_the_case_under_it(server: Server, look: Opener) -> None:
@@ -116,11 +122,11 @@ def test_sql_filters_and_says_what_is_wrong(server: Server, look: Opener) -> Non
     page = ready(look(server.url, allowed=("400",)))
     all_ = shown(page)[0]
     page.get_by_text("SQL, for experts").click()
-    box = page.get_by_role("region", name="Filters").get_by_role("textbox", name=re.compile("SQL|condition", re.I)).first
+    box = page.get_by_role("textbox", name="Condition in SQL")
     box.fill("impact_speed_mps > 8")
     box.press("Control+Enter")
-    page.wait_for_function("location.hash.includes('sql=')")
-    page.wait_for_function(f"!document.body.innerText.includes('{all_:,} of')")
+    until(page, "location.hash.includes('sql=')")
+    until(page, f"!document.querySelector('.counted').textContent.startsWith('{all_:,} of')")
     assert 0 < shown(page)[0] < all_
     box.fill("no_such_column > 8")
     box.press("Control+Enter")
@@ -130,10 +136,12 @@ def test_sql_filters_and_says_what_is_wrong(server: Server, look: Opener) -> Non
 def test_a_case_beside_the_same_with_another_av_in_step(server: Server, look: Opener) -> None:
     page = ready(look(server.url))
     page.get_by_role("button", name="Play").first.click()
-    page.locator(".watch").wait_for()
-    page.locator(".watch").get_by_label("beside").select_option(label="idm-mobil")
-    page.wait_for_function("document.querySelectorAll('.watch canvas[role=img], .watch [role=img] canvas').length >= 2 || document.querySelectorAll('.watch figure').length >= 2")
-    assert "beside=av" in page.url or "beside" in page.url
+    case = watching(page)
+    case.locator("select:has(option[value='av:idm-mobil'])").select_option("av:idm-mobil")
+    until(page, "document.querySelectorAll('.watch canvas[data-view]').length === 2")
+    assert "beside=av%3Aidm-mobil" in page.url or "beside=av:idm-mobil" in page.url
+    again = look(page.url)
+    until(again, "document.querySelectorAll('.watch canvas[data-view]').length === 2")
 
 
 def test_three_dimensions_come_without_a_graphics_card(server: Server, look: Opener) -> None:
@@ -151,7 +159,7 @@ def test_a_bad_link_is_said_and_the_page_goes_on(server: Server, look: Opener, w
     page = ready(look(f"{server.url}#case={wrong}&f.nothing=1&colour=none&t=x", allowed=("404", "400")))
     page.get_by_text("not here").first.wait_for()
     page.get_by_role("button", name="Play").first.click()
-    page.locator(".watch").wait_for()
+    watching(page)
 
 
 @pytest.mark.parametrize("dark", [False, True])
@@ -160,7 +168,7 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(server: Server, look
     wide = "document.documentElement.scrollWidth"
     assert page.evaluate(wide) <= 390
     page.get_by_role("button", name="Play").first.click()
-    page.locator(".watch").wait_for()
+    watching(page)
     assert page.evaluate(wide) <= 390
     for tab in ("Map", "List", "Filters"):
         page.get_by_role("tab", name=tab).or_(page.get_by_role("button", name=tab, exact=True)).first.click()
@@ -177,13 +185,13 @@ def test_the_keyboard_reaches_everything(server: Server, look: Opener) -> None:
     page.get_by_role("dialog").wait_for(state="hidden")
     page.keyboard.press("j")
     page.keyboard.press("Enter")
-    page.locator(".watch").wait_for()
+    watching(page)
     page.keyboard.press("Space")
     page.get_by_role("button", name="Pause").wait_for()
     page.keyboard.press("Space")
     at = seconds(page)
     page.keyboard.press("ArrowRight")
-    page.wait_for_function(f"!document.querySelector('.watch [role=status]').textContent.startsWith('{at:.1f} s')")
+    until(page, f"!document.querySelector('.watch output').textContent.startsWith('{at:.1f} s')")
     assert seconds(page) == pytest.approx(at + 0.1, abs=0.051)
     page.keyboard.press("Escape")
     page.locator(".watch").wait_for(state="detached")
@@ -197,7 +205,7 @@ def test_notes_are_kept_beside_the_library(server: Server, look: Opener, run: Pa
     again = look(page.url)
     box = again.get_by_role("textbox", name=re.compile("note", re.I)).first
     box.wait_for()
-    again.wait_for_function("[...document.querySelectorAll('textarea')].some(one => one.value === 'brakes far too late')")
+    until(again, "[...document.querySelectorAll('textarea')].some(one => one.value === 'brakes far too late')")
     kept = json.loads((run / "natural" / "library-notes.json").read_text(encoding="utf-8"))
     assert "brakes far too late" in json.dumps(kept)
 
@@ -207,9 +215,8 @@ def test_a_library_without_analysis_gets_one_while_it_is_looked_at(look: Opener,
     bare = serve(tmp_path / "bare")
     try:
         page = look(bare.url)
-        page.get_by_role("status").filter(has_text=" cases").first.wait_for()
-        assert shown(page) == (300, 300)
-        page.get_by_role("button", name="Play").first.wait_for(timeout=60_000)
+        until(page, "/^300 of 300/.test(document.querySelector('.counted')?.textContent)")
+        page.get_by_role("button", name="Play").first.wait_for(timeout=100_000)
         assert (tmp_path / "bare-analysis" / "analysis.json").is_file()
     finally:
         bare.stop()
