@@ -200,5 +200,7 @@ export async function putNote(key: CaseKey, note: Note): Promise<void> {
     method: "PUT",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify(note),
+    // A note that is saved while the page closes arrives all the same.
+    keepalive: true,
   });
 }

@@ -35,6 +35,10 @@ export function App() {
       document.removeEventListener("keydown", onKey);
     };
   }, []);
+  useEffect(() => {
+    const name = watched.value ?? about.value?.av;
+    document.title = name ? `${name} – cornerforge explorer` : "cornerforge explorer";
+  }, [watched.value, about.value?.av]);
   const classes = ["app", watched.value !== null && !listOver.value ? "watching" : "", folded.value ? "folded" : ""];
   return (
     <div class={classes.filter(Boolean).join(" ")} data-tab={tab.value}>

@@ -1,5 +1,5 @@
 // The map of all cases: points to look at, to point at, to choose, to draw a line around.
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { ticks, toData, toScreen } from "./camera";
 import { columns, failure, infos, keyOf, n, rowOf } from "./data";
@@ -198,9 +198,6 @@ function Tip() {
 
 const colourNumber = (name: string): number => Number.parseInt(css(name).replace("#", ""), 16);
 
-/** How many pictures were painted and how long that took [ms]; for whoever measures. */
-export const painted = signal({ frames: 0, ms: 0 });
-
 /** Paints whenever what is shown changes, once a frame at most. */
 function startPainting(canvas: HTMLCanvasElement): () => void {
   const context = canvas.getContext("2d")!;
@@ -224,10 +221,8 @@ function startPainting(canvas: HTMLCanvasElement): () => void {
       context.clearRect(0, 0, width, height);
       return;
     }
-    const begin = performance.now();
     paint(pixels, { width, height }, { ...now, sx: now.sx * px, sy: now.sy * px }, scene);
     context.putImageData(image, 0, 0);
-    painted.value = { frames: painted.peek().frames + 1, ms: painted.peek().ms + performance.now() - begin };
   };
   const stop = effect(() => {
     void dark.value;
