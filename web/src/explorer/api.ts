@@ -149,7 +149,7 @@ async function askJson<T>(path: string, init?: RequestInit): Promise<T> {
 }
 
 /** "natural/0:12" as a path: each part is encoded, the slash between source and name stays. */
-export function pathOf(key: CaseKey): string {
+function pathOf(key: CaseKey): string {
   const slash = key.indexOf("/");
   return `${encodeURIComponent(key.slice(0, slash))}/${encodeURIComponent(key.slice(slash + 1))}`;
 }

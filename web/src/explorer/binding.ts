@@ -1,6 +1,6 @@
 // Ties the state to the address bar, both ways.
 import { batch, effect } from "@preact/signals";
-import { NOWHERE, type Place, read, write } from "./address";
+import { type Place, read, write } from "./address";
 import { about, infos, n, rowOf, say } from "./data";
 import type { Filter } from "./filters";
 import { axes, beside, camera, colour, filters, ghosts, lasso, opening, playing, show, sort, sql, time, watched } from "./state";
@@ -154,9 +154,4 @@ export function bind(): () => void {
     window.removeEventListener("hashchange", follow);
     window.removeEventListener("popstate", follow);
   };
-}
-
-/** The link to what is shown now. */
-export function link(place: Partial<Place>): string {
-  return `#${write({ ...NOWHERE, ...place })}`;
 }

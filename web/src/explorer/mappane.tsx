@@ -280,8 +280,7 @@ function listen(canvas: HTMLCanvasElement): () => void {
     const [dx, dy] = [at[0] - before[0], at[1] - before[1]];
     travelled += Math.hypot(dx, dy);
     if (held.size === 2) {
-      const [id, other] = [...held].find(([id]) => id !== event.pointerId)!;
-      void id;
+      const [, other] = [...held].find(([id]) => id !== event.pointerId)!;
       const spread = (p: readonly [number, number]) => Math.max(10, Math.hypot(p[0] - other[0], p[1] - other[1]));
       const middle = (p: readonly [number, number]) => [(p[0] + other[0]) / 2, (p[1] + other[1]) / 2] as const;
       moveBy(middle(at)[0] - middle(before)[0], middle(at)[1] - middle(before)[1]);
