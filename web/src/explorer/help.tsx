@@ -7,6 +7,7 @@ const KEYS: readonly { readonly keys: string; readonly what: string }[] = [
   { keys: "j, k", what: "next, previous case of the list" },
   { keys: "↑ ↓ Page Home End", what: "move in the list, when it has the focus" },
   { keys: "Enter", what: "watch the case under the cursor" },
+  { keys: "Shift Enter", what: "put the case under the cursor beside the watched one (Shift and click does it too)" },
   { keys: "Esc", what: "close what is open: this help, the lasso, the case" },
   { keys: "/", what: "find a case by its name" },
   { keys: "f", what: "to the filters" },

@@ -1,10 +1,9 @@
 // How much is shown, of which source, and by which filters: one line above the panes, and what went wrong.
-import { about, failure, n, notices, refresh } from "./data";
+import { about, failure, infos, n, notices, refresh } from "./data";
 import type { Filter } from "./filters";
 import { count } from "./format";
 import { textOf } from "./histogram";
 import { planesDiffer } from "./mappane";
-import { infos } from "./data";
 import { filters, lasso, sql } from "./state";
 import { clearAll, isFiltered, nameOf, passing, placed, setFilter, sourceLabel, sqlState, together, wordOf } from "./views";
 

@@ -8,8 +8,9 @@ import { countPassing, failsOf, failsOfBits, type Filter, passingOf, sumOf } fro
 import { onceIn, plainName } from "./format";
 import { failsOfLasso, type Point } from "./lasso";
 import { binsOf, encodeCategories, encodeNumbers, type Encoding } from "./scales";
-import { axes, colour, filters, lasso, open, show, sort, sql, watched } from "./state";
+import { axes, beside, colour, filters, lasso, open, show, sort, sql, watched } from "./state";
 import { dark } from "./theme";
+import { listOver } from "./ui";
 
 /** Bins of histograms. */
 export const BINS = 28;
@@ -328,12 +329,21 @@ export function watch(key: string, play = false): void {
   });
 }
 
-/** Move the cursor along the list; a case that is watched gives way to the new one. */
-export function step(by: number): void {
+/** Show a case beside the one that is watched; where none is, watch it. */
+export function putBeside(key: string): void {
+  if (watched.peek() === null || watched.peek() === key) watch(key);
+  else {
+    beside.value = key;
+    listOver.value = false;
+  }
+}
+
+/** Move the cursor along the list. `follow`: a case that is watched gives way to the new one. */
+export function step(by: number, follow = true): void {
   const all = rows.peek();
   if (all.length === 0) return;
   const at = all.indexOf(cursor.peek());
   const to = at < 0 ? (by > 0 ? 0 : all.length - 1) : Math.min(all.length - 1, Math.max(0, at + by));
   cursor.value = all[to]!;
-  if (watched.peek() !== null) watch(keyOf(all[to]!));
+  if (follow && watched.peek() !== null) watch(keyOf(all[to]!));
 }
