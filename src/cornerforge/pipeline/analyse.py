@@ -15,8 +15,9 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
+from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.judges import LEAD_S, has_way_out, judges_of
-from cornerforge.pipeline.natural import is_natural, natural_shares, natural_weights
+from cornerforge.pipeline.natural import natural_shares
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
