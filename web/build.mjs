@@ -1,7 +1,9 @@
-// Builds the explorer into the Python package: one script, one style sheet, the page, and the licences of what is in them.
+// Builds the explorer into the Python package (scripts, one style sheet, the page, and the licences of what is in them), and
+// the scripts of the pages that cornerforge writes.
 // node build.mjs [--watch]
 import { build, context } from "esbuild";
-import { cp, mkdir, rm } from "node:fs/promises";
+import { cp, mkdir, rm, writeFile } from "node:fs/promises";
+import { TEMPLATES, pageScripts } from "./pages.mjs";
 
 const out = "../src/cornerforge/explorer/static";
 const options = {
@@ -10,6 +12,8 @@ const options = {
   bundle: true,
   minify: true,
   format: "esm",
+  splitting: true, // what is needed later, as the 3-D view, is a script of its own
+  chunkNames: "[name]-[hash]",
   target: "es2022",
   jsx: "automatic",
   jsxImportSource: "preact",
@@ -17,6 +21,7 @@ const options = {
   loader: { ".svg": "dataurl" },
 };
 
+for (const [name, text] of Object.entries(await pageScripts())) await writeFile(`${TEMPLATES}/${name}`, text);
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await cp("src/explorer/index.html", `${out}/index.html`);

@@ -40,7 +40,8 @@ __all__ = ["write_library_report", "write_report"]
 
 CASE_BYTES = 2_800_000
 """Room for trajectories on the page; with plotly's library (4.8 MB) the page stays below 8 MB."""
-SCRIPTS = ("scene.js", "charts.js", "player.js", "animation.js")
+SCRIPTS = ("report.js",)
+"""What the page runs besides plotly; made of `web/src/pages/` by `make web`."""
 
 
 def write_report(out: Path) -> Path:
