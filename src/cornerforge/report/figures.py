@@ -1,8 +1,9 @@
 """The charts as plotly figures: plain JSON values, drawn in the browser.
 
 A colour that begins with "css:" names a custom property of the page's style, so that a chart follows light and dark
-mode; `web/src/pages/charts.ts` puts the value in. Colours are Okabe and Ito's, which colour-blind people tell apart, and no meaning
-hangs on colour alone: markers, dashes and labels say the same. Text from files is escaped, since plotly reads markup.
+mode; `web/src/pages/charts.ts` puts the value in. Colours are Okabe and Ito's, which colour-blind people tell apart;
+no meaning hangs on colour alone: markers, dashes and labels say the same. Text from files is escaped, since plotly
+reads markup.
 """
 
 from __future__ import annotations

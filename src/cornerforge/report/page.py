@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
-from cornerforge.analysis.flaw import headline
+from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
@@ -22,6 +22,7 @@ from cornerforge.report.artefacts import (
     read_emptiness,
 )
 from cornerforge.report.cases import case_data, load_scenarios
+from cornerforge.report.front import Front, Known, Look, front_of
 from cornerforge.report.judged import (
     FAULT_WORDS,
     CaseJudgement,
@@ -32,9 +33,12 @@ from cornerforge.report.judged import (
     prevented_kinds,
     read_case_judgements,
 )
+from cornerforge.report.natural_cases import read_natural_cases
 from cornerforge.report.rendering import content_policy, environment, template, write_page
+from cornerforge.report.road import on_road, road_rate
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import PARTS
+from cornerforge.results.analysis import PARTS, Natural
+from cornerforge.types import Scenario
 
 __all__ = ["write_library_report", "write_report"]
 
@@ -80,8 +84,25 @@ def write_library_report(library: Path, out: Path) -> Path:
 
 
 def _write(artefacts: Artefacts, plotly: str) -> Path:
-    cases, notes = _cases(artefacts)
-    return write_page(_render(artefacts, cases, notes, plotly), artefacts.out / "report.html")
+    known = _known(artefacts)
+    front = front_of(known)
+    cases, notes = _cases(artefacts, front.look)
+    return write_page(_render(artefacts, known, front, cases, notes, plotly), artefacts.out / "report.html")
+
+
+def _known(artefacts: Artefacts) -> Known:
+    """Gather what the first screen is made of."""
+    natural, place, road = artefacts.summary.natural_cases, artefacts.natural_library, road_rate(artefacts.summary)
+    kinds: Natural | None = None
+    cases = None
+    if natural is not None and place is not None:
+        mine = place == artefacts.library
+        folder = artefacts.analysed_in if mine else place.parent / "analysis"
+        command = artefacts.command if mine else f"cornerforge run --out {artefacts.out}"
+        cases = read_natural_cases(place, folder, command)
+        if natural.natural is not None and road is not None:
+            kinds = on_road(natural.natural, road)
+    return Known(artefacts.analysis, natural, kinds, cases, road, artefacts.summary.generate is not None)
 
 
 def _plotly_script() -> str:
@@ -109,8 +130,8 @@ class _Shelf:
     prefix: str = ""
 
 
-def _shelves(artefacts: Artefacts) -> list[_Shelf]:
-    """The libraries that cases are shown from, natural crashes first."""
+def _shelves(artefacts: Artefacts, look: Look | None) -> list[_Shelf]:
+    """The libraries that cases are shown from, natural crashes first; one of them holds the case to watch first."""
     points = artefacts.points
     attack = _Shelf(
         artefacts.library,
@@ -121,13 +142,24 @@ def _shelves(artefacts: Artefacts) -> list[_Shelf]:
     )
     found, place = artefacts.summary.natural_cases, artefacts.natural_library
     if found is None or place is None or place == artefacts.library:
+        _watch_first(attack, look)
         return [attack]
     kinds = {top.case_id: top.crash_type for top in found.value.top}
     command = f"cornerforge run --out {artefacts.out}"
-    return [_Shelf(place, place.parent / "analysis", _natural_roles(found), kinds, command, NATURAL), attack]
+    shelf = _Shelf(place, place.parent / "analysis", _natural_roles(found), kinds, command, NATURAL)
+    _watch_first(shelf if look is not None and look.is_natural else attack, look)
+    return [shelf, attack]
 
 
-def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
+def _watch_first(shelf: _Shelf, look: Look | None) -> None:
+    """Give the case to watch first a place on the page before all others."""
+    if look is None:
+        return
+    role = {"group": "To watch first", "role": "to watch first", "rare": False, "top": 0}
+    shelf.roles[look.case_id] = role | shelf.roles.get(look.case_id, {}) | {"rank": -3, "watchFirst": True}
+
+
+def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]], list[str]]:
     """The natural, top, typical and rare cases that fit on the page, in reading order, and notes on those that do not.
 
     The most telling come first, should room run out: natural ones, the top, the best typical case of each cluster, the
@@ -135,7 +167,7 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
     """
     kept: dict[str, dict[str, Any]] = {}
     lost, left, size, shown = [], [], 0, []
-    for shelf in _shelves(artefacts):
+    for shelf in _shelves(artefacts, look):
         judged = read_case_judgements(shelf.analysis, shelf.roles, shelf.command)
         ranked = sorted(shelf.roles, key=lambda case: shelf.roles[case]["rank"])
         for case_id, scenario in load_scenarios(shelf.library, ranked):
@@ -146,8 +178,8 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
             known = judged.get(case_id)
             data = case_data(name, scenario, known.way_out if known else None)
             role, kind = shelf.roles[case_id], shelf.crash_type.get(case_id, "")
-            data |= role | {"type": kind, "verdict": _verdict(known) if known else ""}
-            data["title"] = f"Case {name}: {role['role']}" + (f"; {kind}" if kind else "")
+            data |= {"watchFirst": False} | role | {"type": text.plain(kind), "title": _title(scenario, kind)}
+            data["verdict"] = text.plain(_verdict(known)) if known else ""
             size += len(json.dumps(data, separators=(",", ":")))
             if size > CASE_BYTES and kept:
                 left.append(name)
@@ -160,6 +192,12 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
     if left:
         notes.append(f"Left out to keep the page small: {', '.join(left)}. Play them with cornerforge replay.")
     return [case | {"order": i} for i, case in enumerate(shown)], notes
+
+
+def _title(scenario: Scenario, kind: str) -> str:
+    """Say what happens in a case."""
+    happened = kind or "Crash" if scenario.crash is None else what_happened(scenario)
+    return text.capital(text.plain(text.sentence(happened)))
 
 
 def _natural_roles(found: Analysed) -> dict[str, dict[str, Any]]:
@@ -254,30 +292,17 @@ def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
     return {case: {"top": 0} | role for case, role in roles.items()}
 
 
+def _looked_at(look: Look | None, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """The case to watch first, as the page plays it; None if its recording is not there."""
+    return None if look is None else next((case for case in cases if case["watchFirst"]), None)
+
+
 def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     """The shown cases by heading, in reading order."""
     groups: dict[str, list[dict[str, Any]]] = {}
     for case in cases:
         groups.setdefault(case["group"], []).append(case)
     return groups
-
-
-def _headline(artefacts: Artefacts) -> str:
-    """Say what the AV does wrong; "" where the analysis is of an earlier version, which did not look."""
-    natural, found = artefacts.summary.natural_cases, artefacts.analysis
-    if natural is None or artefacts.natural_library == artefacts.library:
-        return "" if found.own_doing is None else found.own_doing.text
-    if natural.own_doing is None or found.own_doing is None:
-        return ""
-    return headline(natural.own_doing, found.own_doing)
-
-
-def _often(found: Analysed) -> str:
-    """Say how often a natural crash of the flaw happens, from what the AV did wrong; "" if none shows a flaw."""
-    if found.natural is None or found.own_doing is None or not found.own_doing.flaws:
-        return ""
-    between = found.natural.all.miles_between / found.own_doing.flaws[0].share
-    return f"Such a crash happens once in {text.miles(between)} of natural traffic."
 
 
 def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
@@ -288,9 +313,8 @@ def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
         return "The adversary caused no crash, so there is no ratio."
     unit = "times as many crashes per test as natural traffic"
     if natural.is_bound:
-        return (
-            f"More than {text.times(adversary.interval95[0] / natural.bound)} {unit} (lower end of the yield over 3/n)."
-        )
+        least = text.rounded_down(adversary.interval95[0] / natural.bound)
+        return f"At least {text.times(least)} {unit} (lower end of the one interval over the upper end of the other)."
     (low, high), (natural_low, natural_high) = adversary.interval95, natural.interval95
     ends = f"from {text.times(low / natural_high)}"
     ends += f" to {text.times(high / natural_low)}" if natural_low > 0 else " upwards"
@@ -325,7 +349,7 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
     return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in exposed.items()}
 
 
-def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
+def _tables(artefacts: Artefacts, natural: Natural | None) -> dict[str, tables.Table]:
     analysis, summary = artefacts.analysis, artefacts.summary
     cases = sum(analysis.fault.values())
     made = {
@@ -342,8 +366,8 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
     made["rates"] = tables.rate_table([rate for rate in rates if rate is not None])
     if artefacts.training is not None:
         made["training"] = tables.training_table(artefacts.training)
-    if summary.natural_cases is not None and summary.natural_cases.natural is not None:
-        made["natural"] = tables.natural_table(summary.natural_cases.natural)
+    if natural is not None:
+        made["natural"] = tables.natural_table(natural)
     if analysis.own_doing is not None:
         kinds = conducts_in_words(analysis.own_doing, CONDUCTS)
         made["own"] = tables.share_table("Cases by what the AV did wrong", "what the AV did", kinds, cases)
@@ -375,7 +399,9 @@ def _render_nothing(nothing: Emptiness) -> str:
     )
 
 
-def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
+def _render(
+    artefacts: Artefacts, known: Known, front: Front, cases: list[dict[str, Any]], notes: list[str], plotly: str
+) -> str:
     pages = environment()
     from markupsafe import Markup
 
@@ -386,7 +412,10 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
         preset="" if artefacts.training is None else artefacts.training.preset,
-        natural=None if artefacts.summary.natural_cases is None else artefacts.summary.natural_cases.natural,
+        natural=known.kinds,
+        road=known.road,
+        front=front,
+        look=_looked_at(front.look, cases),
         natural_library=artefacts.natural_library,
         folder=artefacts.out,
         library=artefacts.library,
@@ -397,11 +426,9 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         played={case["id"] for case in cases},
         kinds=kinds,
         coverage=tables.coverage_rows(artefacts.analysis.coverage.axes, kinds),
-        headline=_headline(artefacts),
-        often=_often(artefacts.summary.natural_cases or artefacts.analysis),
         ratio=_ratio(artefacts.summary.generate, artefacts.summary.natural_rate),
         figures=_figures(artefacts, {case["id"] for case in cases}),
-        tables=_tables(artefacts),
+        tables=_tables(artefacts, known.kinds),
         cases=cases,
         groups=_groups(cases),
         notes=notes,

@@ -5,7 +5,21 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["count", "duration", "interval", "miles", "rate", "sentence", "share", "share_in_words", "signed", "times"]
+__all__ = [
+    "capital",
+    "count",
+    "duration",
+    "interval",
+    "miles",
+    "plain",
+    "rate",
+    "rounded_down",
+    "sentence",
+    "share",
+    "share_in_words",
+    "signed",
+    "times",
+]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -96,6 +110,49 @@ def sentence(text: str) -> str:
     'brakes with −4.0_m/s² at 3 m'
     """
     return re.sub(r"(?<= )-(?=\d)", "−", text).replace(" m/s2", "\u00a0m/s²")
+
+
+_PLAIN = (
+    (r"\bBVs\b", "other vehicles"),
+    (r"\bthe BV\b", "the other vehicle"),
+    (r"\bThe BV\b", "The other vehicle"),
+    (r"\b(?:a|another) BV\b", "another vehicle"),
+    (r"\bBV\b(?! \d)", "another vehicle"),
+    (r"(?<!\bthe )(?<!\ban )(?<!\bThe )\bAV\b", "the AV"),
+)
+
+
+def plain(words: str) -> str:
+    """Words of the analysis for readers who do not know that a BV is any vehicle but the AV.
+
+    >>> plain("BV runs into the rear of an AV that brakes hard")
+    'another vehicle runs into the rear of an AV that brakes hard'
+    >>> plain("AV brakes in front of the BV"), plain("rear-end by BV"), plain("BV 3: left")
+    ('the AV brakes in front of the other vehicle', 'rear-end by another vehicle', 'BV 3: left')
+    """
+    for pattern, word in _PLAIN:
+        words = re.sub(pattern, word, words)
+    return words
+
+
+def capital(words: str) -> str:
+    """The words as the begin of a sentence.
+
+    >>> capital("the AV brakes")
+    'The AV brakes'
+    """
+    return words[:1].upper() + words[1:]
+
+
+def rounded_down(value: float, digits: int = 2) -> float:
+    """A value above 0 rounded down, for what is said to be at least so much.
+
+    >>> rounded_down(63520.0), rounded_down(0.0199), rounded_down(3000.0)
+    (63000.0, 0.019, 3000.0)
+    """
+    near = float(f"{value:.{digits - 1}e}")
+    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return near if near <= value else float(f"{near - step:.{digits - 1}e}")
 
 
 def times(value: float) -> str:

@@ -4,11 +4,14 @@ import { show } from "../shared/format";
 import { boxAt, decisionAt, gapAlong, secondsAt } from "../shared/motion";
 import { drawScene, fitHeight, type Ghost } from "../shared/scene";
 import { changeLayout, drawFigure, drawFigures, type Drawn, type Figure } from "./charts";
+import { showFirst } from "./look";
 import { byId, makePlayer, pageData, type Playable } from "./player";
 
 interface Item extends Case, Playable {
-  /** Its rank among the cases worth a look; 0: not among them. */
-  readonly top: number;
+  /** It is the one to watch first. */
+  readonly watchFirst: boolean;
+  /** Why it is here. */
+  readonly role: string;
 }
 
 let chartFrame = -1;
@@ -75,12 +78,12 @@ function drawChart(item: Item): void {
     annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
   }
   const layout = {
-    height: 330, margin: { l: 64, r: 16, t: 36, b: 46 }, hovermode: "x", dragmode: false as const, shapes, annotations,
+    height: 300, margin: { l: 64, r: 16, t: 36, b: 46 }, hovermode: "x", dragmode: false as const, shapes, annotations,
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { family: "system-ui, sans-serif", size: 13, color: "css:ink" },
     hoverlabel: { bgcolor: "css:paper", font: { color: "css:ink" } },
     legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
-    xaxis: { ...axis, title: { text: "time since the test began [s]" }, range, anchor: "y2" },
+    xaxis: { ...axis, title: { text: "time since the drive began [s]" }, range, anchor: "y2" },
     yaxis: { ...axis, title: { text: "speed [m/s]" }, domain: [0.52, 1], range: speedRange(item) },
     yaxis2: { ...axis, title: { text: "TTC [s]" }, domain: [0, 0.42], range: [0, 10] },
   };
@@ -104,11 +107,14 @@ function playCases(cases: readonly Item[]): void {
       fitHeight(road, item, metres);
       drawScene(road, item, frame, { metres, detail: true, ghosts }, colours);
     },
-    chosen: drawChart,
+    chosen: (item) => {
+      byId("case-role").textContent = `Case ${item.id}: ${item.role}.`;
+      drawChart(item);
+    },
     moved: (item, frame) => { writeReadout(item, frame); moveCursor(item, frame); },
     thumbnail: (item) => item,
   });
-  player.start(Math.max(0, cases.findIndex((item) => item.top === 1)));
+  player.start(Math.max(0, cases.findIndex((item) => item.watchFirst)));
   document.querySelector<Drawn>('[data-figure="map"]')!.on("plotly_click", (event) => {
     const id = event.points[0]!.customdata;
     byId("map-note").textContent = player.selectId(id)
@@ -121,4 +127,5 @@ function playCases(cases: readonly Item[]): void {
 
 drawFigures(pageData<Record<string, Figure>>("figures"));
 const cases = pageData<Item[]>("cases");
+showFirst(cases); // before the player, so that Space is for the picture in sight
 if (cases.length > 0) playCases(cases);

@@ -1,6 +1,9 @@
 // Made by `make web`; do not edit. Its sources:
 //   web/src/pages/charts.ts
+//   web/src/pages/look.ts
+//   web/src/pages/multiples.ts
 //   web/src/pages/player.ts
+//   web/src/pages/print.ts
 //   web/src/pages/report.ts
 //   web/src/shared/clock.ts
 //   web/src/shared/colours.ts
@@ -389,6 +392,18 @@
   }
   var dark = window.matchMedia("(prefers-color-scheme: dark)");
 
+  // src/pages/print.ts
+  var SHEET = 688;
+  function onPrint(redraw) {
+    const root = document.documentElement;
+    const take = (prints) => {
+      root.toggleAttribute("data-print", prints);
+      redraw(prints ? SHEET : null);
+    };
+    window.addEventListener("beforeprint", () => take(true));
+    window.addEventListener("afterprint", () => take(false));
+  }
+
   // src/pages/charts.ts
   var still = { responsive: true, displayModeBar: false };
   var zoomable = {
@@ -404,14 +419,19 @@
     if (node === null || typeof node !== "object") return node;
     return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, resolve(value)]));
   }
-  function drawFigure(element, figure) {
+  function drawFigure(element, figure, width = null) {
     drawn.set(element, figure);
     const { data, layout } = resolve(figure);
+    if (width !== null) Object.assign(layout, { width });
     Plotly.react(element, data, layout, figure.layout.dragmode === "zoom" ? zoomable : still);
   }
   var changeLayout = (element, change) => Plotly.relayout(element, change);
   function drawFigures(figures) {
     dark.addEventListener("change", () => drawn.forEach((figure, element) => drawFigure(element, figure)));
+    onPrint((width) => drawn.forEach((figure, element) => {
+      const share = element.closest(".two") ? 0.48 : 1;
+      drawFigure(element, figure, width && Math.round(share * width));
+    }));
     document.querySelectorAll("[data-figure]").forEach((element) => drawFigure(element, figures[element.dataset.figure]));
   }
 
@@ -425,6 +445,121 @@
   }
   var whole = (frame) => Math.floor(frame + 1e-6);
   var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
+
+  // src/pages/look.ts
+  var BEFORE_S = 7;
+  var METRES = 70;
+  var TRAIL_S = 4;
+  function showFirst(cases2) {
+    const place2 = document.getElementById("look");
+    const item = cases2[Number(place2?.dataset.index ?? -1)];
+    if (!place2 || !item) return;
+    const canvas = document.getElementById("look-road");
+    const button = document.getElementById("look-play");
+    const [end, last] = [crashFrame(item), item.frames - 1];
+    const begin = Math.max(0, end - Math.round(BEFORE_S / item.dt));
+    let [frame, playing, before, colours] = [end, false, 0, readColours()];
+    const draw = () => {
+      const ghosts = item.wayOut && playing ? [{ motion: item.wayOut, colour: colours["way-out-box"], name: "way out" }] : [];
+      drawScene(canvas, item, frame, { metres: METRES, detail: true, trail: TRAIL_S, ghosts }, colours);
+    };
+    function step(now) {
+      if (!playing) return;
+      const passed = Math.max(0, now - before) / 1e3;
+      before = now;
+      const next = tick(frame, passed, item.dt, 1, { from: begin, to: last, loop: true });
+      frame = next.frame;
+      draw();
+      requestAnimationFrame(step);
+    }
+    function toggle() {
+      playing = !playing;
+      button.classList.toggle("plays", playing);
+      button.querySelector("[aria-hidden]").textContent = playing ? "❚❚" : "▶";
+      button.querySelector(".word").textContent = playing ? "Pause" : "Play";
+      button.setAttribute("aria-label", button.getAttribute("aria-label").replace(/^\w+/, playing ? "Pause" : "Play"));
+      if (playing) {
+        if (frame >= end) frame = begin;
+        before = performance.now();
+        requestAnimationFrame(step);
+      }
+      draw();
+    }
+    const isSeen = () => {
+      const { top, bottom } = canvas.getBoundingClientRect();
+      return top < window.innerHeight && bottom > 0;
+    };
+    button.addEventListener("click", toggle);
+    canvas.addEventListener("click", toggle);
+    document.addEventListener("keydown", (event) => {
+      if (event.key !== " " || event.target !== document.body || !isSeen()) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      toggle();
+    });
+    const redraw = () => {
+      colours = readColours();
+      draw();
+    };
+    dark.addEventListener("change", redraw);
+    onPrint(redraw);
+    new ResizeObserver(draw).observe(canvas);
+    draw();
+  }
+
+  // src/pages/multiples.ts
+  var BEFORE_S2 = 4;
+  var METRES2 = 36;
+  function animate(pictures, colours) {
+    const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
+    const frames = /* @__PURE__ */ new Map();
+    const still2 = (one) => draw(one, crashFrame(one.item));
+    let last = 0;
+    function draw({ button, item }, frame) {
+      drawScene(button.querySelector("canvas"), item, frame, { metres: METRES2, detail: false, trail: 1.5 }, colours());
+    }
+    function step(now) {
+      const passed = Math.max(0, now - last) / 1e3;
+      last = now;
+      for (const [one, frame] of frames) {
+        const to = crashFrame(one.item);
+        const from = Math.max(0, to - Math.round(BEFORE_S2 / one.item.dt));
+        const next = tick(frame, passed, one.item.dt, 1, { from, to, loop: true }).frame;
+        frames.set(one, next);
+        draw(one, Math.min(next, to));
+      }
+      if (frames.size > 0) requestAnimationFrame(step);
+    }
+    function begin(one) {
+      if (calm.matches || frames.has(one)) return;
+      frames.set(one, Math.max(0, crashFrame(one.item) - Math.round(BEFORE_S2 / one.item.dt)));
+      if (frames.size > 1) return;
+      last = performance.now();
+      requestAnimationFrame(step);
+    }
+    function end(one) {
+      if (frames.delete(one)) still2(one);
+    }
+    const touch = window.matchMedia("(hover: none)").matches;
+    const sight = new IntersectionObserver((seen) => {
+      for (const { target, isIntersecting } of seen) {
+        const one = pictures.find(({ button }) => button === target);
+        isIntersecting ? begin(one) : end(one);
+      }
+    }, { threshold: 0.9 });
+    for (const one of pictures) {
+      if (touch) sight.observe(one.button);
+      else {
+        for (const name of ["pointerenter", "focus"]) one.button.addEventListener(name, () => begin(one));
+        for (const name of ["pointerleave", "blur"]) one.button.addEventListener(name, () => end(one));
+      }
+    }
+    const all = () => pictures.forEach((one) => {
+      if (!frames.has(one)) still2(one);
+    });
+    all();
+    return all;
+  }
 
   // src/pages/player.ts
   var byId = (id) => document.getElementById(id);
@@ -494,12 +629,20 @@
       chosen(item);
       pause();
     }
+    function bringIntoSight() {
+      const place2 = byId("player");
+      const { top, bottom } = byId("case-title").parentElement.querySelector("canvas").getBoundingClientRect();
+      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start" });
+      place2.classList.remove("flash");
+      void place2.offsetWidth;
+      place2.classList.add("flash");
+    }
     function selectId(id) {
       const index = cases2.findIndex((item) => item.id === id);
       if (index < 0) return false;
       select(index);
       writeHash();
-      byId("player").scrollIntoView({ block: "nearest" });
+      bringIntoSight();
       return true;
     }
     function readHash() {
@@ -520,12 +663,6 @@
       else return;
       event.preventDefault();
     }
-    function drawThumbnails() {
-      for (const button of caseButtons) {
-        const item = cases2[Number(button.dataset.index)];
-        drawScene(button.querySelector("canvas"), thumbnail(item), crashFrame(item), { metres: 36, detail: false }, colours);
-      }
-    }
     function listen() {
       const onClick = (id, act) => byId(id).addEventListener("click", act);
       onClick("play", () => state.playing ? pause() : play());
@@ -545,6 +682,7 @@
         button.addEventListener("click", () => {
           select(Number(button.dataset.index));
           writeHash();
+          bringIntoSight();
           play();
         });
       }
@@ -557,20 +695,23 @@
       });
       document.addEventListener("keydown", onKey);
       window.addEventListener("hashchange", readHash);
-      dark.addEventListener("change", () => {
+      const small = caseButtons.map((button) => ({ button, item: thumbnail(cases2[Number(button.dataset.index)]) }));
+      const drawSmall = animate(small, () => colours);
+      const redraw = () => {
         colours = readColours();
         refresh();
-        drawThumbnails();
-      });
+        drawSmall();
+      };
+      dark.addEventListener("change", redraw);
+      onPrint(redraw);
       new ResizeObserver(() => {
         refresh();
-        drawThumbnails();
+        drawSmall();
       }).observe(byId("player"));
     }
     function start(index) {
       if (!readHash()) select(index, crashFrame(cases2[index]));
       listen();
-      drawThumbnails();
     }
     return { current, selectId, seek, start };
   }
@@ -634,7 +775,7 @@
       annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
     }
     const layout = {
-      height: 330,
+      height: 300,
       margin: { l: 64, r: 16, t: 36, b: 46 },
       hovermode: "x",
       dragmode: false,
@@ -645,7 +786,7 @@
       font: { family: "system-ui, sans-serif", size: 13, color: "css:ink" },
       hoverlabel: { bgcolor: "css:paper", font: { color: "css:ink" } },
       legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
-      xaxis: { ...axis, title: { text: "time since the test began [s]" }, range, anchor: "y2" },
+      xaxis: { ...axis, title: { text: "time since the drive began [s]" }, range, anchor: "y2" },
       yaxis: { ...axis, title: { text: "speed [m/s]" }, domain: [0.52, 1], range: speedRange(item) },
       yaxis2: { ...axis, title: { text: "TTC [s]" }, domain: [0, 0.42], range: [0, 10] }
     };
@@ -667,14 +808,17 @@
         fitHeight(road, item, metres);
         drawScene(road, item, frame, { metres, detail: true, ghosts }, colours);
       },
-      chosen: drawChart,
+      chosen: (item) => {
+        byId("case-role").textContent = `Case ${item.id}: ${item.role}.`;
+        drawChart(item);
+      },
       moved: (item, frame) => {
         writeReadout(item, frame);
         moveCursor(item, frame);
       },
       thumbnail: (item) => item
     });
-    player.start(Math.max(0, cases2.findIndex((item) => item.top === 1)));
+    player.start(Math.max(0, cases2.findIndex((item) => item.watchFirst)));
     document.querySelector('[data-figure="map"]').on("plotly_click", (event) => {
       const id = event.points[0].customdata;
       byId("map-note").textContent = player.selectId(id) ? "" : `Case ${id} is not among those on this page; play it with: cornerforge replay LIBRARY ${id}`;
@@ -685,5 +829,6 @@
   }
   drawFigures(pageData("figures"));
   var cases = pageData("cases");
+  showFirst(cases);
   if (cases.length > 0) playCases(cases);
 })();
