@@ -88,7 +88,7 @@ def front_of(known: Known) -> Front:
 
 
 def _range(low: float, high: float) -> str:
-    return f"95 %: {text.share(low)} to {text.share(high)}"
+    return f"95 %: {text.share_range(low, high)}"
 
 
 def _what(known: Known) -> Answer:
@@ -225,9 +225,9 @@ def _careful(known: Known) -> Answer:
     words = []
     if ways is not None:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
-        short = f"{text.share(ways.share)} left a way out"
+        short = f"{text.share(ways.share)} could have been avoided"
         words.append(
-            f"that the AV could begin {text.rate(reaction, 2)} s after the manoeuvre began that led to the crash "
+            f"by an AV that brakes or steers {text.rate(reaction, 2)} s after the manoeuvre began that led to the crash "
             f"({ways.words} {kind})."
         )
     if braking is not None:
@@ -264,7 +264,7 @@ def _look(known: Known) -> Look | None:
         if kind is not None:
             low, high = kind.interval95_miles
             often = f"once in {text.miles(kind.miles_between)}"
-            interval = f"95 %: {text.miles(low)} to {text.miles(high)}; n = {text.count(kind.cases)} crashes"
+            interval = f"95 %: {text.miles_range(low, high)}; n = {text.count(kind.cases)} crashes"
         if why == "none" and not known.cases.judged.any():
             reason = "Typical of the most frequent kind of natural crash."
         else:

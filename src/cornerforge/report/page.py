@@ -156,7 +156,10 @@ def _watch_first(shelf: _Shelf, look: Look | None) -> None:
     if look is None:
         return
     role = {"group": "To watch first", "role": "to watch first", "rare": False, "top": 0}
-    shelf.roles[look.case_id] = role | shelf.roles.get(look.case_id, {}) | {"rank": -3, "watchFirst": True}
+    role |= shelf.roles.pop(look.case_id, {}) | {"rank": -3, "watchFirst": True}
+    others = dict(shelf.roles)
+    shelf.roles.clear()
+    shelf.roles.update({look.case_id: role, **others})
 
 
 def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]], list[str]]:
@@ -271,10 +274,14 @@ def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
     A lower rank matters more.
     """
     roles: dict[str, dict[str, Any]] = {}
+    of = f"{text.count(artefacts.analysis.cases)} that the adversary caused"
+    if artefacts.summary.generate is None:
+        of = f"{text.count(artefacts.analysis.cases)} cases"
     for cluster in artefacts.analysis.clusters:
-        group = f"Typical of cluster {cluster.id} ({cluster.group}, {text.count(cluster.size)} cases)"
+        most = max(cluster.crash_types, key=lambda name: cluster.crash_types[name], default="crash")
+        group = f"Cluster {cluster.id}: mostly {text.plain(most)} ({text.count(cluster.size)} of {of})"
         for place, case in enumerate(cluster.typical):
-            role = f"typical of cluster {cluster.id} ({cluster.group})"
+            role = f"typical of cluster {cluster.id}"
             roles.setdefault(case, {"group": group, "role": role, "rank": 0 if place == 0 else 2, "rare": False})
     for case in artefacts.analysis.rare:
         if case in roles:
@@ -283,12 +290,17 @@ def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
         else:
             roles[case] = {"group": "Rare: farthest from the others first", "role": "rare", "rank": 1, "rare": True}
     for place, top in enumerate(artefacts.analysis.value.top, start=1):
-        role = f"worth a look, number {place}"
+        role = f"number {place} by value"
         if top.case_id in roles:
             roles[top.case_id] |= {"role": f"{role}; {roles[top.case_id]['role']}", "rank": -1, "top": place}
         else:
-            group = "Worth a look, neither typical nor rare"
-            roles[top.case_id] = {"group": group, "role": role, "rank": -1, "rare": False, "top": place}
+            roles[top.case_id] = {
+                "group": "Others of high value",
+                "role": role,
+                "rank": -1,
+                "rare": False,
+                "top": place,
+            }
     return {case: {"top": 0} | role for case, role in roles.items()}
 
 
@@ -311,7 +323,7 @@ def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
         return ""
     if adversary.is_bound:
         return "The adversary caused no crash, so there is no ratio."
-    unit = "times as many crashes per test as natural traffic"
+    unit = "times as many crashes per drive as natural traffic"
     if natural.is_bound:
         least = text.rounded_down(adversary.interval95[0] / natural.bound)
         return f"At least {text.times(least)} {unit} (lower end of the one interval over the upper end of the other)."
@@ -329,7 +341,7 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
         "fault": figures.share_figure(faults_in_words(analysis), cases, "share of all cases"),
         "rules": figures.share_figure(analysis.fault_rules, cases, "share of all cases"),
         "discovery": figures.discovery_figure(analysis.coverage),
-        "types": figures.crash_type_figure(analysis),
+        "types": figures.share_figure(_types(analysis), sum(analysis.crash_types.values()), "share of all cases"),
         "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in analysis.value.top], animated),
     }
     natural = summary.natural_rate
@@ -347,6 +359,12 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
         made["avoidability"] = figures.share_figure(kinds, n, "share of the cases looked at")
     exposed = {} if artefacts.exposure is None else artefacts.exposure.quantities
     return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in exposed.items()}
+
+
+def _types(analysis: Analysed) -> dict[str, int]:
+    """Cases by crash type in plain words, most first."""
+    ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
+    return {text.plain(name): n for name, n in ordered}
 
 
 def _tables(artefacts: Artefacts, natural: Natural | None) -> dict[str, tables.Table]:

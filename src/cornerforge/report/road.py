@@ -40,8 +40,9 @@ class RoadRate:
     @property
     def interval(self) -> str:
         """The 95 % interval, in words."""
-        high = "any distance" if self.high is None else text.miles(self.high)
-        return f"{text.miles(self.low)} to {high}"
+        if self.high is None:
+            return f"{text.miles(self.low)} to any distance"
+        return text.miles_range(self.low, self.high)
 
 
 def road_rate(summary: Summary) -> RoadRate | None:

@@ -11,12 +11,14 @@ __all__ = [
     "duration",
     "interval",
     "miles",
+    "miles_range",
     "plain",
     "rate",
     "rounded_down",
     "sentence",
     "share",
     "share_in_words",
+    "share_range",
     "signed",
     "times",
 ]
@@ -63,6 +65,16 @@ def miles(value: float, digits: int = 2) -> str:
     return f"{rate(value, digits)} miles"
 
 
+def miles_range(low: float, high: float) -> str:
+    """Both ends of an interval of miles.
+
+    >>> miles_range(310000.0, 770000.0), miles_range(0.0, 1.2e6)
+    ('310 to 770 thousand miles', '0 miles to 1.2 million miles')
+    """
+    (first, *unit), last = miles(low).split(" "), miles(high)
+    return f"{first} to {last}" if last.split(" ")[1:] == unit else f"{miles(low)} to {last}"
+
+
 def share_in_words(value: float) -> str:
     """A share as per cent to two digits; below one in a million it is said to be that.
 
@@ -92,6 +104,15 @@ def share(value: float) -> str:
     if value in (0.0, 1.0):
         return f"{100 * value:.0f} %"
     return f"{100 * value:.{1 if 0.01 <= value <= 0.99 else 2}f} %"
+
+
+def share_range(low: float, high: float) -> str:
+    """Both ends of an interval of a share.
+
+    >>> share_range(0.123, 0.456)
+    '12.3 to 45.6 %'
+    """
+    return f"{share(low).removesuffix(' %')} to {share(high)}"
 
 
 def signed(value: float, digits: int = 3) -> str:

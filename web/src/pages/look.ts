@@ -8,7 +8,7 @@ import { onPrint } from "./print";
 
 /** Seconds before the crash at which it begins. */
 const BEFORE_S = 7;
-const METRES = 70;
+const METRES = 46;
 const TRAIL_S = 4;
 
 export function showFirst(cases: readonly Case[]): void {
