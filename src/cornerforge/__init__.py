@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.rate import rate
     from cornerforge.pipeline.retest import retest
     from cornerforge.pipeline.run import run
+    from cornerforge.pipeline.serve import serve
     from cornerforge.pipeline.show import ndd_show
     from cornerforge.pipeline.shrink import shrink
     from cornerforge.pipeline.simulate import simulate
@@ -56,6 +57,7 @@ __all__ = [
     "reproduce",
     "retest",
     "run",
+    "serve",
     "shrink",
     "simulate",
     "suite_build",
@@ -88,6 +90,7 @@ __getattr__ = door(
         "reproduce": "paper.reproduce",
         "retest": "pipeline.retest",
         "run": "pipeline.run",
+        "serve": "pipeline.serve",
         "shrink": "pipeline.shrink",
         "simulate": "pipeline.simulate",
         "suite_build": "pipeline.suite",

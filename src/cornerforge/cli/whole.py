@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,17 +24,20 @@ from cornerforge.cli.options import (
     Seed,
     Threads,
     World,
+    complete_av,
     completing,
+    flag,
     takes_world,
 )
 from cornerforge.cli.output import paid_text, rate_text, run_command, training_fault_text, wrong_text
 from cornerforge.cli.program import command
 
 if TYPE_CHECKING:
-    from cornerforge.results import RunDone
+    from cornerforge.results import RunDone, Served
 
-__all__ = ["init", "report", "reproduce", "run"]
+__all__ = ["init", "report", "reproduce", "run", "serve"]
 
+_USUAL_PORT = 8157
 _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
 
@@ -152,6 +157,62 @@ def report(
             place, out=out, avoidability=avoidability, reaction=reaction, seed=seed, threads=threads, progress=bars
         ),
         lambda r: f"Report: {r.report}", as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+@command("cornerforge serve out/demo", "cornerforge serve out/demo/library --with rss-cautious --open")
+def serve(
+    place: Annotated[
+        Path, typer.Argument(metavar="LIB|RUN", help="A library, or a folder of run or rate.", show_default=False)
+    ],
+    port: Annotated[
+        int | None,
+        typer.Option(help="Port; 0 for any free one.", show_default="8157, or the next free one"),
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Where it listens. Others than this machine need the token in the printed address.")
+    ] = "127.0.0.1",
+    more_av: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            help="AV to compare with, besides the built-in ones; may be given again.",
+            show_default=False,
+            autocompletion=complete_av,
+        ),
+    ] = None,
+    open_browser: Annotated[bool, flag("--open", "Open it in the browser.")] = False,
+    seed: IdleSeed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Show all cases in the browser: a map of them, each to watch, to compare and to note on; Ctrl-C ends it."""
+
+    def up(r: Served) -> None:
+        if not r.usual_port and not quiet:
+            typer.echo(f"Port {_USUAL_PORT} is taken by another program, so it is port {r.port}.", err=True)
+        if r.token:
+            typer.echo(
+                f"Warning: {r.host} can be reached by other machines. Whoever has the address below sees the cases and "
+                "can write notes; the connection is not encrypted.",
+                err=True,
+            )
+        if as_json:
+            typer.echo(json.dumps(result_as_json(r)))
+        else:
+            typer.echo(f"{r.cases:,} cases: {r.url} (Ctrl-C ends it)")
+        sys.stdout.flush()
+
+    from cornerforge.results import as_json as result_as_json
+
+    run_command(
+        lambda bars: cornerforge.serve(  # noqa: ARG005
+            place, host=host, port=port, avs=more_av or (), open_browser=open_browser, threads=threads, up=up
+        ),
+        lambda r: "",  # noqa: ARG005
+        as_json=False, quiet=True,
     )  # fmt: skip
 
 

@@ -157,6 +157,11 @@ class CaseLibrary:
         return tuple(self._manifest.extra or ())
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns that `scalars` can read, the history too."""
+        return tuple(arrow_schema(CASES, self._manifest.extra).names)
+
+    @property
     def scripted(self) -> bool:
         """Whether its cases are scripted, not tests of a seed."""
         return self._manifest.scripted

@@ -263,7 +263,7 @@ def share_figure(counts: dict[str, int], cases: int, what: str) -> Figure:
             "color": "css:ink",
         },
     }
-    # Beyond the interval's end, which the bar's own label would be written over; in a long bar before it, where room is.
+    # Beyond the interval's end, since the bar's own label would lie over it; in a long bar before it, where room is.
     long = shares > 0.5
     labels = {
         "type": "scatter",

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import NO_CONDUCT
 from cornerforge.analysis.flaw import FLAWS
-from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.rates import binomial_interval, share_interval
 from cornerforge.report import text
+from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.natural_cases import NaturalCases
 from cornerforge.report.road import RoadRate
 from cornerforge.results import Analysed
@@ -139,7 +139,7 @@ def _most(known: Known) -> str:
     """Say what happens most."""
     if known.kinds is not None and known.kinds.mechanisms:
         name, kind = next(iter(known.kinds.mechanisms.items()))
-        return f"Most often {text.plain(MECHANISMS[name])} ({text.share(kind.share)} of natural crashes)."
+        return f"Most often: {kind_in_words(name)} ({text.share(kind.share)} of natural crashes)."
     found = known.kinds.crash_types if known.kinds is not None else {}
     if found:
         name, share = next((name, kind.share) for name, kind in found.items())
@@ -227,7 +227,7 @@ def _careful(known: Known) -> Answer:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
         short = f"{text.share(ways.share)} could have been avoided"
         words.append(
-            f"by an AV that brakes or steers {text.rate(reaction, 2)} s after the manoeuvre began that led to the crash "
+            f"by an AV that brakes or steers {text.rate(reaction, 2)} s after the manoeuvre began that led to it "
             f"({ways.words} {kind})."
         )
     if braking is not None:
@@ -269,7 +269,7 @@ def _look(known: Known) -> Look | None:
             reason = "Typical of the most frequent kind of natural crash."
         else:
             reason = _WHY[why]
-        title = text.capital(text.plain(MECHANISMS.get(found.kind, found.kind)))
+        title = kind_in_words(found.kind)
         return Look(known.cases.case_id[found.row], True, title, often, interval, reason)
     top = known.analysis.value.top
     if not top:

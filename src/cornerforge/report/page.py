@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
+from cornerforge.analysis.conduct import CONDUCTS
 from cornerforge.analysis.in_words import what_happened
-from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import (
@@ -25,7 +24,6 @@ from cornerforge.report.cases import case_data, load_scenarios
 from cornerforge.report.front import Front, Known, Look, front_of
 from cornerforge.report.judged import (
     FAULT_WORDS,
-    CaseJudgement,
     avoided_kinds,
     conducts_in_words,
     faults_in_words,
@@ -33,9 +31,11 @@ from cornerforge.report.judged import (
     prevented_kinds,
     read_case_judgements,
 )
+from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.natural_cases import read_natural_cases
 from cornerforge.report.rendering import content_policy, environment, template, write_page
 from cornerforge.report.road import on_road, road_rate
+from cornerforge.report.verdict import verdict
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS, Natural
 from cornerforge.types import Scenario
@@ -182,7 +182,7 @@ def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]
             data = case_data(name, scenario, known.way_out if known else None)
             role, kind = shelf.roles[case_id], shelf.crash_type.get(case_id, "")
             data |= {"watchFirst": False} | role | {"type": text.plain(kind), "title": _title(scenario, kind)}
-            data["verdict"] = text.plain(_verdict(known)) if known else ""
+            data["verdict"] = text.plain(verdict(known)) if known else ""
             size += len(json.dumps(data, separators=(",", ":")))
             if size > CASE_BYTES and kept:
                 left.append(name)
@@ -215,57 +215,6 @@ def _natural_roles(found: Analysed) -> dict[str, dict[str, Any]]:
             "group": "Natural crashes, typical of what happens most", "role": role, "rank": -2, "rare": False, "top": 0,
         }  # fmt: skip
     return roles
-
-
-def _verdict(known: CaseJudgement) -> str:
-    """Say whose fault a case was, and whether the AV could have avoided it."""
-    if known.fault == "none":
-        fault = "No rule of RSS was broken"
-    else:
-        who = {"av": "The AV", "bv": "The BV"}.get(known.fault, "Both")
-        when = "" if known.fault_s is None else f", {known.fault_s:.1f} s before contact"
-        fault = f"{who} broke a rule of RSS ({known.rule}{when})"
-    fault += f".{_conduct_in_words(known)}{_prevented_in_words(known)}"
-    if known.avoidability is None:
-        return fault
-    begun = "" if known.manoeuvre_s is None else f" The manoeuvre began {known.manoeuvre_s:.1f} s before contact."
-    return f"{fault}{begun} {_way_in_words(known)}"
-
-
-def _conduct_in_words(known: CaseJudgement) -> str:
-    """Say what the AV did wrong in a case; "" where it did nothing wrong."""
-    if known.conduct == NO_CONDUCT:
-        return ""
-    return f" The AV's own doing, from {known.conduct_s:.1f} s before contact: {CONDUCTS[known.conduct]}."
-
-
-def _prevented_in_words(known: CaseJudgement) -> str:
-    """Say which reference drivers would have prevented a case; "" where it was not judged."""
-    if known.prevented_by is None:
-        return ""
-    if known.held_speed_prevents:
-        return " To hold the speed would have been enough to prevent it."
-    if known.prevented_by == "nobody":
-        return " No reference driver would have prevented it."
-    return f" In the AV's place it would have been prevented, by braking, by {known.prevented_by}."
-
-
-_HOW = {"by both": "by braking or by steering", "by combination": "by braking and steering together"}
-
-
-def _way_in_words(known: CaseJudgement) -> str:
-    """Say until when the AV could have avoided a case that was searched for a way out."""
-    last = "" if known.latest_s is None else f"{known.latest_s:.1f} s before contact"
-    if known.avoidability == "undecided":
-        return "No way out of the AV was found, but not all could be tried."
-    if known.avoidability == "unavoidable":
-        if known.latest_s is None:
-            return "Unavoidable: the AV had no way out in the time looked at."
-        foreseen = known.manoeuvre_s is not None and known.latest_s > known.manoeuvre_s
-        when = "before the manoeuvre, so that it had to foresee it" if foreseen else "within its reaction time"
-        return f"Unavoidable: the AV's last way out began {last}, {when}."
-    how = _HOW.get(str(known.avoidability), known.avoidability)
-    return f"The AV could have avoided the crash {how}" + (f"; its last way out began {last}." if last else ".")
 
 
 def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
@@ -438,7 +387,7 @@ def _render(
         folder=artefacts.out,
         library=artefacts.library,
         prefix="" if artefacts.natural_library == artefacts.library else NATURAL,
-        mechanisms=MECHANISMS,
+        kind_in_words=kind_in_words,
         fault_words=FAULT_WORDS,
         parts=PARTS,
         played={case["id"] for case in cases},

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import CONDUCTS
-from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
 from cornerforge.report.judged import FAULT_WORDS
+from cornerforge.report.kinds import kind_in_words
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import Coverage, Judges, Natural
 from cornerforge.results.learning import TrainingCurve
@@ -79,7 +79,7 @@ def _per_mile(rate: Rate) -> str:
 def natural_table(found: Natural) -> Table:
     """How often each kind of natural crash happens, kind by kind."""
     kinds = {"all crashes": found.all}
-    kinds |= {text.plain(MECHANISMS.get(name, name)): kind for name, kind in found.mechanisms.items()}
+    kinds |= {kind_in_words(name): kind for name, kind in found.mechanisms.items()}
     kinds |= {f"crash type: {text.plain(name)}": kind for name, kind in found.crash_types.items()}
     kinds |= {f"at fault (RSS): {_who(name)}": kind for name, kind in found.fault.items()}
     kinds |= {f"the AV's part: {CONDUCTS[name]}": kind for name, kind in (found.conducts or {}).items()}

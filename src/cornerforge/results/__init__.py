@@ -20,7 +20,7 @@ from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
 from cornerforge.results.suite import SuiteBuilt
 from cornerforge.results.validation import NddValidated
-from cornerforge.results.whole import Exposure, Initialised, Reported, RunDone
+from cornerforge.results.whole import Exposure, Initialised, Reported, RunDone, Served
 
 __all__ = [
     "FILES",
@@ -43,6 +43,7 @@ __all__ = [
     "Reproduced",
     "Retested",
     "RunDone",
+    "Served",
     "ShrunkLibrary",
     "Simulated",
     "SuiteBuilt",
@@ -56,6 +57,7 @@ __all__ = [
 VERBS: dict[str, type] = {
     "init": Initialised,
     "report": Reported,
+    "serve": Served,
     "run": RunDone,
     "simulate": Simulated,
     "rate": NaturalRate,

@@ -448,7 +448,7 @@
 
   // src/pages/look.ts
   var BEFORE_S = 7;
-  var METRES = 70;
+  var METRES = 46;
   var TRAIL_S = 4;
   function showFirst(cases2) {
     const place2 = document.getElementById("look");
@@ -755,16 +755,16 @@
   function drawChart(item) {
     const range = [secondsAt(item, 0), secondsAt(item, lastFrame(item)) + 0.05 * item.frames * item.dt];
     const axis = { gridcolor: "css:grid", linecolor: "css:muted", zeroline: false };
-    const data = [{ ...series(item, item.vehicles[0]), name: "AV speed", line: { color: "css:av", width: 2.5 } }];
+    const data = [{ ...series(item, item.vehicles[0]), name: "speed of the AV", line: { color: "css:av", width: 2.5 } }];
     const partner = partnerOf(item);
     if (partner) {
       if (item.wayOut) {
-        data.push({ ...series(item, item.wayOut), mode: "lines", name: "AV speed on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
+        data.push({ ...series(item, item.wayOut), mode: "lines", name: "on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
       }
-      data.push({ ...series(item, partner), name: `BV ${partner.slot} speed`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
+      data.push({ ...series(item, partner), name: `speed of BV ${partner.slot}`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
       const x = item.ttc.map((_, i) => secondsAt(item, i));
-      data.push({ x, y: item.ttc, yaxis: "y2", name: "TTC in the lane", line: { color: "css:ink", width: 2.5 } });
-      data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "TTC in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
+      data.push({ x, y: item.ttc, yaxis: "y2", name: "time to collision in the lane", line: { color: "css:ink", width: 2.5 } });
+      data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
     }
     const upright = { type: "line", yref: "paper", y0: 0, y1: 1 };
     const shapes = [{ ...upright, x0: range[0], x1: range[0], line: { color: "css:muted", width: 2 } }];
@@ -775,20 +775,20 @@
       annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
     }
     const layout = {
-      height: 300,
-      margin: { l: 64, r: 16, t: 36, b: 46 },
+      height: byId("case-chart").clientWidth < 480 ? 380 : 250,
+      margin: { l: 56, r: 12, t: 30, b: 40 },
       hovermode: "x",
       dragmode: false,
       shapes,
       annotations,
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: "system-ui, sans-serif", size: 13, color: "css:ink" },
+      font: { family: "system-ui, sans-serif", size: 12, color: "css:ink" },
       hoverlabel: { bgcolor: "css:paper", font: { color: "css:ink" } },
       legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
       xaxis: { ...axis, title: { text: "time since the drive began [s]" }, range, anchor: "y2" },
-      yaxis: { ...axis, title: { text: "speed [m/s]" }, domain: [0.52, 1], range: speedRange(item) },
-      yaxis2: { ...axis, title: { text: "TTC [s]" }, domain: [0, 0.42], range: [0, 10] }
+      yaxis: { ...axis, title: { text: "m/s" }, domain: [0.52, 1], range: speedRange(item) },
+      yaxis2: { ...axis, title: { text: "s" }, domain: [0, 0.42], range: [0, 10] }
     };
     chartFrame = -1;
     drawFigure(byId("case-chart"), { data, layout });
