@@ -278,7 +278,7 @@ def share_figure(counts: dict[str, int], cases: int, what: str) -> Figure:
     }
     layout = _layout(height=100 + 42 * max(1, len(counts)), margin={"l": 10, "r": 20, "t": 10, "b": 50})
     layout |= {"showlegend": False, "bargap": 0.35}
-    layout["xaxis"] = _axis(f"{what} [%], n = {text.count(cases)}", range=[0, 100])
+    layout["xaxis"] = _axis(f"{what} [%]<br>n = {text.count(cases)}", range=[0, 100])
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", showgrid=False, ticksuffix=" ")
     return {"data": [bars, labels], "layout": layout}
 
@@ -323,7 +323,7 @@ def map_figure(points: Points, analysis: Analysed, top: list[str], animated: set
         legend={"orientation": "h", "y": -0.16, "x": 0, "yanchor": "top", "itemsizing": "constant"},
     )
     for axis, share, number in zip(("xaxis", "yaxis"), analysis.explained_variance, (1, 2), strict=True):
-        layout[axis] = _axis(f"principal component {number} ({100 * share:.0f} % of variance)", zeroline=True)
+        layout[axis] = _axis(f"component {number} ({100 * share:.0f} % of variance)", zeroline=True)
     layout |= {"hovermode": "closest", "dragmode": "zoom"}
     return {"data": traces, "layout": layout}
 

@@ -18,7 +18,7 @@ from cornerforge.report.road import RoadRate
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import Natural, OwnDoing
 
-__all__ = ["Answer", "Front", "Known", "Look", "front_of"]
+__all__ = ["Answer", "Front", "Known", "Look", "front_of", "how_often"]
 
 DRIVERS = "four models of a careful driver"
 
@@ -84,7 +84,7 @@ class Known:
 
 def front_of(known: Known) -> Front:
     """Make the first screen."""
-    return Front((_what(known), _how_often(known), _careful(known)), _look(known))
+    return Front((_what(known), how_often(known.road, adversary=known.adversary), _careful(known)), _look(known))
 
 
 def _range(low: float, high: float) -> str:
@@ -93,39 +93,29 @@ def _range(low: float, high: float) -> str:
 
 def _what(known: Known) -> Answer:
     """What the AV does wrong; or that nothing was found, and what happens most."""
-    told = [one.own_doing for one in (known.natural, known.analysis) if one is not None and one.own_doing is not None]
     question = "What does it do wrong?"
-    for doing in told:
+    told: list[tuple[OwnDoing, str]] = []
+    if known.natural is not None and known.natural.own_doing is not None:
+        told.append((known.natural.own_doing, "crashes in natural traffic"))
+    if known.natural is not known.analysis and known.analysis.own_doing is not None:
+        told.append((known.analysis.own_doing, _made(known)))
+    for doing, kind in told:
         if doing.flaws:
-            return Answer(
-                question, f"It {FLAWS[doing.flaws[0].flaw]}.", _flaws(doing, is_natural=_is_natural(known, doing))
-            )
-    n = " and ".join(
-        f"{text.count(sum(doing.conducts.values()))} {'natural crashes' if _is_natural(known, doing) else _made(known)}"
-        for doing in {id(doing): doing for doing in told}.values()
-    )
+            return Answer(question, f"It {FLAWS[doing.flaws[0].flaw]}", _flaws(doing, kind))
     if not told:
-        return Answer(question, "Nobody has looked.", _most(known))
-    wrong = sum(sum(doing.conducts.values()) - doing.conducts.get(NO_CONDUCT, 0) for doing in _once(told))
+        return Answer(question, "Nobody has looked", _most(known))
+    n = " and ".join(f"{text.count(sum(doing.conducts.values()))} {kind}" for doing, kind in told)
+    wrong = sum(sum(doing.conducts.values()) - doing.conducts.get(NO_CONDUCT, 0) for doing, _ in told)
     some = f" In {text.count(wrong)} of them it did something wrong, too few to name a fault." if wrong else ""
     return Answer(question, "No fault of its own was found", f"in n = {n}.{some} {_most(known)}")
 
 
-def _once(told: list[OwnDoing]) -> list[OwnDoing]:
-    return list({id(doing): doing for doing in told}.values())
-
-
-def _is_natural(known: Known, doing: OwnDoing) -> bool:
-    return known.natural is not None and doing is known.natural.own_doing
-
-
 def _made(known: Known) -> str:
-    return "that an adversary caused" if known.adversary else "crashes"
+    return "crashes that an adversary caused" if known.adversary else "crashes"
 
 
-def _flaws(doing: OwnDoing, *, is_natural: bool) -> str:
+def _flaws(doing: OwnDoing, kind: str) -> str:
     first, n = doing.flaws[0], sum(doing.conducts.values())
-    kind = "crashes in natural traffic" if is_natural else "crashes that an adversary caused"
     words = (
         f"That made {text.share(first.share)} of its {kind} ({_range(*first.interval95)}; {text.count(first.cases)} of "
         f"n = {text.count(n)})."
@@ -150,14 +140,17 @@ def _most(known: Known) -> str:
     return f"Most crashes are of the type “{text.plain(name)}” ({text.share(share)})."
 
 
-def _how_often(known: Known) -> Answer:
-    question, road = "How often on a road?", known.road
+def how_often(road: RoadRate | None, *, adversary: bool) -> Answer:
+    """Say how often the AV crashes on a road.
+
+    Args:
+        road: What is known of it; None: nothing.
+        adversary: An adversary made the crashes that the page is about.
+    """
+    question = "How often on a road?"
     if road is None:
-        return Answer(
-            question,
-            "Not known",
-            "An adversary made these crashes: they show how the AV can crash, not how often it does.",
-        )
+        made = "An adversary made these crashes" if adversary else "These are no crashes of natural traffic"
+        return Answer(question, "Not known", f"{made}: they show how the AV can crash, not how often it does.")
     if road.miles is None:
         where = f" in {text.miles(road.driven)}" if road.driven is not None else ""
         return Answer(question, f"No crash seen{where}", f"so {road.words} (95 %; {road.basis}).", _doubt(road))
@@ -219,9 +212,7 @@ def _braking(known: Known) -> tuple[_Share, float] | None:
 def _careful(known: Known) -> Answer:
     question = "Would a careful driver have prevented it?"
     ways, braking = _ways_out(known), _braking(known)
-    kind = "natural crashes" if known.natural is not None else _made(known).replace("that", "crashes that", 1)
-    if known.natural is None and not known.adversary:
-        kind = "crashes"
+    kind = "natural crashes" if known.natural is not None else _made(known)
     words = []
     if ways is not None:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
@@ -240,7 +231,7 @@ def _careful(known: Known) -> Answer:
         if ways is None:
             short = f"{text.share(by.share)} by braking"
     if not words:
-        return Answer(question, "Nobody has looked.", "cornerforge analyse says it, without --avoidability none.")
+        return Answer(question, "Nobody has looked", "cornerforge analyse says it, without --avoidability none.")
     return Answer(question, short, " ".join(words))
 
 

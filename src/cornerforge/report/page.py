@@ -21,7 +21,7 @@ from cornerforge.report.artefacts import (
     read_emptiness,
 )
 from cornerforge.report.cases import case_data, load_scenarios
-from cornerforge.report.front import Front, Known, Look, front_of
+from cornerforge.report.front import Front, Known, Look, front_of, how_often
 from cornerforge.report.judged import (
     FAULT_WORDS,
     avoided_kinds,
@@ -287,10 +287,10 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
     analysis, summary = artefacts.analysis, artefacts.summary
     cases = sum(analysis.fault.values())
     made = {
-        "fault": figures.share_figure(faults_in_words(analysis), cases, "share of all cases"),
-        "rules": figures.share_figure(analysis.fault_rules, cases, "share of all cases"),
+        "fault": figures.share_figure(faults_in_words(analysis), cases, "share of cases"),
+        "rules": figures.share_figure(analysis.fault_rules, cases, "share of cases"),
         "discovery": figures.discovery_figure(analysis.coverage),
-        "types": figures.share_figure(_types(analysis), sum(analysis.crash_types.values()), "share of all cases"),
+        "types": figures.share_figure(_types(analysis), sum(analysis.crash_types.values()), "share of cases"),
         "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in analysis.value.top], animated),
     }
     natural = summary.natural_rate
@@ -299,13 +299,13 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
     if artefacts.training is not None and natural is not None:
         made["training"] = figures.training_figure(artefacts.training, natural)
     if analysis.own_doing is not None:
-        made["own"] = figures.share_figure(conducts_in_words(analysis.own_doing), cases, "share of all cases")
+        made["own"] = figures.share_figure(conducts_in_words(analysis.own_doing), cases, "share of cases")
     if analysis.prevented is not None:
         kinds, n = prevented_kinds(analysis.prevented), analysis.prevented.cases
-        made["prevented"] = figures.share_figure(kinds, n, "share of the judged cases")
+        made["prevented"] = figures.share_figure(kinds, n, "share of cases")
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
-        made["avoidability"] = figures.share_figure(kinds, n, "share of the cases looked at")
+        made["avoidability"] = figures.share_figure(kinds, n, "share of cases")
     exposed = {} if artefacts.exposure is None else artefacts.exposure.quantities
     return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in exposed.items()}
 
@@ -354,11 +354,14 @@ def _tables(artefacts: Artefacts, natural: Natural | None) -> dict[str, tables.T
 def _render_nothing(nothing: Emptiness) -> str:
     """Render the page of a run that found no case: what was tried, and what that says."""
     pages = environment()
+    road = road_rate(nothing.summary)
     from markupsafe import Markup
 
     return str(
         pages.get_template("nothing.html.j2").render(
             run=nothing.summary,
+            road=road,
+            often=how_often(road, adversary=True),
             provenance=tables.provenance_table(nothing.provenance),
             style=Markup(template("report.css")),
             policy=content_policy([]),

@@ -179,10 +179,10 @@ def rounded_down(value: float, digits: int = 2) -> float:
 def times(value: float) -> str:
     """A factor to two digits.
 
-    >>> times(3.04), times(286000.0).replace(chr(0x202F), " ")
-    ('3.0', '290 000')
+    >>> times(3.04), times(286000.0).replace(chr(0x202F), " "), times(2.84e6)
+    ('3.0', '290 000', '2.8 million')
     """
-    return rate(value, 2)
+    return rate(value, 2) if value < 999_500.0 else miles(value).removesuffix(" miles")
 
 
 def duration(seconds: float) -> str:

@@ -4,11 +4,11 @@ import { tick } from "../shared/clock";
 import { dark, readColours } from "../shared/colours";
 import { crashFrame } from "../shared/motion";
 import { drawScene, type Ghost } from "../shared/scene";
+import { frameFor } from "./framing";
 import { onPrint } from "./print";
 
 /** Seconds before the crash at which it begins. */
-const BEFORE_S = 7;
-const METRES = 46;
+const BEFORE_S = 6;
 const TRAIL_S = 4;
 
 export function showFirst(cases: readonly Case[]): void {
@@ -19,12 +19,13 @@ export function showFirst(cases: readonly Case[]): void {
   const button = document.getElementById("look-play") as HTMLButtonElement;
   const [end, last] = [crashFrame(item), item.frames - 1];
   const begin = Math.max(0, end - Math.round(BEFORE_S / item.dt));
+  const view = frameFor(item, begin, end);
   let [frame, playing, before, colours] = [end, false, 0, readColours()];
 
   const draw = () => {
     const ghosts: Ghost[] = item.wayOut && playing
       ? [{ motion: item.wayOut, colour: colours["way-out-box"], name: "way out" }] : [];
-    drawScene(canvas, item, frame, { metres: METRES, detail: true, trail: TRAIL_S, ghosts }, colours);
+    drawScene(canvas, item, frame, { ...view, detail: true, trail: TRAIL_S, ghosts }, colours);
   };
 
   function step(now: number): void {

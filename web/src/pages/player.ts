@@ -119,7 +119,7 @@ export function makePlayer<T extends Playable>({ cases, draw, chosen, moved, thu
   function bringIntoSight(): void {
     const place = byId("player");
     const { top, bottom } = byId("case-title").parentElement!.querySelector("canvas")!.getBoundingClientRect();
-    if (top < 0 || bottom > window.innerHeight) place.scrollIntoView({ block: "start" });
+    if (top < 0 || bottom > window.innerHeight) place.scrollIntoView({ block: "start", behavior: "instant" });
     place.classList.remove("flash");
     void place.offsetWidth; // so that the flash begins anew
     place.classList.add("flash");

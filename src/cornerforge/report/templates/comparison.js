@@ -537,7 +537,7 @@
     function bringIntoSight() {
       const place2 = byId("player");
       const { top, bottom } = byId("case-title").parentElement.querySelector("canvas").getBoundingClientRect();
-      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start" });
+      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start", behavior: "instant" });
       place2.classList.remove("flash");
       void place2.offsetWidth;
       place2.classList.add("flash");

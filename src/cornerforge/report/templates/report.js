@@ -1,5 +1,6 @@
 // Made by `make web`; do not edit. Its sources:
 //   web/src/pages/charts.ts
+//   web/src/pages/framing.ts
 //   web/src/pages/look.ts
 //   web/src/pages/multiples.ts
 //   web/src/pages/player.ts
@@ -446,9 +447,21 @@
   var whole = (frame) => Math.floor(frame + 1e-6);
   var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
 
+  // src/pages/framing.ts
+  var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
+  function frameFor(item, begin, end) {
+    const partner = item.vehicles[item.partner];
+    let [low, high] = [0, 0];
+    for (let frame = begin; partner && frame <= end; frame++) {
+      const [av, other] = [valueAt(item.vehicles[0], "x", frame), valueAt(partner, "x", frame)];
+      if (av === null || other === null) continue;
+      [low, high] = [Math.min(low, other - av), Math.max(high, other - av)];
+    }
+    return { metres: clamp(high - low + ROOM_M, LEAST_M, MOST_M), ahead: (low + high) / 2 };
+  }
+
   // src/pages/look.ts
-  var BEFORE_S = 7;
-  var METRES = 46;
+  var BEFORE_S = 6;
   var TRAIL_S = 4;
   function showFirst(cases2) {
     const place2 = document.getElementById("look");
@@ -458,10 +471,11 @@
     const button = document.getElementById("look-play");
     const [end, last] = [crashFrame(item), item.frames - 1];
     const begin = Math.max(0, end - Math.round(BEFORE_S / item.dt));
+    const view = frameFor(item, begin, end);
     let [frame, playing, before, colours] = [end, false, 0, readColours()];
     const draw = () => {
       const ghosts = item.wayOut && playing ? [{ motion: item.wayOut, colour: colours["way-out-box"], name: "way out" }] : [];
-      drawScene(canvas, item, frame, { metres: METRES, detail: true, trail: TRAIL_S, ghosts }, colours);
+      drawScene(canvas, item, frame, { ...view, detail: true, trail: TRAIL_S, ghosts }, colours);
     };
     function step(now) {
       if (!playing) return;
@@ -509,14 +523,14 @@
 
   // src/pages/multiples.ts
   var BEFORE_S2 = 4;
-  var METRES2 = 36;
+  var METRES = 36;
   function animate(pictures, colours) {
     const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
     const frames = /* @__PURE__ */ new Map();
     const still2 = (one) => draw(one, crashFrame(one.item));
     let last = 0;
     function draw({ button, item }, frame) {
-      drawScene(button.querySelector("canvas"), item, frame, { metres: METRES2, detail: false, trail: 1.5 }, colours());
+      drawScene(button.querySelector("canvas"), item, frame, { metres: METRES, detail: false, trail: 1.5 }, colours());
     }
     function step(now) {
       const passed = Math.max(0, now - last) / 1e3;
@@ -632,7 +646,7 @@
     function bringIntoSight() {
       const place2 = byId("player");
       const { top, bottom } = byId("case-title").parentElement.querySelector("canvas").getBoundingClientRect();
-      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start" });
+      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start", behavior: "instant" });
       place2.classList.remove("flash");
       void place2.offsetWidth;
       place2.classList.add("flash");
@@ -775,7 +789,7 @@
       annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
     }
     const layout = {
-      height: byId("case-chart").clientWidth < 480 ? 380 : 250,
+      height: byId("case-chart").clientWidth < 480 ? 380 : 220,
       margin: { l: 56, r: 12, t: 30, b: 40 },
       hovermode: "x",
       dragmode: false,
