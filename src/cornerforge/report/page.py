@@ -127,6 +127,7 @@ class _Shelf:
     roles: dict[str, dict[str, Any]]
     crash_type: dict[str, str]
     command: str
+    is_natural: bool
     prefix: str = ""
 
 
@@ -139,6 +140,7 @@ def _shelves(artefacts: Artefacts, look: Look | None) -> list[_Shelf]:
         _roles(artefacts),
         dict(zip(points.case_id, points.crash_type, strict=True)),
         analyse_command(artefacts.out) if artefacts.exposure is not None else artefacts.command,
+        artefacts.analysis.natural is not None,
     )
     found, place = artefacts.summary.natural_cases, artefacts.natural_library
     if found is None or place is None or place == artefacts.library:
@@ -146,7 +148,7 @@ def _shelves(artefacts: Artefacts, look: Look | None) -> list[_Shelf]:
         return [attack]
     kinds = {top.case_id: top.crash_type for top in found.value.top}
     command = f"cornerforge run --out {artefacts.out}"
-    shelf = _Shelf(place, place.parent / "analysis", _natural_roles(found), kinds, command, NATURAL)
+    shelf = _Shelf(place, place.parent / "analysis", _natural_roles(found), kinds, command, True, NATURAL)
     _watch_first(shelf if look is not None and look.is_natural else attack, look)
     return [shelf, attack]
 
@@ -183,6 +185,8 @@ def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]
             role, kind = shelf.roles[case_id], shelf.crash_type.get(case_id, "")
             data |= {"watchFirst": False} | role | {"type": text.plain(kind), "title": _title(scenario, kind)}
             data["verdict"] = text.plain(verdict(known)) if known else ""
+            if shelf.is_natural:  # nobody is controlled
+                data |= {"critical": [], "action": [], "p_nde": []}
             size += len(json.dumps(data, separators=(",", ":")))
             if size > CASE_BYTES and kept:
                 left.append(name)
