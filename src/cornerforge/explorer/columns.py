@@ -139,15 +139,17 @@ def case_table(sources: Sequence[tuple[Source, Analysis | None]]) -> CaseTable:
     columns, arrays = [], []
     for name in order:
         field, source = told[name]
-        pieces = [
-            part[name][2].cast(field.type) if name in part else pa.nulls(_rows(part), field.type) for part in parts
-        ]
-        column, values = _served(name, field, source, pa.chunked_array(pieces, field.type))
+        chunks: list[Any] = []
+        for part in parts:
+            values = part[name][2].cast(field.type) if name in part else pa.nulls(_rows(part), field.type)
+            chunks += values.chunks if isinstance(values, pa.ChunkedArray) else [values]
+        column, values = _served(name, field, source, pa.chunked_array(chunks, field.type))
         columns.append(column)
         arrays.append(values)
     table = pa.Table.from_arrays(arrays, names=order)
-    names = zip(table["source"].to_pylist(), table["case_id"].to_pylist(), strict=True)
-    return CaseTable(tuple(columns), table, {key: row for row, key in enumerate(names)})
+    names = [name for (source, _), part in zip(sources, parts, strict=True) for name in [source.name] * _rows(part)]
+    keys = zip(names, table["case_id"].to_pylist(), strict=True)
+    return CaseTable(tuple(columns), table, {key: row for row, key in enumerate(keys)})
 
 
 _Part = dict[str, tuple[pa.Field, str, Any]]

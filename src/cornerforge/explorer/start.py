@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from cornerforge.analysis.flaw import FLAWS, headline
@@ -71,8 +72,13 @@ class _Cases:
 
     def texts(self, name: str, *, every: bool = False) -> NDArray[np.object_]:
         """Texts of a column, None for null; all None if there is no such column."""
-        n = self._table.num_rows
-        values = np.array(self._table[name].to_pylist() if self.has(name) else [None] * n, dtype=object)
+        if not self.has(name):
+            values = np.full(self._table.num_rows, None, dtype=object)
+        else:
+            column = self._table[name]
+            if pa.types.is_dictionary(column.type):  # much faster than value by value
+                column = column.cast(pa.string())
+            values = column.to_numpy()
         return values if every else values[self.rows]
 
     def numbers(self, name: str) -> NDArray[np.float64]:
