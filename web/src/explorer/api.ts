@@ -20,6 +20,10 @@ export interface ColumnInfo {
   readonly unit: string;
   readonly meaning: string;
   readonly source: string;
+  /** Short name for people, without the unit. */
+  readonly label?: string;
+  /** Of categories: what each value is called, in a sensible order. */
+  readonly values?: Readonly<Record<string, string>>;
 }
 
 /** What to look at first. `filters` reads as in the address bar, without its "f.". */
@@ -60,6 +64,8 @@ export interface About {
   readonly downloads: readonly Download[];
   readonly columns: readonly ColumnInfo[];
   readonly start: readonly StartCard[];
+  /** Lines to show, such as of a damaged shard. */
+  readonly warnings?: readonly string[];
 }
 
 export interface Fact {
@@ -73,8 +79,8 @@ export interface Fact {
 export interface WatchedCase extends Case {
   readonly key: CaseKey;
   readonly title: string;
-  /** Sentences. */
-  readonly verdict: readonly string[];
+  /** Some sentences. */
+  readonly verdict: string;
   readonly facts: readonly Fact[];
 }
 
@@ -83,7 +89,7 @@ export interface CaseWith extends Case {
   /** "SOURCE/CASE_ID@AV". */
   readonly key: string;
   readonly title?: string;
-  readonly verdict?: readonly string[];
+  readonly verdict?: string;
   readonly facts?: readonly Fact[];
 }
 

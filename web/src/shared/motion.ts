@@ -85,12 +85,27 @@ export function commonArea(subject: readonly Point[], clip: readonly Point[]): P
   return result;
 }
 
-/** Middle of the overlap of two boxes, and its outline; null where they share no area. */
-export function overlap(a: Box, b: Box): { area: Point[]; middle: Point } | null {
+/** The point of a box that is nearest to a point; the point itself if it is inside. */
+function nearestIn(box: Box, [x, y]: Point): Point {
+  const [c, s] = [Math.cos(box.h), Math.sin(box.h)];
+  const [dx, dy] = [x - box.x, y - box.y];
+  const keep = (value: number, most: number) => Math.max(-most, Math.min(most, value));
+  const along = keep(dx * c + dy * s, box.length / 2);
+  const across = keep(-dx * s + dy * c, box.width / 2);
+  return [box.x + along * c - across * s, box.y + along * s + across * c];
+}
+
+/** Where two boxes that are known to touch do so: their common area, which rounding may have taken away, and its middle. */
+export function touch(a: Box, b: Box): { area: Point[]; middle: Point } {
   const area = commonArea(corners(a), corners(b));
-  if (area.length < 3) return null;
-  const mean = (k: 0 | 1) => area.reduce((sum, p) => sum + p[k], 0) / area.length;
-  return { area, middle: [mean(0), mean(1)] };
+  if (area.length >= 3) {
+    const mean = (k: 0 | 1) => area.reduce((sum, p) => sum + p[k], 0) / area.length;
+    return { area, middle: [mean(0), mean(1)] };
+  }
+  const pairs = [...corners(a).map((p) => [p, nearestIn(b, p)] as const), ...corners(b).map((p) => [p, nearestIn(a, p)] as const)];
+  const gap = ([p, q]: readonly [Point, Point]) => Math.hypot(p[0] - q[0], p[1] - q[1]);
+  const [p, q] = pairs.reduce((best, pair) => (gap(pair) < gap(best) ? pair : best));
+  return { area: [], middle: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2] };
 }
 
 /** Gap along the road [m]: distance of the centres less half of both lengths; negative where they are side by side. */

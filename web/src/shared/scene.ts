@@ -2,7 +2,7 @@
 import type { Case, Motion } from "./case";
 import type { Colours } from "./colours";
 import { type Rect, place } from "./labels";
-import { type Box, type Point, boxAt, changesTo, criticalAt, overlap } from "./motion";
+import { type Box, type Point, boxAt, changesTo, criticalAt, gapAlong, touch } from "./motion";
 import { brakes, trail } from "./trails";
 
 /** A vehicle that was not there: where the AV would be had it acted otherwise. */
@@ -188,16 +188,19 @@ function drawTarget(g: Pen, view: View, item: Case, box: Box, colour: string): v
 }
 
 function drawContact(g: Pen, view: View, a: Box, b: Box, colours: Colours): void {
-  const found = overlap(a, b);
-  if (!found) return;
-  const { area, middle } = found;
+  const { area, middle } = touch(a, b);
   g.fillStyle = g.strokeStyle = colours.contact;
   g.beginPath();
   area.forEach(([x, y]: Point) => g.lineTo(view.px(x), view.py(y)));
   g.fill();
-  g.lineWidth = view.scale > 6 ? 2.5 : 1.5;
+  const width = view.scale > 6 ? 2.5 : 1.5;
   g.beginPath();
   g.arc(view.px(middle[0]), view.py(middle[1]), Math.max(6, 1.7 * view.scale), 0, 2 * Math.PI);
+  g.strokeStyle = colours.paint; // a light rim keeps the ring clear of vehicles of any colour
+  g.lineWidth = 2 * width;
+  g.stroke();
+  g.strokeStyle = colours.contact;
+  g.lineWidth = width;
   g.stroke();
 }
 
@@ -220,7 +223,8 @@ interface Name {
   readonly box: Box;
   readonly below: boolean;
   readonly strong: boolean;
-  readonly colour: string;
+  /** Of the line under the name; null: none. */
+  readonly colour: string | null;
 }
 
 /** Write names where they hide no vehicle and no other name; a plate keeps them clear of lane markings. */
@@ -238,7 +242,7 @@ function drawNames(g: Pen, view: View, names: readonly Name[], boxes: readonly B
     if (!at) return;
     const gap = Math.abs(at.y - wish.box.y) - at.h - wish.box.h;
     if (gap > 6 || (Math.abs(at.x - wish.box.x) > 1 && Math.abs(at.y - wish.box.y) > at.h)) {
-      g.strokeStyle = colour;
+      g.strokeStyle = colour ?? colours.muted;
       g.lineWidth = 1;
       g.beginPath();
       g.moveTo(at.x, at.y - Math.sign(at.y - wish.box.y) * at.h);
@@ -247,7 +251,7 @@ function drawNames(g: Pen, view: View, names: readonly Name[], boxes: readonly B
     }
     g.fillStyle = colours.road;
     g.fillRect(at.x - at.w, at.y - at.h, 2 * at.w, 2 * at.h);
-    if (strong) {
+    if (colour) {
       g.fillStyle = colour;
       g.fillRect(at.x - at.w, at.y + at.h - 2, 2 * at.w, 2);
     }
@@ -299,11 +303,37 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
   const isBrief = view.scale <= 5;
   // The two that meet carry their names on the sides turned away from each other.
   const below = (i: number) => (partner !== null && isOfPair(i) ? (i === 0) === av.y < partner.y : false);
-  const named = [0, ...(partner ? [item.partner] : []), ...(isBrief ? [] : others)];
-  const names = named.map((i) => ({
-    text: nameOf(item, i, boxes[i]!, isBrief), box: boxes[i]!, below: below(i), strong: isOfPair(i), colour: colour(i),
+  const named = [0, ...(partner && isSeen(partner) ? [item.partner] : []), ...(isBrief ? [] : others)];
+  const names: Name[] = named.map((i) => ({
+    text: nameOf(item, i, boxes[i]!, isBrief), box: boxes[i]!, below: below(i), strong: isOfPair(i), colour: isOfPair(i) ? colour(i) : null,
   }));
+  for (const { box, colour: shade, name } of shades) {
+    if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
+  }
   drawNames(g, view, names, order.map((i) => boxes[i]!), colours);
+  if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner]!.slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
+}
+
+/** At the edge of the picture, beside the road, where it hides nobody: where the partner is that the picture does not show. */
+function drawPointer(g: Pen, view: View, name: string, av: Box, partner: Box, top: number, colours: Colours): void {
+  const isAhead = partner.x > av.x;
+  const text = `${name}, ${Math.max(0, gapAlong(av, partner)).toFixed(0)} m ${isAhead ? "ahead" : "behind"}`;
+  g.font = "600 12px system-ui, sans-serif";
+  const [wide, y, tip] = [g.measureText(text).width + 12, Math.max(12, top - 14), isAhead ? view.width - 4 : 4];
+  const way = isAhead ? -1 : 1;
+  g.fillStyle = colours.partner;
+  g.beginPath();
+  g.moveTo(tip, y);
+  g.lineTo(tip + way * 9, y - 10);
+  g.lineTo(tip + way * (9 + wide), y - 10);
+  g.lineTo(tip + way * (9 + wide), y + 10);
+  g.lineTo(tip + way * 9, y + 10);
+  g.fill();
+  g.fillStyle = "#ffffff";
+  g.textAlign = "center";
+  g.textBaseline = "middle";
+  g.fillText(text, tip + way * (9 + wide / 2), y);
+  g.textBaseline = "alphabetic";
 }
 
 /** Height of a picture [px] so that it shows the metres that it promises: the road's width follows from the scale. */

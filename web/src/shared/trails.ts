@@ -1,6 +1,6 @@
 // What the recent motion of a vehicle tells: where it was, and whether it brakes. Pure functions of a recording.
 import type { Motion } from "./case";
-import { boxAt } from "./motion";
+import { boxAt, valueAt } from "./motion";
 
 /** Where a vehicle was, `age` seconds ago. */
 export interface Past {
@@ -20,10 +20,17 @@ export function trail(motion: Motion, frame: number, seconds: number, dt: number
   return points;
 }
 
-/** Acceleration along the road [m/s2] over the 0.2 s around a frame; null at the ends of the recording. */
+/**
+ * Acceleration along the road [m/s2] over the 0.2 s around a frame, at an end of the recording over 0.1 s; null where
+ * nothing, or only this frame, was recorded.
+ */
 export function accelerationAt(motion: Motion, frame: number, dt: number): number | null {
-  const [before, after] = [boxAt(motion, frame - 1), boxAt(motion, frame + 1)];
-  return before && after ? (after.v - before.v) / (2 * dt) : null;
+  const now = valueAt(motion, "v", frame);
+  if (now === null) return null;
+  const [before, after] = [valueAt(motion, "v", frame - 1), valueAt(motion, "v", frame + 1)];
+  if (before === null && after === null) return null;
+  const span = (before === null ? 0 : 1) + (after === null ? 0 : 1);
+  return ((after ?? now) - (before ?? now)) / (span * dt);
 }
 
 /** Weakest braking that a picture shows [m/s2]. */
@@ -31,6 +38,6 @@ export const BRAKES_FROM = 1;
 
 /** Whether a vehicle brakes with more than `BRAKES_FROM`, by its speed now and 0.1 s before. */
 export function brakes(motion: Motion, frame: number, dt: number): boolean {
-  const [now, before] = [boxAt(motion, frame), boxAt(motion, frame - 1)];
-  return now !== null && before !== null && (before.v - now.v) / dt > BRAKES_FROM;
+  const [now, before] = [valueAt(motion, "v", frame), valueAt(motion, "v", frame - 1)];
+  return now !== null && before !== null && (before - now) / dt > BRAKES_FROM;
 }

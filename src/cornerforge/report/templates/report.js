@@ -72,11 +72,24 @@
     });
     return result;
   }
-  function overlap(a, b) {
+  function nearestIn(box, [x, y]) {
+    const [c, s] = [Math.cos(box.h), Math.sin(box.h)];
+    const [dx, dy] = [x - box.x, y - box.y];
+    const keep = (value, most) => Math.max(-most, Math.min(most, value));
+    const along = keep(dx * c + dy * s, box.length / 2);
+    const across = keep(-dx * s + dy * c, box.width / 2);
+    return [box.x + along * c - across * s, box.y + along * s + across * c];
+  }
+  function touch(a, b) {
     const area = commonArea(corners(a), corners(b));
-    if (area.length < 3) return null;
-    const mean = (k) => area.reduce((sum, p) => sum + p[k], 0) / area.length;
-    return { area, middle: [mean(0), mean(1)] };
+    if (area.length >= 3) {
+      const mean = (k) => area.reduce((sum, p2) => sum + p2[k], 0) / area.length;
+      return { area, middle: [mean(0), mean(1)] };
+    }
+    const pairs = [...corners(a).map((p2) => [p2, nearestIn(b, p2)]), ...corners(b).map((p2) => [p2, nearestIn(a, p2)])];
+    const gap = ([p2, q2]) => Math.hypot(p2[0] - q2[0], p2[1] - q2[1]);
+    const [p, q] = pairs.reduce((best, pair) => gap(pair) < gap(best) ? pair : best);
+    return { area: [], middle: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2] };
   }
   var gapAlong = (a, b) => Math.abs(a.x - b.x) - (a.length + b.length) / 2;
   function changesTo(box, laneWidth) {
@@ -121,8 +134,8 @@
   }
   var BRAKES_FROM = 1;
   function brakes(motion, frame, dt) {
-    const [now, before] = [boxAt(motion, frame), boxAt(motion, frame - 1)];
-    return now !== null && before !== null && (before.v - now.v) / dt > BRAKES_FROM;
+    const [now, before] = [valueAt(motion, "v", frame), valueAt(motion, "v", frame - 1)];
+    return now !== null && before !== null && (before - now) / dt > BRAKES_FROM;
   }
 
   // src/shared/scene.ts
@@ -256,16 +269,19 @@
     g.fill();
   }
   function drawContact(g, view, a, b, colours) {
-    const found = overlap(a, b);
-    if (!found) return;
-    const { area, middle } = found;
+    const { area, middle } = touch(a, b);
     g.fillStyle = g.strokeStyle = colours.contact;
     g.beginPath();
     area.forEach(([x, y]) => g.lineTo(view.px(x), view.py(y)));
     g.fill();
-    g.lineWidth = view.scale > 6 ? 2.5 : 1.5;
+    const width = view.scale > 6 ? 2.5 : 1.5;
     g.beginPath();
     g.arc(view.px(middle[0]), view.py(middle[1]), Math.max(6, 1.7 * view.scale), 0, 2 * Math.PI);
+    g.strokeStyle = colours.paint;
+    g.lineWidth = 2 * width;
+    g.stroke();
+    g.strokeStyle = colours.contact;
+    g.lineWidth = width;
     g.stroke();
   }
   function colourOf(item, index, critical, colours) {
@@ -293,7 +309,7 @@
       if (!at) return;
       const gap = Math.abs(at.y - wish.box.y) - at.h - wish.box.h;
       if (gap > 6 || Math.abs(at.x - wish.box.x) > 1 && Math.abs(at.y - wish.box.y) > at.h) {
-        g.strokeStyle = colour;
+        g.strokeStyle = colour ?? colours.muted;
         g.lineWidth = 1;
         g.beginPath();
         g.moveTo(at.x, at.y - Math.sign(at.y - wish.box.y) * at.h);
@@ -302,7 +318,7 @@
       }
       g.fillStyle = colours.road;
       g.fillRect(at.x - at.w, at.y - at.h, 2 * at.w, 2 * at.h);
-      if (strong) {
+      if (colour) {
         g.fillStyle = colour;
         g.fillRect(at.x - at.w, at.y + at.h - 2, 2 * at.w, 2);
       }
@@ -349,15 +365,39 @@
     if (!look.detail) return;
     const isBrief = view.scale <= 5;
     const below = (i) => partner !== null && isOfPair(i) ? i === 0 === av.y < partner.y : false;
-    const named = [0, ...partner ? [item.partner] : [], ...isBrief ? [] : others];
+    const named = [0, ...partner && isSeen(partner) ? [item.partner] : [], ...isBrief ? [] : others];
     const names = named.map((i) => ({
       text: nameOf(item, i, boxes[i], isBrief),
       box: boxes[i],
       below: below(i),
       strong: isOfPair(i),
-      colour: colour(i)
+      colour: isOfPair(i) ? colour(i) : null
     }));
+    for (const { box, colour: shade, name } of shades) {
+      if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
+    }
     drawNames(g, view, names, order.map((i) => boxes[i]), colours);
+    if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner].slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
+  }
+  function drawPointer(g, view, name, av, partner, top, colours) {
+    const isAhead = partner.x > av.x;
+    const text = `${name}, ${Math.max(0, gapAlong(av, partner)).toFixed(0)} m ${isAhead ? "ahead" : "behind"}`;
+    g.font = "600 12px system-ui, sans-serif";
+    const [wide, y, tip] = [g.measureText(text).width + 12, Math.max(12, top - 14), isAhead ? view.width - 4 : 4];
+    const way = isAhead ? -1 : 1;
+    g.fillStyle = colours.partner;
+    g.beginPath();
+    g.moveTo(tip, y);
+    g.lineTo(tip + way * 9, y - 10);
+    g.lineTo(tip + way * (9 + wide), y - 10);
+    g.lineTo(tip + way * (9 + wide), y + 10);
+    g.lineTo(tip + way * 9, y + 10);
+    g.fill();
+    g.fillStyle = "#ffffff";
+    g.textAlign = "center";
+    g.textBaseline = "middle";
+    g.fillText(text, tip + way * (9 + wide / 2), y);
+    g.textBaseline = "alphabetic";
   }
   function heightFor(item, width, metres) {
     const scale = width / metres;
@@ -384,7 +424,16 @@
     "grid",
     "way-out",
     "way-out-box",
-    "plane"
+    "plane",
+    "accent",
+    "ghost-1",
+    "ghost-2",
+    "ghost-3",
+    "ghost-4",
+    "ghost-1-box",
+    "ghost-2-box",
+    "ghost-3-box",
+    "ghost-4-box"
   ];
   var css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   function readColours() {
