@@ -603,7 +603,7 @@
     function end(one) {
       if (frames.delete(one)) still2(one);
     }
-    const touch = window.matchMedia("(hover: none)").matches;
+    const touch2 = window.matchMedia("(hover: none)").matches;
     const sight = new IntersectionObserver((seen) => {
       for (const { target, isIntersecting } of seen) {
         const one = pictures.find(({ button }) => button === target);
@@ -611,7 +611,7 @@
       }
     }, { threshold: 0.9 });
     for (const one of pictures) {
-      if (touch) sight.observe(one.button);
+      if (touch2) sight.observe(one.button);
       else {
         for (const name of ["pointerenter", "focus"]) one.button.addEventListener(name, () => begin(one));
         for (const name of ["pointerleave", "blur"]) one.button.addEventListener(name, () => end(one));
@@ -757,7 +757,9 @@
         });
       });
       document.addEventListener("keydown", onKey);
-      window.addEventListener("hashchange", readHash);
+      window.addEventListener("hashchange", () => {
+        if (readHash()) bringIntoSight();
+      });
       const small = caseButtons.map((button) => ({ button, item: thumbnail(cases2[Number(button.dataset.index)]) }));
       const drawSmall = animate(small, () => colours);
       const redraw = () => {
@@ -773,7 +775,8 @@
       }).observe(byId("player"));
     }
     function start(index) {
-      if (!readHash()) select(index, crashFrame(cases2[index]));
+      if (readHash()) bringIntoSight();
+      else select(index, crashFrame(cases2[index]));
       listen();
     }
     return { current, selectId, seek, start };
