@@ -310,7 +310,8 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
   for (const { box, colour: shade, name } of shades) {
     if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
   }
-  drawNames(g, view, names, order.map((i) => boxes[i]!), colours);
+  const solid = [...order.map((i) => boxes[i]!), ...shades.map(({ box }) => box).filter((box) => box !== null)];
+  drawNames(g, view, names, solid, colours);
   if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner]!.slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
 }
 

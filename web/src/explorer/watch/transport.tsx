@@ -97,5 +97,5 @@ function Clock({ contact, crashes }: { contact: number; crashes: boolean }) {
     const left = contact - now;
     return `${now.toFixed(1)} s${crashes ? (left > 0.05 ? `, ${left.toFixed(1)} s before contact` : ", contact") : ""}`;
   });
-  return <output class="clock" title="time since the test began">{text}</output>;
+  return <span class="clock" role="timer" title="time since the test began">{text}</span>;
 }
