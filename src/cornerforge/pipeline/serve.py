@@ -17,7 +17,7 @@ from cornerforge.drivers.careful import CAREFUL
 from cornerforge.errors import CornerForgeError, InputError, MissingExtraError
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.pipeline.natural import is_natural, natural_weights
+from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.output import check_path, read_json_file
 from cornerforge.results.whole import Served
 

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 
-FAULT_WORDS = dict(zip(FAULTS, ("AV", "BV", "both", "nobody"), strict=True))
+FAULT_WORDS = dict(zip(FAULTS, ("the AV", "the other", "both", "nobody"), strict=True))
 """Who is at fault, by names for people."""
 
 

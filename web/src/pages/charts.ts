@@ -1,5 +1,6 @@
 // Draws the figures of a page with plotly, which the page brings along, and keeps their colours in step with light and dark.
 import { css, dark } from "../shared/colours";
+import { onPrint } from "./print";
 
 export interface Figure {
   readonly data: unknown[];
@@ -33,9 +34,11 @@ function resolve<T>(node: T): T {
   return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, resolve(value)])) as T;
 }
 
-export function drawFigure(element: HTMLElement, figure: Figure): void {
+/** Draw a figure, as wide as its element or as told [px]. */
+export function drawFigure(element: HTMLElement, figure: Figure, width: number | null = null): void {
   drawn.set(element, figure);
   const { data, layout } = resolve(figure);
+  if (width !== null) Object.assign(layout, { width });
   Plotly.react(element, data, layout, figure.layout.dragmode === "zoom" ? zoomable : still);
 }
 
@@ -44,5 +47,9 @@ export const changeLayout = (element: HTMLElement, change: Record<string, unknow
 /** Draw each figure in the element that names it in `data-figure`. */
 export function drawFigures(figures: Readonly<Record<string, Figure>>): void {
   dark.addEventListener("change", () => drawn.forEach((figure, element) => drawFigure(element, figure)));
+  onPrint((width) => drawn.forEach((figure, element) => {
+    const share = element.closest(".two") ? 0.48 : 1; // two figures stand side by side
+    drawFigure(element, figure, width && Math.round(share * width));
+  }));
   document.querySelectorAll<HTMLElement>("[data-figure]").forEach((element) => drawFigure(element, figures[element.dataset.figure!]!));
 }

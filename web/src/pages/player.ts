@@ -4,7 +4,8 @@ import { clamp, tick, whole } from "../shared/clock";
 import { dark, readColours, type Colours } from "../shared/colours";
 import type { Case } from "../shared/case";
 import { crashFrame, secondsAt, type Timed } from "../shared/motion";
-import { drawScene } from "../shared/scene";
+import { animate } from "./multiples";
+import { onPrint } from "./print";
 
 /** What the player needs of a case; `crash` is a frame, null: none. */
 export interface Playable extends Timed {
@@ -114,12 +115,22 @@ export function makePlayer<T extends Playable>({ cases, draw, chosen, moved, thu
     pause();
   }
 
+  /** A case was chosen elsewhere on the page: what it chose must be seen, or the click looks dead. */
+  function bringIntoSight(): void {
+    const place = byId("player");
+    const { top, bottom } = byId("case-title").parentElement!.querySelector("canvas")!.getBoundingClientRect();
+    if (top < 0 || bottom > window.innerHeight) place.scrollIntoView({ block: "start", behavior: "instant" });
+    place.classList.remove("flash");
+    void place.offsetWidth; // so that the flash begins anew
+    place.classList.add("flash");
+  }
+
   function selectId(id: string): boolean {
     const index = cases.findIndex((item) => item.id === id);
     if (index < 0) return false;
     select(index);
     writeHash();
-    byId("player").scrollIntoView({ block: "nearest" });
+    bringIntoSight();
     return true;
   }
 
@@ -143,13 +154,6 @@ export function makePlayer<T extends Playable>({ cases, draw, chosen, moved, thu
     event.preventDefault();
   }
 
-  function drawThumbnails(): void {
-    for (const button of caseButtons) {
-      const item = cases[Number(button.dataset.index)]!;
-      drawScene(button.querySelector("canvas")!, thumbnail(item), crashFrame(item), { metres: 36, detail: false }, colours);
-    }
-  }
-
   function listen(): void {
     const onClick = (id: string, act: () => void) => byId(id).addEventListener("click", act);
     onClick("play", () => (state.playing ? pause() : play()));
@@ -162,21 +166,24 @@ export function makePlayer<T extends Playable>({ cases, draw, chosen, moved, thu
     choice("rate", (value) => { state.rate = value; });
     choice("view", (value) => { state.view = value; refresh(); });
     for (const button of caseButtons) {
-      button.addEventListener("click", () => { select(Number(button.dataset.index)); writeHash(); play(); });
+      button.addEventListener("click", () => { select(Number(button.dataset.index)); writeHash(); bringIntoSight(); play(); });
     }
     document.querySelectorAll<HTMLAnchorElement>("a.play").forEach((link) => {
       link.addEventListener("click", (event) => { event.preventDefault(); selectId(link.dataset.case!); play(); });
     });
     document.addEventListener("keydown", onKey);
     window.addEventListener("hashchange", readHash);
-    dark.addEventListener("change", () => { colours = readColours(); refresh(); drawThumbnails(); });
-    new ResizeObserver(() => { refresh(); drawThumbnails(); }).observe(byId("player"));
+    const small = caseButtons.map((button) => ({ button, item: thumbnail(cases[Number(button.dataset.index)]!) }));
+    const drawSmall = animate(small, () => colours);
+    const redraw = () => { colours = readColours(); refresh(); drawSmall(); };
+    dark.addEventListener("change", redraw);
+    onPrint(redraw);
+    new ResizeObserver(() => { refresh(); drawSmall(); }).observe(byId("player"));
   }
 
   function start(index: number): void {
     if (!readHash()) select(index, crashFrame(cases[index]!));
     listen();
-    drawThumbnails();
   }
 
   return { current, selectId, seek, start };

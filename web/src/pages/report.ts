@@ -4,11 +4,14 @@ import { show } from "../shared/format";
 import { boxAt, decisionAt, gapAlong, secondsAt } from "../shared/motion";
 import { drawScene, fitHeight, type Ghost } from "../shared/scene";
 import { changeLayout, drawFigure, drawFigures, type Drawn, type Figure } from "./charts";
+import { showFirst } from "./look";
 import { byId, makePlayer, pageData, type Playable } from "./player";
 
 interface Item extends Case, Playable {
-  /** Its rank among the cases worth a look; 0: not among them. */
-  readonly top: number;
+  /** It is the one to watch first. */
+  readonly watchFirst: boolean;
+  /** Why it is here. */
+  readonly role: string;
 }
 
 let chartFrame = -1;
@@ -55,16 +58,16 @@ function speedRange(item: Item): [number, number] {
 function drawChart(item: Item): void {
   const range = [secondsAt(item, 0), secondsAt(item, lastFrame(item)) + 0.05 * item.frames * item.dt];
   const axis = { gridcolor: "css:grid", linecolor: "css:muted", zeroline: false };
-  const data: unknown[] = [{ ...series(item, item.vehicles[0]!), name: "AV speed", line: { color: "css:av", width: 2.5 } }];
+  const data: unknown[] = [{ ...series(item, item.vehicles[0]!), name: "speed of the AV", line: { color: "css:av", width: 2.5 } }];
   const partner = partnerOf(item);
   if (partner) {
     if (item.wayOut) {
-      data.push({ ...series(item, item.wayOut), mode: "lines", name: "AV speed on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
+      data.push({ ...series(item, item.wayOut), mode: "lines", name: "on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
     }
-    data.push({ ...series(item, partner), name: `BV ${partner.slot} speed`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
+    data.push({ ...series(item, partner), name: `speed of BV ${partner.slot}`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
     const x = item.ttc.map((_, i) => secondsAt(item, i));
-    data.push({ x, y: item.ttc, yaxis: "y2", name: "TTC in the lane", line: { color: "css:ink", width: 2.5 } });
-    data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "TTC in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
+    data.push({ x, y: item.ttc, yaxis: "y2", name: "time to collision in the lane", line: { color: "css:ink", width: 2.5 } });
+    data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
   }
   const upright = { type: "line", yref: "paper", y0: 0, y1: 1 };
   const shapes: unknown[] = [{ ...upright, x0: range[0], x1: range[0], line: { color: "css:muted", width: 2 } }];
@@ -75,14 +78,14 @@ function drawChart(item: Item): void {
     annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
   }
   const layout = {
-    height: 330, margin: { l: 64, r: 16, t: 36, b: 46 }, hovermode: "x", dragmode: false as const, shapes, annotations,
+    height: byId("case-chart").clientWidth < 480 ? 380 : 220, margin: { l: 56, r: 12, t: 30, b: 40 }, hovermode: "x", dragmode: false as const, shapes, annotations,
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-    font: { family: "system-ui, sans-serif", size: 13, color: "css:ink" },
+    font: { family: "system-ui, sans-serif", size: 12, color: "css:ink" },
     hoverlabel: { bgcolor: "css:paper", font: { color: "css:ink" } },
     legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
-    xaxis: { ...axis, title: { text: "time since the test began [s]" }, range, anchor: "y2" },
-    yaxis: { ...axis, title: { text: "speed [m/s]" }, domain: [0.52, 1], range: speedRange(item) },
-    yaxis2: { ...axis, title: { text: "TTC [s]" }, domain: [0, 0.42], range: [0, 10] },
+    xaxis: { ...axis, title: { text: "time since the drive began [s]" }, range, anchor: "y2" },
+    yaxis: { ...axis, title: { text: "m/s" }, domain: [0.52, 1], range: speedRange(item) },
+    yaxis2: { ...axis, title: { text: "s" }, domain: [0, 0.42], range: [0, 10] },
   };
   chartFrame = -1;
   drawFigure(byId("case-chart"), { data, layout });
@@ -104,11 +107,14 @@ function playCases(cases: readonly Item[]): void {
       fitHeight(road, item, metres);
       drawScene(road, item, frame, { metres, detail: true, ghosts }, colours);
     },
-    chosen: drawChart,
+    chosen: (item) => {
+      byId("case-role").textContent = `Case ${item.id}: ${item.role}.`;
+      drawChart(item);
+    },
     moved: (item, frame) => { writeReadout(item, frame); moveCursor(item, frame); },
     thumbnail: (item) => item,
   });
-  player.start(Math.max(0, cases.findIndex((item) => item.top === 1)));
+  player.start(Math.max(0, cases.findIndex((item) => item.watchFirst)));
   document.querySelector<Drawn>('[data-figure="map"]')!.on("plotly_click", (event) => {
     const id = event.points[0]!.customdata;
     byId("map-note").textContent = player.selectId(id)
@@ -121,4 +127,5 @@ function playCases(cases: readonly Item[]): void {
 
 drawFigures(pageData<Record<string, Figure>>("figures"));
 const cases = pageData<Item[]>("cases");
+showFirst(cases); // before the player, so that Space is for the picture in sight
 if (cases.length > 0) playCases(cases);

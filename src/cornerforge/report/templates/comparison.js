@@ -1,6 +1,8 @@
 // Made by `make web`; do not edit. Its sources:
 //   web/src/pages/comparison.ts
+//   web/src/pages/multiples.ts
 //   web/src/pages/player.ts
+//   web/src/pages/print.ts
 //   web/src/shared/clock.ts
 //   web/src/shared/colours.ts
 //   web/src/shared/format.ts
@@ -448,6 +450,72 @@
   }
   var dark = window.matchMedia("(prefers-color-scheme: dark)");
 
+  // src/pages/multiples.ts
+  var BEFORE_S = 4;
+  var METRES = 36;
+  function animate(pictures, colours) {
+    const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
+    const frames = /* @__PURE__ */ new Map();
+    const still = (one) => draw(one, crashFrame(one.item));
+    let last = 0;
+    function draw({ button, item }, frame) {
+      drawScene(button.querySelector("canvas"), item, frame, { metres: METRES, detail: false, trail: 1.5 }, colours());
+    }
+    function step(now) {
+      const passed = Math.max(0, now - last) / 1e3;
+      last = now;
+      for (const [one, frame] of frames) {
+        const to = crashFrame(one.item);
+        const from = Math.max(0, to - Math.round(BEFORE_S / one.item.dt));
+        const next = tick(frame, passed, one.item.dt, 1, { from, to, loop: true }).frame;
+        frames.set(one, next);
+        draw(one, Math.min(next, to));
+      }
+      if (frames.size > 0) requestAnimationFrame(step);
+    }
+    function begin(one) {
+      if (calm.matches || frames.has(one)) return;
+      frames.set(one, Math.max(0, crashFrame(one.item) - Math.round(BEFORE_S / one.item.dt)));
+      if (frames.size > 1) return;
+      last = performance.now();
+      requestAnimationFrame(step);
+    }
+    function end(one) {
+      if (frames.delete(one)) still(one);
+    }
+    const touch = window.matchMedia("(hover: none)").matches;
+    const sight = new IntersectionObserver((seen) => {
+      for (const { target, isIntersecting } of seen) {
+        const one = pictures.find(({ button }) => button === target);
+        isIntersecting ? begin(one) : end(one);
+      }
+    }, { threshold: 0.9 });
+    for (const one of pictures) {
+      if (touch) sight.observe(one.button);
+      else {
+        for (const name of ["pointerenter", "focus"]) one.button.addEventListener(name, () => begin(one));
+        for (const name of ["pointerleave", "blur"]) one.button.addEventListener(name, () => end(one));
+      }
+    }
+    const all = () => pictures.forEach((one) => {
+      if (!frames.has(one)) still(one);
+    });
+    all();
+    return all;
+  }
+
+  // src/pages/print.ts
+  var SHEET = 688;
+  function onPrint(redraw) {
+    const root = document.documentElement;
+    const take = (prints) => {
+      root.toggleAttribute("data-print", prints);
+      redraw(prints ? SHEET : null);
+    };
+    window.addEventListener("beforeprint", () => take(true));
+    window.addEventListener("afterprint", () => take(false));
+  }
+
   // src/pages/player.ts
   var byId = (id) => document.getElementById(id);
   var pageData = (id) => JSON.parse(byId(id).textContent);
@@ -516,12 +584,20 @@
       chosen(item);
       pause();
     }
+    function bringIntoSight() {
+      const place2 = byId("player");
+      const { top, bottom } = byId("case-title").parentElement.querySelector("canvas").getBoundingClientRect();
+      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start", behavior: "instant" });
+      place2.classList.remove("flash");
+      void place2.offsetWidth;
+      place2.classList.add("flash");
+    }
     function selectId(id) {
       const index = cases2.findIndex((item) => item.id === id);
       if (index < 0) return false;
       select(index);
       writeHash();
-      byId("player").scrollIntoView({ block: "nearest" });
+      bringIntoSight();
       return true;
     }
     function readHash() {
@@ -542,12 +618,6 @@
       else return;
       event.preventDefault();
     }
-    function drawThumbnails() {
-      for (const button of caseButtons) {
-        const item = cases2[Number(button.dataset.index)];
-        drawScene(button.querySelector("canvas"), thumbnail(item), crashFrame(item), { metres: 36, detail: false }, colours);
-      }
-    }
     function listen() {
       const onClick = (id, act) => byId(id).addEventListener("click", act);
       onClick("play", () => state.playing ? pause() : play());
@@ -567,6 +637,7 @@
         button.addEventListener("click", () => {
           select(Number(button.dataset.index));
           writeHash();
+          bringIntoSight();
           play();
         });
       }
@@ -579,20 +650,23 @@
       });
       document.addEventListener("keydown", onKey);
       window.addEventListener("hashchange", readHash);
-      dark.addEventListener("change", () => {
+      const small = caseButtons.map((button) => ({ button, item: thumbnail(cases2[Number(button.dataset.index)]) }));
+      const drawSmall = animate(small, () => colours);
+      const redraw = () => {
         colours = readColours();
         refresh();
-        drawThumbnails();
-      });
+        drawSmall();
+      };
+      dark.addEventListener("change", redraw);
+      onPrint(redraw);
       new ResizeObserver(() => {
         refresh();
-        drawThumbnails();
+        drawSmall();
       }).observe(byId("player"));
     }
     function start(index) {
       if (!readHash()) select(index, crashFrame(cases2[index]));
       listen();
-      drawThumbnails();
     }
     return { current, selectId, seek, start };
   }

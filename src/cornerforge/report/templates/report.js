@@ -1,6 +1,10 @@
 // Made by `make web`; do not edit. Its sources:
 //   web/src/pages/charts.ts
+//   web/src/pages/framing.ts
+//   web/src/pages/look.ts
+//   web/src/pages/multiples.ts
 //   web/src/pages/player.ts
+//   web/src/pages/print.ts
 //   web/src/pages/report.ts
 //   web/src/shared/clock.ts
 //   web/src/shared/colours.ts
@@ -439,6 +443,18 @@
   }
   var dark = window.matchMedia("(prefers-color-scheme: dark)");
 
+  // src/pages/print.ts
+  var SHEET = 688;
+  function onPrint(redraw) {
+    const root = document.documentElement;
+    const take = (prints) => {
+      root.toggleAttribute("data-print", prints);
+      redraw(prints ? SHEET : null);
+    };
+    window.addEventListener("beforeprint", () => take(true));
+    window.addEventListener("afterprint", () => take(false));
+  }
+
   // src/pages/charts.ts
   var still = { responsive: true, displayModeBar: false };
   var zoomable = {
@@ -454,14 +470,19 @@
     if (node === null || typeof node !== "object") return node;
     return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, resolve(value)]));
   }
-  function drawFigure(element, figure) {
+  function drawFigure(element, figure, width = null) {
     drawn.set(element, figure);
     const { data, layout } = resolve(figure);
+    if (width !== null) Object.assign(layout, { width });
     Plotly.react(element, data, layout, figure.layout.dragmode === "zoom" ? zoomable : still);
   }
   var changeLayout = (element, change) => Plotly.relayout(element, change);
   function drawFigures(figures) {
     dark.addEventListener("change", () => drawn.forEach((figure, element) => drawFigure(element, figure)));
+    onPrint((width) => drawn.forEach((figure, element) => {
+      const share = element.closest(".two") ? 0.48 : 1;
+      drawFigure(element, figure, width && Math.round(share * width));
+    }));
     document.querySelectorAll("[data-figure]").forEach((element) => drawFigure(element, figures[element.dataset.figure]));
   }
 
@@ -475,6 +496,134 @@
   }
   var whole = (frame) => Math.floor(frame + 1e-6);
   var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
+
+  // src/pages/framing.ts
+  var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
+  function frameFor(item, begin, end) {
+    const partner = item.vehicles[item.partner];
+    let [low, high] = [0, 0];
+    for (let frame = begin; partner && frame <= end; frame++) {
+      const [av, other] = [valueAt(item.vehicles[0], "x", frame), valueAt(partner, "x", frame)];
+      if (av === null || other === null) continue;
+      [low, high] = [Math.min(low, other - av), Math.max(high, other - av)];
+    }
+    return { metres: clamp(high - low + ROOM_M, LEAST_M, MOST_M), ahead: (low + high) / 2 };
+  }
+
+  // src/pages/look.ts
+  var BEFORE_S = 6;
+  var TRAIL_S = 4;
+  function showFirst(cases2) {
+    const place2 = document.getElementById("look");
+    const item = cases2[Number(place2?.dataset.index ?? -1)];
+    if (!place2 || !item) return;
+    const canvas = document.getElementById("look-road");
+    const button = document.getElementById("look-play");
+    const [end, last] = [crashFrame(item), item.frames - 1];
+    const begin = Math.max(0, end - Math.round(BEFORE_S / item.dt));
+    const view = frameFor(item, begin, end);
+    let [frame, playing, before, colours] = [end, false, 0, readColours()];
+    const draw = () => {
+      const ghosts = item.wayOut && playing ? [{ motion: item.wayOut, colour: colours["way-out-box"], name: "way out" }] : [];
+      drawScene(canvas, item, frame, { ...view, detail: true, trail: TRAIL_S, ghosts }, colours);
+    };
+    function step(now) {
+      if (!playing) return;
+      const passed = Math.max(0, now - before) / 1e3;
+      before = now;
+      const next = tick(frame, passed, item.dt, 1, { from: begin, to: last, loop: true });
+      frame = next.frame;
+      draw();
+      requestAnimationFrame(step);
+    }
+    function toggle() {
+      playing = !playing;
+      button.classList.toggle("plays", playing);
+      button.querySelector("[aria-hidden]").textContent = playing ? "❚❚" : "▶";
+      button.querySelector(".word").textContent = playing ? "Pause" : "Play";
+      button.setAttribute("aria-label", button.getAttribute("aria-label").replace(/^\w+/, playing ? "Pause" : "Play"));
+      if (playing) {
+        if (frame >= end) frame = begin;
+        before = performance.now();
+        requestAnimationFrame(step);
+      }
+      draw();
+    }
+    const isSeen = () => {
+      const { top, bottom } = canvas.getBoundingClientRect();
+      return top < window.innerHeight && bottom > 0;
+    };
+    button.addEventListener("click", toggle);
+    canvas.addEventListener("click", toggle);
+    document.addEventListener("keydown", (event) => {
+      if (event.key !== " " || event.target !== document.body || !isSeen()) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      toggle();
+    });
+    const redraw = () => {
+      colours = readColours();
+      draw();
+    };
+    dark.addEventListener("change", redraw);
+    onPrint(redraw);
+    new ResizeObserver(draw).observe(canvas);
+    draw();
+  }
+
+  // src/pages/multiples.ts
+  var BEFORE_S2 = 4;
+  var METRES = 36;
+  function animate(pictures, colours) {
+    const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
+    const frames = /* @__PURE__ */ new Map();
+    const still2 = (one) => draw(one, crashFrame(one.item));
+    let last = 0;
+    function draw({ button, item }, frame) {
+      drawScene(button.querySelector("canvas"), item, frame, { metres: METRES, detail: false, trail: 1.5 }, colours());
+    }
+    function step(now) {
+      const passed = Math.max(0, now - last) / 1e3;
+      last = now;
+      for (const [one, frame] of frames) {
+        const to = crashFrame(one.item);
+        const from = Math.max(0, to - Math.round(BEFORE_S2 / one.item.dt));
+        const next = tick(frame, passed, one.item.dt, 1, { from, to, loop: true }).frame;
+        frames.set(one, next);
+        draw(one, Math.min(next, to));
+      }
+      if (frames.size > 0) requestAnimationFrame(step);
+    }
+    function begin(one) {
+      if (calm.matches || frames.has(one)) return;
+      frames.set(one, Math.max(0, crashFrame(one.item) - Math.round(BEFORE_S2 / one.item.dt)));
+      if (frames.size > 1) return;
+      last = performance.now();
+      requestAnimationFrame(step);
+    }
+    function end(one) {
+      if (frames.delete(one)) still2(one);
+    }
+    const touch = window.matchMedia("(hover: none)").matches;
+    const sight = new IntersectionObserver((seen) => {
+      for (const { target, isIntersecting } of seen) {
+        const one = pictures.find(({ button }) => button === target);
+        isIntersecting ? begin(one) : end(one);
+      }
+    }, { threshold: 0.9 });
+    for (const one of pictures) {
+      if (touch) sight.observe(one.button);
+      else {
+        for (const name of ["pointerenter", "focus"]) one.button.addEventListener(name, () => begin(one));
+        for (const name of ["pointerleave", "blur"]) one.button.addEventListener(name, () => end(one));
+      }
+    }
+    const all = () => pictures.forEach((one) => {
+      if (!frames.has(one)) still2(one);
+    });
+    all();
+    return all;
+  }
 
   // src/pages/player.ts
   var byId = (id) => document.getElementById(id);
@@ -544,12 +693,20 @@
       chosen(item);
       pause();
     }
+    function bringIntoSight() {
+      const place2 = byId("player");
+      const { top, bottom } = byId("case-title").parentElement.querySelector("canvas").getBoundingClientRect();
+      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start", behavior: "instant" });
+      place2.classList.remove("flash");
+      void place2.offsetWidth;
+      place2.classList.add("flash");
+    }
     function selectId(id) {
       const index = cases2.findIndex((item) => item.id === id);
       if (index < 0) return false;
       select(index);
       writeHash();
-      byId("player").scrollIntoView({ block: "nearest" });
+      bringIntoSight();
       return true;
     }
     function readHash() {
@@ -570,12 +727,6 @@
       else return;
       event.preventDefault();
     }
-    function drawThumbnails() {
-      for (const button of caseButtons) {
-        const item = cases2[Number(button.dataset.index)];
-        drawScene(button.querySelector("canvas"), thumbnail(item), crashFrame(item), { metres: 36, detail: false }, colours);
-      }
-    }
     function listen() {
       const onClick = (id, act) => byId(id).addEventListener("click", act);
       onClick("play", () => state.playing ? pause() : play());
@@ -595,6 +746,7 @@
         button.addEventListener("click", () => {
           select(Number(button.dataset.index));
           writeHash();
+          bringIntoSight();
           play();
         });
       }
@@ -607,20 +759,23 @@
       });
       document.addEventListener("keydown", onKey);
       window.addEventListener("hashchange", readHash);
-      dark.addEventListener("change", () => {
+      const small = caseButtons.map((button) => ({ button, item: thumbnail(cases2[Number(button.dataset.index)]) }));
+      const drawSmall = animate(small, () => colours);
+      const redraw = () => {
         colours = readColours();
         refresh();
-        drawThumbnails();
-      });
+        drawSmall();
+      };
+      dark.addEventListener("change", redraw);
+      onPrint(redraw);
       new ResizeObserver(() => {
         refresh();
-        drawThumbnails();
+        drawSmall();
       }).observe(byId("player"));
     }
     function start(index) {
       if (!readHash()) select(index, crashFrame(cases2[index]));
       listen();
-      drawThumbnails();
     }
     return { current, selectId, seek, start };
   }
@@ -664,16 +819,16 @@
   function drawChart(item) {
     const range = [secondsAt(item, 0), secondsAt(item, lastFrame(item)) + 0.05 * item.frames * item.dt];
     const axis = { gridcolor: "css:grid", linecolor: "css:muted", zeroline: false };
-    const data = [{ ...series(item, item.vehicles[0]), name: "AV speed", line: { color: "css:av", width: 2.5 } }];
+    const data = [{ ...series(item, item.vehicles[0]), name: "speed of the AV", line: { color: "css:av", width: 2.5 } }];
     const partner = partnerOf(item);
     if (partner) {
       if (item.wayOut) {
-        data.push({ ...series(item, item.wayOut), mode: "lines", name: "AV speed on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
+        data.push({ ...series(item, item.wayOut), mode: "lines", name: "on its last way out", line: { color: "css:way-out", width: 2, dash: "dot" } });
       }
-      data.push({ ...series(item, partner), name: `BV ${partner.slot} speed`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
+      data.push({ ...series(item, partner), name: `speed of BV ${partner.slot}`, line: { color: "css:partner", width: 2.5, dash: "dash" } });
       const x = item.ttc.map((_, i) => secondsAt(item, i));
-      data.push({ x, y: item.ttc, yaxis: "y2", name: "TTC in the lane", line: { color: "css:ink", width: 2.5 } });
-      data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "TTC in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
+      data.push({ x, y: item.ttc, yaxis: "y2", name: "time to collision in the lane", line: { color: "css:ink", width: 2.5 } });
+      data.push({ x, y: item.ttcPlane, yaxis: "y2", name: "in the plane", line: { color: "css:plane", width: 2, dash: "dot" } });
     }
     const upright = { type: "line", yref: "paper", y0: 0, y1: 1 };
     const shapes = [{ ...upright, x0: range[0], x1: range[0], line: { color: "css:muted", width: 2 } }];
@@ -684,20 +839,20 @@
       annotations.push({ x: t, xanchor: "right", xshift: -4, y: 0.52, yanchor: "top", yref: "paper", text: "crash", showarrow: false, font: { color: "css:contact" } });
     }
     const layout = {
-      height: 330,
-      margin: { l: 64, r: 16, t: 36, b: 46 },
+      height: byId("case-chart").clientWidth < 480 ? 380 : 220,
+      margin: { l: 56, r: 12, t: 30, b: 40 },
       hovermode: "x",
       dragmode: false,
       shapes,
       annotations,
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: "system-ui, sans-serif", size: 13, color: "css:ink" },
+      font: { family: "system-ui, sans-serif", size: 12, color: "css:ink" },
       hoverlabel: { bgcolor: "css:paper", font: { color: "css:ink" } },
       legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
-      xaxis: { ...axis, title: { text: "time since the test began [s]" }, range, anchor: "y2" },
-      yaxis: { ...axis, title: { text: "speed [m/s]" }, domain: [0.52, 1], range: speedRange(item) },
-      yaxis2: { ...axis, title: { text: "TTC [s]" }, domain: [0, 0.42], range: [0, 10] }
+      xaxis: { ...axis, title: { text: "time since the drive began [s]" }, range, anchor: "y2" },
+      yaxis: { ...axis, title: { text: "m/s" }, domain: [0.52, 1], range: speedRange(item) },
+      yaxis2: { ...axis, title: { text: "s" }, domain: [0, 0.42], range: [0, 10] }
     };
     chartFrame = -1;
     drawFigure(byId("case-chart"), { data, layout });
@@ -717,14 +872,17 @@
         fitHeight(road, item, metres);
         drawScene(road, item, frame, { metres, detail: true, ghosts }, colours);
       },
-      chosen: drawChart,
+      chosen: (item) => {
+        byId("case-role").textContent = `Case ${item.id}: ${item.role}.`;
+        drawChart(item);
+      },
       moved: (item, frame) => {
         writeReadout(item, frame);
         moveCursor(item, frame);
       },
       thumbnail: (item) => item
     });
-    player.start(Math.max(0, cases2.findIndex((item) => item.top === 1)));
+    player.start(Math.max(0, cases2.findIndex((item) => item.watchFirst)));
     document.querySelector('[data-figure="map"]').on("plotly_click", (event) => {
       const id = event.points[0].customdata;
       byId("map-note").textContent = player.selectId(id) ? "" : `Case ${id} is not among those on this page; play it with: cornerforge replay LIBRARY ${id}`;
@@ -735,5 +893,6 @@
   }
   drawFigures(pageData("figures"));
   var cases = pageData("cases");
+  showFirst(cases);
   if (cases.length > 0) playCases(cases);
 })();
