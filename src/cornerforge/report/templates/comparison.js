@@ -483,7 +483,7 @@
     function end(one) {
       if (frames.delete(one)) still(one);
     }
-    const touch = window.matchMedia("(hover: none)").matches;
+    const touch2 = window.matchMedia("(hover: none)").matches;
     const sight = new IntersectionObserver((seen) => {
       for (const { target, isIntersecting } of seen) {
         const one = pictures.find(({ button }) => button === target);
@@ -491,7 +491,7 @@
       }
     }, { threshold: 0.9 });
     for (const one of pictures) {
-      if (touch) sight.observe(one.button);
+      if (touch2) sight.observe(one.button);
       else {
         for (const name of ["pointerenter", "focus"]) one.button.addEventListener(name, () => begin(one));
         for (const name of ["pointerleave", "blur"]) one.button.addEventListener(name, () => end(one));

@@ -1,6 +1,5 @@
 // Made by `make web`; do not edit. Its sources:
 //   web/src/pages/charts.ts
-//   web/src/pages/framing.ts
 //   web/src/pages/look.ts
 //   web/src/pages/multiples.ts
 //   web/src/pages/player.ts
@@ -9,6 +8,7 @@
 //   web/src/shared/clock.ts
 //   web/src/shared/colours.ts
 //   web/src/shared/format.ts
+//   web/src/shared/framing.ts
 //   web/src/shared/labels.ts
 //   web/src/shared/motion.ts
 //   web/src/shared/scene.ts
@@ -497,7 +497,7 @@
   var whole = (frame) => Math.floor(frame + 1e-6);
   var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
 
-  // src/pages/framing.ts
+  // src/shared/framing.ts
   var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
   function frameFor(item, begin, end) {
     const partner = item.vehicles[item.partner];
@@ -604,7 +604,7 @@
     function end(one) {
       if (frames.delete(one)) still2(one);
     }
-    const touch = window.matchMedia("(hover: none)").matches;
+    const touch2 = window.matchMedia("(hover: none)").matches;
     const sight = new IntersectionObserver((seen) => {
       for (const { target, isIntersecting } of seen) {
         const one = pictures.find(({ button }) => button === target);
@@ -612,7 +612,7 @@
       }
     }, { threshold: 0.9 });
     for (const one of pictures) {
-      if (touch) sight.observe(one.button);
+      if (touch2) sight.observe(one.button);
       else {
         for (const name of ["pointerenter", "focus"]) one.button.addEventListener(name, () => begin(one));
         for (const name of ["pointerleave", "blur"]) one.button.addEventListener(name, () => end(one));
