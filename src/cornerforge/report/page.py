@@ -157,8 +157,8 @@ def _watch_first(shelf: _Shelf, look: Look | None) -> None:
     """Give the case to watch first a place on the page before all others."""
     if look is None:
         return
-    role = {"group": "To watch first", "role": "to watch first", "rare": False, "top": 0}
-    role |= shelf.roles.pop(look.case_id, {}) | {"rank": -3, "watchFirst": True}
+    role = {"role": "to watch first", "rare": False, "top": 0} | shelf.roles.pop(look.case_id, {})
+    role |= {"group": "To watch first", "rank": -3, "watchFirst": True}
     others = dict(shelf.roles)
     shelf.roles.clear()
     shelf.roles.update({look.case_id: role, **others})

@@ -172,7 +172,7 @@ export function makePlayer<T extends Playable>({ cases, draw, chosen, moved, thu
       link.addEventListener("click", (event) => { event.preventDefault(); selectId(link.dataset.case!); play(); });
     });
     document.addEventListener("keydown", onKey);
-    window.addEventListener("hashchange", readHash);
+    window.addEventListener("hashchange", () => { if (readHash()) bringIntoSight(); });
     const small = caseButtons.map((button) => ({ button, item: thumbnail(cases[Number(button.dataset.index)]!) }));
     const drawSmall = animate(small, () => colours);
     const redraw = () => { colours = readColours(); refresh(); drawSmall(); };
@@ -182,7 +182,8 @@ export function makePlayer<T extends Playable>({ cases, draw, chosen, moved, thu
   }
 
   function start(index: number): void {
-    if (!readHash()) select(index, crashFrame(cases[index]!));
+    if (readHash()) bringIntoSight();
+    else select(index, crashFrame(cases[index]!));
     listen();
   }
 

@@ -649,7 +649,9 @@
         });
       });
       document.addEventListener("keydown", onKey);
-      window.addEventListener("hashchange", readHash);
+      window.addEventListener("hashchange", () => {
+        if (readHash()) bringIntoSight();
+      });
       const small = caseButtons.map((button) => ({ button, item: thumbnail(cases2[Number(button.dataset.index)]) }));
       const drawSmall = animate(small, () => colours);
       const redraw = () => {
@@ -665,7 +667,8 @@
       }).observe(byId("player"));
     }
     function start(index) {
-      if (!readHash()) select(index, crashFrame(cases2[index]));
+      if (readHash()) bringIntoSight();
+      else select(index, crashFrame(cases2[index]));
       listen();
     }
     return { current, selectId, seek, start };
