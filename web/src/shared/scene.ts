@@ -196,9 +196,11 @@ function drawContact(g: Pen, view: View, a: Box, b: Box, colours: Colours): void
   const width = view.scale > 6 ? 2.5 : 1.5;
   g.beginPath();
   g.arc(view.px(middle[0]), view.py(middle[1]), Math.max(6, 1.7 * view.scale), 0, 2 * Math.PI);
-  g.strokeStyle = colours.paint; // a light rim keeps the ring clear of vehicles of any colour
-  g.lineWidth = 2 * width;
-  g.stroke();
+  if (view.scale > 6) {
+    g.strokeStyle = colours.paint; // a light rim keeps the ring clear of vehicles of any colour
+    g.lineWidth = 2 * width;
+    g.stroke();
+  }
   g.strokeStyle = colours.contact;
   g.lineWidth = width;
   g.stroke();
