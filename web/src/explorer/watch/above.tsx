@@ -4,7 +4,7 @@ import { effect, signal } from "@preact/signals";
 import { heightFor, drawScene } from "../../shared/scene";
 import { time } from "../state";
 import { type Run, frameOf } from "./run";
-import { TRAIL_S, ahead, colours, metresFor, runs, shades, trails, zoom } from "./view";
+import { TRAIL_S, ahead, aheadFor, colours, metresFor, runs, shades, trails, zoom } from "./view";
 
 /** Mark of the browser's performance timeline when a case is first drawn, by which tests measure how long a click takes. */
 export const DRAWN = "case drawn";
@@ -24,7 +24,7 @@ export function Above({ run }: { run: Run }) {
       canvas.style.height = `${Math.round(height)}px`;
       const shown = colours.value;
       const ghosts = run.mark === "A" ? shades.value.map(({ motion, onRoad, name }) => ({ motion, name, colour: shown[onRoad] })) : [];
-      const look = { metres: wide, detail: true, ahead: ahead.value, ghosts, ...(trails.value ? { trail: TRAIL_S } : {}) };
+      const look = { metres: wide, detail: true, ahead: aheadFor(width.value), ghosts, ...(trails.value ? { trail: TRAIL_S } : {}) };
       drawScene(canvas, run.item, frameOf(run, time.value), look, shown);
       if (!isDrawn) performance.mark(DRAWN);
       isDrawn = true;
@@ -64,7 +64,7 @@ function listen(canvas: HTMLCanvasElement): () => void {
       return;
     }
     const perPixel = metresFor(canvas.clientWidth) / canvas.clientWidth;
-    ahead.value = Math.max(-100, Math.min(100, ahead.value - (event.clientX - before.x) * perPixel));
+    ahead.value = Math.max(-100, Math.min(100, aheadFor(canvas.clientWidth) - (event.clientX - before.x) * perPixel));
   };
   const onUp = (event: PointerEvent) => void fingers.delete(event.pointerId);
   canvas.addEventListener("wheel", onWheel, { passive: false });
