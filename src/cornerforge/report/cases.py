@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.report.judged import WayOut
-from cornerforge.report.risk import lane_ttc, plane_ttc
+from cornerforge.metrics.risk import lane_ttc, plane_ttc
 from cornerforge.road.straight import along
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
