@@ -37,16 +37,13 @@ class Format:
 
 _WHOLE = ("-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact")
 """No names of programs, no times: the same pictures give the same bytes with the same ffmpeg."""
+_H264 = "-c:v libx264 -crf 20 -preset fast -movflags +faststart -f mp4"
+_VP9 = "-c:v libvpx-vp9 -crf 32 -b:v 0 -deadline realtime -cpu-used 7 -row-mt 1 -f webm"
 FORMATS: dict[str, Format] = {
-    ".mp4": Format(
-        (1280, 720), 30, ("-c:v", "libx264", "-crf", "20", "-preset", "fast", "-movflags", "+faststart", "-f", "mp4")
-    ),
+    ".mp4": Format((1280, 720), 30, tuple(_H264.split())),
     ".gif": Format((800, 450), 10),
-    ".webm": Format(
-        (1280, 720), 30,
-        ("-c:v", "libvpx-vp9", "-crf", "32", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "7", "-row-mt", "1", "-f", "webm"),
-    ),
-}  # fmt: skip
+    ".webm": Format((1280, 720), 30, tuple(_VP9.split())),
+}
 """By the ending of the file's name. MP4: H.264, whose index stands first, so that it plays while it loads."""
 
 
@@ -135,14 +132,20 @@ def _by_pillow(pictures: Iterable[Picture], part: Path, kind: Format, colours: S
 
     def images() -> Iterator[Image.Image]:
         # One palette for all pictures, or the colours would flicker: the given ones, and what the first picture has.
-        palette: Image.Image | None = None
+        palette: NDArray[np.int32] | None = None
         for picture in pictures:
-            whole = Image.fromarray(picture[..., :3])
+            whole = picture[..., :3].astype(np.int32)
+            found, where = np.unique(whole @ [65536, 256, 1], return_inverse=True)
+            levels = np.stack([found >> 16, found >> 8 & 255, found & 255], axis=1).astype(np.int32)
             if palette is None:
-                found = whole.quantize(256 - len(colours), method=Image.Quantize.MEDIANCUT).getpalette() or []
-                palette = Image.new("P", (1, 1))
-                palette.putpalette([*b"".join(bytes.fromhex(colour[1:]) for colour in colours), *found])
-            yield whole.quantize(palette=palette, dither=Image.Dither.NONE)
+                fixed = np.array([list(bytes.fromhex(colour[1:])) for colour in colours], dtype=np.int32)
+                rest = Image.fromarray(picture[..., :3]).quantize(256 - len(fixed), method=Image.Quantize.MEDIANCUT)
+                palette = np.vstack([fixed, np.array(rest.getpalette(), dtype=np.int32).reshape(-1, 3)])
+            # Pillow's own search for the nearest colour looks at the upper bits of each only.
+            far = (levels**2).sum(axis=1)[:, None] - 2 * levels @ palette.T + (palette**2).sum(axis=1)
+            few = Image.fromarray(far.argmin(axis=1).astype(np.uint8)[where].reshape(whole.shape[:2]), mode="P")
+            few.putpalette(palette.astype(np.uint8).tobytes())
+            yield few
 
     few = images()
     next(few).save(

@@ -55,7 +55,7 @@ def film(
     sentence: str = "",
     way_out: WayOut | None = None,
     seconds: float = _SECONDS,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Make a film of a case, in real time, up to the AV's crash, where it stands for half a second.
 
@@ -82,18 +82,13 @@ def film(
     check_matplotlib()
     stage = _Stage(scenario, kind, title=title, sentence=sentence, way_out=way_out, seconds=seconds)
     times = stage.times()
-    standing = round(STANDS_S * kind.per_second)
+    standing = times[-1:] * round(STANDS_S * kind.per_second)
 
     def pictures() -> Iterator[Picture]:
-        picture = None
-        for done, time in enumerate(times):
-            picture = stage.picture(time)
-            yield picture
-            progress(done + 1, len(times) + standing)
-        for done in range(standing):
-            assert picture is not None  # there is at least one moment
-            yield picture
-            progress(len(times) + done + 1, len(times) + standing)
+        for done, time in enumerate([*times, *standing], start=1):
+            yield stage.picture(time)
+            if progress is not None:
+                progress(done, len(times) + len(standing))
 
     with writing(path) as part:
         encode(pictures(), part, kind, _COLOURS)
