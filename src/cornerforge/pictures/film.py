@@ -25,7 +25,7 @@ STANDS_S = 0.5
 _SECONDS = 15.0
 _PAPER, _INK, _MUTED, _GRID = "#ffffff", "#1b1f24", "#5d6673", "#e2e5e9"
 _COLOURS = (
-    _PAPER, SCREEN.verge, SCREEN.road, SCREEN.paint, SCREEN.av, SCREEN.partner, SCREEN.critical, SCREEN.other,
+    _PAPER, SCREEN.verge, SCREEN.road, SCREEN.paint, SCREEN.av, SCREEN.partner, SCREEN.other,
     SCREEN.edge, SCREEN.contact, SCREEN.way_out, _INK, _MUTED, _GRID,
 )  # fmt: skip
 """Colours that a film of few colours has for certain."""
@@ -107,8 +107,8 @@ class _Stage:
         self._moments = moments = Moments(scenario)
         self._kind = kind
         self._begin = max(0.0, round((moments.end - seconds) / FRAME_S) * FRAME_S)
-        self._figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), dpi=kind.size[0] / _WIDTH_IN, facecolor=_PAPER)
-        self._canvas = FigureCanvasAgg(self._figure)
+        self._figure: Any = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), dpi=kind.size[0] / _WIDTH_IN, facecolor=_PAPER)
+        self._canvas: Any = FigureCanvasAgg(self._figure)
         partner = moments.partner
         self._ttc: NDArray[np.float64] | None = None if partner is None else plane_ttc(scenario, partner)
         self._moving: list[Any] = []

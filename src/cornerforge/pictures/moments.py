@@ -44,7 +44,6 @@ class Moment:
         y, speed, heading: As in `Scenario`.
         lane: Lane that each keeps or changes to; -1 where it is not there.
         there: It is there.
-        critical: Column of the BV that the adversary would control; -1: none.
     """
 
     time: float
@@ -54,7 +53,6 @@ class Moment:
     heading: NDArray[np.float64]
     lane: NDArray[np.int8]
     there: NDArray[np.bool_]
-    critical: int
 
 
 class Moments:
@@ -85,7 +83,6 @@ class Moments:
             return values[low] if part == 0.0 else values[low] * (1.0 - part) + values[high] * part
 
         there = scenario.present[low] & scenario.present[high]
-        k = min(int((time + 1e-6) // 1.0), len(scenario.critical_bv) - 1)
         return Moment(
             time=time,
             place=mixed(self._place),
@@ -94,7 +91,6 @@ class Moments:
             heading=mixed(scenario.heading),
             lane=scenario.target_lane[low],
             there=there,
-            critical=-1 if k < 0 else int(scenario.critical_bv[k]),
         )
 
     def trail(self, column: int, time: float, seconds: float) -> NDArray[np.float64]:

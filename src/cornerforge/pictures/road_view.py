@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.pictures.moments import Moment, Moments, WayOut, overlap_of
-from cornerforge.types import TRUCK, Scenario
+from cornerforge.types import FRAME_S, TRUCK, Scenario
 
 __all__ = ["PRINT", "SCREEN", "Look", "RoadView", "draw_moment", "name_of"]
 
@@ -32,13 +32,14 @@ class Look:
 
     Attributes:
         road, verge, paint: Of the road.
-        av, partner, critical, other: Fills of vehicles.
+        av, partner, other: Fills of vehicles.
         edge: Outline of vehicles.
         glass: Of windscreens, which show where the front is.
         way_out, contact, ink, muted: Of what is drawn over them.
         font: Size of labels.
         trail_s: How far back trails go [s].
         plate: Colour behind labels.
+        line: Width of outlines.
         every_speed: Say the speeds of all vehicles, not of the two that meet alone.
     """
 
@@ -47,7 +48,6 @@ class Look:
     paint: str
     av: str
     partner: str
-    critical: str
     other: str
     edge: str
     glass: str
@@ -58,19 +58,20 @@ class Look:
     font: float
     trail_s: float
     plate: str
+    line: float
     every_speed: bool
 
 
 SCREEN = Look(
-    road="#3e454d", verge="#e7ebe6", paint="#f4f4f0", av="#0072b2", partner="#d55e00", critical="#e69f00",
+    road="#3e454d", verge="#e7ebe6", paint="#f4f4f0", av="#0072b2", partner="#d55e00", 
     other="#9aa3ad", edge="#20252a", glass="#ffffff8c", way_out="#4fe0b5", contact="#cc2936", ink="#f4f4f0",
-    muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", every_speed=True,
+    muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", line=0.8, every_speed=True,
 )  # fmt: skip
 """As the report's player in light mode."""
 PRINT = Look(
-    road="#ededed", verge="#ffffff", paint="#8a8a8a", av="#0072b2", partner="#e69f00", critical="#f0d9a8",
-    other="#ffffff", edge="#000000", glass="#ffffffb0", way_out="#009e73", contact="#cc2936", ink="#000000",
-    muted="#555555", font=8.0, trail_s=1.0, plate="#ededed", every_speed=False,
+    road="#ededed", verge="#ffffff", paint="#8a8a8a", av="#0072b2", partner="#e69f00",
+    other="#ffffff", edge="#000000", glass="#c4c4c4", way_out="#009e73", contact="#cc2936", ink="#000000",
+    muted="#555555", font=8.0, trail_s=1.0, plate="#ededed", line=0.6, every_speed=False,
 )  # fmt: skip
 """Little ink, and told apart without colour: the AV is dark, its partner of middle grey, all others are white."""
 
@@ -130,16 +131,16 @@ class RoadView:
         line = max(0.6, _LINE_M * points_per_metre)
         for y in (0.0, top):
             axes.plot(span, (y, y), color=look.paint, linewidth=line, zorder=0.2, solid_capstyle="butt")
-        lanes = LineCollection([], colors=look.paint, linewidths=line, zorder=0.3, capstyle="butt")
-        trails = LineCollection([], zorder=0.4, linewidths=max(1.0, 0.3 * points_per_metre), alpha=0.8)
-        bodies = PolyCollection([], zorder=2, linewidths=[])
-        glass = PolyCollection([], zorder=2.1, facecolors=look.glass, linewidths=0)
-        arrows = LineCollection([], zorder=1, linewidths=1.2, linestyles="--")
-        heads = PolyCollection([], zorder=1, linewidths=0)
-        ghost = PolyCollection(
+        lanes: Any = LineCollection([], colors=look.paint, linewidths=line, zorder=0.3, capstyle="butt")
+        trails: Any = LineCollection([], zorder=0.4, linewidths=max(1.0, 0.3 * points_per_metre), alpha=0.8)
+        bodies: Any = PolyCollection([], zorder=2, linewidths=look.line)
+        glass: Any = PolyCollection([], zorder=2.1, facecolors=look.glass, linewidths=0)
+        arrows: Any = LineCollection([], zorder=1, linewidths=1.5 * look.line, linestyles="--")
+        heads: Any = PolyCollection([], zorder=1, linewidths=0)
+        ghost: Any = PolyCollection(
             [], zorder=3, facecolors="none", edgecolors=look.way_out, linewidths=1.6, linestyles="--"
         )
-        crash = PolyCollection([], zorder=4, facecolors=look.contact, linewidths=0)
+        crash: Any = PolyCollection([], zorder=4, facecolors=look.contact, linewidths=0)
         (ring,) = axes.plot([], [], color=look.contact, linewidth=1.6, zorder=4)
         self._lanes, self._trails, self._bodies, self._glass = lanes, trails, bodies, glass
         self._arrows, self._heads, self._ghost, self._crash, self._ring = arrows, heads, ghost, crash, ring
@@ -166,11 +167,10 @@ class RoadView:
         columns = [*others, *pair]
         offset = np.array([here, 0.0])
         boxes = moments.boxes(moment, columns) - offset
-        fills = [self._fill(moment, column) for column in columns]
+        fills = [self._fill(column) for column in columns]
         self._bodies.set_verts(boxes)
         self._bodies.set_facecolors(fills)
         self._bodies.set_edgecolors(self._look.edge)
-        self._bodies.set_linewidths([1.6 if column == moment.critical else 0.7 for column in columns])
         self._glass.set_verts(_windscreens(boxes, [int(scenario.kind[c]) for c in columns], scenario, columns))
         self._show_lanes(here)
         self._show_trails(moment, here)
@@ -181,13 +181,9 @@ class RoadView:
         if self._labelled:
             self._show_labels(moment, others, pair, here)
 
-    def _fill(self, moment: Moment, column: int) -> str:
+    def _fill(self, column: int) -> str:
         look = self._look
-        if column == 0:
-            return look.av
-        if column == self._moments.partner:
-            return look.partner
-        return look.critical if column == moment.critical else look.other
+        return look.av if column == 0 else look.partner if column == self._moments.partner else look.other
 
     def _show_lanes(self, here: float) -> None:
         odd, (low, high) = self._moments.scenario.odd, self._span
@@ -205,7 +201,7 @@ class RoadView:
         columns = [0] if partner is None else [partner, 0]
         trails = [self._moments.trail(column, moment.time, self._look.trail_s) - [here, 0.0] for column in columns]
         self._trails.set_segments(trails)
-        self._trails.set_colors([self._fill(moment, column) for column in columns])
+        self._trails.set_colors([self._fill(column) for column in columns])
 
     def _show_arrows(self, moment: Moment, columns: list[int], here: float, fills: list[str]) -> None:
         """Draw arrows from the noses of vehicles to the lanes that they change to."""
@@ -240,15 +236,16 @@ class RoadView:
 
     def _show_labels(self, moment: Moment, others: list[int], pair: list[int], here: float) -> None:
         scenario, look = self._moments.scenario, self._look
+        speed = scenario.speed[int(moment.time / FRAME_S + 1e-6)]  # as recorded, or nobody could read it
         said: dict[int, tuple[str, bool]] = {}
         for column in others if look.every_speed else []:
-            said[column] = f"{moment.speed[column]:.1f}", False
+            said[column] = f"{speed[column]:.1f}", False
         for column in pair:
             # The two that meet carry their labels on the sides turned away from each other.
             other = pair[1 - pair.index(column)] if len(pair) == 2 else column
             y, y_other = float(moment.y[column]), float(moment.y[other])
             below = len(pair) == 2 and (y < y_other or (y == y_other and column == 0))
-            said[column] = f"{name_of(scenario, column)} {moment.speed[column]:.1f} m/s", below
+            said[column] = f"{name_of(scenario, column)} {speed[column]:.1f} m/s", below
         for column, text in self._texts.items():
             text.set_visible(column in said)
         for column, (what, below) in said.items():
