@@ -27,7 +27,14 @@ _STYLE: dict[str, Any] = {
     "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib, so it is everywhere the same
     "font.size": POINTS,
     **dict.fromkeys(
-        ("axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize", "figure.titlesize"),
+        (
+            "axes.titlesize",
+            "axes.labelsize",
+            "xtick.labelsize",
+            "ytick.labelsize",
+            "legend.fontsize",
+            "figure.titlesize",
+        ),
         POINTS,
     ),
     "axes.linewidth": 0.6,
