@@ -112,7 +112,7 @@ def _by_ffmpeg(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
         try:
             with suppress(BrokenPipeError):  # it ended early, and its status says so
                 for picture in pictures:
-                    process.stdin.write(memoryview(np.ascontiguousarray(picture)).cast("B"))
+                    process.stdin.write(picture.tobytes())
             with suppress(BrokenPipeError):
                 process.stdin.close()
             status = process.wait()
@@ -135,7 +135,7 @@ def _by_pillow(pictures: Iterable[Picture], part: Path, kind: Format, colours: S
         palette: NDArray[np.int32] | None = None
         for picture in pictures:
             whole = picture[..., :3].astype(np.int32)
-            found, where = np.unique(whole @ [65536, 256, 1], return_inverse=True)
+            found, where = np.unique(whole @ np.array([65536, 256, 1], dtype=np.int32), return_inverse=True)
             levels = np.stack([found >> 16, found >> 8 & 255, found & 255], axis=1).astype(np.int32)
             if palette is None:
                 fixed = np.array([list(bytes.fromhex(colour[1:])) for colour in colours], dtype=np.int32)

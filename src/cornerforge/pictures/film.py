@@ -116,6 +116,10 @@ class _Stage:
         self._make_road(way_out)
         self._make_numbers()
         self._make_curves()
+        self._keep_still()
+
+    def _keep_still(self) -> None:
+        """Draw what does not move, and keep it."""
         for artist in [*self._road.moving(), *self._moving]:
             artist.set_animated(True)
         self._canvas.draw()

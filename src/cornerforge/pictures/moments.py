@@ -80,7 +80,7 @@ class Moments:
 
         def mixed(values: NDArray[np.float64]) -> NDArray[np.float64]:
             # A frame that is met exactly does not look at the next one, in which a vehicle may be absent.
-            return values[low] if part == 0.0 else values[low] * (1.0 - part) + values[high] * part
+            return np.asarray(values[low] if part == 0.0 else values[low] * (1.0 - part) + values[high] * part)
 
         there = scenario.present[low] & scenario.present[high]
         return Moment(
@@ -102,7 +102,7 @@ class Moments:
         passed = np.column_stack([self._place[rows, column], self.scenario.y[rows, column]])[seen]
         if not now.there[column]:
             return passed
-        return np.vstack([passed, [[now.place[column], now.y[column]]]])
+        return np.concatenate([passed, np.array([[now.place[column], now.y[column]]])])
 
     def gap(self, moment: Moment, column: int) -> float:
         """Distance along the road between the bumpers of the AV and another vehicle [m]; below 0: side by side."""
@@ -128,10 +128,12 @@ class Moments:
         last = len(way_out.x) - 1
         if local < -1e-6 or local > last + 1e-6:
             return None
-        at = [float(np.interp(local, np.arange(last + 1), values)) for values in
-              (along(self.scenario.x[0, 0], way_out.x), way_out.y, way_out.heading)]  # fmt: skip
-        size = np.array([self.scenario.length[0]]), np.array([self.scenario.width[0]])
-        return np.asarray(corners_of(*(np.array([value]) for value in at), *size)[0])
+        frames, start = np.arange(last + 1), self.scenario.x[0, 0]
+        place, y, heading = (
+            np.array([np.interp(local, frames, values)])
+            for values in (along(start, way_out.x), way_out.y, way_out.heading)
+        )
+        return np.asarray(corners_of(place, y, heading, self.scenario.length[:1], self.scenario.width[:1])[0])
 
     def _between(self, time: float) -> tuple[int, int, float]:
         frame = min(max(time / FRAME_S, 0.0), len(self.scenario.x) - 1.0)

@@ -10,7 +10,7 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from cornerforge.errors import InputError
 from cornerforge.ndd.drawing import check_matplotlib
@@ -82,7 +82,7 @@ def printed() -> Iterator[None]:
     check_matplotlib()
     import matplotlib
 
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(cast(Any, _STYLE)):
         yield
 
 

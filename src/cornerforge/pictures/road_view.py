@@ -63,7 +63,7 @@ class Look:
 
 
 SCREEN = Look(
-    road="#3e454d", verge="#e7ebe6", paint="#f4f4f0", av="#0072b2", partner="#d55e00", 
+    road="#3e454d", verge="#e7ebe6", paint="#f4f4f0", av="#0072b2", partner="#d55e00",
     other="#9aa3ad", edge="#20252a", glass="#ffffff8c", way_out="#4fe0b5", contact="#cc2936", ink="#f4f4f0",
     muted="#5d6673", font=10.0, trail_s=2.0, plate="#3e454d", line=0.8, every_speed=True,
 )  # fmt: skip

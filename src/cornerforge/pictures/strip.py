@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -55,7 +56,7 @@ def key_moments(scenario: Scenario, known: Mapping[float, str]) -> dict[float, s
         kept[round(min(3.0, moments.contact), 1)] = ""
     while len(kept) < _FEWEST:
         falling = sorted(kept, reverse=True)
-        wide, first = max((a - b, a) for a, b in zip(falling, falling[1:], strict=False))
+        wide, first = max((a - b, a) for a, b in itertools.pairwise(falling))
         if wide < 2.0 * FRAME_S:
             break
         kept[round(first - 0.5 * wide, 1)] = ""

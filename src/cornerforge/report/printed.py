@@ -74,6 +74,7 @@ def print_chart(chart: Figure, width: float) -> Any:
         A figure of matplotlib; `pictures.printing.print_of` makes a file of it.
     """
     from matplotlib.figure import Figure as Drawing
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     layout, traces = chart["layout"], chart["data"]
     has_two = "yaxis2" in layout
@@ -85,8 +86,7 @@ def print_chart(chart: Figure, width: float) -> Any:
         longest = max(map(len, names), default=0)
         columns = max(1, min(4, int(_LETTERS_IN * width / (longest + 8.0))))
         height += _ENTRY_IN * math.ceil(len(names) / columns)
-        drawing = Drawing(figsize=(width, height), layout="constrained")
-        drawing.get_layout_engine().set(w_pad=0.03, h_pad=0.03)
+        drawing = Drawing(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03))
         if has_two:
             upper, lower = drawing.subplots(2, 1, sharex=True, height_ratios=[2.4, 1.0])
             panels = {"y": upper, "y2": lower}
