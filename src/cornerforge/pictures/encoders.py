@@ -118,6 +118,8 @@ def _by_ffmpeg(pictures: Iterable[Picture], part: Path, kind: Format) -> None:
             status = process.wait()
         except BaseException:
             process.kill()
+            with suppress(BrokenPipeError):
+                process.stdin.close()
             process.wait()
             raise
         if status != 0:

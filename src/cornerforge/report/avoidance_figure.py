@@ -57,7 +57,8 @@ def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
     above.get_gridspec().set_height_ratios([1.0, 1.5])
     _draw_road(above, scenario, answer, first, last, partner)
     _draw_speeds(below, scenario, answer, first, last, partner)
-    above.set_title(f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}", fontsize=9, loc="left", pad=20)
+    title = f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}"
+    drawing.suptitle(title, fontsize=9, x=0.01, ha="left")
     return drawing
 
 
