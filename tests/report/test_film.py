@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,14 +30,14 @@ def scenario(make_scenario: MakeScenario) -> Scenario:
     return make_scenario(3, "cut-in")
 
 
-def frames_of(path: Path) -> tuple[dict[str, Any], list[NDArray[np.uint8]]]:
-    """What a video says of itself, and its pictures, shape (height, width, 3)."""
-    import imageio_ffmpeg
+def frames_of(path: Path) -> tuple[str, list[NDArray[np.uint8]]]:
+    """What ffmpeg says of a video's stream, and its pictures, shape (720, 1280, 3)."""
+    from imageio_ffmpeg import get_ffmpeg_exe
 
-    frames = imageio_ffmpeg.read_frames(str(path))
-    about: dict[str, Any] = next(frames)
-    width, height = about["size"]
-    return about, [np.frombuffer(one, np.uint8).reshape(height, width, 3) for one in frames]
+    asked = [get_ffmpeg_exe(), "-hide_banner", "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "pipe:1"]
+    told = subprocess.run(asked, capture_output=True, check=True)
+    about = next(line for line in told.stderr.decode().splitlines() if "Stream #" in line)
+    return about, list(np.frombuffer(told.stdout, np.uint8).reshape(-1, 720, 1280, 3))
 
 
 def is_near(pixel: NDArray[np.uint8], colour: tuple[int, int, int], by: int = 14) -> bool:
@@ -51,10 +52,8 @@ def has(picture: NDArray[np.uint8], colour: tuple[int, int, int]) -> bool:
 def test_a_film_in_real_time(scenario: Scenario, tmp_path: Path, name: str, codec: str) -> None:
     path = film(scenario, tmp_path / "new" / name, title="Case 0:3", sentence="BV cuts in", seconds=1.0)
     about, frames = frames_of(path)
-    assert (about["size"], about["fps"], about["codec"]) == ((1280, 720), 30.0, codec)
-    assert about["pix_fmt"].startswith("yuv420p")
+    assert re.search(rf"Video: {codec}.* yuv420p.* 1280x720.* 30 fps", about)
     assert len(frames) == 30 + 1 + round(30 * STANDS_S)
-    assert about["duration"] == pytest.approx(len(frames) / 30, abs=0.04)
     middle = round(720 * (1.0 - 0.40 - 0.43 / 2))  # of the road, and of the AV's lane
     for frame in frames:
         assert is_near(frame[middle, 640 - METRE], BLUE), "the AV stays in its place"
@@ -66,7 +65,7 @@ def test_a_film_in_real_time(scenario: Scenario, tmp_path: Path, name: str, code
             assert not is_near(frame[middle, 640 + end * 44], BLUE) or end < 0, "it is 5 m long, with a trail behind"
     assert [has(frames[k][middle - 40 : middle + 40], RED) for k in (0, -1)] == [False, True]
     stands = frames[-round(30 * STANDS_S) :]
-    assert max(int(np.abs(one.astype(int) - stands[-1].astype(int)).max()) for one in stands) < 40
+    assert max(float(np.abs(one.astype(int) - stands[-1].astype(int)).mean()) for one in stands) < 1.0
     assert [path] == list((tmp_path / "new").iterdir())
     assert name.endswith("WEBM") or path.read_bytes().index(b"moov") < path.read_bytes().index(b"mdat")
 
