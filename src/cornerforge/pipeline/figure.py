@@ -28,6 +28,8 @@ __all__ = ["figure"]
 
 _NATURAL = "natural/"
 """Begins the names of a run's natural cases, as on its page."""
+_OF_CASES = ("types", "fault", "rules", "own", "prevented", "avoidability")
+_COUNTED = " Natural cases are counted, not weighted by how often they happen."
 
 
 def figure(
@@ -84,7 +86,7 @@ def figure(
     for file in files.values():
         check_print(file)
         check_new_file(file)
-    charts = _charts(Path(place), folder, seed, threads, progress)
+    charts, is_natural = _charts(Path(place), folder, seed, threads, progress)
     missing = [name for name in figures or () if name not in charts]
     if missing:
         raise InputError(f"{place} holds nothing for the figure {missing[0]}; there are: {', '.join(charts)}.")
@@ -93,7 +95,8 @@ def figure(
     for done, name in enumerate(chosen):
         progress("figure", done, len(chosen))
         _write(print_of(print_chart(charts[name], inches), suffix), files[name])
-        made.append(FiguredOne(name=name, file=str(files[name]), caption=CAPTIONS[name]))
+        caption = f"{CAPTIONS[name]}{_COUNTED if is_natural and name in _OF_CASES else ''}"
+        made.append(FiguredOne(name=name, file=str(files[name]), caption=caption))
     progress("figure", len(chosen), len(chosen))
     return Figured(figures=tuple(made))
 
@@ -143,8 +146,10 @@ def _caption(case: str, scenario: Scenario) -> str:
     )
 
 
-def _charts(place: Path, folder: Path, seed: int, threads: int | None, progress: Progress) -> dict[str, Any]:
-    """Make the charts of the page of a run or a library by name."""
+def _charts(
+    place: Path, folder: Path, seed: int, threads: int | None, progress: Progress
+) -> tuple[dict[str, Any], bool]:  # fmt: skip
+    """Make the charts of the page of a run or a library by name; say whether the cases are natural ones."""
     from cornerforge.report.artefacts import library_artefacts, read_artefacts
     from cornerforge.report.page import charts_of
 
@@ -155,4 +160,4 @@ def _charts(place: Path, folder: Path, seed: int, threads: int | None, progress:
         library = library_of(place)
         analyse(library, out=folder / "analysis", seed=seed, threads=threads, progress=progress)
         found = library_artefacts(library, folder)
-    return charts_of(found, set(found.points.case_id))
+    return charts_of(found, set(found.points.case_id)), found.analysis.natural is not None
