@@ -174,7 +174,7 @@ def shrink(
 
 @command(
     "cornerforge replay out/demo/library all --check",
-    "cornerforge replay out/demo/library 0:0 --picture out/crash.svg --video out/crash.mp4",
+    "cornerforge replay out/demo/library 0:0 --video out/crash.mp4",
 )
 @takes_world("av_timeout", "av_python")
 def replay(

@@ -172,9 +172,9 @@ class _Stage:
             axes, self._moments, (-0.5 * metres, 0.5 * metres), SCREEN, way_out=way_out,
             points_per_metre=72.0 * wide / metres, margin=(1.0 + extra, 1.0 + extra),
         )  # fmt: skip
-        y = -0.6 - 0.5 * extra
-        axes.plot([0.5 * metres - 12.0, 0.5 * metres - 2.0], [y, y], color=_MUTED, linewidth=2.5, solid_capstyle="butt")
-        axes.text(0.5 * metres - 7.0, y - 0.25, "10 m", ha="center", va="top", fontsize=9.5, color=_MUTED)
+        y, right = -0.65 - 0.5 * extra, 0.5 * metres - 2.0
+        axes.plot([right - 10.0, right], [y, y], color=_MUTED, linewidth=2.5, solid_capstyle="butt")
+        axes.text(right - 10.5, y, "10 m", ha="right", va="center", fontsize=9.5, color=_MUTED)
 
     def _make_numbers(self) -> None:
         scenario, partner = self._moments.scenario, self._moments.partner
