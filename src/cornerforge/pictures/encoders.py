@@ -37,7 +37,7 @@ class Format:
 
 _WHOLE = ("-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact")
 """No names of programs, no times: the same pictures give the same bytes with the same ffmpeg."""
-_H264 = "-c:v libx264 -crf 20 -preset fast -movflags +faststart -f mp4"
+_H264 = "-c:v libx264 -crf 20 -preset veryfast -movflags +faststart -f mp4"
 _VP9 = "-c:v libvpx-vp9 -crf 32 -b:v 0 -deadline realtime -cpu-used 7 -row-mt 1 -f webm"
 FORMATS: dict[str, Format] = {
     ".mp4": Format((1280, 720), 30, tuple(_H264.split())),

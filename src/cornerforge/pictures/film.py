@@ -162,7 +162,7 @@ class _Stage:
 
     def _make_road(self, way_out: WayOut | None) -> None:
         odd = self._moments.scenario.odd
-        across = odd.n_lanes * odd.lane_width + 2.0
+        across = odd.n_lanes * odd.lane_width + 3.0
         wide, high = _WIDTH_IN, 0.43 * _HEIGHT_IN
         along = min(_WIDE_M, max(_WIDE_M, across * wide / high))
         metres = max(along, across * wide / high)
@@ -170,9 +170,9 @@ class _Stage:
         axes = self._figure.add_axes((0.0, 0.40, 1.0, 0.43))
         self._road = RoadView(
             axes, self._moments, (-0.5 * metres, 0.5 * metres), SCREEN, way_out=way_out,
-            points_per_metre=72.0 * wide / metres, margin=(1.0 + extra, 1.0 + extra),
+            points_per_metre=72.0 * wide / metres, margin=(1.5 + extra, 1.5 + extra),
         )  # fmt: skip
-        y, right = -0.65 - 0.5 * extra, 0.5 * metres - 2.0
+        y, right = -0.9 - 0.5 * extra, 0.5 * metres - 2.0
         axes.plot([right - 10.0, right], [y, y], color=_MUTED, linewidth=2.5, solid_capstyle="butt")
         axes.text(right - 10.5, y, "10 m", ha="right", va="center", fontsize=9.5, color=_MUTED)
 
