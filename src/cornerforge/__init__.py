@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.avs import avs
     from cornerforge.pipeline.cases import query, replay
     from cornerforge.pipeline.check_av import check_av
+    from cornerforge.pipeline.figure import figure
     from cornerforge.pipeline.generate import generate
     from cornerforge.pipeline.init import init
     from cornerforge.pipeline.make_report import make_report
@@ -42,6 +43,7 @@ __all__ = [
     "avs",
     "check_av",
     "engine",
+    "figure",
     "generate",
     "init",
     "make_report",
@@ -75,6 +77,7 @@ __getattr__ = door(
         "avs": "pipeline.avs",
         "check_av": "pipeline.check_av",
         "engine": "execution",
+        "figure": "pipeline.figure",
         "generate": "pipeline.generate",
         "init": "pipeline.init",
         "make_report": "pipeline.make_report",

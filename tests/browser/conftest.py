@@ -14,10 +14,10 @@ from browser_session import Complaints, Opener, Server, serve
 
 playwright = pytest.importorskip("playwright.sync_api", reason="make test-browser installs it")
 
-FLAGS = (
-    "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-).split()
+FLAGS = [
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+]  # fmt: skip
 """No GPU: what holds here holds on a machine without one."""
 AV = "flawed-brakes-late"
 """It crashes in natural traffic so often that a fraction of a second of driving gives hundreds of cases."""
@@ -66,7 +66,9 @@ def look(chromium: Any, request: pytest.FixtureRequest, tmp_path: Path) -> Itera
     """
     contexts, complaints, expected = [], Complaints(), []
 
-    def opened(url: str, width: int = 1280, height: int = 720, dark: bool = False, allowed: tuple[str, ...] = ()) -> Any:
+    def opened(
+        url: str, width: int = 1280, height: int = 720, dark: bool = False, allowed: tuple[str, ...] = ()
+    ) -> Any:
         context = chromium.new_context(
             viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light", has_touch=width < 600
         )

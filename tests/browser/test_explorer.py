@@ -112,7 +112,10 @@ def test_a_click_on_the_map_shows_the_case_under_it(server: Server, look: Opener
     place = page.get_by_role("application").bounding_box()
     # Somewhere on a grid there is a point.
     for i in range(400):
-        page.mouse.click(place["x"] + place["width"] * (0.05 + 0.9 * (i % 20) / 19), place["y"] + place["height"] * (0.1 + 0.8 * (i // 20) / 19))
+        page.mouse.click(
+            place["x"] + place["width"] * (0.05 + 0.9 * (i % 20) / 19),
+            place["y"] + place["height"] * (0.1 + 0.8 * (i // 20) / 19),
+        )
         if "case=" in page.url:
             break
     page.locator(".watch").wait_for()

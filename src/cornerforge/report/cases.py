@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.metrics.risk import lane_ttc, plane_ttc
+from cornerforge.pictures.moments import partner_of
 from cornerforge.report.judged import WayOut
-from cornerforge.report.risk import lane_ttc, plane_ttc
 from cornerforge.road.straight import along
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
@@ -64,7 +65,7 @@ def case_data(
     near = _near(scenario, first)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]
     position = {column: i for i, column in enumerate(columns)}
-    partner = _partner(scenario)
+    partner = partner_of(scenario)
     return {
         "id": case_id,
         "dt": FRAME_S,
@@ -94,18 +95,11 @@ def _near(scenario: Scenario, first: int) -> NDArray[np.bool_]:
     """Mark vehicles that are present and near the AV, shape (T, N), none before `first`; the partner is always near."""
     distance = np.abs(along(scenario.x[:, :1], np.where(scenario.present, scenario.x, np.inf)))
     near = scenario.present & (distance <= SIGHT_M)
-    partner = _partner(scenario)
+    partner = partner_of(scenario)
     for column in (0,) if partner is None else (0, partner):
         near[:, column] = scenario.present[:, column]
     near[:first] = False
     return near
-
-
-def _partner(scenario: Scenario) -> int | None:
-    """Column of the vehicle that the AV crashed with; None if the AV did not crash."""
-    if scenario.crash is None or scenario.crash.slot_a != 0:
-        return None
-    return int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
 
 
 def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: int) -> dict[str, Any]:

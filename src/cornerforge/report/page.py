@@ -40,7 +40,7 @@ from cornerforge.results import Analysed
 from cornerforge.results.analysis import PARTS, Natural
 from cornerforge.types import Scenario
 
-__all__ = ["write_library_report", "write_report"]
+__all__ = ["charts_of", "write_library_report", "write_report"]
 
 CASE_BYTES = 2_800_000
 """Room for trajectories on the page; with plotly's library (4.8 MB) the page stays below 8 MB."""
@@ -287,7 +287,8 @@ def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
     return f"{factor} {unit} ({ends}, opposite ends of the two intervals)."
 
 
-def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figure]:
+def charts_of(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figure]:
+    """Make all charts of the page by name; `animated`: ids of cases that are marked on the map if they are special."""
     analysis, summary = artefacts.analysis, artefacts.summary
     cases = sum(analysis.fault.values())
     made = {
@@ -401,7 +402,7 @@ def _render(
         kinds=kinds,
         coverage=tables.coverage_rows(artefacts.analysis.coverage.axes, kinds),
         ratio=_ratio(artefacts.summary.generate, artefacts.summary.natural_rate),
-        figures=_figures(artefacts, {case["id"] for case in cases}),
+        figures=charts_of(artefacts, {case["id"] for case in cases}),
         tables=_tables(artefacts, known.kinds),
         cases=cases,
         groups=_groups(cases),

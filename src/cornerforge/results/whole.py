@@ -11,8 +11,8 @@ from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
 __all__ = [
-    "Exposed", "Exposure", "ExposureMiles", "Initialised", "Reported", "RunDone", "RunTrained", "Served", "Spending",
-    "SpentOn",
+    "Exposed", "Exposure", "ExposureMiles", "Figured", "FiguredOne", "Initialised", "Reported", "RunDone", "RunTrained",
+    "Served", "Spending", "SpentOn",
 ]  # fmt: skip
 
 
@@ -34,6 +34,22 @@ class Reported:
 
     report: str = field(metadata=meant("The page, one file of HTML."))
     library: str = field(metadata=meant("The library whose cases it shows."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiguredOne:
+    """A figure for a paper."""
+
+    name: str = field(metadata=meant("Name of the chart, or the case id."))
+    file: str | None = field(metadata=meant("Its file; null: nothing was drawn."))
+    caption: str = field(metadata=meant("What it shows."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figured:
+    """Figures for a paper."""
+
+    figures: tuple[FiguredOne, ...] = field(metadata=meant("The figures, in the order of `--list`."))
 
 
 @dataclass(frozen=True, kw_only=True)
