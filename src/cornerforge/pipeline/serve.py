@@ -176,10 +176,13 @@ def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stop
     from cornerforge.explorer import read_analysis
     from cornerforge.pipeline.analyse import analyse
 
+    bare = [one for one in found if one.analysis is None]
+    if bare:  # said at once, so that the page asks again
+        exhibit.work = {"what": "analyse", "done": 0, "total": len(bare[0].source.cases)}
     stopping.wait(_IDLE_S)
-    for one in found:
-        if one.analysis is not None or stopping.is_set():
-            continue
+    for one in bare:
+        if stopping.is_set():
+            return
 
         def progress(stage: str, done: float, total: float) -> None:
             if stopping.is_set():
