@@ -39,7 +39,7 @@ def watching(page: Any) -> Any:
 
 
 def seconds(page: Any) -> float:
-    return float(page.locator(".watch output").first.inner_text().split(" s")[0])
+    return float(page.locator(".watch").get_by_role("timer").inner_text().split(" s")[0])
 
 
 def first_case(page: Any) -> str:
@@ -61,7 +61,7 @@ def test_a_newcomer_plays_the_most_frequent_preventable_natural_crash(server: Se
     before = seconds(page)
     page.get_by_role("button", name="Play", exact=True).wait_for()  # it has come to its end
     assert seconds(page) > before
-    assert page.locator(".watch output").first.inner_text().endswith("contact")
+    assert page.locator(".watch").get_by_role("timer").inner_text().endswith("contact")
     assert "case=natural/" in page.url
     assert "by braking" in page.locator(".watch").inner_text()
 
@@ -77,6 +77,7 @@ def test_filters_narrow_all_views_and_the_link_shows_the_same_again(server: Serv
     grid = page.get_by_role("grid")
     assert int(grid.get_attribute("aria-rowcount")) == expected + 1
     assert all("a careful driver" in text for text in grid.get_by_role("row").all_inner_texts()[1:])
+    until(page, "location.hash.includes('f.prevention=')")
     again = ready(look(page.url))
     until(again, f"document.querySelector('.counted').textContent.startsWith('{expected:,} of')")
     assert again.get_by_role("region", name="Filters").get_by_role("checkbox", checked=True).count() == 1
@@ -194,7 +195,7 @@ def test_the_keyboard_reaches_everything(server: Server, look: Opener) -> None:
     page.keyboard.press("Space")
     at = seconds(page)
     page.keyboard.press("ArrowRight")
-    until(page, f"!document.querySelector('.watch output').textContent.startsWith('{at:.1f} s')")
+    until(page, f"!document.querySelector('.watch [role=timer]').textContent.startsWith('{at:.1f} s')")
     assert seconds(page) == pytest.approx(at + 0.1, abs=0.051)
     page.keyboard.press("Escape")
     page.locator(".watch").wait_for(state="detached")
