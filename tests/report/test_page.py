@@ -24,7 +24,7 @@ from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
-from cornerforge.report import page, write_report
+from cornerforge.report import page, verdict, write_report
 from cornerforge.report.artefacts import OnRoads, Rate, Summary
 from cornerforge.report.judged import CaseJudgement, read_case_judgements
 from cornerforge.report.text import share
@@ -146,7 +146,8 @@ def test_the_first_sentence_says_what_the_av_does_wrong(run_folder: Path) -> Non
 
 def test_a_verdict_tells_the_own_doing_of_the_av() -> None:
     known = CaseJudgement("bv", "rule x", 2.0, None, None, None, None, None, "brakes-late", 1.4, None)
-    assert "own doing, from 1.4 s before contact: it brakes for a vehicle ahead more than 0.8 s" in page._verdict(known)
+    words = "own doing, from 1.4 s before contact: it brakes for a vehicle ahead more than 0.8 s"
+    assert words in verdict.verdict(known)
 
 
 def test_shares_stand_with_their_intervals(run_folder: Path) -> None:
@@ -234,7 +235,7 @@ def test_one_time_for_the_last_way_out(run_folder: Path) -> None:
         assert row["time_to_react_s"] == pytest.approx(row["manoeuvre_begin_s"] - latest, abs=1e-9)
         if row["avoidability"] in ("unavoidable", "undecided"):
             continue
-        said = [avoidance_in_words(row["avoidability"], latest), page._way_in_words(known)]
+        said = [avoidance_in_words(row["avoidability"], latest), verdict._way_in_words(known)]
         assert [re.findall(r"last way out (?:began )?([0-9.]+) s before contact", one) for one in said] == 2 * [
             [f"{latest:.1f}"]
         ]
@@ -264,7 +265,7 @@ def test_a_verdict_tells_the_kinds_of_no_way_out_apart(
     label: str | None, manoeuvre: float | None, latest: float | None, words: str
 ) -> None:
     known = CaseJudgement("bv", "rule x", 2.0, label, manoeuvre, latest, None, None, "none", None, None)
-    assert words in page._verdict(known)
+    assert words in verdict.verdict(known)
 
 
 def test_without_a_search_for_ways_out_the_page_says_so(run_folder: Path) -> None:
