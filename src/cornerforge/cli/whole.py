@@ -189,7 +189,6 @@ def serve(
     debug: Debug = False,
 ) -> None:
     """Show all cases in the browser: a map of them, each to watch, to compare and to note on; Ctrl-C ends it."""
-
     from cornerforge.pipeline.output import check_new_file, write_json
     from cornerforge.results import as_json as result_as_json
 
