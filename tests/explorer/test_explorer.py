@@ -60,7 +60,7 @@ def sent(server: Running, method: str, path: str, content: Any) -> bytes:
 @pytest.fixture(scope="module")
 def exhibit(place: Path) -> Iterator[Exhibit]:
     found = verb._sources(place)
-    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving(()))
+    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
     yield made
     made.close()
 
@@ -357,6 +357,28 @@ def test_a_page_that_is_not_built_is_one_line(
     monkeypatch.setattr("cornerforge.explorer.server.read_page", dict)
     assert main(["serve", str(place), "--port", "0"]) == 2
     assert capsys.readouterr().err == "cornerforge: The explorer's page is not built here; build it with: make web\n"
+
+
+def test_an_av_of_ones_own_can_drive(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = (
+        "import numpy as np\n"
+        "class Brakes:\n"
+        "    def act(self, view):\n"
+        "        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)\n"
+    )
+    (tmp_path / "my_av.py").write_text(source, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    running = started(place, "--port", 0, "--with", "my_av:Brakes")
+    assert "my_av:Brakes" in asked(running, "api/about")["avs"]
+    told = asked(running, "api/case/adversary/3:0/with/my_av:Brakes")
+    speeds = told["vehicles"][0]["v"]
+    assert speeds[30] < speeds[0] - 5.0
+    assert stopped(running)[0] == 0
+
+
+def test_an_av_that_is_not_there_is_one_line(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["serve", str(place), "--with", "no-such-av"]) == 2
+    assert "no-such-av" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("what", ["nothing", "empty"])
