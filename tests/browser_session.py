@@ -49,7 +49,7 @@ class Complaints:
 
 
 def until(page: Any, condition: str) -> None:
-    """Wait until a condition in JavaScript holds, 20 s at most. Playwright does it by `eval`, which the page forbids."""
+    """Wait until a condition in JavaScript holds, at most 20 s; Playwright does it by `eval`, which our pages forbid."""
     for _ in range(400):
         if page.evaluate(condition):
             return
