@@ -49,7 +49,7 @@ class Complaints:
 
 
 def until(page: Any, condition: str) -> None:
-    """Wait until a condition in JavaScript holds, at most 20 s; Playwright does it by `eval`, which our pages forbid."""
+    """Wait, at most 20 s, until a condition in JavaScript holds; Playwright itself needs `eval`, which is forbidden."""
     for _ in range(400):
         if page.evaluate(condition):
             return

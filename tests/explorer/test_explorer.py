@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import json
 import shutil
 import socket
@@ -19,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from explorer.conftest import Running, started, stopped
+from PIL import Image
 from starlette.types import ASGIApp, Message
 
 from cornerforge.cli import main
@@ -154,6 +156,16 @@ def test_a_download_is_an_attachment(server: Running) -> None:
     with urlopen(server.url + "api/case/adversary/3:0/download/json") as answer:
         assert answer.headers["content-disposition"] == 'attachment; filename="adversary-3-0.json"'
         assert json.load(answer)["id"] == "adversary/3:0"
+
+
+def test_a_video_can_be_taken_away(server: Running) -> None:
+    """A GIF needs no program besides; its frames are read back."""
+    offered = {one["format"] for one in asked(server, "api/about")["downloads"]}
+    assert {"gif", "json"} <= offered
+    with urlopen(server.url + "api/case/adversary/3:0/download/gif") as answer:
+        assert answer.headers["content-type"] == "image/gif"
+        picture = Image.open(io.BytesIO(answer.read()))
+    assert getattr(picture, "n_frames", 1) > 10
 
 
 def test_sql_gives_a_bit_for_each_row(server: Running) -> None:

@@ -198,9 +198,7 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
 
     def download(request: Request) -> Response:
         media, name, content = exhibit.download(**request.path_params)
-        answer = Response(content, media_type=media) if isinstance(content, bytes) else _json(content)
-        answer.headers["content-disposition"] = f'attachment; filename="{name}"'
-        return answer
+        return Response(content, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
 
     async def sql(request: Request) -> Response:
         asked = await _body(request)

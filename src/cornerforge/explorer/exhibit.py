@@ -16,6 +16,7 @@ import pyarrow as pa
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.explorer.columns import CaseTable, case_table
+from cornerforge.explorer.downloads import Shown, formats, made
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
 from cornerforge.explorer.sources import Analysis, Source, read_ways_out
 from cornerforge.explorer.start import cards, headline_of
@@ -81,9 +82,6 @@ class _Shelf:
 _WHOLE = re.compile(r"\s*(select|with|from)\b", re.IGNORECASE)
 """Begins a whole SELECT; all else is a condition."""
 
-DOWNLOADS: Mapping[str, tuple[str, str, str]] = {"json": ("JSON", "application/json", "json")}
-"""Formats of a download: what people read, media type, end of the file's name; `Exhibit.download` makes the file."""
-
 
 class Exhibit:
     """The cases of some sources.
@@ -108,7 +106,7 @@ class Exhibit:
         self.work: dict[str, Any] | None = None
         self.revision = 1
         self._shelves = {source.name: _Shelf(source, analysis) for source, analysis in sources}
-        self._drives, self._asking = threading.Lock(), threading.Lock()
+        self._drives, self._asking, self._makes = threading.Lock(), threading.Lock(), threading.Lock()
         self._asker: tuple[CaseTable, Asker] | None = None
         self._table = case_table(sources)
 
@@ -154,7 +152,7 @@ class Exhibit:
             "work": self.work,
             "avs": list(self.driving.avs),
             "drivers": list(self.driving.drivers),
-            "downloads": [{"format": name, "label": label} for name, (label, _, _) in DOWNLOADS.items()],
+            "downloads": [{"format": name, "label": label} for name, label in formats().items()],
             "columns": [column.to_json() for column in table.columns],
             "start": cards(self._sources(), table),
             "warnings": self.warnings,
@@ -167,17 +165,21 @@ class Exhibit:
             UnknownKeyError: There is no such case.
             FileFormatError: It lies in a damaged file.
         """
+        return dict(self._shown(source, case_id).data)
+
+    def _shown(self, source: str, case_id: str) -> Shown:
         row = self.row_of(source, case_id)
         shelf, stored = self._stored(source, case_id)
         way_out, told = self._way_out(shelf, case_id), self._table.row(row)
         data = case_data(f"{source}/{case_id}", stored.scenario, way_out)
         known = "" if told.get("fault") is None else verdict(judgement_of({n: told.get(n) for n in JUDGED}, way_out))
-        return data | {
+        data |= {
             "key": f"{source}/{case_id}",
             "title": _title(stored.scenario, told),
             "verdict": text.sentence(known),
             "facts": self._facts(told),
         }
+        return Shown(stored.scenario, way_out, data)
 
     def row_of(self, source: str, case_id: str) -> int:
         """Return the row of a case.
@@ -189,7 +191,7 @@ class Exhibit:
         if row is None:
             known = ", ".join(self._shelves)
             what = f"case {case_id[:80]!r} in {source}" if source in self._shelves else f"source {source[:80]!r}"
-            raise UnknownKeyError(f"There is no {what}; sources: {known}; their cases are in /api/columns.")
+            raise UnknownKeyError(f"There is no {what}; sources: {known}.")
         return row
 
     def ghosts(self, source: str, case_id: str) -> dict[str, Any]:
@@ -230,20 +232,23 @@ class Exhibit:
         title = f"{av}: " + (f"it crashes{seconds}" if crashed else "it does not crash")
         return data | {"key": key, "title": title, "verdict": "", "facts": []}
 
-    def download(self, source: str, case_id: str, name: str) -> tuple[str, str, bytes | Mapping[str, Any]]:
-        """Make a file of a case.
+    def download(self, source: str, case_id: str, name: str) -> tuple[str, str, bytes]:
+        """Make a file of a case; one at a time, because a video takes all cores.
 
         Returns:
-            Media type, file name, and content (JSON values for "json").
+            Media type, file name, and content.
 
         Raises:
             UnknownKeyError: There is no such case or format.
+            OutputError: The program that writes videos failed.
         """
         self.row_of(source, case_id)
-        if name not in DOWNLOADS:
-            raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(DOWNLOADS)}.")
-        _, media, end = DOWNLOADS[name]
-        return media, f"{source}-{case_id.replace(':', '-')}.{end}", self.case(source, case_id)
+        if name not in (known := formats()):
+            raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(known)}.")
+        shown = self._shown(source, case_id)
+        with self._makes:
+            media, content = made(shown, name)
+        return media, f"{source}-{case_id.replace(':', '-')}.{name}", content
 
     def rows_where(self, where: str) -> bytes:
         """Say which rows a condition in SQL holds for, or a whole SELECT names by `source` and `case_id`.
