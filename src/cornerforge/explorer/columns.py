@@ -116,6 +116,10 @@ class CaseTable:
             writer.write_table(chosen)
         return bytes(sink.getvalue())
 
+    def first_of(self, source: str) -> str:
+        """Give the id of a source's first case."""
+        return next(case for name, case in self.rows if name == source)
+
     def plain(self) -> pa.Table:
         """Give the table with texts instead of categories, for SQL: any text can be compared with those."""
         kinds = [pa.string() if pa.types.is_dictionary(field.type) else field.type for field in self.table.schema]
