@@ -17,6 +17,8 @@ import pytest
 import cornerforge
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
+from cornerforge.pipeline.setting import experiment
+from cornerforge.world_options import WorldOptions
 
 CANARY = "canary-7f1c: no answer may hold this"
 
@@ -33,7 +35,8 @@ sys.exit(main(sys.argv[1:]))
 def as_natural(library: Path, to: Path, tests: int) -> Path:
     """Store the cases of a library as if natural traffic had made them in so many tests."""
     cases = CaseLibrary.open(library)
-    identity = {**cases.identity, "bv": "nde"}
+    seed = int(str(cases.identity["seed"]))
+    identity = {**cases.identity, **experiment(WorldOptions(), bv="nde").identity(seed)}
     new = CaseLibrary.create(to, identity, cases.odd)
     for rows, tracks in cases.shards():
         new.append_shard(encode_tables(rows, tracks, {}), next_test=tests, tests=tests, crashes=len(cases))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import threading
 import webbrowser
@@ -205,14 +206,14 @@ def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stop
 
 
 def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
-    """Ask once what needs kernels, so that the first person who asks need not wait."""
-    source = found[0].source
-    case = source.cases.scalars(["case_id"])["case_id"][0].as_py()
-    for ask in (exhibit.ghosts, lambda name, one: exhibit.case_with(name, one, str(source.cases.identity["av"]))):
-        try:
-            ask(source.name, case)
-        except CornerForgeError:
-            continue
+    """Ask once what needs files or kernels, so that the first person who asks need not wait."""
+    for one in found:
+        source = one.source
+        case = exhibit.table.first_of(source.name)
+        own = str(source.cases.identity["av"])
+        for ask in (exhibit.case, exhibit.ghosts, lambda name, of, av=own: exhibit.case_with(name, of, av)):
+            with contextlib.suppress(CornerForgeError):
+                ask(source.name, case)
 
 
 def _driving(avs: Sequence[str], source: Source) -> Driving:
