@@ -40,8 +40,8 @@ NATURAL = "#009E73"
 ADVERSARY = "#D55E00"
 CLUSTER_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D1F", "#7A7A7A")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "hourglass")
-MAX_POINTS = 3000
-"""At most this many points of a cluster are drawn, evenly taken from its list: more only slow the page."""
+MAX_POINTS, MAX_ALL_POINTS = 3000, 12_000
+"""At most this many points of a cluster, and of all, are drawn, evenly taken from its list: the page stays small."""
 
 
 def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
@@ -308,11 +308,13 @@ def map_figure(points: Points, analysis: Analysed, top: list[str], animated: set
         top: Cases worth a look.
         animated: Case ids that the page can play.
     """
-    traces = [
-        _cluster_trace(points, group, int(cluster), int(cluster) % len(SYMBOLS))
+    clusters = [
+        (group, int(cluster))
         for group in ("majority", "minority")
         for cluster in np.unique(points.cluster[np.array(points.group, dtype=str) == group])
     ]
+    most = min(MAX_POINTS, MAX_ALL_POINTS // max(1, len(clusters)))
+    traces = [_cluster_trace(points, group, cluster, most) for group, cluster in clusters]
     typical = {case for cluster in analysis.clusters for case in cluster.typical}
     traces.append(_marked(points, typical & animated, "typical", "circle-open", 13))
     traces.append(_marked(points, set(analysis.rare) & animated, "rare", "x-thin-open", 10))
@@ -328,12 +330,13 @@ def map_figure(points: Points, analysis: Analysed, top: list[str], animated: set
     return {"data": traces, "layout": layout}
 
 
-def _cluster_trace(points: Points, group: str, cluster: int, symbol: int) -> dict[str, Any]:
+def _cluster_trace(points: Points, group: str, cluster: int, most: int) -> dict[str, Any]:
     inside = np.flatnonzero((np.array(points.group, dtype=str) == group) & (points.cluster == cluster))
-    shown = inside[np.unique(np.linspace(0, len(inside) - 1, min(MAX_POINTS, len(inside))).round().astype(int))]
+    shown = inside[np.unique(np.linspace(0, len(inside) - 1, min(most, len(inside))).round().astype(int))]
     sparse = ", sparse" if group == "minority" else ""
     name = f"{'no cluster' if cluster < 0 else f'cluster {cluster}'}{sparse} ({text.count(len(inside))})"
-    marker = {"size": 5, "opacity": 0.55, "color": CLUSTER_COLOURS[symbol], "symbol": SYMBOLS[symbol]}
+    place = cluster % len(SYMBOLS)
+    marker = {"size": 5, "opacity": 0.55, "color": CLUSTER_COLOURS[place], "symbol": SYMBOLS[place]}
     return _scatter(points, shown, name) | {"marker": marker}
 
 
