@@ -72,14 +72,15 @@ def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
     arrows["marker"] |= {"symbol": "triangle-left", "size": 15}
     arrows["textposition"] = "top right"
     lowest = min([r.interval95[0] or r.crashes_per_test / 3 for r in seen] + [r.bound / 10 for r in bounds])
-    bottom = float(np.log10(lowest)) - 0.6
+    bottom = float(np.log10(lowest)) - 1.0
     layout = _layout(height=110 + 62 * len(rows), showlegend=False, margin={"l": 10, "r": 30, "t": 20, "b": 55})
     layout["xaxis"] = _axis(
-        "crashes of the AV per drive (log scale)",
+        "crashes of the AV per drive<br>(log scale)",
         type="log",
         range=[bottom, 0.25],
         exponentformat="power",
         dtick=1 if bottom > -4.0 else 2,
+        tickangle=0,
     )
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", categoryorder="array", showgrid=False)
     layout["yaxis"]["categoryarray"] = [_row_label(r) for r in rows]
