@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 __all__ = ["init", "report", "reproduce", "run", "serve"]
 
-_USUAL_PORT = 8157
 _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
 
@@ -184,15 +183,25 @@ def serve(
     open_browser: Annotated[bool, flag("--open", "Open it in the browser.")] = False,
     seed: IdleSeed = 0,
     threads: Threads = None,
+    out: JsonFile = None,
     quiet: Quiet = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
     """Show all cases in the browser: a map of them, each to watch, to compare and to note on; Ctrl-C ends it."""
+    from cornerforge.pipeline.output import check_new_file, write_json
+    from cornerforge.results import as_json as result_as_json
+
+    if out is not None:
+        check_new_file(out)
 
     def up(r: Served) -> None:
+        from cornerforge.explorer.server import PORT
+
+        if out is not None:
+            write_json(out, result_as_json(r))
         if not r.usual_port and not quiet:
-            typer.echo(f"Port {_USUAL_PORT} is taken by another program, so it is port {r.port}.", err=True)
+            typer.echo(f"Port {PORT} is taken by another program, so it is port {r.port}.", err=True)
         if r.token:
             typer.echo(
                 f"Warning: {r.host} can be reached by other machines. Whoever has the address below sees the cases and "
@@ -204,8 +213,6 @@ def serve(
         else:
             typer.echo(f"{r.cases:,} cases: {r.url} (Ctrl-C ends it)")
         sys.stdout.flush()
-
-    from cornerforge.results import as_json as result_as_json
 
     run_command(
         lambda bars: cornerforge.serve(  # noqa: ARG005

@@ -27,6 +27,9 @@ __all__ = [
     "serve_exhibit",
 ]
 
+FOR_PROGRAMS = ()
+"""Nothing here is promised to programs of others; `cornerforge.serve` is."""
+
 __getattr__ = door(
     "cornerforge.explorer",
     {

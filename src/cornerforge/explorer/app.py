@@ -222,7 +222,7 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
         return _json(kept)
 
     one = "/api/case/{source}/{case_id}"
-    return Starlette(
+    app = Starlette(
         routes=[
             Route("/", index),
             Route("/assets/{name}", asset),
@@ -244,6 +244,8 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
             Exception: lambda _, __: _fault(500, "The server failed at this; what it says in its terminal is a bug."),
         },
     )
+    app.router.redirect_slashes = False  # no answer is made of a request's Host
+    return app
 
 
 def _status(error: Exception) -> int:

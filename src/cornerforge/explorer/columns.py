@@ -116,6 +116,10 @@ class CaseTable:
             writer.write_table(chosen)
         return bytes(sink.getvalue())
 
+    def first_of(self, source: str) -> str:
+        """Give the id of a source's first case."""
+        return next(case for name, case in self.rows if name == source)
+
     def plain(self) -> pa.Table:
         """Give the table with texts instead of categories, for SQL: any text can be compared with those."""
         kinds = [pa.string() if pa.types.is_dictionary(field.type) else field.type for field in self.table.schema]
@@ -171,10 +175,12 @@ def _part(source: Source, analysis: Analysis | None) -> _Part:
         part["bv_kind"] = (pa.field("bv_kind", pa.string(), metadata={"meaning": "Class of the crash partner."}),
                            "library", pc.take(kinds, part["bv_kind"][2]))  # fmt: skip
     if analysis is not None:
-        place = pc.index_in(ids, value_set=analysis.cases["case_id"].combine_chunks())
-        for field in analysis.cases.schema:
+        judged = analysis.cases
+        if not judged["case_id"].equals(ids):  # mostly it is in the library's order
+            judged = judged.take(pc.index_in(ids, value_set=judged["case_id"].combine_chunks()).combine_chunks())
+        for field in judged.schema:
             if field.name not in part and not pa.types.is_nested(field.type):
-                values = analysis.cases[field.name].combine_chunks().take(place.combine_chunks())
+                values = judged[field.name].combine_chunks()
                 if field.name == "cluster":
                     field, values = pa.field("cluster", pa.string()), pc.cast(values, pa.string())
                 part[field.name] = (field, "analysis", values)

@@ -142,7 +142,7 @@ def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
     n = int(known.sum())
     if braking.any():
         chosen, title = braking, "The most frequent crash that a careful driver would have prevented"
-        end = "A careful driver who brakes would have prevented it."
+        end = "A careful driver in the AV's place would have prevented it, by how it brakes."
     elif holding.any():
         chosen, title = holding, "No crash here would have been prevented by careful braking"
         end = (
@@ -160,7 +160,8 @@ def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
     filters = {"f.source": cases.name, f"f.{column}": kind}
     if chosen is not known:
         filters["f.prevention"] = str(prevention[rows[0]])
-    told = f"{_sentence(column, kind)} It happens {how_often}. {end}"
+    seen = f"{rows.size:,} of the {n:,} natural crashes here {'are' if rows.size > 1 else 'is'} of this kind"
+    told = f"{_sentence(column, kind)} It happens {how_often}. {end} ({seen}.)"
     return _card(title, cases.key(_typical(cases, rows, often)), told, how_often, filters)
 
 
@@ -189,7 +190,7 @@ def _most_severe(cases: _Cases) -> dict[str, Any] | None:
     """The natural crash with the highest chance of injury of those that somebody would have prevented."""
     injury, prevention = cases.numbers("av_injury_probability"), cases.texts("prevention")
     for how, who in (
-        ("by braking", "A careful driver who brakes would have prevented it."),
+        ("by braking", "A careful driver in the AV's place would have prevented it, by how it brakes."),
         ("holding the speed is enough", "Simply holding the speed would have prevented it."),
     ):
         rows = np.flatnonzero((prevention == how) & np.isfinite(injury))

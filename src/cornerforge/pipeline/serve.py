@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import threading
 import webbrowser
@@ -14,7 +15,7 @@ import numpy as np
 
 from cornerforge.drivers.avs import AVS
 from cornerforge.drivers.careful import CAREFUL
-from cornerforge.errors import CornerForgeError, InputError, MissingExtraError
+from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
@@ -73,9 +74,10 @@ def serve(
     given = Path(place)
     check_path(given)
     found = _sources(given)
+    driving = _driving(avs, found[0].source)
+    warnings = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
     door = open_door(host, port)
-    warnings = [line for one in found for line in one.source.cases.damaged]
-    exhibit = Exhibit(given.resolve().name, [(one.source, one.analysis) for one in found], _driving(avs), warnings)
+    exhibit = Exhibit(given.resolve().name, [(one.source, one.analysis) for one in found], driving, warnings)
     served = Served(
         url=door.url, host=door.host, port=door.port, usual_port=door.usual, token=door.token is not None,
         cases=exhibit.table.table.num_rows, sources=tuple(one.source.name for one in found),
@@ -201,22 +203,42 @@ def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stop
 
 
 def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
-    """Ask once what needs kernels, so that the first person who asks need not wait."""
-    source = found[0].source
-    case = source.cases.scalars(["case_id"])["case_id"][0].as_py()
-    for ask in (exhibit.ghosts, lambda name, one: exhibit.case_with(name, one, str(source.cases.identity["av"]))):
-        try:
-            ask(source.name, case)
-        except CornerForgeError:
-            continue
+    """Ask once what needs files or kernels, so that the first person who asks need not wait."""
+    for one in found:
+        source = one.source
+        case = exhibit.table.first_of(source.name)
+        own = str(source.cases.identity["av"])
+        for ask in (exhibit.case, exhibit.ghosts, lambda name, of, av=own: exhibit.case_with(name, of, av)):
+            with contextlib.suppress(CornerForgeError):
+                ask(source.name, case)
 
 
-def _driving(avs: Sequence[str]) -> Driving:
-    """Make what drives for the explorer."""
+def _driving(avs: Sequence[str], source: Source) -> Driving:
+    """Make what drives for the explorer.
+
+    Args:
+        avs: AVs of the user's own; that each can be had is checked with the library of `source`.
+        source: One of the sources.
+
+    Raises:
+        CornerForgeError: There is no such AV, or the library does not say with what it was made.
+    """
     from cornerforge.explorer import Driving
 
-    names = tuple(dict.fromkeys((*AVS, *avs)))
-    return Driving(tuple(CAREFUL), names, _ghosts, _Others().drive)
+    others = _Others()
+    for av in avs:
+        others.made(source, av)
+    return Driving(tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive)
+
+
+def _fault_of_notes(source: Source) -> list[str]:
+    from cornerforge.explorer.notes import notes_file, read_notes
+
+    try:
+        read_notes(notes_file(source.cases.path))
+    except FileFormatError as error:
+        return [str(error)]
+    return []
 
 
 def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:
@@ -244,11 +266,11 @@ class _Others:
     def __init__(self) -> None:
         self._drivers: dict[tuple[str, str], tuple[Callable[[StoredCase], Script], ScriptDriver]] = {}
 
-    def drive(self, source: Source, stored: StoredCase, av: str) -> Scenario:
-        """Drive a case.
+    def made(self, source: Source, av: str) -> tuple[Callable[[StoredCase], Script], ScriptDriver]:
+        """Give what makes scripts of a source's cases, and what drives them with an AV.
 
         Raises:
-            CornerForgeError: The library cannot be driven again, or the AV failed.
+            CornerForgeError: There is no such AV, or the library cannot be driven again.
         """
         from cornerforge.pipeline.stored_cases import StoredScripts, run_with
         from cornerforge.world_options import WorldOptions
@@ -257,5 +279,13 @@ class _Others:
         if key not in self._drivers:
             run = run_with(source.cases, WorldOptions(), av)
             self._drivers[key] = StoredScripts(source.cases, run).of, run.script_driver()
-        scripts, driver = self._drivers[key]
-        return driver.record(scripts(stored))[0]
+        return self._drivers[key]
+
+    def drive(self, source: Source, stored: StoredCase, av: str) -> Scenario:
+        """Drive a case.
+
+        Raises:
+            CornerForgeError: As `made`, or the AV failed.
+        """
+        script, driver = self.made(source, av)
+        return driver.record(script(stored))[0]
