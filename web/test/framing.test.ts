@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { frameFor } from "../src/pages/framing";
+import { frameFor } from "../src/shared/framing";
 import type { Case } from "../src/shared/case";
 
 const motion = (x: number[]) => ({

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { between, fit, move, ticks, toData, toScreen, zoom } from "../src/explorer/camera";
-import { failsOfLasso, inside, type Point, simplify } from "../src/explorer/lasso";
+import { failsOfLasso, inside, type Point, reduce, simplify } from "../src/explorer/lasso";
 import { nearest, paint, radiusOf, type Scene, stampOf, stepFor } from "../src/explorer/painter";
 
 const size = { width: 200, height: 100 };
@@ -71,6 +71,17 @@ describe("lasso", () => {
     expect(simplify(line, 0.1)).toEqual([[0, 0], [3, 0], [3, 3]]);
     expect(simplify(line, 0.001)).toEqual(line);
     expect(simplify([[0, 0], [1, 1], [2, 2]], 0)).toEqual([[0, 0], [2, 2]]);
+  });
+});
+
+describe("a lasso for a link", () => {
+  it("has no more points than allowed, and still goes round the same", () => {
+    const circle: Point[] = Array.from({ length: 3000 }, (_, i) => [100 * Math.cos(i / 477.5), 100 * Math.sin(i / 477.5)]);
+    const line = reduce(circle, 0.001, 40);
+    expect(line.length).toBeLessThanOrEqual(40);
+    expect(line.length).toBeGreaterThan(10);
+    for (const radius of [0, 50, 95]) expect(inside(radius, 3, line)).toBe(true);
+    expect(inside(101, 0, line)).toBe(false);
   });
 });
 

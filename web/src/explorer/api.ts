@@ -149,7 +149,7 @@ async function askJson<T>(path: string, init?: RequestInit): Promise<T> {
 }
 
 /** "natural/0:12" as a path: each part is encoded, the slash between source and name stays. */
-export function pathOf(key: CaseKey): string {
+function pathOf(key: CaseKey): string {
   const slash = key.indexOf("/");
   return `${encodeURIComponent(key.slice(0, slash))}/${encodeURIComponent(key.slice(slash + 1))}`;
 }
@@ -200,5 +200,7 @@ export async function putNote(key: CaseKey, note: Note): Promise<void> {
     method: "PUT",
     headers: { "Content-Type": "application/json" },
     body: JSON.stringify(note),
+    // A note that is saved while the page closes arrives all the same.
+    keepalive: true,
   });
 }

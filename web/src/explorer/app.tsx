@@ -13,6 +13,7 @@ import { watched } from "./state";
 import { Banners, Status } from "./status";
 import { folded, helpOpen, lassoing, listOver, startArranging, tab, type Tab } from "./ui";
 import { cursor, startAsking, startWanting, step, watch } from "./views";
+import { commandOf } from "./watch/keys";
 
 export function App() {
   useEffect(() => {
@@ -34,9 +35,17 @@ export function App() {
       document.removeEventListener("keydown", onKey);
     };
   }, []);
+  useEffect(() => {
+    const name = watched.value ?? about.value?.av;
+    document.title = name ? `${name} – cornerforge explorer` : "cornerforge explorer";
+  }, [watched.value, about.value?.av]);
   const classes = ["app", watched.value !== null && !listOver.value ? "watching" : "", folded.value ? "folded" : ""];
   return (
     <div class={classes.filter(Boolean).join(" ")} data-tab={tab.value}>
+      <p class="skip">
+        <button type="button" onClick={() => show("list", "list")}>To the list</button>
+        <button type="button" onClick={() => show("map", "map")}>To the map</button>
+      </p>
       <Header />
       <Banners />
       <Start />
@@ -100,6 +109,9 @@ function onKey(event: KeyboardEvent): void {
     return;
   }
   if (inField || helpOpen.peek()) return;
+  // A case that is shown has keys of its own, unless another part has the focus.
+  const isCase = target === document.body || target.closest(".watch") !== null;
+  if (isCase && watched.peek() !== null && !listOver.peek() && commandOf(event) !== null) return;
   const isFree = document.activeElement === document.body;
   const act = event.key === "Enter" && isFree && cursor.peek() >= 0 ? () => watch(keyOf(cursor.peek())) : KEYS[event.key];
   if (!act) return;
@@ -112,10 +124,17 @@ const KEYS: Readonly<Record<string, () => void>> = {
   k: () => step(-1),
   "/": () => focus("search"),
   f: () => { tab.value = "filters"; focusIn(".filters summary, .filters input"); },
-  c: () => { tab.value = "map"; focus("colour"); },
-  l: () => { tab.value = "map"; lassoing.value = !lassoing.peek(); focus("map"); },
+  c: () => show("map", "colour"),
+  l: () => { lassoing.value = !lassoing.peek(); show("map", "map"); },
   "?": () => (helpOpen.value = true),
 };
+
+/** A pane, with the focus on what it is for. */
+function show(pane: Tab, id: string): void {
+  tab.value = pane;
+  if (pane === "list") listOver.value = true;
+  focus(id);
+}
 
 function focus(id: string): void {
   requestAnimationFrame(() => document.getElementById(id)?.focus());

@@ -1,10 +1,11 @@
 // Ties the state to the address bar, both ways.
 import { batch, effect } from "@preact/signals";
-import { NOWHERE, type Place, read, write } from "./address";
+import { type Place, read, write } from "./address";
 import { about, infos, n, rowOf, say } from "./data";
 import type { Filter } from "./filters";
 import { axes, beside, camera, colour, filters, ghosts, lasso, opening, playing, show, sort, sql, time, watched } from "./state";
 import { cursor, isNumeric } from "./views";
+import { WAY_OUT } from "./watch/view";
 
 /** How long after a change the address bar follows [ms]: browsers refuse more than some ten writes a second. */
 const DELAY = 200;
@@ -69,9 +70,17 @@ function checked(place: Place): Place {
     else if (filter.kind === "values" && known.get(name)?.type === "number") say(`The link gives ${name} values, but it takes a range: ignored.`);
     else kept.set(name, filter);
   }
+  const { avs, drivers } = about.peek()!;
+  const shades = place.ghosts.filter((name) => name === WAY_OUT || drivers.includes(name));
+  if (shades.length < place.ghosts.length) say("The link names a reference driver that is not here: ignored.");
+  const isAv = place.beside?.startsWith("av:") ?? false;
+  const isBeside = !isAv || avs.includes(place.beside!.slice(3));
+  if (!isBeside) say(`The link names an AV that is not here: ${place.beside!.slice(3)}`);
   const numbers = place.axes?.every((name) => !missing(name) && isNumeric(known.get(name)));
   return {
     ...place,
+    ghosts: shades,
+    beside: isBeside ? place.beside : null,
     axes: numbers ? place.axes : null,
     lasso: place.axes && !numbers ? [] : place.lasso,
     colour: place.colour !== null && missing(place.colour) ? null : place.colour,
@@ -91,20 +100,20 @@ function withSource(given: ReadonlyMap<string, Filter>, key: string | null): Rea
 
 /** Read the address bar now (what the library has must be known), then follow it and write to it. */
 export function bind(): () => void {
+  let written = "";
+  let writtenCase: string | null = null;
+  let timer = 0;
   const readNow = () => {
-    const { place, problems } = read(location.hash);
+    written = location.hash.replace(/^#/, "");
+    const { place, problems } = read(written);
     problems.forEach(say);
+    // What was read is no new step of the history.
+    writtenCase = place.case;
     apply(checked(place));
   };
   readNow();
-  let written = location.hash.replace(/^#/, "");
-  let writtenCase = watched.peek();
-  let timer = 0;
   const follow = () => {
-    if (location.hash.replace(/^#/, "") === written) return;
-    written = location.hash.replace(/^#/, "");
-    readNow();
-    writtenCase = watched.peek();
+    if (location.hash.replace(/^#/, "") !== written) readNow();
   };
   const put = () => {
     const hash = write(present());
@@ -145,9 +154,4 @@ export function bind(): () => void {
     window.removeEventListener("hashchange", follow);
     window.removeEventListener("popstate", follow);
   };
-}
-
-/** The link to what is shown now. */
-export function link(place: Partial<Place>): string {
-  return `#${write({ ...NOWHERE, ...place })}`;
 }

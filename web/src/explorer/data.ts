@@ -28,7 +28,7 @@ export const notes = signal<Readonly<Record<CaseKey, Note>>>({});
 /** How saving the notes of a case goes. */
 export const saving = signal<{ readonly key: CaseKey; readonly state: "saving" | "saved" | "failed"; readonly line: string } | null>(null);
 
-export const LABELS: ColumnInfo = {
+const LABELS: ColumnInfo = {
   name: "labels",
   type: "category",
   unit: "",

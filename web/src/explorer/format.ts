@@ -34,12 +34,12 @@ export function onceIn(perBillionMiles: number): string {
   const miles = 1e9 / perBillionMiles;
   for (const [size, word] of [[1e12, "trillion"], [1e9, "billion"], [1e6, "million"]] as const) {
     // 999,600,000 is said as "1 billion".
-    if (Number(miles.toPrecision(2)) >= size) return `once in ${count1(miles / size)} ${word} miles`;
+    if (Number(miles.toPrecision(2)) >= size) return `once in ${twoDigits(miles / size)} ${word} miles`;
   }
   return `once in ${count(Number(miles.toPrecision(2)))} miles`;
 }
 
-function count1(value: number): string {
+function twoDigits(value: number): string {
   const rounded = Number(value.toPrecision(2));
   return rounded >= 1000 ? count(rounded) : String(rounded);
 }

@@ -7,6 +7,7 @@ const KEYS: readonly { readonly keys: string; readonly what: string }[] = [
   { keys: "j, k", what: "next, previous case of the list" },
   { keys: "↑ ↓ Page Home End", what: "move in the list, when it has the focus" },
   { keys: "Enter", what: "watch the case under the cursor" },
+  { keys: "Shift Enter", what: "put the case under the cursor beside the watched one (Shift and click does it too)" },
   { keys: "Esc", what: "close what is open: this help, the lasso, the case" },
   { keys: "/", what: "find a case by its name" },
   { keys: "f", what: "to the filters" },
@@ -32,6 +33,7 @@ export function Help() {
         </header>
         <p>Each point of the map, and each row of the list, is one crash of the automated vehicle (AV). Cases near each other happened in a similar way.
           Filters, the lasso and the legend choose among them; map, list and counts follow. The address of the page holds all of it: send it, and others see the same.</p>
+        <p>A case that is watched takes the keys of the second table, unless the map, the list or a filter has the focus.</p>
         <div class="key-tables">
           <Keys title="Everywhere" keys={KEYS} />
           <Keys title="While a case is watched" keys={WATCH_KEYS} />

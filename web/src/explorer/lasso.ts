@@ -59,6 +59,13 @@ export function simplify(line: readonly Point[], tolerance: number): Point[] {
   return line.filter((_, i) => keep[i]);
 }
 
+/** The same line with at most `most` points: so rough as that takes, but not less than `tolerance`. */
+export function reduce(line: readonly Point[], tolerance: number, most: number): Point[] {
+  let rough = simplify(line, tolerance);
+  for (let allowed = tolerance; rough.length > most; ) rough = simplify(line, (allowed *= 1.5));
+  return rough;
+}
+
 function distanceTo([x, y]: Point, [ax, ay]: Point, [bx, by]: Point): number {
   const [dx, dy] = [bx - ax, by - ay];
   const along = dx === 0 && dy === 0 ? 0 : Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)));

@@ -1,12 +1,12 @@
 // All cases that pass as a table, of which only the visible rows exist.
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { Column } from "./columns";
-import { columns, infos, keyOf, n } from "./data";
+import { columns, infos, keyOf, n, UNLABELLED } from "./data";
 import { capital, count, shortName } from "./format";
 import { textOf } from "./histogram";
 import { contentHeight, offsetOf, scrollTo, windowAt } from "./rows";
 import { show, sort, watched } from "./state";
-import { clearAll, cursor, isFiltered, listColumns, nameOf, rows, sorting, step, watch, wordOf } from "./views";
+import { clearAll, cursor, isFiltered, listColumns, nameOf, rows, putBeside, sorting, step, watch, wordOf } from "./views";
 
 /** Heights of a row and of the head [px]; the style sheet has the same. */
 const ROW = 30;
@@ -46,10 +46,11 @@ export function List() {
     if (event.target !== scroller.current) return;
     if (event.key in by) {
       event.preventDefault();
-      step(by[event.key]!);
+      step(by[event.key]!, false);
     } else if (event.key === "Enter" && cursor.value >= 0) {
       event.preventDefault();
-      watch(keyOf(cursor.value));
+      if (event.shiftKey) putBeside(keyOf(cursor.value));
+      else watch(keyOf(cursor.value));
     }
   };
 
@@ -94,7 +95,7 @@ export function List() {
                 aria-selected={row === cursor.value}
                 class={key === watched.value ? "list-row watched" : row === cursor.value ? "list-row cursor" : "list-row"}
                 style={{ gridTemplateColumns: template, transform: `translateY(${place * ROW + shift}px)` }}
-                onClick={() => watch(key)}
+                onClick={(event) => (event.shiftKey ? putBeside(key) : watch(key))}
               >
                 {names.map((name) => <Cell key={name} name={name} row={row} />)}
               </div>
@@ -134,7 +135,7 @@ function Cell({ name, row }: { name: string; row: number }) {
 export function cellOf(name: string, column: Column | undefined, row: number): string {
   if (!column) return "";
   if (column.kind === "text") return name === "case_id" ? shortName(column.values[row] ?? "") : (column.values[row] ?? "");
-  if (column.kind === "category") return name === "labels" && column.names[column.codes[row]!] === "no label" ? "" : wordOf(name, column.names[column.codes[row]!]!);
+  if (column.kind === "category") return name === "labels" && column.names[column.codes[row]!] === UNLABELLED ? "" : wordOf(name, column.names[column.codes[row]!]!);
   const text = textOf(name, column.values[row]!, column.info.unit === "rad" ? "rad" : "");
   return name === "often" ? text.replace("once in ", "") : text;
 }
@@ -146,8 +147,8 @@ function isRight(name: string): boolean {
 
 /** Width of a column [px], at least; what is left over is shared in proportion. */
 function widthOf(name: string, column: Column | undefined): number {
-  if (name === "often") return 118;
-  if (name === "case_id") return 82;
+  if (name === "often") return 134;
+  if (name === "case_id") return 92;
   return column?.kind === "category" && !column.values ? 130 : 84;
 }
 

@@ -1,8 +1,8 @@
 // The map of all cases: points to look at, to point at, to choose, to draw a line around.
-import { effect, signal } from "@preact/signals";
+import { effect } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { ticks, toData, toScreen } from "./camera";
-import { columns, infos, keyOf, n, rowOf } from "./data";
+import { columns, failure, infos, keyOf, n, rowOf } from "./data";
 import { count, number } from "./format";
 import { Legend } from "./legend";
 import { cellOf } from "./list";
@@ -23,7 +23,7 @@ const FINGER = 20;
 export function MapPane() {
   return (
     <>
-      <header class="pane-head">
+      <header class="pane-head map-head">
         <h2 class="hidden">Map</h2>
         <label class="pick">
           Colour
@@ -113,7 +113,7 @@ function Waiting() {
   const hasPlane = axisColumns.value !== null && infos.value.size > 1;
   return (
     <div class="empty over" role="status">
-      {infos.value.size <= 1 || hasPlane ? <p>Loading the cases …</p> : <p>The map appears when the analysis is done.</p>}
+      {failure.value !== null ? <p>Nothing to show: the server did not answer.</p> : infos.value.size <= 1 || hasPlane ? <p>Loading the cases …</p> : <p>The map appears when the analysis is done.</p>}
     </div>
   );
 }
@@ -198,9 +198,6 @@ function Tip() {
 
 const colourNumber = (name: string): number => Number.parseInt(css(name).replace("#", ""), 16);
 
-/** How many pictures were painted and how long that took [ms]; for whoever measures. */
-export const painted = signal({ frames: 0, ms: 0 });
-
 /** Paints whenever what is shown changes, once a frame at most. */
 function startPainting(canvas: HTMLCanvasElement): () => void {
   const context = canvas.getContext("2d")!;
@@ -224,10 +221,8 @@ function startPainting(canvas: HTMLCanvasElement): () => void {
       context.clearRect(0, 0, width, height);
       return;
     }
-    const begin = performance.now();
     paint(pixels, { width, height }, { ...now, sx: now.sx * px, sy: now.sy * px }, scene);
     context.putImageData(image, 0, 0);
-    painted.value = { frames: painted.peek().frames + 1, ms: painted.peek().ms + performance.now() - begin };
   };
   const stop = effect(() => {
     void dark.value;
@@ -285,8 +280,7 @@ function listen(canvas: HTMLCanvasElement): () => void {
     const [dx, dy] = [at[0] - before[0], at[1] - before[1]];
     travelled += Math.hypot(dx, dy);
     if (held.size === 2) {
-      const [id, other] = [...held].find(([id]) => id !== event.pointerId)!;
-      void id;
+      const [, other] = [...held].find(([id]) => id !== event.pointerId)!;
       const spread = (p: readonly [number, number]) => Math.max(10, Math.hypot(p[0] - other[0], p[1] - other[1]));
       const middle = (p: readonly [number, number]) => [(p[0] + other[0]) / 2, (p[1] + other[1]) / 2] as const;
       moveBy(middle(at)[0] - middle(before)[0], middle(at)[1] - middle(before)[1]);

@@ -1,11 +1,14 @@
 // Where on the map one looks now, how that changes, and what the map does with it. Signals: the painter follows.
 import { computed, effect, signal } from "@preact/signals";
 import { between, fit, move, type Size, toData, type View, zoom } from "./camera";
-import { type Point, simplify } from "./lasso";
+import { type Point, reduce } from "./lasso";
 import { nearest, radiusOf, type Scene } from "./painter";
 import { lasso } from "./state";
 import { encoding, fails, placed } from "./views";
 import { lit } from "./ui";
+
+/** Points of a lasso: a link must hold them. */
+const MOST_POINTS = 150;
 
 export const size = signal<Size>({ width: 0, height: 0 });
 /** null: everything in sight. */
@@ -96,7 +99,7 @@ export function rowAt(px: number, py: number, within: number): number {
 
 /** The drawn line becomes the lasso, in units of the axes; a mere click is none. */
 export function finishLasso(): void {
-  const line = simplify(drawing.peek(), 1.5);
+  const line = reduce(drawing.peek(), 1.5, MOST_POINTS);
   drawing.value = [];
   const now = view.peek();
   const at = placed.peek();

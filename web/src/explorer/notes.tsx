@@ -24,8 +24,14 @@ export function Notes({ caseKey }: { caseKey: CaseKey }) {
     waiting.current = null;
     if (now) void saveNote(caseKey, now);
   };
-  // What is typed is saved too when the case is left.
-  useEffect(() => save, [caseKey]);
+  // What is typed is saved too when the case or the page is left.
+  useEffect(() => {
+    window.addEventListener("pagehide", save);
+    return () => {
+      window.removeEventListener("pagehide", save);
+      save();
+    };
+  }, [caseKey]);
   // Notes that come from the server after the pane was drawn.
   const known = notes.value[caseKey];
   useEffect(() => {

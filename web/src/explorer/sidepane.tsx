@@ -1,5 +1,6 @@
 // The pane at the right: the list of cases, or the case that is watched with the list one key away.
 import { about, rowOf } from "./data";
+import { count } from "./format";
 import { List } from "./list";
 import { Notes } from "./notes";
 import { playing, watched } from "./state";
@@ -28,7 +29,7 @@ export function SidePane() {
         <button type="button" title="The list (Esc closes the case)" onClick={() => { listOver.value = true; tab.value = "list"; }}>☰ List</button>
         <button type="button" title="Previous case of the list (k)" disabled={place === 0 || rows.value.length === 0} onClick={() => step(-1)}>↑ Previous</button>
         <button type="button" title="Next case of the list (j)" disabled={place === rows.value.length - 1} onClick={() => step(1)}>↓ Next</button>
-        <span class="quiet place">{place >= 0 ? `${place + 1} of ${rows.value.length}` : "not among the filtered"}</span>
+        <span class="quiet place">{place >= 0 ? `${count(place + 1)} of ${count(rows.value.length)}` : "not among the filtered"}</span>
         <button type="button" class="close" aria-label="Close the case" title="Close (Esc)" onClick={closeCase}>✕</button>
       </header>
       <div class="pane-body case-body" id="case">

@@ -1,12 +1,11 @@
 // How much is shown, of which source, and by which filters: one line above the panes, and what went wrong.
-import { about, failure, n, notices, refresh } from "./data";
+import { about, failure, infos, n, notices, refresh } from "./data";
 import type { Filter } from "./filters";
 import { count } from "./format";
 import { textOf } from "./histogram";
 import { planesDiffer } from "./mappane";
-import { infos } from "./data";
 import { filters, lasso, sql } from "./state";
-import { clearAll, isFiltered, nameOf, passing, placed, setFilter, sourceLabel, together, wordOf } from "./views";
+import { clearAll, isFiltered, nameOf, passing, placed, setFilter, sourceLabel, sqlState, together, wordOf } from "./views";
 
 export function Banners() {
   const now = about.value;
@@ -66,7 +65,7 @@ export function Status() {
           <Chip key={name} text={`${nameOf(name)}: ${said(name, filter)}`} clear={() => setFilter(name, null)} />
         ))}
         {lasso.value.length > 0 && <Chip text="inside the lasso" clear={() => (lasso.value = [])} />}
-        {sql.value !== "" && <Chip text={`SQL: ${sql.value}`} clear={() => (sql.value = "")} />}
+        {sql.value !== "" && <Chip text={`${sqlState.value.state === "failed" ? "SQL, fails" : "SQL"}: ${sql.value}`} clear={() => (sql.value = "")} />}
         {isFiltered.value && <li><button type="button" class="small" onClick={clearAll}>Clear all</button></li>}
       </ul>
     </div>

@@ -24,7 +24,7 @@ effect(() => {
   if (theme.value === "system") delete root.dataset.theme;
   else root.dataset.theme = theme.value;
   // Pictures that read colours from the style sheet read them again.
-  system.dispatchEvent(new Event("change"));
+  queueMicrotask(() => system.dispatchEvent(new Event("change")));
   try {
     if (theme.value === "system") localStorage.removeItem("theme");
     else localStorage.setItem("theme", theme.value);

@@ -8,8 +8,9 @@ import { countPassing, failsOf, failsOfBits, type Filter, passingOf, sumOf } fro
 import { onceIn, plainName } from "./format";
 import { failsOfLasso, type Point } from "./lasso";
 import { binsOf, encodeCategories, encodeNumbers, type Encoding } from "./scales";
-import { axes, colour, filters, lasso, open, show, sort, sql, watched } from "./state";
+import { axes, beside, colour, filters, lasso, open, show, sort, sql, watched } from "./state";
 import { dark } from "./theme";
+import { listOver } from "./ui";
 
 /** Bins of histograms. */
 export const BINS = 28;
@@ -46,6 +47,8 @@ const USUAL_LIST = {
   made: ["case_id", "crash_type", "value", "prevention", "impact_speed_mps", "labels"],
   both: ["source", "case_id", "crash_type", "prevention", "impact_speed_mps", "often", "value", "labels"],
 };
+/** What the list shows instead where there is no analysis. */
+const PLAIN_LIST = ["case_id", "mechanism", "crash_type", "av_speed_mps", "bv_speed_mps", "crash_time_s", "labels"];
 
 const has = (name: string) => infos.value.has(name);
 
@@ -65,7 +68,9 @@ export const listColumns = computed<readonly string[]>(() => {
   if (show.value) return show.value.filter((name) => name === "case_id" || has(name));
   const labelled = columns.value.get("labels");
   const some = labelled?.kind === "category" && labelled.names.length > 1;
-  return USUAL_LIST[shownKind.value].filter((name) => has(name) && (name !== "labels" || some));
+  const kind = shownKind.value;
+  const other = kind === "natural" && has("mechanism") ? "crash_type" : "mechanism";
+  return (has("prevention") ? USUAL_LIST[kind] : PLAIN_LIST).filter((name) => has(name) && name !== other && (name !== "labels" || some));
 });
 
 // Signals of their own, so that what depends on the source alone stays as it is when other filters change.
@@ -313,20 +318,32 @@ export const encoding = computed<Encoding | null>(() => {
 /** Row under the cursor of list and map; -1: none. */
 export const cursor = signal(-1);
 
-/** Watch a case, with the cursor on it. */
+/** Watch a case, with the cursor on it. A case of a source that is not shown brings its source. */
 export function watch(key: string, play = false): void {
+  const source = key.slice(0, key.indexOf("/"));
+  const chosen = sourceFilter.peek();
   batch(() => {
+    if (chosen?.kind === "values" && !chosen.values.includes(source)) setFilter("source", { kind: "values", values: [source] });
     open(key, null, play);
     cursor.value = rowOf(key);
   });
 }
 
-/** Move the cursor along the list; a case that is watched gives way to the new one. */
-export function step(by: number): void {
+/** Show a case beside the one that is watched; where none is, watch it. */
+export function putBeside(key: string): void {
+  if (watched.peek() === null || watched.peek() === key) watch(key);
+  else {
+    beside.value = key;
+    listOver.value = false;
+  }
+}
+
+/** Move the cursor along the list. `follow`: a case that is watched gives way to the new one. */
+export function step(by: number, follow = true): void {
   const all = rows.peek();
   if (all.length === 0) return;
   const at = all.indexOf(cursor.peek());
   const to = at < 0 ? (by > 0 ? 0 : all.length - 1) : Math.min(all.length - 1, Math.max(0, at + by));
   cursor.value = all[to]!;
-  if (watched.peek() !== null) watch(keyOf(all[to]!));
+  if (follow && watched.peek() !== null) watch(keyOf(all[to]!));
 }

@@ -4,7 +4,7 @@ import { tick } from "../shared/clock";
 import { dark, readColours } from "../shared/colours";
 import { crashFrame } from "../shared/motion";
 import { drawScene, type Ghost } from "../shared/scene";
-import { frameFor } from "./framing";
+import { frameFor } from "../shared/framing";
 import { onPrint } from "./print";
 
 /** Seconds before the crash at which it begins. */

@@ -196,9 +196,11 @@ function drawContact(g: Pen, view: View, a: Box, b: Box, colours: Colours): void
   const width = view.scale > 6 ? 2.5 : 1.5;
   g.beginPath();
   g.arc(view.px(middle[0]), view.py(middle[1]), Math.max(6, 1.7 * view.scale), 0, 2 * Math.PI);
-  g.strokeStyle = colours.paint; // a light rim keeps the ring clear of vehicles of any colour
-  g.lineWidth = 2 * width;
-  g.stroke();
+  if (view.scale > 6) {
+    g.strokeStyle = colours.paint; // a light rim keeps the ring clear of vehicles of any colour
+    g.lineWidth = 2 * width;
+    g.stroke();
+  }
   g.strokeStyle = colours.contact;
   g.lineWidth = width;
   g.stroke();
@@ -310,7 +312,8 @@ export function drawScene(canvas: HTMLCanvasElement, item: Case, frame: number, 
   for (const { box, colour: shade, name } of shades) {
     if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
   }
-  drawNames(g, view, names, order.map((i) => boxes[i]!), colours);
+  const solid = [...order.map((i) => boxes[i]!), ...shades.map(({ box }) => box).filter((box) => box !== null)];
+  drawNames(g, view, names, solid, colours);
   if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner]!.slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
 }
 

@@ -1,6 +1,5 @@
 // Made by `make web`; do not edit. Its sources:
 //   web/src/pages/charts.ts
-//   web/src/pages/framing.ts
 //   web/src/pages/look.ts
 //   web/src/pages/multiples.ts
 //   web/src/pages/player.ts
@@ -9,6 +8,7 @@
 //   web/src/shared/clock.ts
 //   web/src/shared/colours.ts
 //   web/src/shared/format.ts
+//   web/src/shared/framing.ts
 //   web/src/shared/labels.ts
 //   web/src/shared/motion.ts
 //   web/src/shared/scene.ts
@@ -277,9 +277,11 @@
     const width = view.scale > 6 ? 2.5 : 1.5;
     g.beginPath();
     g.arc(view.px(middle[0]), view.py(middle[1]), Math.max(6, 1.7 * view.scale), 0, 2 * Math.PI);
-    g.strokeStyle = colours.paint;
-    g.lineWidth = 2 * width;
-    g.stroke();
+    if (view.scale > 6) {
+      g.strokeStyle = colours.paint;
+      g.lineWidth = 2 * width;
+      g.stroke();
+    }
     g.strokeStyle = colours.contact;
     g.lineWidth = width;
     g.stroke();
@@ -376,7 +378,8 @@
     for (const { box, colour: shade, name } of shades) {
       if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
     }
-    drawNames(g, view, names, order.map((i) => boxes[i]), colours);
+    const solid = [...order.map((i) => boxes[i]), ...shades.map(({ box }) => box).filter((box) => box !== null)];
+    drawNames(g, view, names, solid, colours);
     if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner].slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
   }
   function drawPointer(g, view, name, av, partner, top, colours) {
@@ -496,7 +499,7 @@
   var whole = (frame) => Math.floor(frame + 1e-6);
   var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
 
-  // src/pages/framing.ts
+  // src/shared/framing.ts
   var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
   function frameFor(item, begin, end) {
     const partner = item.vehicles[item.partner];

@@ -3,8 +3,9 @@ import { useEffect, useRef } from "preact/hooks";
 import { effect, signal } from "@preact/signals";
 import { heightFor, drawScene } from "../../shared/scene";
 import { time } from "../state";
+import { togglePlay } from "./player";
 import { type Run, frameOf } from "./run";
-import { TRAIL_S, ahead, colours, metresFor, runs, shades, trails, zoom } from "./view";
+import { TRAIL_S, ahead, aheadFor, colours, metresFor, runs, shades, trails, zoom } from "./view";
 
 /** Mark of the browser's performance timeline when a case is first drawn, by which tests measure how long a click takes. */
 export const DRAWN = "case drawn";
@@ -24,7 +25,7 @@ export function Above({ run }: { run: Run }) {
       canvas.style.height = `${Math.round(height)}px`;
       const shown = colours.value;
       const ghosts = run.mark === "A" ? shades.value.map(({ motion, onRoad, name }) => ({ motion, name, colour: shown[onRoad] })) : [];
-      const look = { metres: wide, detail: true, ahead: ahead.value, ghosts, ...(trails.value ? { trail: TRAIL_S } : {}) };
+      const look = { metres: wide, detail: true, ahead: aheadFor(width.value), ghosts, ...(trails.value ? { trail: TRAIL_S } : {}) };
       drawScene(canvas, run.item, frameOf(run, time.value), look, shown);
       if (!isDrawn) performance.mark(DRAWN);
       isDrawn = true;
@@ -39,34 +40,42 @@ export function Above({ run }: { run: Run }) {
   );
 }
 
-/** Wheel, drag and pinch. */
+/** The wheel, a drag and a pinch move the view; a click plays and pauses. */
 function listen(canvas: HTMLCanvasElement): () => void {
   const fingers = new Map<number, { x: number; y: number }>();
   const gap = () => {
     const [a, b] = [...fingers.values()];
     return a && b ? Math.hypot(a.x - b.x, a.y - b.y) : 0;
   };
+  let [hasMoved, begun] = [false, { x: 0, y: 0 }];
   const onWheel = (event: WheelEvent) => {
     event.preventDefault();
     zoom(Math.exp(Math.max(-60, Math.min(60, event.deltaY)) * 0.004), canvas.clientWidth);
   };
   const onDown = (event: PointerEvent) => {
-    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    hasMoved = fingers.size > 0;
+    begun = { x: event.clientX, y: event.clientY };
+    fingers.set(event.pointerId, begun);
     canvas.setPointerCapture(event.pointerId);
   };
   const onMove = (event: PointerEvent) => {
     const before = fingers.get(event.pointerId);
     if (!before) return;
     const wide = gap();
+    hasMoved ||= Math.hypot(event.clientX - begun.x, event.clientY - begun.y) > 4;
     fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     if (fingers.size > 1) {
       if (wide > 0 && gap() > 0) zoom(wide / gap(), canvas.clientWidth);
       return;
     }
+    if (!hasMoved) return;
     const perPixel = metresFor(canvas.clientWidth) / canvas.clientWidth;
-    ahead.value = Math.max(-100, Math.min(100, ahead.value - (event.clientX - before.x) * perPixel));
+    ahead.value = Math.max(-100, Math.min(100, aheadFor(canvas.clientWidth) - (event.clientX - before.x) * perPixel));
   };
-  const onUp = (event: PointerEvent) => void fingers.delete(event.pointerId);
+  const onUp = (event: PointerEvent) => {
+    fingers.delete(event.pointerId);
+    if (event.type === "pointerup" && !hasMoved && fingers.size === 0) togglePlay();
+  };
   canvas.addEventListener("wheel", onWheel, { passive: false });
   canvas.addEventListener("pointerdown", onDown);
   canvas.addEventListener("pointermove", onMove);

@@ -3,6 +3,7 @@ import { effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { time } from "../state";
 import { type Eye, PLACES, bestPlace, scaled } from "./eye";
+import { togglePlay } from "./player";
 import { type Run, frameOf } from "./run";
 import type { View3d } from "./view3d";
 import { TRAIL_S, colours, lookFrom, looksAnew, nearer, runs, shades, trails } from "./view";
@@ -24,6 +25,13 @@ effect(() => {
   if (factor !== 1) eye.value = scaled(eye.peek(), factor);
 });
 
+/** A click that turns nothing plays and pauses. */
+function playOnClick(element: HTMLElement): void {
+  let begun = { x: 0, y: 0 };
+  element.addEventListener("pointerdown", ({ clientX, clientY }) => { begun = { x: clientX, y: clientY }; });
+  element.addEventListener("click", ({ clientX, clientY }) => { if (Math.hypot(clientX - begun.x, clientY - begun.y) < 4) togglePlay(); });
+}
+
 export function Chase({ run }: { run: Run }) {
   const ref = useRef<HTMLDivElement>(null);
   const names = useRef<(HTMLSpanElement | null)[]>([]);
@@ -43,6 +51,7 @@ export function Chase({ run }: { run: Run }) {
       const stopMaking = effect(() => {
         const made = makeView3d(run.item, colours.value, (at) => { eye.value = at; });
         host.prepend(made.element);
+        playOnClick(made.element);
         view.value = made;
         return () => made.dispose();
       });

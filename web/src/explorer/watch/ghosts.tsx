@@ -11,7 +11,9 @@ export function GhostToggles({ item, drivers, loaded }: { item: WatchedCase; dri
   const known = loaded.state === "there" ? loaded.value.drivers : {};
   if (item.wayOut === null && drivers.length === 0) return null;
   const when = (seconds: number | null) =>
-    seconds === null ? "does not react" : seconds <= contact ? `reacts ${(contact - seconds).toFixed(1)} s before contact` : "reacts after the contact";
+    seconds === null ? "does not react"
+      : seconds <= contact - 0.05 ? `reacts ${(contact - seconds).toFixed(1)} s before contact`
+        : seconds < contact + 0.05 ? "reacts at the moment of the contact" : "reacts after it";
   return (
     <fieldset class="ghosts">
       <legend>In the AV's place</legend>

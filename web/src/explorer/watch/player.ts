@@ -6,6 +6,8 @@ import type { Command } from "./keys";
 import { type Span, contactAt, settled, spanOf, stretchOf } from "./run";
 import { isShortLoop, nearer, resetView, runs, trails, zoom } from "./view";
 
+const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
+
 export const RATES = [0.1, 0.25, 0.5, 1, 2] as const;
 
 const dt = (): number => runs.peek()[0]?.item.dt ?? 0.1;
@@ -38,16 +40,20 @@ export function startClock(): () => void {
     const { from, to } = stretch();
     const isOutside = time.peek() >= to - 1e-6 || (looping.peek() && time.peek() < from);
     let at = isOutside ? from : time.peek();
+    let shown = at;
     const step = (now: number) => {
       const within = stretch();
       const passed = Math.max(0, now - last) / 1000;
       last = now;
-      if (Math.abs(time.peek() - Math.min(at, within.to)) > 1e-6) at = time.peek(); // moved by somebody else
+      if (Math.abs(time.peek() - shown) > 1e-6) at = time.peek(); // moved by somebody else
       const ends = { from: within.from / dt(), to: within.to / dt(), loop: looping.peek() };
       const next = tick(at / dt(), passed, dt(), rate.peek(), ends);
       at = next.frame * dt();
       batch(() => {
-        time.value = Math.min(at, within.to);
+        shown = Math.min(at, within.to);
+        // For people who ask for less motion the pictures step from one recorded frame to the next.
+        if (calm.matches) shown = settled(runs.peek()[0]!.item, shown);
+        time.value = shown;
         if (next.over) playing.value = false;
       });
       if (!next.over) ticket = requestAnimationFrame(step);

@@ -21,7 +21,7 @@ export function Transport({ manoeuvre, width }: { manoeuvre: number | null; widt
   const first = shown[0]!.item;
   const contact = contactAt(first);
   const does = (command: Parameters<typeof obey>[0]) => () => obey(command, manoeuvre, width());
-  const isMoved = useComputed(() => metres.value !== null || ahead.value !== 0 || camera.value === "chase");
+  const isMoved = useComputed(() => metres.value !== null || ahead.value !== null || camera.value === "chase");
   return (
     <>
       <div class="transport time" role="group" aria-label="Time">
@@ -97,5 +97,5 @@ function Clock({ contact, crashes }: { contact: number; crashes: boolean }) {
     const left = contact - now;
     return `${now.toFixed(1)} s${crashes ? (left > 0.05 ? `, ${left.toFixed(1)} s before contact` : ", contact") : ""}`;
   });
-  return <output class="clock" title="time since the test began">{text}</output>;
+  return <span class="clock" role="timer" title="time since the test began">{text}</span>;
 }

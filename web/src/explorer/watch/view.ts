@@ -3,13 +3,15 @@ import { computed, signal } from "@preact/signals";
 import type { Colours, ColourName } from "../../shared/colours";
 import { dark, readColours } from "../../shared/colours";
 import type { Motion } from "../../shared/case";
+import { frameFor } from "../../shared/framing";
+import { crashFrame } from "../../shared/motion";
 import type { Place } from "./eye";
-import type { Run } from "./run";
+import { BEFORE_S, type Run } from "./run";
 
 /** Width of the picture from above [m]; null: by the width of the picture. */
 export const metres = signal<number | null>(null);
-/** How far the picture's middle is ahead of the AV [m]. */
-export const ahead = signal(0);
+/** How far the picture's middle is ahead of the AV [m]; null: so that both vehicles are seen. */
+export const ahead = signal<number | null>(null);
 export const trails = signal(true);
 /** A loop goes over the last 5 s before the contact only. */
 export const isShortLoop = signal(false);
@@ -24,8 +26,31 @@ export const lookFrom = signal<Place>("behind");
 export const TRAIL_S = 3;
 const [LEAST_M, MOST_M] = [16, 220];
 
-/** A picture's width in metres: what is asked for, or so that a car is well seen. */
-export const metresFor = (width: number): number => metres.value ?? Math.max(44, Math.min(100, width / 9));
+/** So wide, and so far ahead of the AV, that both vehicles that meet are seen in the last seconds [m]. */
+const framed = computed(() => {
+  const each = runs.value.map(({ item }) => {
+    const end = crashFrame(item);
+    return frameFor(item, Math.max(0, end - Math.round(BEFORE_S / item.dt)), end);
+  });
+  if (each.length === 0) return { metres: LEAST_M, ahead: 0 };
+  // Two pictures are looked at alike, so each has room for what both show.
+  const rear = Math.min(...each.map((one) => one.ahead - one.metres / 2));
+  const front = Math.max(...each.map((one) => one.ahead + one.metres / 2));
+  return { metres: front - rear, ahead: (front + rear) / 2 };
+});
+
+/** Pixels a metre, at most and at least, unless the user chooses otherwise: a car is then 45 to 28 px long. */
+const [NEAR_PX, FAR_PX] = [9, 5.6];
+
+/** A picture's width in metres: what is asked for, or so that both vehicles are seen. */
+export const metresFor = (width: number): number => metres.value ?? Math.max(width / NEAR_PX, Math.min(width / FAR_PX, framed.value.metres));
+
+/** How far its middle is ahead of the AV. What does not fit stays out on the side away from the AV. */
+export function aheadFor(width: number): number {
+  if (ahead.value !== null) return ahead.value;
+  const most = Math.max(0, metresFor(width) / 2 - 8);
+  return Math.max(-most, Math.min(most, framed.value.ahead));
+}
 
 /** Show less of the road (factor below 1) or more. */
 export function zoom(factor: number, width: number): void {
@@ -34,7 +59,7 @@ export function zoom(factor: number, width: number): void {
 
 export function resetView(): void {
   metres.value = null;
-  ahead.value = 0;
+  ahead.value = null;
   looksAnew.value += 1;
 }
 

@@ -113,6 +113,8 @@ export function makeView3d(item: Case, colours: Colours, turned: (eye: [number, 
       controls.dispose();
       world.dispose();
       renderer.dispose();
+      // A browser has room for a few contexts only, and gives them back late.
+      if (renderer instanceof WebGLRenderer) renderer.forceContextLoss();
       renderer.domElement.remove();
     },
   };

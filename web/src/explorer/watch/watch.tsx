@@ -19,7 +19,7 @@ import { Readout } from "./readout";
 import { type Run, contactAt, opensAt, settled, shiftOf } from "./run";
 import { Take } from "./take";
 import { Transport } from "./transport";
-import { WAY_OUT, colours, ghostColours, resetView, runs, shades } from "./view";
+import { WAY_OUT, ghostColours, resetView, runs, shades } from "./view";
 import { withPartner } from "./partner";
 
 export function Watch({ about, caseKey }: { about: About; caseKey: CaseKey }) {
@@ -75,14 +75,11 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
   );
   const drivers = useLoaded((signal) => (about.drivers.length === 0 ? Promise.resolve({ drivers: {} }) : getGhosts(item.key, signal)), item.key);
   const root = useRef<HTMLDivElement>(null);
-  const isReady = useSignal(false);
   const width = () => root.current?.querySelector<HTMLElement>(".road")?.clientWidth ?? 800;
 
   useEffect(() => {
-    runs.value = [{ item, mark: "A", name: `Case ${item.key}`, shift: 0 }];
     time.value = settled(item, opensAt(item, opening.peek()));
     opening.value = null;
-    isReady.value = true;
     const stop = startClock();
     return () => { stop(); runs.value = []; shades.value = []; resetView(); };
   }, [item]);
@@ -99,7 +96,13 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
 
   const known = drivers.state === "there" ? drivers.value.drivers : null;
   const wanted = ghosts.value;
-  useEffect(() => { shades.value = shadesOf(item, known ?? {}, wanted, about.drivers); }, [item, known, wanted]);
+  useEffect(() => {
+    const next = shadesOf(item, known ?? {}, wanted, about.drivers);
+    const before = shades.peek();
+    // What is shown already is not drawn anew when more drivers arrive.
+    const isSame = next.length === before.length && next.every(({ name, motion }, i) => before[i]!.name === name && before[i]!.motion === motion);
+    if (!isSame) shades.value = next;
+  }, [item, known, wanted]);
 
   const manoeuvre = manoeuvreOf(item, item.facts);
   useEffect(() => {
@@ -115,7 +118,13 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
     return () => document.removeEventListener("keydown", onKey);
   }, [item, manoeuvre]);
 
-  const ready = useComputed(() => isReady.value && runs.value.length > 0);
+  // The picture comes first; curves and facts follow when it stands.
+  const isLater = useSignal(false);
+  useEffect(() => {
+    const ticket = setTimeout(() => { isLater.value = true; });
+    return () => clearTimeout(ticket);
+  }, [item]);
+  const ready = useComputed(() => runs.value.length > 0);
   const sentences = ([] as string[]).concat(item.verdict);
   return (
     <div class="watched" ref={root}>
@@ -140,12 +149,12 @@ function Watched({ about, item }: { about: About; item: WatchedCase }) {
           <Key hasPartner={item.partner > 0} isControlled={item.critical.some((index) => index > 0)} />
           <GhostToggles item={item} drivers={about.drivers} loaded={drivers} />
           <Beside about={about} caseKey={item.key} />
-          <Charts manoeuvre={manoeuvre} />
+          {isLater.value && <Charts manoeuvre={manoeuvre} />}
           <p class="note">Across: time since the test began [s]; click or drag to go there. Dashed lines: the manoeuvre begins, the contact.</p>
         </>
       )}
       <Take about={about} item={item} />
-      <Facts facts={item.facts} columns={about.columns} />
+      {isLater.value && <Facts facts={item.facts} columns={about.columns} />}
     </div>
   );
 }
@@ -161,7 +170,6 @@ function manoeuvreOf(item: WatchedCase, facts: readonly Fact[]): number | null {
 function shadesOf(item: WatchedCase, known: Readonly<Record<string, Ghost>>, wanted: ReadonlySet<string>, drivers: readonly string[]) {
   const found = drivers.filter((name) => wanted.has(name) && known[name]).map((name) => ({ name, motion: known[name]!.motion, ...ghostColours(name, drivers) }));
   const way = wanted.has(WAY_OUT) && item.wayOut ? [{ name: "way out", motion: item.wayOut, ...ghostColours(WAY_OUT, drivers) }] : [];
-  colours.peek();
   return [...way, ...found];
 }
 

@@ -1,7 +1,7 @@
 // What a picture of a case shows of the road.
-import type { Case } from "../shared/case";
-import { clamp } from "../shared/clock";
-import { valueAt } from "../shared/motion";
+import type { Case } from "./case";
+import { clamp } from "./clock";
+import { valueAt } from "./motion";
 
 /** Width of the picture, at least and at most, and the room beside the two vehicles [m]. */
 const [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
