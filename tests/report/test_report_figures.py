@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ import plotly.graph_objects as go
 import pytest
 from scipy.stats import binomtest
 
-from cornerforge.report import figures, tables, text
-from cornerforge.report.artefacts import Artefacts, Rate, read_artefacts
+from cornerforge.report import figures, page, tables, text
+from cornerforge.report.artefacts import Artefacts, Points, Rate, read_artefacts
 from cornerforge.report.judged import kind_counts
 from cornerforge.results.whole import Exposed
 
@@ -101,6 +102,20 @@ def test_a_large_cluster_is_thinned(artefacts: Artefacts, monkeypatch: pytest.Mo
     assert max(len(trace["x"]) for trace in made) == 5
     # The legend still says how many there are.
     assert f"({max(cluster.size for cluster in artefacts.analysis.clusters)})" in made[0]["name"]
+
+
+def test_all_points_together_stay_small(artefacts: Artefacts) -> None:
+    n = 100_000
+    ids = [f"2918264622725855778:{i}" for i in range(n)]
+    cluster = np.arange(n) % 16
+    group = np.where(cluster < 8, "majority", "minority").tolist()
+    zeros = np.zeros(n)
+    many = Points(ids, zeros + 1.234, zeros - 2.345, group, cluster, ["rear-end by BV"] * n)
+    figure = figures.map_figure(many, artefacts.analysis, [], set())
+    assert len(figure["data"]) == 16 + 3
+    assert sum(len(trace["x"]) for trace in figure["data"]) <= 12_000
+    size = len(json.dumps(figure, separators=(",", ":")))
+    assert 4_900_000 + page.CASE_BYTES + size < 9_500_000, "plotly, cases and points, of at most 10 MB"
 
 
 def test_no_two_clusters_share_a_colour_or_a_symbol(artefacts: Artefacts) -> None:

@@ -40,8 +40,8 @@ NATURAL = "#009E73"
 ADVERSARY = "#D55E00"
 CLUSTER_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D1F", "#7A7A7A")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "hourglass")
-MAX_POINTS = 3000
-"""At most this many points of a cluster are drawn, evenly taken from its list: more only slow the page."""
+MAX_POINTS, MAX_ALL_POINTS = 3000, 12_000
+"""At most this many points of a cluster, and of all, are drawn, evenly taken from its list: the page stays small."""
 
 
 def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
@@ -72,14 +72,15 @@ def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
     arrows["marker"] |= {"symbol": "triangle-left", "size": 15}
     arrows["textposition"] = "top right"
     lowest = min([r.interval95[0] or r.crashes_per_test / 3 for r in seen] + [r.bound / 10 for r in bounds])
-    bottom = float(np.log10(lowest)) - 0.6
+    bottom = float(np.log10(lowest)) - 1.0
     layout = _layout(height=110 + 62 * len(rows), showlegend=False, margin={"l": 10, "r": 30, "t": 20, "b": 55})
     layout["xaxis"] = _axis(
-        "crashes of the AV per drive (log scale)",
+        "crashes of the AV per drive<br>(log scale)",
         type="log",
         range=[bottom, 0.25],
         exponentformat="power",
         dtick=1 if bottom > -4.0 else 2,
+        tickangle=0,
     )
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", categoryorder="array", showgrid=False)
     layout["yaxis"]["categoryarray"] = [_row_label(r) for r in rows]
@@ -308,11 +309,13 @@ def map_figure(points: Points, analysis: Analysed, top: list[str], animated: set
         top: Cases worth a look.
         animated: Case ids that the page can play.
     """
-    traces = [
-        _cluster_trace(points, group, int(cluster), int(cluster) % len(SYMBOLS))
+    clusters = [
+        (group, int(cluster))
         for group in ("majority", "minority")
         for cluster in np.unique(points.cluster[np.array(points.group, dtype=str) == group])
     ]
+    most = min(MAX_POINTS, MAX_ALL_POINTS // max(1, len(clusters)))
+    traces = [_cluster_trace(points, group, cluster, most) for group, cluster in clusters]
     typical = {case for cluster in analysis.clusters for case in cluster.typical}
     traces.append(_marked(points, typical & animated, "typical", "circle-open", 13))
     traces.append(_marked(points, set(analysis.rare) & animated, "rare", "x-thin-open", 10))
@@ -328,12 +331,13 @@ def map_figure(points: Points, analysis: Analysed, top: list[str], animated: set
     return {"data": traces, "layout": layout}
 
 
-def _cluster_trace(points: Points, group: str, cluster: int, symbol: int) -> dict[str, Any]:
+def _cluster_trace(points: Points, group: str, cluster: int, most: int) -> dict[str, Any]:
     inside = np.flatnonzero((np.array(points.group, dtype=str) == group) & (points.cluster == cluster))
-    shown = inside[np.unique(np.linspace(0, len(inside) - 1, min(MAX_POINTS, len(inside))).round().astype(int))]
+    shown = inside[np.unique(np.linspace(0, len(inside) - 1, min(most, len(inside))).round().astype(int))]
     sparse = ", sparse" if group == "minority" else ""
     name = f"{'no cluster' if cluster < 0 else f'cluster {cluster}'}{sparse} ({text.count(len(inside))})"
-    marker = {"size": 5, "opacity": 0.55, "color": CLUSTER_COLOURS[symbol], "symbol": SYMBOLS[symbol]}
+    place = cluster % len(SYMBOLS)
+    marker = {"size": 5, "opacity": 0.55, "color": CLUSTER_COLOURS[place], "symbol": SYMBOLS[place]}
     return _scatter(points, shown, name) | {"marker": marker}
 
 
