@@ -34,7 +34,7 @@ def first_case(
     Args:
         kinds: What kind each of the S cases is, None or "": not known.
         weights: How often each happens, above 0, shape (S,).
-        points: Each in the plane of the principal components, shape (S, 2).
+        points: Each in the plane of the principal components, shape (S, 2); NaN where a case has no place in it.
         matter: Which cases matter, such as `prevented_by_braking`, shape (S,).
 
     Returns:
@@ -53,9 +53,12 @@ def first_case(
     found, place = np.unique(names[useful], return_inverse=True)
     kind = str(found[np.argmax(np.bincount(place, weights[useful]))])
     rows = np.flatnonzero(useful & (names == kind))
-    middle = np.average(points[rows], axis=0, weights=weights[rows])
-    far = ((points[rows] - middle) ** 2).sum(axis=1)
-    return FirstCase(int(rows[np.argmin(far)]), kind, rows)
+    placed = rows[np.isfinite(points[rows]).all(axis=1)]
+    if placed.size == 0:
+        return FirstCase(int(rows[0]), kind, rows)
+    middle = np.average(points[placed], axis=0, weights=weights[placed])
+    far = ((points[placed] - middle) ** 2).sum(axis=1)
+    return FirstCase(int(placed[np.argmin(far)]), kind, rows)
 
 
 def prevented_by_braking(

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from cornerforge.analysis.first_case import first_case
 from cornerforge.analysis.flaw import FLAWS, headline
 from cornerforge.explorer.columns import CaseTable
 from cornerforge.explorer.sources import Analysis, Source
@@ -104,29 +105,6 @@ def _sentence(column: str, kind: str) -> str:
     return f"The AV and another vehicle crash: {words}."
 
 
-def _typical(cases: _Cases, rows: NDArray[np.intp], weights: NDArray[np.float64]) -> int:
-    """Give the row nearest to the middle of some cases, not a rare one if there is another."""
-    usual = rows[cases.texts("role")[rows] != "rare"]
-    points = np.stack([cases.numbers("pc1"), cases.numbers("pc2")], axis=1)
-    middle = np.average(points[rows], axis=0, weights=weights[rows])
-    among = usual if usual.size else rows
-    distance = np.nan_to_num(np.square(points[among] - middle).sum(axis=1), nan=np.inf)
-    return int(among[np.argmin(distance)])
-
-
-def _largest_kind(
-    cases: _Cases, rows: NDArray[np.intp], weights: NDArray[np.float64]
-) -> tuple[str, str, NDArray[np.intp]]:
-    """Give the kind of most weight among some cases: its column, its name, its rows."""
-    column = _kind_column(cases)
-    kinds = cases.texts(column)
-    sums: dict[str, float] = {}
-    for row in rows.tolist():
-        sums[str(kinds[row])] = sums.get(str(kinds[row]), 0.0) + float(weights[row])
-    most = max(sums, key=lambda name: sums[name])
-    return column, most, np.array([row for row in rows.tolist() if str(kinds[row]) == most], np.intp)
-
-
 def _card(title: str, key: str, told: str, often: str = "", filters: Mapping[str, str] | None = None) -> dict[str, Any]:
     return {"title": title, "case": key, "text": told, "often": often, "filters": dict(filters or {})}
 
@@ -155,14 +133,18 @@ def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
             f"None of the {n:,} natural crashes seen would have been prevented by a careful driver who brakes or holds "
             "the speed. This is the most frequent one."
         )
-    column, kind, rows = _largest_kind(cases, np.flatnonzero(chosen), often)
-    how_often = miles_of(often[rows], largest)
-    filters = {"f.source": cases.name, f"f.{column}": kind}
+    column = _kind_column(cases)
+    points = np.stack([cases.numbers("pc1"), cases.numbers("pc2")], axis=1)
+    found = first_case(cases.texts(column).tolist(), often, points, chosen)
+    if found is None:
+        return None
+    how_often = miles_of(often[found.rows], largest)
+    filters = {"f.source": cases.name, f"f.{column}": found.kind}
     if chosen is not known:
-        filters["f.prevention"] = str(prevention[rows[0]])
-    seen = f"{rows.size:,} of the {n:,} natural crashes here {'are' if rows.size > 1 else 'is'} of this kind"
-    told = f"{_sentence(column, kind)} It happens {how_often}. {end} ({seen}.)"
-    return _card(title, cases.key(_typical(cases, rows, often)), told, how_often, filters)
+        filters["f.prevention"] = str(prevention[found.row])
+    seen = f"{found.rows.size:,} of the {n:,} natural crashes here"
+    told = f"{_sentence(column, found.kind)} It happens {how_often}. {end} ({seen}.)"
+    return _card(title, cases.key(found.row), told, how_often, filters)
 
 
 def _own_doing(judged: Sequence[tuple[Source, Analysis]], table: CaseTable) -> dict[str, Any] | None:
