@@ -80,6 +80,23 @@ def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_braking_preve
     assert f"This kind of crash happens {look.often} (95 %:" in told(page)
 
 
+def test_how_many_of_a_kind_braking_prevents_is_said_with_their_own_rate(natural_run_folder: Path) -> None:
+    known = _known(read_artefacts(natural_run_folder))
+    assert known.cases is not None
+    assert known.kinds is not None
+    rows = np.flatnonzero(
+        np.array(known.cases.mechanism) == max(known.kinds.mechanisms, key=known.cases.mechanism.count)
+    )
+    two = np.zeros_like(known.cases.by_braking)
+    two[rows[:2]] = True
+    look = front_of(replace(known, cases=replace(known.cases, by_braking=two))).look
+    assert look is not None
+    kind = known.kinds.mechanisms[known.cases.mechanism[rows[0]]]
+    part = kind.miles_between * kind.crashes_per_test / known.cases.weight[rows[:2]].sum()
+    assert rows.size == kind.cases > 2
+    assert f"That is 2 of these {kind.cases} crashes: once in {miles(part)} (95 %:" in look.why
+
+
 def test_where_only_a_held_speed_prevents_it_says_so(natural_run_folder: Path) -> None:
     judge(natural_run_folder, prevented_by="cc-human", held=True)
     found = front_in(natural_run_folder)

@@ -17,14 +17,13 @@ from cornerforge.errors import InputError
 from cornerforge.explorer.sources import Analysis, Source
 from cornerforge.explorer.words import VALUES, label_of
 from cornerforge.fields import HISTORY_SHAPE
-from cornerforge.types import CLASSES
+from cornerforge.types import CLASSES, METRES_PER_MILE
 
 __all__ = ["CaseTable", "Column", "case_table"]
 
 _HIDDEN = ("history", "critical_bv_action", "trajectory_digest", "seed")
 _MOST_NAMES = 1_000
 """A column with more different texts than this is no category."""
-_METRES_PER_MILE = 1609.344
 _LEAD_S, _SLIVER = 1.0, 1e-6
 """The reaction time with which reports tell a share of avoidable crashes first."""
 
@@ -194,7 +193,7 @@ def _derived(source: Source, analysis: Analysis | None, table: pa.Table, part: _
     n = table.num_rows
     made: dict[str, pa.Array] = {"source": pa.array([source.name] * n, pa.string())}
     if source.weights is not None:
-        per_mile = 1e9 * _METRES_PER_MILE / source.cases.odd.test_length
+        per_mile = 1e9 * METRES_PER_MILE / source.cases.odd.test_length
         weights = [source.weights.get(case) for case in table["case_id"].to_pylist()]
         made["often"] = pa.array([None if w is None else w * per_mile for w in weights], pa.float64())
     made |= _cells(source, table)

@@ -19,7 +19,6 @@ from cornerforge.report import text
 
 __all__ = ["cards", "headline_of", "miles_of"]
 
-_METRES_PER_MILE = 1609.344
 _BILLION = 1e9
 _KMH = 3.6
 

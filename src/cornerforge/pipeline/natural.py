@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from cornerforge.rates import weighted_interval
 from cornerforge.results.analysis import Natural, NaturalKind
+from cornerforge.types import METRES_PER_MILE
 
 if TYPE_CHECKING:
     from cornerforge.types import Odd
 
 __all__ = ["Kinds", "natural_shares"]
 
-_METRES_PER_MILE = 1609.344
 
 Kinds = Sequence[str | None]
 """What kind each case is, None: not known."""
@@ -33,7 +33,7 @@ class _Rates:
         self.weights = weights
         self._largest = float(weights.max())
         self._whole = float(weights.sum())
-        self._miles = odd.test_length / _METRES_PER_MILE
+        self._miles = odd.test_length / METRES_PER_MILE
 
     def of(self, weights: NDArray[np.float64], largest: float | None = None) -> NaturalKind:
         """Give the rate of some cases, with their weights; `largest`: of any such case, None: of any of the library."""

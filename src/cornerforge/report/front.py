@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import NO_CONDUCT
 from cornerforge.analysis.flaw import FLAWS
-from cornerforge.rates.intervals import binomial_interval, share_interval
+from cornerforge.rates.intervals import binomial_interval, share_interval, weighted_interval
 from cornerforge.report import text
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.natural_cases import NaturalCases
 from cornerforge.report.road import RoadRate
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import Natural, OwnDoing
+from cornerforge.results.analysis import Natural, NaturalKind, OwnDoing
 
 __all__ = ["Answer", "Front", "Known", "Look", "front_of", "how_often"]
 
@@ -242,6 +242,20 @@ _WHY: Mapping[str, str] = {
 }
 
 
+def _part(cases: NaturalCases, rows: NDArray[np.intp], kind: NaturalKind | None) -> str:
+    """Say how often the crashes of a kind happen that a case is typical of; "" where they are all of the kind."""
+    if kind is None or rows.size == kind.cases:
+        return ""
+    miles_per_test = kind.miles_between * kind.crashes_per_test
+    low, high = weighted_interval(cases.weight[rows], float(cases.weight.max()))
+    between = miles_per_test / float(cases.weight[rows].sum())
+    ends = text.miles_range(miles_per_test / high, miles_per_test / low)
+    return (
+        f" That is {text.count(rows.size)} of these {text.count(kind.cases)} crashes: once in {text.miles(between)} "
+        f"(95 %: {ends})."
+    )
+
+
 def _look(known: Known) -> Look | None:
     """Choose what to watch first."""
     first = None if known.cases is None else known.cases.first()
@@ -259,7 +273,7 @@ def _look(known: Known) -> Look | None:
         if why == "none" and not known.cases.judged.any():
             reason = "Typical of the most frequent kind of natural crash."
         else:
-            reason = _WHY[why]
+            reason = _WHY[why] + _part(known.cases, found.rows, kind)
         title = kind_in_words(found.kind)
         return Look(known.cases.case_id[found.row], True, title, often, interval, reason)
     top = known.analysis.value.top
