@@ -25,7 +25,7 @@ from cornerforge.analysis.in_words import avoidance_in_words
 from cornerforge.errors import FileFormatError, MissingExtraError, OutputError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.library import CaseLibrary, DamagedShardWarning
-from cornerforge.report import page, verdict, write_report
+from cornerforge.report import page, write_report
 from cornerforge.report.artefacts import OnRoads, Rate, Summary
 from cornerforge.report.judged import CaseJudgement, read_case_judgements
 from cornerforge.report.text import capital, plain, sentence, share
