@@ -202,7 +202,7 @@ def test_an_interrupt_promises_what_the_command_does(
 
 
 def test_the_promised_commands_are_there() -> None:
-    promised = ("run", "simulate", "train", "generate", "analyse", "replay", "query")
+    promised = ("run", "simulate", "train", "generate", "analyse", "replay", "query", "figure")
     below_ndd = {"ndd fit", "ndd import", "ndd show", "ndd validate"}
     assert {*promised, *below_ndd, "avs"} <= {" ".join(path) for path in all_commands()}
 
@@ -286,6 +286,7 @@ GOOD: dict[str, tuple[str, set[str]]] = {
     "reproduce": ("reproduce --figure table1 --effort quick --out {n}/paper", {"items", "out", "page", "seconds"}),
     "query": ("query {f}/library 'select case_id, n_vehicles from cases limit 2'", {"columns", "rows"}),
     "query an analysis": ("query {f}/analysis 'select case_id, value from cases order by value limit 2'", {"rows"}),
+    "figure": ("figure {f}/library 0:0 --times -1,0 --out {n}/a.pdf", {"figures"}),
     "variety": ("variety {f}/library", {"rows"}),
     "avs": ("avs", {"avs"}),
     "ndd fit": ("ndd fit {f}/pairs.csv --format pairs --out {n}/m.npz", FIT),

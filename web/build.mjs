@@ -1,7 +1,9 @@
-// Builds the explorer into the Python package: one script, one style sheet, the page, and the licences of what is in them.
+// Builds the explorer into the Python package (scripts, one style sheet, the page, and the licences of what is in them), and
+// the scripts of the pages that cornerforge writes.
 // node build.mjs [--watch]
 import { build, context } from "esbuild";
-import { cp, mkdir, rm } from "node:fs/promises";
+import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
+import { TEMPLATES, pageScripts } from "./pages.mjs";
 
 const out = "../src/cornerforge/explorer/static";
 const options = {
@@ -10,15 +12,30 @@ const options = {
   bundle: true,
   minify: true,
   format: "esm",
+  splitting: true, // what is needed later, as the 3-D view, is a script of its own
+  chunkNames: "[name]-[hash]",
   target: "es2022",
   jsx: "automatic",
   jsxImportSource: "preact",
-  legalComments: "linked",
+  legalComments: "none", // the whole licences are in LICENSES.txt
+  metafile: true,
   loader: { ".svg": "dataurl" },
 };
 
+for (const [name, text] of Object.entries(await pageScripts())) await writeFile(`${TEMPLATES}/${name}`, text);
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await cp("src/explorer/index.html", `${out}/index.html`);
 if (process.argv.includes("--watch")) await (await context(options)).watch();
-else await build(options);
+else await writeFile(`${out}/LICENSES.txt`, await licences((await build(options)).metafile));
+
+// The licences of the packages that are in the scripts and the style sheet, one after the other.
+async function licences(metafile) {
+  const inputs = Object.values(metafile.outputs).flatMap((one) => Object.keys(one.inputs));
+  const names = new Set(inputs.map((path) => path.match(/node_modules\/((?:@[^/]+\/)?[^/]+)\//)?.[1]).filter(Boolean));
+  const texts = [...names].sort().map(async (name) => {
+    const { version } = JSON.parse(await readFile(`node_modules/${name}/package.json`, "utf8"));
+    return `${name} ${version}\n\n${await readFile(`node_modules/${name}/LICENSE`, "utf8")}`;
+  });
+  return (await Promise.all(texts)).join(`\n${"-".repeat(80)}\n\n`);
+}

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.avs import avs
     from cornerforge.pipeline.cases import query, replay
     from cornerforge.pipeline.check_av import check_av
+    from cornerforge.pipeline.figure import figure
     from cornerforge.pipeline.generate import generate
     from cornerforge.pipeline.init import init
     from cornerforge.pipeline.make_report import make_report
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.rate import rate
     from cornerforge.pipeline.retest import retest
     from cornerforge.pipeline.run import run
+    from cornerforge.pipeline.serve import serve
     from cornerforge.pipeline.show import ndd_show
     from cornerforge.pipeline.shrink import shrink
     from cornerforge.pipeline.simulate import simulate
@@ -41,6 +43,7 @@ __all__ = [
     "avs",
     "check_av",
     "engine",
+    "figure",
     "generate",
     "init",
     "make_report",
@@ -56,6 +59,7 @@ __all__ = [
     "reproduce",
     "retest",
     "run",
+    "serve",
     "shrink",
     "simulate",
     "suite_build",
@@ -73,6 +77,7 @@ __getattr__ = door(
         "avs": "pipeline.avs",
         "check_av": "pipeline.check_av",
         "engine": "execution",
+        "figure": "pipeline.figure",
         "generate": "pipeline.generate",
         "init": "pipeline.init",
         "make_report": "pipeline.make_report",
@@ -88,6 +93,7 @@ __getattr__ = door(
         "reproduce": "paper.reproduce",
         "retest": "pipeline.retest",
         "run": "pipeline.run",
+        "serve": "pipeline.serve",
         "shrink": "pipeline.shrink",
         "simulate": "pipeline.simulate",
         "suite_build": "pipeline.suite",

@@ -18,7 +18,9 @@ SHIPPED = ["src/cornerforge", "tests", "docs", "examples", "benchmarks", "web", 
 def kept(folder: str) -> Iterator[str]:
     """Files of this checkout below a folder, as paths from the root; what programs leave behind is left out."""
     for path in sorted((ROOT / folder).rglob("*")):
-        left_behind = not {"__pycache__", "node_modules"}.isdisjoint(path.parts) or path.name.endswith(("_cache", ".report.html", ".pyc"))
+        left_behind = not {"__pycache__", "node_modules"}.isdisjoint(path.parts) or path.name.endswith(
+            ("_cache", ".report.html", ".pyc")
+        )
         if path.is_file() and not left_behind:
             yield path.relative_to(ROOT).as_posix()
 

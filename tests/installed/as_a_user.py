@@ -23,7 +23,7 @@ DATA = ["py.typed", "ndd/default_model.npz", "drivers/rl_av.safetensors", "repor
 # Of each extra a module that the core does without.
 EXTRAS = {
     "analysis": "sklearn", "gym": "gymnasium", "learn": "torch", "onnx": "onnxruntime", "query": "duckdb", "ray": "ray",
-    "report": "plotly", "sb3": "stable_baselines3",
+    "report": "plotly", "sb3": "stable_baselines3", "video": "imageio_ffmpeg",
 }  # fmt: skip
 Program = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -87,6 +87,7 @@ def check_missing_extras(program: Program) -> None:
         "analysis": ["analyse", "lib"],
         "ray": ["simulate", "--engine", "ray"],
         "onnx": ["simulate", "--av", "net.onnx"],
+        "video": ["replay", "lib", "0:0", "--video", "crash.mp4"],
     }.items():
         said = program(*words, status=2).stderr.strip()
         assert f'pip install "cornerforge[{extra}]"' in said, said

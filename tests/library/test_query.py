@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.library import CaseLibrary
+from cornerforge.library.query import Asker
 
 
 def test_sql_answers_over_the_cases(filled: Path) -> None:
@@ -78,3 +80,26 @@ def test_a_missing_extra_names_its_command(filled: Path, monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, "duckdb", None)
     with pytest.raises(MissingExtraError, match=r'pip install "cornerforge\[query\]"'):
         CaseLibrary.open(filled).query("SELECT 1")
+
+
+# DuckDB does not stop in the middle of these when it is interrupted, or takes more memory than it may.
+ENDLESS = "SELECT list_reduce(range(1000000), lambda a, b: a + levenshtein(repeat('a', 3000), repeat('b', 3000) || b))"
+GREEDY = "SELECT list_sort(list_transform(range(100000000), lambda x: hash(x)))[1]"
+
+
+def test_a_statement_that_does_not_end_is_stopped_and_the_next_is_answered(filled: Path) -> None:
+    with Asker(CaseLibrary.open(filled).scalars(), seconds=1.0) as asker:
+        begin = time.monotonic()
+        for endless in (ENDLESS, "WITH RECURSIVE t(n) AS (SELECT 1 UNION ALL SELECT 1 FROM t) SELECT count(*) FROM t"):
+            with pytest.raises(InputError, match="more than 1 s"):
+                asker.ask(endless)
+        assert time.monotonic() - begin < 60.0  # not that fast, but not for ever
+        assert asker.ask("SELECT count(*) FROM cases")[1] == [(6,)]
+
+
+@pytest.mark.parametrize("greedy", [GREEDY, "SELECT * FROM range(100000000) ORDER BY hash(range)"])
+def test_a_statement_that_needs_much_memory_is_stopped(filled: Path, greedy: str) -> None:
+    with Asker(CaseLibrary.open(filled).scalars(), megabytes=128) as asker:
+        with pytest.raises(InputError, match="more than 128 MB"):
+            asker.ask(greedy)
+        assert asker.ask("SELECT 1")[1] == [(1,)]

@@ -14,6 +14,7 @@ import cornerforge
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.ndd import default_model_path, load_model, save_model
+from cornerforge.report.text import miles
 
 
 def test_the_page_of_an_adversarys_library(tmp_path: Path) -> None:
@@ -21,9 +22,9 @@ def test_the_page_of_an_adversarys_library(tmp_path: Path) -> None:
     made = cornerforge.make_report(tmp_path / "lib", out=tmp_path / "page", seed=1)
     page = Page(Path(made.report))
     assert made.report == str(tmp_path / "page" / "report.html")
-    assert "Yield with the adversary" in page.text
-    assert f"n = {filled.tests} tests" in page.text.replace(" ", " ")
-    for absent in ("On real roads", "Exposure to risk", "How the adversary learnt"):
+    assert "How often the adversary makes the AV crash" in page.text
+    assert f"n = {filled.tests} drives" in page.text
+    for absent in ("On the road", "Near misses", "How the adversary learned"):
         assert absent not in page.text
     known = {case["id"] for case in page.data("cases")}
     top = cornerforge.analyse(tmp_path / "lib", seed=1).value.top
@@ -52,11 +53,12 @@ def test_the_page_of_natural_crashes_of_an_av_from_outside(tmp_path: Path, monke
         av="careless:MyAv", odd="paper", lanes=2, model="m.npz", method="mc", max_tests=8_000, out="rate", seed=2
     )
     assert rate.av_crashes > 20
+    assert rate.crashes_per_mile is not None
     assert main(["report", "rate", "--out", "page", "--avoidability", "20"]) == 0
     page = Page(tmp_path / "page" / "report.html")
     assert "careless:MyAv" in page.text
-    assert "In natural traffic this AV crashes once in" in page.text
-    for absent in ("Yield with the adversary", "of what the adversary found", "Exposure to risk"):
+    assert f"In natural traffic this AV crashes once in {miles(1.0 / rate.crashes_per_mile)}" in page.text
+    for absent in ("adversary makes the AV crash", "that the adversary caused", "Near misses"):
         assert absent not in page.text
     assert len(page.data("cases")) > 5
     assert not any(case["id"].startswith("natural/") for case in page.data("cases"))
@@ -65,7 +67,7 @@ def test_the_page_of_natural_crashes_of_an_av_from_outside(tmp_path: Path, monke
 def test_the_page_of_a_run_stays_where_it_is(run_folder: Path) -> None:
     made = cornerforge.make_report(run_folder)
     assert made.report == str(run_folder / "report.html")
-    assert "How the adversary learnt" in Page(Path(made.report)).text
+    assert "How the adversary learned" in Page(Path(made.report)).text
     summary = json.loads((run_folder / "summary.json").read_text())
     del summary["generate"]
     (run_folder / "summary.json").write_text(json.dumps(summary))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,8 @@ import plotly.graph_objects as go
 import pytest
 from scipy.stats import binomtest
 
-from cornerforge.report import figures, tables, text
-from cornerforge.report.artefacts import Artefacts, Rate, read_artefacts
+from cornerforge.report import figures, page, tables, text
+from cornerforge.report.artefacts import Artefacts, Points, Rate, read_artefacts
 from cornerforge.report.judged import kind_counts
 from cornerforge.results.whole import Exposed
 
@@ -45,7 +47,6 @@ def test_plotly_accepts_every_figure(artefacts: Artefacts) -> None:
     made = [
         figures.rate_figure([summary.generate, *summary.baselines], summary.nde),
         figures.rate_figure([none_seen], none_seen),
-        figures.crash_type_figure(analysis),
         figures.map_figure(artefacts.points, analysis, list(analysis.rare[:1]), set(analysis.rare)),
         figures.share_figure(analysis.fault_rules, 60, "share of all cases"),
         figures.share_figure({"none at all": 0, "all": 3}, 3, "share"),
@@ -103,9 +104,48 @@ def test_a_large_cluster_is_thinned(artefacts: Artefacts, monkeypatch: pytest.Mo
     assert f"({max(cluster.size for cluster in artefacts.analysis.clusters)})" in made[0]["name"]
 
 
-def test_bars_are_sorted_and_hold_the_counts(artefacts: Artefacts) -> None:
-    bars = figures.crash_type_figure(artefacts.analysis)["data"][0]
-    assert bars["x"] == sorted(artefacts.analysis.crash_types.values(), reverse=True)
+def test_all_points_together_stay_small(artefacts: Artefacts) -> None:
+    n = 100_000
+    ids = [f"2918264622725855778:{i}" for i in range(n)]
+    cluster = np.arange(n) % 16
+    group = np.where(cluster < 8, "majority", "minority").tolist()
+    zeros = np.zeros(n)
+    many = Points(ids, zeros + 1.234, zeros - 2.345, group, cluster, ["rear-end by BV"] * n)
+    figure = figures.map_figure(many, artefacts.analysis, [], set())
+    assert len(figure["data"]) == 16 + 3
+    assert sum(len(trace["x"]) for trace in figure["data"]) <= 12_000
+    size = len(json.dumps(figure, separators=(",", ":")))
+    assert 4_900_000 + page.CASE_BYTES + size < 9_500_000, "plotly, cases and points, of at most 10 MB"
+
+
+def test_no_two_clusters_share_a_colour_or_a_symbol(artefacts: Artefacts) -> None:
+    n = len(artefacts.points.case_id)
+    many = dataclasses.replace(artefacts.points, cluster=np.arange(n) % 8, group=["majority"] * n)
+    for points in (artefacts.points, many):
+        markers = [trace["marker"] for trace in figures.map_figure(points, artefacts.analysis, [], set())["data"][:-3]]
+        clusters = len(np.unique(points.cluster))
+        assert len({marker["color"] for marker in markers}) == clusters > 2
+        assert len({marker["symbol"] for marker in markers}) == clusters
+
+
+def test_the_loss_has_few_ticks_within_its_range() -> None:
+    for low, high in ((0.003, 0.02), (0.0021, 0.0029), (1e-5, 3.0), (0.5, 0.5)):
+        ticks = figures._few_ticks([None, low, high])["tickvals"]
+        assert len(ticks) <= 7
+        assert all(0.9 * low <= tick <= 1.1 * high for tick in ticks)
+    assert figures._few_ticks([0.003, 0.02]) == {"tickvals": [0.005, 0.01, 0.02], "ticktext": ["0.005", "0.01", "0.02"]}
+
+
+def test_titles_of_axes_fit_a_phone(artefacts: Artefacts) -> None:
+    """390 px less margins leave 34 letters of 13 px beside the ticks."""
+    exposures = [figures.exposure_figure(h) for h in exposed(artefacts).values()]
+    assert artefacts.training is not None
+    assert artefacts.summary.nde is not None
+    made = [*exposures, figures.training_figure(artefacts.training, artefacts.summary.nde)]
+    made.append(figures.map_figure(artefacts.points, artefacts.analysis, [], set()))
+    titles = [figure["layout"][axis]["title"]["text"] for figure in made for axis in ("xaxis", "yaxis")]
+    assert any("<br>" in title for title in titles)
+    assert max(len(line) for title in titles for line in title.split("<br>")) <= 34
 
 
 @pytest.mark.parametrize(("n", "cases"), [(0, 40), (1, 1500), (735, 1500), (3, 3)])

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.variety import unseen_chance
@@ -136,6 +135,8 @@ def discovery_curve(counts: NDArray[np.integer]) -> NDArray[np.float64]:
     >>> discovery_curve(np.array([2, 1, 0])).round(3).tolist()
     [[1.0, 1.0], [2.0, 1.667], [3.0, 2.0]]
     """
+    from scipy.special import gammaln
+
     seen = counts[counts > 0].astype(np.float64)
     n = float(seen.sum())
     m = np.unique(np.rint(np.geomspace(1.0, n, _CURVE_POINTS)))

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from cornerforge._checks import check_finite, check_integer
 from cornerforge.analysis.density_grid import CELL_WIDTH, Cells, attach_border, join_cells, mark_cores
@@ -96,6 +95,8 @@ def neighbour_distance(points: NDArray[np.float64], k: int) -> NDArray[np.float6
 
     Equal points count as one point with a weight: a k-d tree cannot separate them; 45,000 of them took minutes.
     """
+    from scipy.spatial import KDTree
+
     order = np.lexsort((points[:, 1], points[:, 0]))
     is_new = np.concatenate([[True], (np.diff(points[order], axis=0) != 0.0).any(axis=1)])
     places, weight = points[order[is_new]], np.diff(np.append(np.flatnonzero(is_new), len(points)))

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from cornerforge.analysis._sklearn import k_means, one_thread, refine_k_means
 
@@ -146,6 +145,8 @@ def _sample_of(points: NDArray[np.float64], most: int, rng: np.random.Generator)
 
 def _silhouettes(points: NDArray[np.float64], most: int, seed: int) -> list[float]:
     """Mean silhouette of k = 2..most clusters."""
+    from scipy.spatial.distance import cdist
+
     distance = cdist(points, points)
     return [mean_silhouette(distance, k_means(points, k, n_init=_STARTS, seed=seed)[0], k) for k in range(2, most + 1)]
 

@@ -18,6 +18,7 @@ from cornerforge.counterfactual import (
     allocate_judge_scratch,
     allocate_judgements,
     judge_cases,
+    no_tracks,
 )
 from cornerforge.drivers.careful import CAREFUL, HOLDS
 from cornerforge.errors import InputError
@@ -29,8 +30,10 @@ from cornerforge.types import FRAME_S, Odd, Scenario
 __all__ = [
     "PREVENTED_COLUMNS",
     "REACTIONS_S",
+    "Driven",
     "Prevented",
     "Prevention",
+    "driven_by",
     "prevented_at",
     "prevented_by",
     "prevention_of",
@@ -78,6 +81,22 @@ class Prevented:
     reacts_s: float | None = field(metadata={"unit": "s"})
     least_ttc_s: float = field(metadata={"unit": "s"})
     braking_mps2: float = field(metadata={"unit": "m/s2"})
+
+
+@dataclass(frozen=True)
+class Driven:
+    """How a reference driver moves in the AV's place in one crash.
+
+    Attributes:
+        prevented: What it makes of the crash.
+        begin_s: When it takes over, before the contact.
+        track: Every 0.1 s from then on [x m, y m, speed m/s, heading rad], until the contact of the recording, or until
+            it is touched before that; (W, 4).
+    """
+
+    prevented: Prevented
+    begin_s: float = field(metadata={"unit": "s"})
+    track: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -174,7 +193,7 @@ def _judge_range(
 ) -> Judgements:
     out = allocate_judgements(count)
     with rooms.lend() as scratch:
-        judge_cases(recordings, first, first + count, manoeuvres, reaction, scratch, out)
+        judge_cases(recordings, first, first + count, manoeuvres, reaction, scratch, out, no_tracks(count))
     return out
 
 
@@ -194,22 +213,36 @@ def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[
     Raises:
         InputError: As `avoidability.avoidability`.
     """
+    return {name: drive.prevented for name, drive in driven_by(scenario, params).items()}
+
+
+def driven_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[str, Driven]:
+    """Let each reference driver drive as `prevented_by` does, and keep how it moves; arguments and errors as there."""
     recordings = recordings_of_scenarios([scenario])
     problem = problem_of(recordings, -1, scenario.odd)
     if problem is not None:
         raise InputError(f"Test {recordings.case_ids[0]}: {problem}.")
     m = manoeuvres_of(scenario.odd, params or AvoidParams())
-    out = allocate_judgements(1)
+    out, last = allocate_judgements(1), int(recordings.last[0])
     scratch = allocate_judge_scratch(m, int(recordings.frames[0]), int(recordings.vehicles[0]))
-    judge_cases(recordings, 0, 1, m, _OWN, scratch, out)
-    last = int(recordings.last[0])
-    return {
-        name: Prevented(
-            prevented=bool(out.touched[0, k] < 0),
-            by_holding=bool(out.touched[0, HOLDS] < 0),
-            reacts_s=None if out.reacted[0, k] < 0 else round((last - int(out.reacted[0, k])) * FRAME_S, 1),
-            least_ttc_s=float(out.least_ttc[0, k]),
-            braking_mps2=float(out.braking[0, k]),
+    tracks = np.full((*no_tracks(1).shape[:2], last + 1, 4), np.nan)
+    judge_cases(recordings, 0, 1, m, _OWN, scratch, out, tracks)
+    begin = int(out.begin[0])
+
+    def drive(k: int) -> Driven:
+        touched = int(out.touched[0, k])
+        reacted = None if out.reacted[0, k] < 0 else round((last - int(out.reacted[0, k])) * FRAME_S, 1)
+        end = last if touched < 0 else min(last, touched)
+        return Driven(
+            Prevented(
+                prevented=touched < 0,
+                by_holding=bool(out.touched[0, HOLDS] < 0),
+                reacts_s=reacted,
+                least_ttc_s=float(out.least_ttc[0, k]),
+                braking_mps2=float(out.braking[0, k]),
+            ),
+            begin_s=round((last - begin) * FRAME_S, 1),
+            track=tracks[0, k, : end - begin + 1],
         )
-        for name, k in CAREFUL.items()
-    }
+
+    return {name: drive(k) for name, k in CAREFUL.items()}

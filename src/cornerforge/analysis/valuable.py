@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 __all__ = ["N_RARE", "N_TYPICAL", "rare_cases", "typical_cases"]
 
@@ -48,6 +47,8 @@ def rare_cases(points: NDArray[np.float64], is_noise: NDArray[np.bool_], is_majo
     Returns:
         Rows of `points`; ties: the earlier case.
     """
+    from scipy.spatial import KDTree
+
     outliers = np.flatnonzero(is_noise & ~is_majority)
     if outliers.size == 0:
         return []

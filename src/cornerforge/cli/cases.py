@@ -173,7 +173,8 @@ def shrink(
 
 
 @command(
-    "cornerforge replay out/demo/library all --check", "cornerforge replay out/demo/library 0:0 --picture out/crash.svg"
+    "cornerforge replay out/demo/library all --check",
+    "cornerforge replay out/demo/library 0:0 --video out/crash.mp4",
 )
 @takes_world("av_timeout", "av_python")
 def replay(
@@ -183,6 +184,10 @@ def replay(
     picture: Annotated[
         Path | None,
         typer.Option(help="Draw the crash and the latest way out into this .png or .svg.", show_default=False),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(help="Film the case from above, to scale, into this .mp4, .webm or .gif.", show_default=False),
     ] = None,
     seed: IdleSeed = 0,
     threads: IdleThreads = None,
@@ -199,12 +204,13 @@ def replay(
         if r.cases is not None:
             differ = f"; different: {', '.join(r.differ[:10])}" if r.differ else ""
             return f"{r.cases:,} cases: {verdict}{differ}"
-        drawn = "" if r.picture is None else f"; picture: {r.picture}"
+        files = {"picture": r.picture, "film": r.video}
+        drawn = "".join(f"; {what}: {file}" for what, file in files.items() if file is not None)
         return f"Case {r.case}: {verdict}; crash at {r.crash_time_s} s{drawn}"
 
     result = run_command(
         lambda bars: cornerforge.replay(
-            library, case, check=check, picture=picture, progress=bars, **world
+            library, case, check=check, picture=picture, video=video, progress=bars, **world
         ),
         text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip

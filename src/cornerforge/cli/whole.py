@@ -1,8 +1,10 @@
-"""The whole job: `init`, `run`, `report` and `reproduce`."""
+"""The whole job: `init`, `run`, and what makes it seen: `report`, `serve`, `figure`, `reproduce`."""
 
 from __future__ import annotations
 
+import json
 import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,16 +24,18 @@ from cornerforge.cli.options import (
     Seed,
     Threads,
     World,
+    complete_av,
     completing,
+    flag,
     takes_world,
 )
 from cornerforge.cli.output import paid_text, rate_text, run_command, training_fault_text, wrong_text
 from cornerforge.cli.program import command
 
 if TYPE_CHECKING:
-    from cornerforge.results import RunDone
+    from cornerforge.results import Figured, RunDone, Served
 
-__all__ = ["init", "report", "reproduce", "run"]
+__all__ = ["figure", "init", "report", "reproduce", "run", "serve"]
 
 _ITEMS = ("table1", "figure2", "figure3", *(f"figure{number}" for number in range(5, 12)), "matrix", "timings")
 
@@ -153,6 +157,149 @@ def report(
         ),
         lambda r: f"Report: {r.report}", as_json=as_json, quiet=quiet,
     )  # fmt: skip
+
+
+@command("cornerforge serve out/demo", "cornerforge serve out/demo/library --with rss-cautious --open")
+def serve(
+    place: Annotated[
+        Path, typer.Argument(metavar="LIB|RUN", help="A library, or a folder of run or rate.", show_default=False)
+    ],
+    port: Annotated[
+        int | None,
+        typer.Option(help="Port; 0 for any free one.", show_default="8157, or the next free one"),
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Where it listens. Others than this machine need the token in the printed address.")
+    ] = "127.0.0.1",
+    more_av: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            help="AV to compare with, besides the built-in ones; may be given again.",
+            show_default=False,
+            autocompletion=complete_av,
+        ),
+    ] = None,
+    open_browser: Annotated[bool, flag("--open", "Open it in the browser.")] = False,
+    seed: IdleSeed = 0,
+    threads: Threads = None,
+    out: JsonFile = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Show all cases in the browser: a map of them, each to watch, to compare and to note on; Ctrl-C ends it."""
+    from cornerforge.pipeline.output import check_new_file, write_json
+    from cornerforge.results import as_json as result_as_json
+
+    if out is not None:
+        check_new_file(out)
+
+    def up(r: Served) -> None:
+        from cornerforge.explorer.server import PORT
+
+        if out is not None:
+            write_json(out, result_as_json(r))
+        if not r.usual_port and not quiet:
+            typer.echo(f"Port {PORT} is taken by another program, so it is port {r.port}.", err=True)
+        if r.token:
+            typer.echo(
+                f"Warning: {r.host} can be reached by other machines. Whoever has the address below sees the cases and "
+                "can write notes; the connection is not encrypted.",
+                err=True,
+            )
+        if as_json:
+            typer.echo(json.dumps(result_as_json(r)))
+        else:
+            typer.echo(f"{r.cases:,} cases: {r.url} (Ctrl-C ends it)")
+        sys.stdout.flush()
+
+    run_command(
+        lambda bars: cornerforge.serve(  # noqa: ARG005
+            place, host=host, port=port, avs=more_av or (), open_browser=open_browser, threads=threads, up=up
+        ),
+        lambda r: "",  # noqa: ARG005
+        as_json=False, quiet=True,
+    )  # fmt: skip
+
+
+@command(
+    "cornerforge figure out/demo --out out/figures --format svg",
+    "cornerforge figure out/demo/library 0:0 --times -3,-2,-1,0 --out out/crash.pdf",
+)
+def figure(
+    place: Annotated[
+        Path, typer.Argument(metavar="LIB|RUN", help="A library, or a folder of run or rate.", show_default=False)
+    ],
+    case: Annotated[
+        str | None,
+        typer.Argument(
+            help="Draw this case as a strip of snapshots, instead of the charts of the page; natural/ID for a natural "
+            "case of a run.",
+            show_default=False,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the charts; new file .pdf or .svg for a case.", show_default=False),
+    ] = None,
+    listing: Annotated[bool, flag("--list", "Only tell which charts there may be.")] = False,
+    times: Annotated[
+        str | None,
+        typer.Option(
+            help="Seconds of the snapshots, such as -3,-2,-1,0; 0 is the contact. By default what matters in the case.",
+            show_default=False,
+        ),
+    ] = None,
+    figure: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Chart; may be given again. All by default.", show_default=False),
+    ] = None,
+    file_format: Annotated[
+        str, typer.Option("--format", help="Of charts: pdf or svg.", autocompletion=completing("pdf", "svg"))
+    ] = "pdf",
+    width: Annotated[
+        str,
+        typer.Option(help="column (3.5 in) or page (7.16 in).", autocompletion=completing("column", "page")),
+    ] = "column",
+    seed: Seed = 0,
+    threads: Threads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Draw for a paper: the charts of the page, or a case as a strip of snapshots."""
+    from cornerforge.errors import InputError
+
+    if out is None and not listing:
+        raise InputError("Where to? Name a place by --out; --list tells which charts there may be.")
+
+    def text(r: Figured) -> str:
+        return "\n".join(f"{one.name if one.file is None else one.file}: {one.caption}" for one in r.figures)
+
+    run_command(
+        lambda bars: cornerforge.figure(
+            place, None if listing else case, out=None if listing else out, times=_seconds(times), figures=figure,
+            file_format=file_format, width=width, seed=seed, threads=threads, progress=bars,
+        ),
+        text, as_json=as_json, quiet=quiet,
+    )  # fmt: skip
+
+
+def _seconds(given: str | None) -> list[float] | None:
+    """Read times such as "-3,-2,-1,0".
+
+    Raises:
+        InputError: They are no numbers.
+    """
+    from cornerforge.errors import InputError
+
+    if given is None:
+        return None
+    try:
+        return [float(one) for one in given.split(",")]
+    except ValueError:
+        raise InputError(f'--times "{given}" are no numbers with commas between them, such as -3,-2,-1,0.') from None
 
 
 @command("cornerforge reproduce --effort quick --figure table1 --out out/paper")

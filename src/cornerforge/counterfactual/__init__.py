@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         allocate_judge_scratch,
         allocate_judgements,
         judge_cases,
+        no_tracks,
     )
     from cornerforge.counterfactual.cases import (
         CaseScratch,
@@ -43,6 +44,7 @@ __all__ = [
     "allocate_judgements",
     "allocate_ways_out",
     "judge_cases",
+    "no_tracks",
     "search_cases",
 ]
 
@@ -66,5 +68,6 @@ __getattr__ = door(
         "allocate_judge_scratch": "careful",
         "allocate_judgements": "careful",
         "judge_cases": "careful",
+        "no_tracks": "careful",
     },
 )

@@ -31,6 +31,7 @@ __all__ = [
     "allocate_judge_scratch",
     "allocate_judgements",
     "judge_cases",
+    "no_tracks",
 ]
 
 DRIVERS = HOLDS + 1
@@ -72,6 +73,11 @@ def allocate_judgements(cases: int) -> Judgements:
     shape = (cases, DRIVERS)
     none = np.full(shape, -1, dtype=np.int64)
     return Judgements(np.zeros(cases, dtype=np.int64), none, none.copy(), np.full(shape, np.inf), np.zeros(shape))
+
+
+def no_tracks(cases: int) -> NDArray[np.float64]:
+    """Give `judge_cases` no room for motion, which judging does not need."""
+    return np.empty((cases, DRIVERS, 0, 4))
 
 
 def allocate_judge_scratch(m: Manoeuvres, frames: int, vehicles: int) -> JudgeScratch:
@@ -119,9 +125,13 @@ def _look(test: Trajectories, f: int, kind: int, w: World, ttc: float) -> tuple[
 
 @kernel
 def _drive(
-    test: Trajectories, moment: int, end: int, kind: int, reaction: float, m: Manoeuvres, w: World
-) -> tuple[int, int, float, float]:
-    """Let a reference driver drive from a moment to `end` and then stop; returns the columns of `Judgements`."""
+    test: Trajectories, moment: int, end: int, kind: int, reaction: float, m: Manoeuvres, w: World,
+    track: NDArray[np.float64],
+) -> tuple[int, int, float, float]:  # fmt: skip
+    """Let a reference driver drive from a moment to `end` and then stop; returns the columns of `Judgements`.
+
+    `track`, (F, 4), is filled with [x m, y m, speed m/s, heading rad] of its first F frames, up to where it is touched.
+    """
     v = w.vehicles
     frames, body = test.frames, test.bodies[0]
     take_over_av(w, 0, test, moment, m.parts, m.road, m.evasive)
@@ -129,6 +139,9 @@ def _drive(
     x_end = 0.0
     f = moment
     while True:
+        if f - moment < track.shape[0]:
+            row = track[f - moment]
+            row[0], row[1], row[2], row[3] = v[0].x, v[0].y, v[0].speed, v[0].heading
         if f > moment:
             for j in range(1, test.n):
                 counts = frames[f, j].present != 0 and (f <= end or frames[end, j].x > x_end)
@@ -164,8 +177,9 @@ def _drive(
 
 @kernel
 def judge_cases(
-    r: Recordings, first: int, stop: int, m: Manoeuvres, reaction: float, s: JudgeScratch, out: Judgements
-) -> None:
+    r: Recordings, first: int, stop: int, m: Manoeuvres, reaction: float, s: JudgeScratch, out: Judgements,
+    tracks: NDArray[np.float64],
+) -> None:  # fmt: skip
     """Let each driver drive in cases first .. stop - 1; a case with partner 0 is left out.
 
     Args:
@@ -175,6 +189,8 @@ def judge_cases(
         reaction: Time from seeing danger to braking, of all drivers [s]; below 0: each has its own (`own_reaction`).
         s: Scratch.
         out: Holds stop - first rows, for the cases in order.
+        tracks: Of each driver in each case [x m, y m, speed m/s, heading rad] in the first F frames from `out.begin`
+            on, up to where it is touched, (stop - first, DRIVERS, F, 4); F may be 0 (`no_tracks`).
     """
     for c in range(first, stop):
         row = c - first
@@ -189,7 +205,7 @@ def judge_cases(
         out.begin[row] = begin
         for kind in range(DRIVERS):
             delay = reaction if reaction >= 0.0 else own_reaction(kind)
-            touched, reacted, ttc, hardest = _drive(test, begin, end, kind, delay, m, s.rows)
+            touched, reacted, ttc, hardest = _drive(test, begin, end, kind, delay, m, s.rows, tracks[row, kind])
             out.touched[row, kind] = touched
             out.reacted[row, kind] = reacted
             out.least_ttc[row, kind] = ttc

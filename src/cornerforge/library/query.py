@@ -1,60 +1,157 @@
-"""SQL over the cases, by DuckDB without access to anything else on the machine."""
+"""SQL over the cases, by DuckDB without access to anything else on the machine, with little time and memory."""
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
+import pickle
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import pyarrow as pa
 
 from cornerforge.errors import InputError, MissingExtraError
+from cornerforge.library.sql_worker import read_message, write_message
 
-__all__ = ["run_sql"]
+__all__ = ["MEGABYTES", "SECONDS", "Asker", "run_sql"]
+
+SECONDS = 10.0
+"""Longest time that an answer may take [s]."""
+MEGABYTES = 512
+"""Most memory that DuckDB may use for it; the process gets half as much again for what DuckDB does not count."""
+_LONGEST = 500
+"""Most characters of a message that come from the statement."""
 
 
-def run_sql(cases: pa.Table, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Answer one SELECT over the table `cases`.
+class Asker:
+    """Answers statements over the table `cases`, one at a time.
 
-    The statement sees the table only: it cannot read or write a file, load an extension, see a Python variable, or
-    change the settings that say so. One thread, so that sums of floats do not depend on the machine.
+    A statement sees the table only: it cannot read or write a file, load an extension, see a Python variable, or change
+    the settings that say so. One thread, so that sums of floats do not depend on the machine. It is answered in a
+    process of its own, which is killed when the time is up, since DuckDB does not stop in the middle of some functions;
+    the next statement then starts another.
 
     Args:
         cases: The table.
-        sql: One SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE) statement in DuckDB's dialect.
-
-    Returns:
-        Column names, and rows as tuples of Python values (None for null).
+        seconds: Longest time for an answer [s].
+        megabytes: Most memory.
 
     Raises:
         MissingExtraError: DuckDB is not installed.
-        InputError: The statement is wrong, does something else than ask, or asks for what is forbidden.
     """
-    try:
-        import duckdb
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("duckdb", "query") from error
 
-    shut: dict[str, str | bool | int | float | list[str]] = {
-        "enable_external_access": "false",
-        "python_enable_replacements": "false",
-        "temp_directory": "",
-        "threads": "1",
-    }
-    with duckdb.connect(":memory:", config=shut) as connection:
-        connection.register("cases", cases)
-        connection.execute("SET lock_configuration = true")
+    def __init__(self, cases: pa.Table, *, seconds: float = SECONDS, megabytes: int = MEGABYTES) -> None:
+        if importlib.util.find_spec("duckdb") is None:
+            raise MissingExtraError("duckdb", "query")
+        self._cases, self._seconds, self._megabytes = cases, seconds, megabytes
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Asker:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the process; a later question starts another."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            for stream in (process.stdin, process.stdout):
+                if stream is not None:
+                    with contextlib.suppress(OSError):  # what was not sent yet
+                        stream.close()
+            process.wait()
+
+    def ask(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+        """Answer one SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE) statement in DuckDB's dialect.
+
+        Returns:
+            Column names, and rows as tuples of Python values (None for null).
+
+        Raises:
+            InputError: The statement is wrong, does something else than ask, asks for what is forbidden, or needs too
+                much time or memory.
+        """
+        with self._lock:
+            try:
+                return self._ask(sql)
+            except BaseException as error:  # Ctrl-C too: what is half read is of no use to the next question
+                if not isinstance(error, InputError):
+                    self.close()
+                raise
+
+    def _ask(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+        late = threading.Event()
+
+        def stop(process: subprocess.Popen[bytes]) -> None:
+            late.set()
+            process.kill()
+
+        process = self._started()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        timer = threading.Timer(self._seconds, stop, [process])
+        timer.daemon = True
+        timer.start()
         try:
-            statements = connection.extract_statements(sql)
-            asks = (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN)
-            if len(statements) != 1 or statements[0].type not in asks:
-                raise InputError(
-                    f'A query is one SELECT statement over the table "cases"; this is not: {sql.strip()!r}.'
-                )
-            answer = connection.execute(statements[0])
-            return [str(column[0]) for column in answer.description or ()], answer.fetchall()
-        except (duckdb.InterruptException, RuntimeError) as error:
-            # On Ctrl-C, which DuckDB takes from Python. Some of its own errors are RuntimeErrors too.
-            if "interrupted" in str(error).lower():
-                raise KeyboardInterrupt from error
-            raise
-        except duckdb.Error as error:
-            raise InputError(f"The query cannot be answered: {str(error).splitlines()[0]}") from error
+            with contextlib.suppress(BrokenPipeError):
+                write_message(process.stdin, sql.encode("utf-8", "replace"))
+            content = read_message(process.stdout)
+        finally:
+            timer.cancel()
+        if content is None:
+            self.close()
+            raise InputError(self._slow() if late.is_set() else self._big())
+        kind, *told = pickle.loads(content)
+        if kind == "no question":
+            raise InputError(
+                f'A query is one SELECT statement over the table "cases"; this is not: {sql.strip()[:_LONGEST]!r}.'
+            )
+        if kind == "memory":
+            self.close()  # what it holds is not given back
+            raise InputError(self._big())
+        if kind == "error":
+            raise InputError(f"The query cannot be answered: {told[0][:_LONGEST]}")
+        names, rows = told
+        return names, rows
+
+    def _slow(self) -> str:
+        return f"The query takes more than {self._seconds:g} s, so it was stopped; ask for less."
+
+    def _big(self) -> str:
+        return f"The query needs more than {self._megabytes} MB of memory, so it was stopped; ask for less."
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        """Give the process, started and with its table."""
+        if self._process is not None and self._process.poll() is None:
+            return self._process
+        self.close()
+        worker = Path(__file__).with_name("sql_worker.py")
+        # -P: the modules beside the file are no modules of its Python.
+        command = [sys.executable, "-P", str(worker), str(self._megabytes)]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        sink = pa.BufferOutputStream()
+        with pa.ipc.new_stream(sink, self._cases.schema) as writer:
+            writer.write_table(self._cases)
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            write_message(self._process.stdin, memoryview(sink.getvalue()))
+        return self._process
+
+
+def run_sql(
+    cases: pa.Table, sql: str, *, seconds: float = SECONDS, megabytes: int = MEGABYTES
+) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """Answer one statement over the table `cases`; see `Asker`, whose arguments, results and errors these are."""
+    with Asker(cases, seconds=seconds, megabytes=megabytes) as asker:
+        return asker.ask(sql)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,9 @@ from cornerforge.sim import Script
 from cornerforge.types import Odd, Scenario
 
 __all__ = ["CaseLibrary", "StoredCase"]
+
+_READERS = 4
+"""Files of cases that are read at the same time."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +159,11 @@ class CaseLibrary:
     def extra(self) -> tuple[str, ...]:
         """Names of the caller's own columns."""
         return tuple(self._manifest.extra or ())
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns that `scalars` can read, the history too."""
+        return tuple(arrow_schema(CASES, self._manifest.extra).names)
 
     @property
     def scripted(self) -> bool:
@@ -390,7 +399,9 @@ class CaseLibrary:
         for name in columns:
             if name not in schema.names:
                 raise UnknownNameError("column", name, schema.names)
-        tables = [self._reader.cases(shard, columns) for shard in self._manifest.shards]
+        # A file is read, checked and unpacked outside Python's lock.
+        with ThreadPoolExecutor(_READERS) as pool:
+            tables = list(pool.map(lambda shard: self._reader.cases(shard, columns), self._manifest.shards))
         empty = schema.empty_table().select(list(columns))
         return pa.concat_tables([empty, *(table for table in tables if table is not None)])
 

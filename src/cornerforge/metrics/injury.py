@@ -20,7 +20,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit
 
 from cornerforge.errors import InputError
 from cornerforge.metrics._inputs import matching_arrays
@@ -95,6 +94,8 @@ def injury_probability(delta_v: ArrayLike, force_direction: ArrayLike) -> NDArra
     >>> injury_probability(30.0 * 0.44704, np.radians([0.0, 90.0, -90.0, 180.0])).round(3)
     array([0.107, 0.494, 0.148, 0.066])
     """
+    from scipy.special import expit
+
     change, direction = matching_arrays(delta_v=delta_v, force_direction=force_direction)
     if (change < 0.0).any():
         raise InputError(f"delta_v = {float(change.min())} m/s is negative; give its size.")

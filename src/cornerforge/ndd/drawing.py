@@ -29,14 +29,49 @@ __all__ = [
 ]
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
-_STYLE = (
-    "body{font:15px/1.5 system-ui,sans-serif;max-width:64em;margin:2em auto;padding:0 1em;color:#222;background:#fff}"
-    "table{border-collapse:collapse;margin:.5em 0}"
-    "td,th{padding:.2em .8em;border-bottom:1px solid #ddd;text-align:right;vertical-align:top}"
-    "td:first-child,th:first-child{text-align:left}pre{background:#f6f6f6;padding:1em;overflow:auto}"
-    "img{max-width:100%}figure{margin:1em 0}figcaption{color:#555}.bad{color:#b00020;font-weight:600}"
-    ".dense{font-size:12.5px}.dense td,.dense th{padding:.15em .45em}.sources{color:#555;font-size:13px}"
-)
+_STYLE = """
+:root {
+  color-scheme: light dark;
+  --ink: #1b1f24; --muted: #5d6673; --paper: #ffffff; --line: #dddddd; --plate: #f6f6f6; --bad: #b00020;
+}
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e6e9ec; --muted: #a0a9b4; --paper: #1c2126; --line: #343b43; --plate: #14181c; --bad: #ff6b6b; }
+  img { filter: invert(0.88) hue-rotate(180deg); } /* figures are drawn on white */
+}
+body {
+  font: 15px/1.5 system-ui, sans-serif; max-width: 64em; margin: 2em auto; padding: 0 1em;
+  color: var(--ink); background: var(--paper);
+}
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; margin: .5em 0; font-variant-numeric: tabular-nums; }
+td, th { padding: .2em .8em; border-bottom: 1px solid var(--line); text-align: right; vertical-align: top; }
+td:first-child, th:first-child { text-align: left; }
+pre { background: var(--plate); padding: 1em; overflow: auto; }
+img { max-width: 100%; height: auto; }
+figure { margin: 1em 0; }
+figcaption, .sources { color: var(--muted); }
+.bad { color: var(--bad); font-weight: 600; }
+.dense { font-size: 12.5px; }
+.dense td, .dense th { padding: .15em .45em; }
+.sources { font-size: 13px; }
+code { overflow-wrap: anywhere; }
+@media (max-width: 640px) {
+  body { margin: 1em auto; }
+  h1 { font-size: 1.4rem; overflow-wrap: anywhere; }
+  td, th { padding: .2em .5em; font-size: 13px; }
+}
+@media print {
+  :root {
+    color-scheme: light;
+    --ink: #1b1f24; --muted: #5d6673; --paper: #ffffff; --line: #dddddd; --plate: #f6f6f6; --bad: #b00020;
+  }
+  img { filter: none; }
+  body { max-width: none; margin: 0; padding: 0; }
+  figure, tr { break-inside: avoid; }
+  h2, h3 { break-after: avoid; }
+  .scroll { overflow: visible; }
+}
+"""
 
 
 def check_matplotlib() -> None:
@@ -107,7 +142,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Return an HTML table; cells are escaped. Long file names in the head may break after an underscore."""
     cells = "".join(f"<th>{escape(text).replace('_', '_<wbr>')}</th>" for text in head)
     lines = ["<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in rows]
-    return f"<table><tr>{cells}</tr>{''.join(lines)}</table>"
+    return f'<div class="scroll" tabindex="0"><table><tr>{cells}</tr>{"".join(lines)}</table></div>'
 
 
 def _cell(cell: object) -> str:
@@ -118,6 +153,7 @@ def _cell(cell: object) -> str:
 def page(title: str, body: str) -> str:
     """Return a self-contained HTML page."""
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title>'
         f"<style>{_STYLE}</style></head><body>{body}</body></html>\n"
     )

@@ -15,12 +15,13 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
 from cornerforge.library import CaseLibrary
+from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.judges import LEAD_S, has_way_out, judges_of
-from cornerforge.pipeline.natural import is_natural, natural_shares, natural_weights
+from cornerforge.pipeline.natural import natural_shares
 from cornerforge.pipeline.output import open_output, provenance, write_json, writing
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import check_threads
-from cornerforge.rates.intervals import binomial_interval, weighted_interval
+from cornerforge.rates.intervals import binomial_interval, share_interval
 from cornerforge.results import Analysed, as_json, from_json
 from cornerforge.results.analysis import Natural
 
@@ -380,10 +381,7 @@ def _own_doing(
 
 def _share_interval(rows: NDArray[np.intp], weights: NDArray[np.float64] | None, n: int) -> tuple[float, float]:
     """Give the 95 % interval of the share of some cases; with weights that of their rate over the rate of all."""
-    if weights is None or np.ptp(weights) == 0.0:
-        return binomial_interval(rows.size, n)
-    low, high = weighted_interval(weights[rows], float(weights.max()))
-    return low / float(weights.sum()), min(1.0, high / float(weights.sum()))
+    return binomial_interval(rows.size, n) if weights is None else share_interval(weights[rows], weights)
 
 
 def _natural(

@@ -20,9 +20,10 @@ from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.query import run_sql
+from cornerforge.pictures.moments import partner_of
 from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash
-from cornerforge.pipeline.picture import check_picture, write_picture
+from cornerforge.pipeline.picture import check_picture, check_video, way_out_of, write_picture, write_video
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import Experiment, experiment
 from cornerforge.results import Queried, Replayed
@@ -135,6 +136,7 @@ def replay(
     *,
     check: bool = False,
     picture: Path | str | None = None,
+    video: Path | str | None = None,
     av_timeout: float = DEFAULT_TIMEOUT,
     av_python: str | None = None,
     progress: Progress = NO_PROGRESS,
@@ -146,6 +148,8 @@ def replay(
         case: Case id, or "all".
         check: Also compare with what is stored.
         picture: New file, .png or .svg, to draw the crash and the latest way out of it (extra `report`); for one case.
+        video: New file, .mp4, .webm (extra `video`) or .gif (extra `report`), for a film of the case from above in real
+            time, up to the contact, with the latest way out as a dashed outline; for one case.
         av_timeout: How long an AV that is not built in may take for an answer [s].
         av_python: Python in which such an AV runs; a library does not remember it, because it belongs to the machine.
         progress: Told how far it is.
@@ -154,12 +158,15 @@ def replay(
         What `cornerforge replay --json` prints.
 
     Raises:
-        CornerForgeError: No such case, the library, its policy or model cannot be read, or there can be no picture.
+        CornerForgeError: No such case, the library, its policy or model cannot be read, or there can be no picture or
+            film.
     """
+    if case == "all" and (picture is not None or video is not None):
+        raise InputError(f"A {'film' if picture is None else 'picture'} shows one case; name it instead of all.")
     if picture is not None:
-        if case == "all":
-            raise InputError("A picture shows one case; name it instead of all.")
         check_picture(Path(picture))
+    if video is not None:
+        check_video(Path(video))
     cases = CaseLibrary.open(Path(library))
     run = experiment_of(cases, av_timeout, av_python)
     again = driver_of_cases(run)
@@ -178,8 +185,15 @@ def replay(
             if note is None:
                 note = _why_different(cases, run, driven)
         progress("replay", done + 1, len(ids))
-        if picture is not None:
-            write_picture(driven, Path(picture), steers=run.av_steers)
+        if picture is None and video is None:
+            continue
+        has_crash = partner_of(driven) is not None
+        answer = way_out_of(driven, steers=run.av_steers) if has_crash or picture is not None else None
+        if picture is not None and answer is not None:
+            write_picture(driven, Path(picture), answer)
+        if video is not None:
+            title = f"Case {case_id}, AV {run.av.name}"
+            write_video(driven, Path(video), answer, title=title, progress=progress)
     is_all = case == "all"
     return Replayed(
         case=case,
@@ -189,6 +203,7 @@ def replay(
         differ=tuple(differ) if is_all else None,
         note=note,
         picture=None if picture is None else str(picture),
+        video=None if video is None else str(video),
     )
 
 

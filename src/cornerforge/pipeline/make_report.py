@@ -10,7 +10,7 @@ from cornerforge.pipeline.analyse import DEFAULT_LOOKS, analyse
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.results.whole import Reported
 
-__all__ = ["make_report"]
+__all__ = ["library_of", "make_report"]
 
 
 def make_report(
@@ -47,7 +47,7 @@ def make_report(
         page = write_report(given)
         progress("report", 1, 1)
         return Reported(report=str(page), library=str(given / "library"))
-    library = _library_of(given)
+    library = library_of(given)
     folder = Path(out)
     analyse(
         library, out=folder / "analysis", avoidability=avoidability, reaction=reaction, seed=seed, threads=threads,
@@ -59,7 +59,7 @@ def make_report(
     return Reported(report=str(page), library=str(library))
 
 
-def _library_of(place: Path) -> Path:
+def library_of(place: Path) -> Path:
     """Find the library that a folder is, or that a natural rate left in it.
 
     Raises:

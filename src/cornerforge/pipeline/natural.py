@@ -1,7 +1,7 @@
 """How often the cases of a library happen in natural traffic, kind by kind.
 
-Cases of natural traffic have a weight: the crashes per test that each stands for. Counted ones all have the same; those
-of trees (`splitting`) carry theirs in the column `weight`. Cases that an adversary made have none.
+Cases of natural traffic have a weight (`library.natural`): the crashes per test that each stands for. Counted ones all
+have the same; those of trees (`splitting`) carry theirs in the column `weight`. Cases that an adversary made have none.
 """
 
 from __future__ import annotations
@@ -14,42 +14,16 @@ from numpy.typing import NDArray
 
 from cornerforge.rates import weighted_interval
 from cornerforge.results.analysis import Natural, NaturalKind
+from cornerforge.types import METRES_PER_MILE
 
 if TYPE_CHECKING:
-    from cornerforge.library import CaseLibrary
     from cornerforge.types import Odd
 
-__all__ = ["WEIGHT", "Kinds", "is_natural", "natural_shares", "natural_weights"]
+__all__ = ["Kinds", "natural_shares"]
 
-WEIGHT = "weight"
-"""Column of a library: crashes per test that the case stands for."""
-_METRES_PER_MILE = 1609.344
-_TRAFFIC = "nde"
 
 Kinds = Sequence[str | None]
 """What kind each case is, None: not known."""
-
-
-def is_natural(cases: CaseLibrary) -> bool:
-    """Say whether a library's cases come from natural traffic."""
-    return cases.identity.get("bv") == _TRAFFIC
-
-
-def natural_weights(cases: CaseLibrary) -> dict[str, float] | None:
-    """Give each case's weight, by its id; None if they are not natural.
-
-    Returns:
-        Crashes per test that the case stands for; the sum is the rate.
-    """
-    if not is_natural(cases) or len(cases) == 0:
-        return None
-    if WEIGHT in cases.extra:
-        rows = cases.scalars(["case_id", WEIGHT])
-        return dict(zip(rows["case_id"].to_pylist(), rows[WEIGHT].to_pylist(), strict=True))
-    if cases.scripted or cases.tests == 0:
-        return None
-    each = cases.crashes / cases.tests / len(cases)  # not all crashes need be stored
-    return dict.fromkeys(cases.scalars(["case_id"])["case_id"].to_pylist(), each)
 
 
 class _Rates:
@@ -59,7 +33,7 @@ class _Rates:
         self.weights = weights
         self._largest = float(weights.max())
         self._whole = float(weights.sum())
-        self._miles = odd.test_length / _METRES_PER_MILE
+        self._miles = odd.test_length / METRES_PER_MILE
 
     def of(self, weights: NDArray[np.float64], largest: float | None = None) -> NaturalKind:
         """Give the rate of some cases, with their weights; `largest`: of any such case, None: of any of the library."""

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from cornerforge._checks import check_integer, check_number
 from cornerforge.errors import InputError
 
-__all__ = ["binomial_interval", "poisson_interval", "rate_ratio_interval", "weighted_interval"]
+__all__ = ["binomial_interval", "poisson_interval", "rate_ratio_interval", "share_interval", "weighted_interval"]
 
 
 def binomial_interval(crashes: int, tests: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -142,3 +142,28 @@ def weighted_interval(weights: ArrayLike, largest: float, confidence: float = 0.
     low = 0.0 if total == 0.0 else square / total * float(gammaincinv(total * total / square, tail))
     total, square = total + largest, square + largest * largest
     return low, square / total * float(gammaincinv(total * total / square, 1.0 - tail))
+
+
+def share_interval(part: ArrayLike, whole: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
+    """Give the interval of the share of some events among all of a Poisson number of events.
+
+    With equal weights it is exact (`binomial_interval`); else that of their rate (`weighted_interval`) over the rate of
+    all, which is too wide rather than too narrow.
+
+    Args:
+        part: Weights of the events that count, shape (K,), above 0; they are among those of `whole`.
+        whole: Weights of all, shape (N,), N at least 1.
+        confidence: In (0, 1).
+
+    Returns:
+        Low and high, within [0, 1].
+
+    >>> low, high = share_interval([1.0], [1.0, 1.0])
+    >>> round(low, 3), round(high, 3)
+    (0.013, 0.987)
+    """
+    some, every = np.asarray(part, np.float64), np.asarray(whole, np.float64)
+    if np.ptp(every) == 0.0:
+        return binomial_interval(some.size, every.size, confidence)
+    low, high = weighted_interval(some, float(every.max()), confidence)
+    return low / float(every.sum()), min(1.0, high / float(every.sum()))

@@ -27,6 +27,7 @@ __all__ = [
     "Artefacts",
     "Emptiness",
     "FilledRate",
+    "OnRoads",
     "Points",
     "Rate",
     "Summary",
@@ -51,10 +52,11 @@ class Rate:
     interval95: Interval = field(metadata=INTERVAL95)
     av_crashes: int | None = None
     crashes_per_mile: float | None = None
+    miles: float | None = None
 
     @property
     def is_bound(self) -> bool:
-        """True if no crash was seen: the rate is known only to lie below 3 / tests (95 %)."""
+        """True if no crash was seen: the rate is known only to lie below the upper end of its interval."""
         return self.crashes_per_test == 0.0
 
     @property
@@ -64,8 +66,8 @@ class Rate:
 
     @property
     def bound(self) -> float:
-        """Upper 95 % bound of the rate when no crash was seen: 3 / tests (at most 1)."""
-        return min(1.0, 3.0 / self.tests)
+        """Upper end of the 95 % interval, which is all that is known when no crash was seen."""
+        return self.interval95[1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,17 +94,6 @@ class OnRoads(Rate):
         """Number of significant digits to show: the third is noise unless there are hundreds of crashes."""
         return 3 if self.method == "mc" and super().digits == 3 else 2
 
-    @property
-    def miles(self) -> float | None:
-        """Miles of the AV from one crash to the next; None if no crash was seen."""
-        return 1.0 / self.crashes_per_mile if self.crashes_per_mile else None
-
-    @property
-    def miles_interval(self) -> tuple[float, float | None]:
-        """Interval of `miles`; None: no upper bound."""
-        low, high = (0.0, 0.0) if self.interval95_per_mile is None else self.interval95_per_mile
-        return (1.0 / high if high > 0.0 else 0.0), (1.0 / low if low > 0.0 else None)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
@@ -124,7 +115,10 @@ class Summary:
     @property
     def natural_rate(self) -> Rate | None:
         """The best that is known of the AV's rate in natural traffic; None if nothing is."""
-        return self.nde if self.natural is None or self.natural.is_bound else self.natural
+        rate, plain = self.natural, self.nde
+        if rate is None or (rate.is_bound and plain is not None and (not plain.is_bound or plain.tests > rate.tests)):
+            return plain
+        return rate
 
 
 @dataclass(frozen=True)
@@ -168,7 +162,7 @@ class Artefacts:
     def natural_library(self) -> Path | None:
         """Where natural crashes are, weighted or counted; None if there is none."""
         natural = self.summary.natural
-        if natural is None:
+        if natural is None or self.training is None:
             return None if self.analysis.natural is None else self.library
         return self.out / "natural" / ("library" if natural.method == "mc" else "weighted")
 
@@ -268,6 +262,7 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
             effort="",
             seed=str(run.get("seed", "unknown")),
             bounded=bool(run.get("bounded", False)),
+            natural=_rate_beside(library) if found.natural is not None else None,
             natural_cases=found if found.natural is not None else None,
             generate=None if found.natural is not None or cases.scripted else _filled_rate(cases),
         ),
@@ -278,6 +273,17 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
         provenance=made.values,
         command=command,
     )
+
+
+def _rate_beside(library: Path) -> OnRoads | None:
+    """Read the natural rate that `rate --out` left beside its library; None if there is none."""
+    file = library.parent / "rate.json"
+    if not file.is_file():
+        return None
+    made = open_json(file, f"cornerforge rate --out {library.parent} --resume")
+    rate = replace(made.read(OnRoads), name="natural traffic")
+    check_interval(made, "interval95", rate.interval95, "crashes_per_test", rate.crashes_per_test)
+    return rate
 
 
 def _filled_rate(cases: CaseLibrary) -> FilledRate | None:
@@ -300,7 +306,7 @@ def analyse_command(out: Path) -> str:
 
 
 def _named(found: Summary) -> Summary:
-    name = "natural traffic (NDE)"
+    name = "natural traffic"
     natural = found.natural if found.natural is None else replace(found.natural, name=name)
     nde = found.nde if found.nde is None else replace(found.nde, name=name)
     generate = found.generate if found.generate is None else replace(found.generate, name="adversary")

@@ -11,6 +11,7 @@ from cornerforge.analysis.avoidability import Avoidability
 from cornerforge.errors import InputError
 from cornerforge.geometry import Box
 from cornerforge.ndd.drawing import BLUE, GREEN, GREY, ORANGE, new_figure
+from cornerforge.pictures.moments import corners_of, partner_of
 from cornerforge.road.straight import along
 from cornerforge.types import FRAME_S, Scenario
 
@@ -31,8 +32,9 @@ _LABELS = {
 def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
     """Draw the recorded crash and the witness of its avoidability.
 
-    The upper panel shows the road from above at the moment of the contact, with the tracks before it in a frame that
-    moves at the AV's mean recorded speed. The lower panel shows speeds over time, with the moments that matter.
+    The upper panel shows the road from above, to scale, at the moment of the contact, with the tracks before it in a
+    frame that moves at the AV's mean recorded speed. The lower panel shows speeds over time, with the moments that
+    matter.
 
     Args:
         scenario: The recording.
@@ -45,16 +47,18 @@ def avoidance_figure(scenario: Scenario, answer: Avoidability) -> Any:
         InputError: The scenario holds no crash of the AV.
         MissingExtraError: matplotlib is not installed.
     """
-    if scenario.crash is None or scenario.crash.slot_a != 0:
+    partner = partner_of(scenario)
+    if scenario.crash is None or partner is None:
         raise InputError(f"Test {scenario.seed}:{scenario.test} holds no crash of the AV; there is nothing to draw.")
     drawing, (above, below) = new_figure(2, 1, 9.5, 6.4)
     last = round(scenario.crash.time / FRAME_S)
-    partner = int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
     begin_s = max(min(answer.manoeuvre_s, _LONGEST_BEFORE_S), answer.latest_s or 0.0, _BEFORE_S)
     first = max(0, last - round(begin_s / FRAME_S))
+    above.get_gridspec().set_height_ratios([1.0, 1.5])
     _draw_road(above, scenario, answer, first, last, partner)
     _draw_speeds(below, scenario, answer, first, last, partner)
-    above.set_title(f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}", fontsize=9, loc="left")
+    title = f"case {scenario.seed}:{scenario.test}: {_in_words(answer)}"
+    drawing.suptitle(title, fontsize=9, x=0.01, ha="left")
     return drawing
 
 
@@ -106,16 +110,17 @@ def _draw_road(
         panel.plot(x[:1], witness.y[:1], marker="o", color=GREEN, markersize=5, zorder=4)
     panel.set_xlim(-_AHEAD_M, _AHEAD_M)
     panel.set_ylim(-0.5, odd.n_lanes * odd.lane_width + 0.5)
+    panel.set_aspect("equal")
     panel.grid(visible=False)
-    panel.legend(fontsize=8, loc="lower right", framealpha=0.9)
-    panel.set_xlabel(f"along the road at contact [m]; tracks as seen at {pace:.1f} m/s", fontsize=9)
+    panel.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, borderpad=0.2)
+    panel.set_xlabel(
+        f"along the road at contact [m], to scale; tracks as seen when moving at {pace:.1f} m/s", fontsize=9
+    )
     panel.set_ylabel("across the road [m]", fontsize=9)
 
 
 def _box(panel: Any, box: Box, colour: str, *, dashed: bool = False) -> None:
-    c, s = np.cos(box.heading), np.sin(box.heading)
-    ends = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [0.5 * box.length, 0.5 * box.width]
-    corners = ends @ np.array([[c, s], [-s, c]]) + [box.x, box.y]
+    (corners,) = corners_of(*(np.array([value]) for value in box))
     panel.fill(*corners.T, facecolor="none" if dashed else colour, edgecolor=colour, alpha=1.0 if dashed else 0.55,
                linewidth=1.8 if dashed else 1.0, linestyle="--" if dashed else "-", zorder=3)  # fmt: skip
 

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.metrics.risk import lane_ttc, plane_ttc
+from cornerforge.pictures.moments import partner_of
 from cornerforge.report.judged import WayOut
-from cornerforge.report.risk import lane_ttc, plane_ttc
 from cornerforge.road.straight import along
 from cornerforge.types import ACTIONS, CLASSES, FRAME_S, Scenario
 
-__all__ = ["case_data", "load_scenarios"]
+__all__ = ["case_data", "first_shown", "ghost", "load_scenarios"]
 
 SIGHT_M = 110.0
 """Vehicles are kept while they are this near to the AV along the road [m]; the widest view shows 100 m each way."""
@@ -60,11 +61,11 @@ def case_data(
     """
     n_frames = len(scenario.x)
     if first is None:
-        first = max(0, n_frames - 1 - round(SHOWN_S / FRAME_S))
+        first = first_shown(scenario)
     near = _near(scenario, first)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]
     position = {column: i for i, column in enumerate(columns)}
-    partner = _partner(scenario)
+    partner = partner_of(scenario)
     return {
         "id": case_id,
         "dt": FRAME_S,
@@ -74,7 +75,7 @@ def case_data(
         "laneWidth": scenario.odd.lane_width,
         "maxSpeed": scenario.odd.max_speed,
         "vehicles": [_vehicle(scenario, column, near[:, column], first) for column in columns],
-        "wayOut": None if way_out is None else _ghost(scenario, way_out, first),
+        "wayOut": None if way_out is None else ghost(scenario, way_out, first),
         "critical": [position.get(int(c), -1) for c in scenario.critical_bv],
         "action": [_action(scenario, k) for k in range(len(scenario.critical_bv))],
         "p_nde": [_probability(scenario, k) for k in range(len(scenario.critical_bv))],
@@ -85,22 +86,20 @@ def case_data(
     }
 
 
+def first_shown(scenario: Scenario) -> int:
+    """Return the first frame of the last `SHOWN_S` of a recording."""
+    return max(0, len(scenario.x) - 1 - round(SHOWN_S / FRAME_S))
+
+
 def _near(scenario: Scenario, first: int) -> NDArray[np.bool_]:
     """Mark vehicles that are present and near the AV, shape (T, N), none before `first`; the partner is always near."""
     distance = np.abs(along(scenario.x[:, :1], np.where(scenario.present, scenario.x, np.inf)))
     near = scenario.present & (distance <= SIGHT_M)
-    partner = _partner(scenario)
+    partner = partner_of(scenario)
     for column in (0,) if partner is None else (0, partner):
         near[:, column] = scenario.present[:, column]
     near[:first] = False
     return near
-
-
-def _partner(scenario: Scenario) -> int | None:
-    """Column of the vehicle that the AV crashed with; None if the AV did not crash."""
-    if scenario.crash is None or scenario.crash.slot_a != 0:
-        return None
-    return int(np.flatnonzero(scenario.slot == scenario.crash.slot_b)[0])
 
 
 def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: int) -> dict[str, Any]:
@@ -121,8 +120,14 @@ def _vehicle(scenario: Scenario, column: int, near: NDArray[np.bool_], first: in
     }
 
 
-def _ghost(scenario: Scenario, way_out: WayOut, first: int) -> dict[str, Any] | None:
-    """Return the AV on its way out, over the frames shown; None if there is none or it begins at the contact."""
+def ghost(scenario: Scenario, way_out: WayOut, first: int) -> dict[str, Any] | None:
+    """Return the AV on another way, as a vehicle of `case_data`; None if it begins at the contact.
+
+    Args:
+        scenario: The case.
+        way_out: The motion.
+        first: First frame that is shown.
+    """
     if scenario.crash is None:
         return None
     begin = round((scenario.crash.time - way_out.begin_s) / FRAME_S)

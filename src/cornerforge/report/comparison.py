@@ -22,7 +22,8 @@ __all__ = ["AS_RECORDED", "NATURAL", "REACTING", "Pair", "check_page", "write_co
 
 CASE_BYTES = 4_000_000
 """Room for trajectories on the page."""
-SCRIPTS = ("scene.js", "player.js", "comparison.js")
+SCRIPTS = ("comparison.js",)
+"""What the page runs; made of `web/src/pages/` by `make web`."""
 AS_RECORDED, REACTING, NATURAL = "others as recorded", "others who react", "natural traffic"
 """The drives of a retest."""
 _VERDICTS = {

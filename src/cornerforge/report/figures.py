@@ -1,8 +1,9 @@
 """The charts as plotly figures: plain JSON values, drawn in the browser.
 
 A colour that begins with "css:" names a custom property of the page's style, so that a chart follows light and dark
-mode; `charts.js` puts the value in. Colours are Okabe and Ito's, which colour-blind people tell apart, and no meaning
-hangs on colour alone: markers, dashes and labels say the same. Text from files is escaped, since plotly reads markup.
+mode; `web/src/pages/charts.ts` puts the value in. Colours are Okabe and Ito's, which colour-blind people tell apart;
+no meaning hangs on colour alone: markers, dashes and labels say the same. Text from files is escaped, since plotly
+reads markup.
 """
 
 from __future__ import annotations
@@ -24,7 +25,6 @@ from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.whole import Exposed
 
 __all__ = [
-    "crash_type_figure",
     "discovery_figure",
     "exposure_figure",
     "map_figure",
@@ -38,10 +38,10 @@ Figure = dict[str, Any]
 
 NATURAL = "#009E73"
 ADVERSARY = "#D55E00"
-GROUP_COLOURS = {"majority": NATURAL, "minority": ADVERSARY}
+CLUSTER_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D1F", "#7A7A7A")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "hexagon", "hourglass")
-MAX_POINTS = 3000
-"""At most this many points of a cluster are drawn, evenly taken from its list: more only slow the page."""
+MAX_POINTS, MAX_ALL_POINTS = 3000, 12_000
+"""At most this many points of a cluster, and of all, are drawn, evenly taken from its list: the page stays small."""
 
 
 def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
@@ -72,9 +72,15 @@ def rate_figure(rates: list[Rate], natural: Rate | None) -> Figure:
     arrows["marker"] |= {"symbol": "triangle-left", "size": 15}
     arrows["textposition"] = "top right"
     lowest = min([r.interval95[0] or r.crashes_per_test / 3 for r in seen] + [r.bound / 10 for r in bounds])
+    bottom = float(np.log10(lowest)) - 1.0
     layout = _layout(height=110 + 62 * len(rows), showlegend=False, margin={"l": 10, "r": 30, "t": 20, "b": 55})
     layout["xaxis"] = _axis(
-        "crashes of the AV per test (log scale)", type="log", range=[float(np.log10(lowest)) - 0.3, 0.25], **_POWERS
+        "crashes of the AV per drive<br>(log scale)",
+        type="log",
+        range=[bottom, 0.25],
+        exponentformat="power",
+        dtick=1 if bottom > -4.0 else 2,
+        tickangle=0,
     )
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", categoryorder="array", showgrid=False)
     layout["yaxis"]["categoryarray"] = [_row_label(r) for r in rows]
@@ -100,12 +106,12 @@ def _rate_marks(rates: list[Rate], natural: Rate | None) -> dict[str, Any]:
         "text": shown,
         "textposition": "top center",
         "cliponaxis": False,
-        "hovertemplate": "%{y}: %{text} crashes per test<extra></extra>",
+        "hovertemplate": "%{y}: %{text} crashes per drive<extra></extra>",
     }
 
 
 def _row_label(rate: Rate) -> str:
-    return f"{html.escape(rate.name)}<br><sub>n = {text.count(rate.tests)} tests</sub>"
+    return f"{_wrapped(rate.name)}<br><sub>n = {text.count(rate.tests)} drives</sub>"
 
 
 def _arrow_tail(rate: Rate, lowest: float) -> dict[str, Any]:
@@ -157,25 +163,40 @@ def training_figure(training: TrainingCurve, natural: Rate) -> Figure:
             "hoverinfo": "skip",
             "name": "95 % interval",
         },
-        _line(x, share.tolist(), "yield [crashes per test]", color=ADVERSARY, width=2.5),
+        _line(x, share.tolist(), "crashes per drive", color=ADVERSARY, width=2.5),
         _line(
             decisions,
             [point.epsilon for point in training.points],
-            "exploration: share of random actions",
+            "share of random actions",
             color="css:accent",
             dash="dash",
         ),
-        {**_line(decisions, loss, "loss (temporal difference)", color="css:muted"), "yaxis": "y2"},
+        {**_line(decisions, loss, "loss: how far its expectations miss", color="css:muted"), "yaxis": "y2"},
     ]
     layout = _layout(height=460, legend={"orientation": "h", "y": 1.08, "x": 0, "yanchor": "bottom"})
-    layout["xaxis"] = _axis(
-        "decisions of the critical background vehicle seen in training", anchor="y2", rangemode="tozero"
-    )
-    layout["yaxis"] = _axis("crashes per test;<br>share of random actions", domain=[0.36, 1.0], range=[0, 1.02])
-    layout["yaxis2"] = _axis("loss (log scale)", domain=[0.0, 0.26], type="log", exponentformat="power")
+    layout["xaxis"] = _axis("decisions that it learned from", anchor="y2", rangemode="tozero")
+    layout["yaxis"] = _axis("crashes per drive;<br>share of random actions", domain=[0.36, 1.0], range=[0, 1.02])
+    layout["yaxis2"] = _axis("loss (log)", domain=[0.0, 0.26], type="log", **_few_ticks(loss))
     if not natural.is_bound and natural.crashes_per_test > 1e-3:
         layout["shapes"] = [_level(natural.crashes_per_test)]
     return {"data": traces, "layout": layout}
+
+
+def _few_ticks(values: Sequence[float | None]) -> dict[str, Any]:
+    """Ticks of a log axis at 1, 2 and 5 times powers of ten, or at the powers alone where these would be many."""
+    known = [value for value in values if value is not None and value > 0.0]
+    if not known:
+        return {}
+    powers = range(int(np.floor(np.log10(min(known)))), int(np.ceil(np.log10(max(known)))) + 1)
+    inside = [
+        float(f"{first}e{power}")
+        for power in powers
+        for first in (1, 2, 5)
+        if 0.9 * min(known) <= float(f"{first}e{power}") <= 1.1 * max(known)
+    ]
+    wide = [value for value in inside if np.log10(value).is_integer()]
+    ticks = inside if len(inside) <= 4 else wide or inside[:: len(inside) // 3]
+    return {"tickvals": ticks, "ticktext": [f"{value:g}" for value in ticks]}
 
 
 def _level(value: float) -> dict[str, Any]:
@@ -194,7 +215,7 @@ def exposure_figure(histogram: Exposed) -> Figure:
     layout["xaxis"] = _axis(f"{html.escape(histogram.label)} [{unit}]")
     layout["yaxis"] = _axis(f"probability density [1/{unit}]", rangemode="tozero", tickformat=".3~g")
     worlds = (
-        ("natural traffic (NDE)", histogram.nde, NATURAL, "rgba(0,158,115,0.16)", "dash"),
+        ("natural traffic", histogram.nde, NATURAL, "rgba(0,158,115,0.16)", "dash"),
         ("adversary", histogram.adversary, ADVERSARY, "rgba(213,94,0,0.16)", "solid"),
     )
     traces = []
@@ -214,27 +235,6 @@ def density(histogram: Exposed, counts: Sequence[int]) -> NDArray[np.float64]:
 def _steps(values: NDArray[np.float64]) -> list[float | None]:
     """One value an edge: a step line holds each value to the next edge, so the last is repeated."""
     return [float(f"{v:.5g}") for v in [*values, values[-1]]]
-
-
-def crash_type_figure(analysis: Analysed) -> Figure:
-    """Cases by crash type, most frequent on top."""
-    ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
-    total = max(1, sum(n for _, n in ordered))
-    bars = {
-        "type": "bar",
-        "orientation": "h",
-        "x": [n for _, n in ordered],
-        "y": [html.escape(name) for name, _ in ordered],
-        "text": [f"{text.count(n)} ({100 * n / total:.1f} %)" for _, n in ordered],
-        "textposition": "outside",
-        "cliponaxis": False,
-        "marker": {"color": "css:accent"},
-        "hovertemplate": "%{y}: %{x} cases<extra></extra>",
-    }
-    layout = _layout(height=100 + 42 * max(1, len(ordered)), margin={"l": 10, "r": 110, "t": 10, "b": 50})
-    layout["xaxis"] = _axis("cases", rangemode="tozero")
-    layout["yaxis"] = _axis("", automargin=True, autorange="reversed", showgrid=False)
-    return {"data": [bars], "layout": layout}
 
 
 def share_figure(counts: dict[str, int], cases: int, what: str) -> Figure:
@@ -264,20 +264,22 @@ def share_figure(counts: dict[str, int], cases: int, what: str) -> Figure:
             "color": "css:ink",
         },
     }
-    # Beyond the interval's end, which the bar's own label would be written over.
+    # Beyond the interval's end, since the bar's own label would lie over it; in a long bar before it, where room is.
+    long = shares > 0.5
     labels = {
         "type": "scatter",
         "mode": "text",
-        "x": (100 * ends[:, 1] + 1.5).tolist(),
+        "x": np.where(long, 100 * ends[:, 0] - 1.5, 100 * ends[:, 1] + 1.5).tolist(),
         "y": bars["y"],
         "text": [f"{text.count(n)} ({text.share(n / cases)})" for n in counts.values()],
-        "textposition": "middle right",
+        "textposition": ["middle left" if inside else "middle right" for inside in long],
+        "textfont": {"color": ["css:paper" if inside else "css:ink" for inside in long]},
         "cliponaxis": False,
         "hoverinfo": "skip",
     }
-    layout = _layout(height=100 + 42 * max(1, len(counts)), margin={"l": 10, "r": 120, "t": 10, "b": 50})
+    layout = _layout(height=100 + 42 * max(1, len(counts)), margin={"l": 10, "r": 20, "t": 10, "b": 50})
     layout |= {"showlegend": False, "bargap": 0.35}
-    layout["xaxis"] = _axis(f"{what} [%], n = {text.count(cases)}", range=[0, 100])
+    layout["xaxis"] = _axis(f"{what} [%]<br>n = {text.count(cases)}", range=[0, 100])
     layout["yaxis"] = _axis("", automargin=True, autorange="reversed", showgrid=False, ticksuffix=" ")
     return {"data": [bars, labels], "layout": layout}
 
@@ -293,8 +295,8 @@ def discovery_figure(coverage: Coverage) -> Figure:
     curve = _line(m.tolist(), [float(f"{k:.4g}") for k in kinds], "kinds seen", color="css:accent", width=2.5)
     curve |= {"mode": "lines+markers", "hovertemplate": "%{x} cases: %{y} kinds<extra></extra>"}
     layout = _layout(height=330, showlegend=False, margin={"l": 60, "r": 20, "t": 20, "b": 50})
-    layout["xaxis"] = _axis("cases looked at, in random order (log scale)", type="log", **_POWERS)
-    layout["yaxis"] = _axis("kinds seen (expected number)", rangemode="tozero")
+    layout["xaxis"] = _axis("cases, in random order (log scale)", type="log", **_POWERS)
+    layout["yaxis"] = _axis("kinds seen, on average", rangemode="tozero")
     return {"data": [curve], "layout": layout}
 
 
@@ -307,37 +309,41 @@ def map_figure(points: Points, analysis: Analysed, top: list[str], animated: set
         top: Cases worth a look.
         animated: Case ids that the page can play.
     """
-    traces = [
-        _cluster_trace(points, group, int(cluster), int(cluster) % len(SYMBOLS))
+    clusters = [
+        (group, int(cluster))
         for group in ("majority", "minority")
         for cluster in np.unique(points.cluster[np.array(points.group, dtype=str) == group])
     ]
+    most = min(MAX_POINTS, MAX_ALL_POINTS // max(1, len(clusters)))
+    traces = [_cluster_trace(points, group, cluster, most) for group, cluster in clusters]
     typical = {case for cluster in analysis.clusters for case in cluster.typical}
-    traces.append(_marked(points, typical & animated, "typical (click to play)", "circle-open", 15))
-    traces.append(_marked(points, set(analysis.rare) & animated, "rare (click to play)", "x-thin-open", 13))
-    traces.append(_marked(points, set(top) & animated, "worth a look (click to play)", "square-open", 19))
+    traces.append(_marked(points, typical & animated, "typical", "circle-open", 13))
+    traces.append(_marked(points, set(analysis.rare) & animated, "rare", "x-thin-open", 10))
+    traces.append(_marked(points, set(top) & animated, "of most value", "square-open", 16))
     # The legend below has about two entries a row; it shall not eat the picture.
     layout = _layout(
         height=470 + 20 * ((len(traces) + 1) // 2),
         legend={"orientation": "h", "y": -0.16, "x": 0, "yanchor": "top", "itemsizing": "constant"},
     )
     for axis, share, number in zip(("xaxis", "yaxis"), analysis.explained_variance, (1, 2), strict=True):
-        layout[axis] = _axis(f"principal component {number} ({100 * share:.0f} % of the variance)", zeroline=True)
+        layout[axis] = _axis(f"component {number} ({100 * share:.0f} % of variance)", zeroline=True)
     layout |= {"hovermode": "closest", "dragmode": "zoom"}
     return {"data": traces, "layout": layout}
 
 
-def _cluster_trace(points: Points, group: str, cluster: int, symbol: int) -> dict[str, Any]:
+def _cluster_trace(points: Points, group: str, cluster: int, most: int) -> dict[str, Any]:
     inside = np.flatnonzero((np.array(points.group, dtype=str) == group) & (points.cluster == cluster))
-    shown = inside[np.unique(np.linspace(0, len(inside) - 1, min(MAX_POINTS, len(inside))).round().astype(int))]
-    name = f"{group}, {'no cluster' if cluster < 0 else f'cluster {cluster}'} ({text.count(len(inside))})"
-    marker = {"size": 5, "opacity": 0.55, "color": GROUP_COLOURS[group], "symbol": SYMBOLS[symbol]}
+    shown = inside[np.unique(np.linspace(0, len(inside) - 1, min(most, len(inside))).round().astype(int))]
+    sparse = ", sparse" if group == "minority" else ""
+    name = f"{'no cluster' if cluster < 0 else f'cluster {cluster}'}{sparse} ({text.count(len(inside))})"
+    place = cluster % len(SYMBOLS)
+    marker = {"size": 5, "opacity": 0.55, "color": CLUSTER_COLOURS[place], "symbol": SYMBOLS[place]}
     return _scatter(points, shown, name) | {"marker": marker}
 
 
 def _marked(points: Points, cases: set[str], name: str, symbol: str, size: int) -> dict[str, Any]:
     index = np.array([i for i, case in enumerate(points.case_id) if case in cases], dtype=np.intp)
-    line = {"width": 2.2, "color": "css:ink"}
+    line = {"width": 1.8, "color": "css:ink"}
     return _scatter(points, index, name) | {
         "marker": {"size": size, "symbol": symbol, "color": "css:ink", "line": line}
     }
@@ -358,7 +364,16 @@ def _scatter(points: Points, index: NDArray[np.intp], name: str) -> dict[str, An
 
 def _axis(title: str, **more: Any) -> dict[str, Any]:
     colours = {"gridcolor": "css:grid", "zerolinecolor": "css:grid", "linecolor": "css:muted"}
-    return {"title": {"text": title, "standoff": 8}, "zeroline": False, "automargin": True, **colours, **more}
+    lines = "<br>".join(
+        line for part in title.split("<br>") for line in textwrap.wrap(part, 34, break_long_words=False)
+    )
+    return {
+        "title": {"text": lines, "standoff": 8, "font": {"size": 13}},
+        "zeroline": False,
+        "automargin": True,
+        **colours,
+        **more,
+    }
 
 
 def _layout(**more: Any) -> dict[str, Any]:

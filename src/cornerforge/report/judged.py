@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from cornerforge.results.reading import JsonFile
 __all__ = [
     "CONDUCT_WORDS",
     "FAULT_WORDS",
+    "JUDGED",
     "CaseJudgement",
     "WayOut",
     "avoided_kinds",
@@ -28,6 +29,7 @@ __all__ = [
     "check_interval",
     "conducts_in_words",
     "faults_in_words",
+    "judgement_of",
     "kind_counts",
     "prevented_kinds",
     "read_case_judgements",
@@ -35,7 +37,7 @@ __all__ = [
 ]
 
 
-FAULT_WORDS = dict(zip(FAULTS, ("AV", "BV", "both", "nobody"), strict=True))
+FAULT_WORDS = dict(zip(FAULTS, ("the AV", "the other", "both", "nobody"), strict=True))
 """Who is at fault, by names for people."""
 
 
@@ -204,10 +206,11 @@ def read_table(file: Path, names: list[str], command: str, case_ids: Iterable[st
     return {name: table.column(name).to_pylist() for name in names}
 
 
-_CASE = [
-    "case_id", "fault", "fault_rule", "fault_s", "avoidability", "manoeuvre_begin_s", "latest_any_s", "prevented_by",
+JUDGED = (
+    "fault", "fault_rule", "fault_s", "avoidability", "manoeuvre_begin_s", "latest_any_s", "prevented_by",
     "held_speed_prevents", "conduct", "conduct_s",
-]  # fmt: skip
+)  # fmt: skip
+"""Columns of `cases.parquet` that a `CaseJudgement` is made of, in the order of its fields."""
 _WAY = ["witness_x_m", "witness_y_m", "witness_speed_mps", "witness_heading_rad"]
 
 
@@ -223,16 +226,23 @@ def read_case_judgements(analysis: Path, case_ids: Iterable[str], command: str) 
         FileFormatError: `cases.parquet` or `witnesses.parquet` is missing or damaged.
     """
     ids = list(case_ids)
-    known = read_table(analysis / "cases.parquet", _CASE, command, ids)
+    known = read_table(analysis / "cases.parquet", ["case_id", *JUDGED], command, ids)
     ways = read_table(analysis / "witnesses.parquet", ["case_id", "latest_any_s", *_WAY], command, ids)
     way_out = {
         case_id: WayOut(begin_s, *(np.array(values, np.float64) for values in way))
         for case_id, begin_s, *way in zip(*ways.values(), strict=True)
         if begin_s is not None and way[0]
     }
-    return {
-        case_id: CaseJudgement(fault, rule, fault_s, label, began, latest, by, held, did, did_s, way_out.get(case_id))
-        for case_id, fault, rule, fault_s, label, began, latest, by, held, did, did_s in zip(
-            *known.values(), strict=True
-        )
-    }
+    rows = (dict(zip(known, row, strict=True)) for row in zip(*known.values(), strict=True))
+    return {row["case_id"]: judgement_of(row, way_out.get(row["case_id"])) for row in rows}
+
+
+def judgement_of(row: Mapping[str, Any], way_out: WayOut | None) -> CaseJudgement:
+    """Take what was judged of a case out of its row of `cases.parquet`.
+
+    Args:
+        row: The columns `JUDGED`, None for null.
+        way_out: From `witnesses.parquet`.
+    """
+    said: dict[str, Any] = {one.name: row[name] for one, name in zip(fields(CaseJudgement), JUDGED, strict=False)}
+    return CaseJudgement(**said, way_out=way_out)

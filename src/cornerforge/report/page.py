@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cornerforge.analysis.conduct import CONDUCTS, NO_CONDUCT
-from cornerforge.analysis.flaw import headline
-from cornerforge.analysis.mechanism import MECHANISMS
+from cornerforge.analysis.conduct import CONDUCTS
+from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import figures, tables, text
 from cornerforge.report.artefacts import (
@@ -22,9 +21,9 @@ from cornerforge.report.artefacts import (
     read_emptiness,
 )
 from cornerforge.report.cases import case_data, load_scenarios
+from cornerforge.report.front import Front, Known, Look, front_of, how_often
 from cornerforge.report.judged import (
     FAULT_WORDS,
-    CaseJudgement,
     avoided_kinds,
     conducts_in_words,
     faults_in_words,
@@ -32,15 +31,21 @@ from cornerforge.report.judged import (
     prevented_kinds,
     read_case_judgements,
 )
+from cornerforge.report.kinds import kind_in_words
+from cornerforge.report.natural_cases import read_natural_cases
 from cornerforge.report.rendering import content_policy, environment, template, write_page
+from cornerforge.report.road import on_road, road_rate
+from cornerforge.report.verdict import verdict
 from cornerforge.results import Analysed
-from cornerforge.results.analysis import PARTS
+from cornerforge.results.analysis import PARTS, Natural
+from cornerforge.types import Scenario
 
-__all__ = ["write_library_report", "write_report"]
+__all__ = ["charts_of", "write_library_report", "write_report"]
 
 CASE_BYTES = 2_800_000
 """Room for trajectories on the page; with plotly's library (4.8 MB) the page stays below 8 MB."""
-SCRIPTS = ("scene.js", "charts.js", "player.js", "animation.js")
+SCRIPTS = ("report.js",)
+"""What the page runs besides plotly; made of `web/src/pages/` by `make web`."""
 
 
 def write_report(out: Path) -> Path:
@@ -79,8 +84,25 @@ def write_library_report(library: Path, out: Path) -> Path:
 
 
 def _write(artefacts: Artefacts, plotly: str) -> Path:
-    cases, notes = _cases(artefacts)
-    return write_page(_render(artefacts, cases, notes, plotly), artefacts.out / "report.html")
+    known = _known(artefacts)
+    front = front_of(known)
+    cases, notes = _cases(artefacts, front.look)
+    return write_page(_render(artefacts, known, front, cases, notes, plotly), artefacts.out / "report.html")
+
+
+def _known(artefacts: Artefacts) -> Known:
+    """Gather what the first screen is made of."""
+    natural, place, road = artefacts.summary.natural_cases, artefacts.natural_library, road_rate(artefacts.summary)
+    kinds: Natural | None = None
+    cases = None
+    if natural is not None and place is not None:
+        mine = place == artefacts.library
+        folder = artefacts.analysed_in if mine else place.parent / "analysis"
+        command = artefacts.command if mine else f"cornerforge run --out {artefacts.out}"
+        cases = read_natural_cases(place, folder, command)
+        if natural.natural is not None and road is not None:
+            kinds = on_road(natural.natural, road)
+    return Known(artefacts.analysis, natural, kinds, cases, road, artefacts.summary.generate is not None)
 
 
 def _plotly_script() -> str:
@@ -105,11 +127,12 @@ class _Shelf:
     roles: dict[str, dict[str, Any]]
     crash_type: dict[str, str]
     command: str
+    is_natural: bool
     prefix: str = ""
 
 
-def _shelves(artefacts: Artefacts) -> list[_Shelf]:
-    """The libraries that cases are shown from, natural crashes first."""
+def _shelves(artefacts: Artefacts, look: Look | None) -> list[_Shelf]:
+    """The libraries that cases are shown from, natural crashes first; one of them holds the case to watch first."""
     points = artefacts.points
     attack = _Shelf(
         artefacts.library,
@@ -117,16 +140,31 @@ def _shelves(artefacts: Artefacts) -> list[_Shelf]:
         _roles(artefacts),
         dict(zip(points.case_id, points.crash_type, strict=True)),
         analyse_command(artefacts.out) if artefacts.exposure is not None else artefacts.command,
+        artefacts.analysis.natural is not None,
     )
     found, place = artefacts.summary.natural_cases, artefacts.natural_library
     if found is None or place is None or place == artefacts.library:
+        _watch_first(attack, look)
         return [attack]
     kinds = {top.case_id: top.crash_type for top in found.value.top}
     command = f"cornerforge run --out {artefacts.out}"
-    return [_Shelf(place, place.parent / "analysis", _natural_roles(found), kinds, command, NATURAL), attack]
+    shelf = _Shelf(place, place.parent / "analysis", _natural_roles(found), kinds, command, True, NATURAL)
+    _watch_first(shelf if look is not None and look.is_natural else attack, look)
+    return [shelf, attack]
 
 
-def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
+def _watch_first(shelf: _Shelf, look: Look | None) -> None:
+    """Give the case to watch first a place on the page before all others."""
+    if look is None:
+        return
+    role = {"role": "to watch first", "rare": False, "top": 0} | shelf.roles.pop(look.case_id, {})
+    role |= {"group": "To watch first", "rank": -3, "watchFirst": True}
+    others = dict(shelf.roles)
+    shelf.roles.clear()
+    shelf.roles.update({look.case_id: role, **others})
+
+
+def _cases(artefacts: Artefacts, look: Look | None) -> tuple[list[dict[str, Any]], list[str]]:
     """The natural, top, typical and rare cases that fit on the page, in reading order, and notes on those that do not.
 
     The most telling come first, should room run out: natural ones, the top, the best typical case of each cluster, the
@@ -134,7 +172,7 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
     """
     kept: dict[str, dict[str, Any]] = {}
     lost, left, size, shown = [], [], 0, []
-    for shelf in _shelves(artefacts):
+    for shelf in _shelves(artefacts, look):
         judged = read_case_judgements(shelf.analysis, shelf.roles, shelf.command)
         ranked = sorted(shelf.roles, key=lambda case: shelf.roles[case]["rank"])
         for case_id, scenario in load_scenarios(shelf.library, ranked):
@@ -145,8 +183,10 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
             known = judged.get(case_id)
             data = case_data(name, scenario, known.way_out if known else None)
             role, kind = shelf.roles[case_id], shelf.crash_type.get(case_id, "")
-            data |= role | {"type": kind, "verdict": _verdict(known) if known else ""}
-            data["title"] = f"Case {name}: {role['role']}" + (f"; {kind}" if kind else "")
+            data |= {"watchFirst": False} | role | {"type": text.plain(kind), "title": _title(scenario, kind)}
+            data["verdict"] = text.plain(verdict(known)) if known else ""
+            if shelf.is_natural:  # nobody is controlled
+                data |= {"critical": [], "action": [], "p_nde": []}
             size += len(json.dumps(data, separators=(",", ":")))
             if size > CASE_BYTES and kept:
                 left.append(name)
@@ -159,6 +199,12 @@ def _cases(artefacts: Artefacts) -> tuple[list[dict[str, Any]], list[str]]:
     if left:
         notes.append(f"Left out to keep the page small: {', '.join(left)}. Play them with cornerforge replay.")
     return [case | {"order": i} for i, case in enumerate(shown)], notes
+
+
+def _title(scenario: Scenario, kind: str) -> str:
+    """Say what happens in a case."""
+    happened = kind or "Crash" if scenario.crash is None else what_happened(scenario)
+    return text.capital(text.plain(text.sentence(happened)))
 
 
 def _natural_roles(found: Analysed) -> dict[str, dict[str, Any]]:
@@ -175,67 +221,20 @@ def _natural_roles(found: Analysed) -> dict[str, dict[str, Any]]:
     return roles
 
 
-def _verdict(known: CaseJudgement) -> str:
-    """Say whose fault a case was, and whether the AV could have avoided it."""
-    if known.fault == "none":
-        fault = "No rule of RSS was broken"
-    else:
-        who = {"av": "The AV", "bv": "The BV"}.get(known.fault, "Both")
-        when = "" if known.fault_s is None else f", {known.fault_s:.1f} s before contact"
-        fault = f"{who} broke a rule of RSS ({known.rule}{when})"
-    fault += f".{_conduct_in_words(known)}{_prevented_in_words(known)}"
-    if known.avoidability is None:
-        return fault
-    begun = "" if known.manoeuvre_s is None else f" The manoeuvre began {known.manoeuvre_s:.1f} s before contact."
-    return f"{fault}{begun} {_way_in_words(known)}"
-
-
-def _conduct_in_words(known: CaseJudgement) -> str:
-    """Say what the AV did wrong in a case; "" where it did nothing wrong."""
-    if known.conduct == NO_CONDUCT:
-        return ""
-    return f" The AV's own doing, from {known.conduct_s:.1f} s before contact: {CONDUCTS[known.conduct]}."
-
-
-def _prevented_in_words(known: CaseJudgement) -> str:
-    """Say which reference drivers would have prevented a case; "" where it was not judged."""
-    if known.prevented_by is None:
-        return ""
-    if known.held_speed_prevents:
-        return " To hold the speed would have been enough to prevent it."
-    if known.prevented_by == "nobody":
-        return " No reference driver would have prevented it."
-    return f" In the AV's place it would have been prevented, by braking, by {known.prevented_by}."
-
-
-_HOW = {"by both": "by braking or by steering", "by combination": "by braking and steering together"}
-
-
-def _way_in_words(known: CaseJudgement) -> str:
-    """Say until when the AV could have avoided a case that was searched for a way out."""
-    last = "" if known.latest_s is None else f"{known.latest_s:.1f} s before contact"
-    if known.avoidability == "undecided":
-        return "No way out of the AV was found, but not all could be tried."
-    if known.avoidability == "unavoidable":
-        if known.latest_s is None:
-            return "Unavoidable: the AV had no way out in the time looked at."
-        foreseen = known.manoeuvre_s is not None and known.latest_s > known.manoeuvre_s
-        when = "before the manoeuvre, so that it had to foresee it" if foreseen else "within its reaction time"
-        return f"Unavoidable: the AV's last way out began {last}, {when}."
-    how = _HOW.get(str(known.avoidability), known.avoidability)
-    return f"The AV could have avoided the crash {how}" + (f"; its last way out began {last}." if last else ".")
-
-
 def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
     """Say why each case is shown, in reading order: typical cases by cluster, rare cases, other top cases.
 
     A lower rank matters more.
     """
     roles: dict[str, dict[str, Any]] = {}
+    of = f"{text.count(artefacts.analysis.cases)} that the adversary caused"
+    if artefacts.summary.generate is None:
+        of = f"{text.count(artefacts.analysis.cases)} cases"
     for cluster in artefacts.analysis.clusters:
-        group = f"Typical of cluster {cluster.id} ({cluster.group}, {text.count(cluster.size)} cases)"
+        most = max(cluster.crash_types, key=lambda name: cluster.crash_types[name], default="crash")
+        group = f"Cluster {cluster.id}: mostly {text.plain(most)} ({text.count(cluster.size)} of {of})"
         for place, case in enumerate(cluster.typical):
-            role = f"typical of cluster {cluster.id} ({cluster.group})"
+            role = f"typical of cluster {cluster.id}"
             roles.setdefault(case, {"group": group, "role": role, "rank": 0 if place == 0 else 2, "rare": False})
     for case in artefacts.analysis.rare:
         if case in roles:
@@ -244,13 +243,23 @@ def _roles(artefacts: Artefacts) -> dict[str, dict[str, Any]]:
         else:
             roles[case] = {"group": "Rare: farthest from the others first", "role": "rare", "rank": 1, "rare": True}
     for place, top in enumerate(artefacts.analysis.value.top, start=1):
-        role = f"worth a look, number {place}"
+        role = f"number {place} by value"
         if top.case_id in roles:
             roles[top.case_id] |= {"role": f"{role}; {roles[top.case_id]['role']}", "rank": -1, "top": place}
         else:
-            group = "Worth a look, neither typical nor rare"
-            roles[top.case_id] = {"group": group, "role": role, "rank": -1, "rare": False, "top": place}
+            roles[top.case_id] = {
+                "group": "Others of high value",
+                "role": role,
+                "rank": -1,
+                "rare": False,
+                "top": place,
+            }
     return {case: {"top": 0} | role for case, role in roles.items()}
+
+
+def _looked_at(look: Look | None, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """The case to watch first, as the page plays it; None if its recording is not there."""
+    return None if look is None else next((case for case in cases if case["watchFirst"]), None)
 
 
 def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -261,35 +270,16 @@ def _groups(cases: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return groups
 
 
-def _headline(artefacts: Artefacts) -> str:
-    """Say what the AV does wrong; "" where the analysis is of an earlier version, which did not look."""
-    natural, found = artefacts.summary.natural_cases, artefacts.analysis
-    if natural is None or artefacts.natural_library == artefacts.library:
-        return "" if found.own_doing is None else found.own_doing.text
-    if natural.own_doing is None or found.own_doing is None:
-        return ""
-    return headline(natural.own_doing, found.own_doing)
-
-
-def _often(found: Analysed) -> str:
-    """Say how often a natural crash of the flaw happens, from what the AV did wrong; "" if none shows a flaw."""
-    if found.natural is None or found.own_doing is None or not found.own_doing.flaws:
-        return ""
-    between = found.natural.all.miles_between / found.own_doing.flaws[0].share
-    return f"Such a crash happens once in {text.miles(between)} of natural traffic."
-
-
 def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
     """Say how many times more often the AV crashes in a test with the adversary, and how sure that is."""
     if adversary is None or natural is None:
         return ""
     if adversary.is_bound:
         return "The adversary caused no crash, so there is no ratio."
-    unit = "times as many crashes per test as natural traffic"
+    unit = "times as many crashes per drive as natural traffic"
     if natural.is_bound:
-        return (
-            f"More than {text.times(adversary.interval95[0] / natural.bound)} {unit} (lower end of the yield over 3/n)."
-        )
+        least = text.rounded_down(adversary.interval95[0] / natural.bound)
+        return f"At least {text.times(least)} {unit} (lower end of the one interval over the upper end of the other)."
     (low, high), (natural_low, natural_high) = adversary.interval95, natural.interval95
     ends = f"from {text.times(low / natural_high)}"
     ends += f" to {text.times(high / natural_low)}" if natural_low > 0 else " upwards"
@@ -297,14 +287,15 @@ def _ratio(adversary: Rate | None, natural: Rate | None) -> str:
     return f"{factor} {unit} ({ends}, opposite ends of the two intervals)."
 
 
-def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figure]:
+def charts_of(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figure]:
+    """Make all charts of the page by name; `animated`: ids of cases that are marked on the map if they are special."""
     analysis, summary = artefacts.analysis, artefacts.summary
     cases = sum(analysis.fault.values())
     made = {
-        "fault": figures.share_figure(faults_in_words(analysis), cases, "share of all cases"),
-        "rules": figures.share_figure(analysis.fault_rules, cases, "share of all cases"),
+        "fault": figures.share_figure(faults_in_words(analysis), cases, "share of cases"),
+        "rules": figures.share_figure(analysis.fault_rules, cases, "share of cases"),
         "discovery": figures.discovery_figure(analysis.coverage),
-        "types": figures.crash_type_figure(analysis),
+        "types": figures.share_figure(_types(analysis), sum(analysis.crash_types.values()), "share of cases"),
         "map": figures.map_figure(artefacts.points, analysis, [case.case_id for case in analysis.value.top], animated),
     }
     natural = summary.natural_rate
@@ -313,18 +304,24 @@ def _figures(artefacts: Artefacts, animated: set[str]) -> dict[str, figures.Figu
     if artefacts.training is not None and natural is not None:
         made["training"] = figures.training_figure(artefacts.training, natural)
     if analysis.own_doing is not None:
-        made["own"] = figures.share_figure(conducts_in_words(analysis.own_doing), cases, "share of all cases")
+        made["own"] = figures.share_figure(conducts_in_words(analysis.own_doing), cases, "share of cases")
     if analysis.prevented is not None:
         kinds, n = prevented_kinds(analysis.prevented), analysis.prevented.cases
-        made["prevented"] = figures.share_figure(kinds, n, "share of the judged cases")
+        made["prevented"] = figures.share_figure(kinds, n, "share of cases")
     if analysis.avoidability is not None:
         kinds, n = avoided_kinds(analysis.avoidability), analysis.avoidability.cases
-        made["avoidability"] = figures.share_figure(kinds, n, "share of the cases looked at")
+        made["avoidability"] = figures.share_figure(kinds, n, "share of cases")
     exposed = {} if artefacts.exposure is None else artefacts.exposure.quantities
     return made | {f"exposure-{key}": figures.exposure_figure(h) for key, h in exposed.items()}
 
 
-def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
+def _types(analysis: Analysed) -> dict[str, int]:
+    """Cases by crash type in plain words, most first."""
+    ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
+    return {text.plain(name): n for name, n in ordered}
+
+
+def _tables(artefacts: Artefacts, natural: Natural | None) -> dict[str, tables.Table]:
     analysis, summary = artefacts.analysis, artefacts.summary
     cases = sum(analysis.fault.values())
     made = {
@@ -341,8 +338,8 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
     made["rates"] = tables.rate_table([rate for rate in rates if rate is not None])
     if artefacts.training is not None:
         made["training"] = tables.training_table(artefacts.training)
-    if summary.natural_cases is not None and summary.natural_cases.natural is not None:
-        made["natural"] = tables.natural_table(summary.natural_cases.natural)
+    if natural is not None:
+        made["natural"] = tables.natural_table(natural)
     if analysis.own_doing is not None:
         kinds = conducts_in_words(analysis.own_doing, CONDUCTS)
         made["own"] = tables.share_table("Cases by what the AV did wrong", "what the AV did", kinds, cases)
@@ -362,11 +359,14 @@ def _tables(artefacts: Artefacts) -> dict[str, tables.Table]:
 def _render_nothing(nothing: Emptiness) -> str:
     """Render the page of a run that found no case: what was tried, and what that says."""
     pages = environment()
+    road = road_rate(nothing.summary)
     from markupsafe import Markup
 
     return str(
         pages.get_template("nothing.html.j2").render(
             run=nothing.summary,
+            road=road,
+            often=how_often(road, adversary=True),
             provenance=tables.provenance_table(nothing.provenance),
             style=Markup(template("report.css")),
             policy=content_policy([]),
@@ -374,7 +374,9 @@ def _render_nothing(nothing: Emptiness) -> str:
     )
 
 
-def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str], plotly: str) -> str:
+def _render(
+    artefacts: Artefacts, known: Known, front: Front, cases: list[dict[str, Any]], notes: list[str], plotly: str
+) -> str:
     pages = environment()
     from markupsafe import Markup
 
@@ -385,22 +387,23 @@ def _render(artefacts: Artefacts, cases: list[dict[str, Any]], notes: list[str],
         analysis=artefacts.analysis,
         exposure=artefacts.exposure,
         preset="" if artefacts.training is None else artefacts.training.preset,
-        natural=None if artefacts.summary.natural_cases is None else artefacts.summary.natural_cases.natural,
+        natural=known.kinds,
+        road=known.road,
+        front=front,
+        look=_looked_at(front.look, cases),
         natural_library=artefacts.natural_library,
         folder=artefacts.out,
         library=artefacts.library,
         prefix="" if artefacts.natural_library == artefacts.library else NATURAL,
-        mechanisms=MECHANISMS,
+        kind_in_words=kind_in_words,
         fault_words=FAULT_WORDS,
         parts=PARTS,
         played={case["id"] for case in cases},
         kinds=kinds,
         coverage=tables.coverage_rows(artefacts.analysis.coverage.axes, kinds),
-        headline=_headline(artefacts),
-        often=_often(artefacts.summary.natural_cases or artefacts.analysis),
         ratio=_ratio(artefacts.summary.generate, artefacts.summary.natural_rate),
-        figures=_figures(artefacts, {case["id"] for case in cases}),
-        tables=_tables(artefacts),
+        figures=charts_of(artefacts, {case["id"] for case in cases}),
+        tables=_tables(artefacts, known.kinds),
         cases=cases,
         groups=_groups(cases),
         notes=notes,

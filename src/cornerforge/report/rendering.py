@@ -34,7 +34,14 @@ def environment() -> Any:
         lstrip_blocks=True,
     )
     pages.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False, "ensure_ascii": False}
-    pages.filters |= {"rate": text.rate, "miles": text.miles, "count": text.count, "duration": text.duration}
+    pages.filters |= {
+        "rate": text.rate,
+        "miles": text.miles,
+        "miles_range": text.miles_range,
+        "count": text.count,
+        "duration": text.duration,
+    }
+    pages.filters |= {"plain": text.plain, "capital": text.capital}
     pages.filters |= {"share": text.share, "sentence": text.sentence, "signed": text.signed}
     return pages
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import CONDUCTS
-from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.rates import binomial_interval
 from cornerforge.report import text
 from cornerforge.report.artefacts import Rate
 from cornerforge.report.figures import density
 from cornerforge.report.judged import FAULT_WORDS
+from cornerforge.report.kinds import kind_in_words
 from cornerforge.results import Analysed
 from cornerforge.results.analysis import Coverage, Judges, Natural
 from cornerforge.results.learning import TrainingCurve
@@ -54,26 +54,33 @@ class Table:
 
 def rate_table(rates: list[Rate]) -> Table:
     """Crash rates with their intervals."""
-    head = ["background vehicles", "tests", "crashes", "crashes per test", "95 % interval", "crashes per mile"]
+    head = ["who drives the others", "drives", "crashes", "crashes per drive", "95 % interval", "crashes per mile"]
     rows = [
         [
             r.name,
             text.count(r.tests),
             "–" if r.av_crashes is None else text.count(r.av_crashes),
-            text.rate(r.crashes_per_test, r.digits),
+            f"below {text.rate(r.bound, 2)}" if r.is_bound else text.rate(r.crashes_per_test, r.digits),
             text.interval(*r.interval95, r.digits),
-            "–" if r.crashes_per_mile is None else text.rate(r.crashes_per_mile),
+            _per_mile(r),
         ]
         for r in rates
     ]
-    return Table("Crashes of the AV; the sampling unit is the test", head, rows)
+    return Table("Crashes of the AV; the unit is the drive", head, rows)
+
+
+def _per_mile(rate: Rate) -> str:
+    """Crashes per mile; where none was seen, what they are below."""
+    if rate.is_bound:
+        return "–" if not rate.miles else f"below {text.rate(rate.bound * rate.tests / rate.miles, 2)}"
+    return "–" if rate.crashes_per_mile is None else text.rate(rate.crashes_per_mile)
 
 
 def natural_table(found: Natural) -> Table:
     """How often each kind of natural crash happens, kind by kind."""
     kinds = {"all crashes": found.all}
-    kinds |= {MECHANISMS.get(name, name): kind for name, kind in found.mechanisms.items()}
-    kinds |= {f"crash type: {name}": kind for name, kind in found.crash_types.items()}
+    kinds |= {kind_in_words(name): kind for name, kind in found.mechanisms.items()}
+    kinds |= {f"crash type: {text.plain(name)}": kind for name, kind in found.crash_types.items()}
     kinds |= {f"at fault (RSS): {_who(name)}": kind for name, kind in found.fault.items()}
     kinds |= {f"the AV's part: {CONDUCTS[name]}": kind for name, kind in (found.conducts or {}).items()}
     kinds |= {f"prevented by {name}": kind for name, kind in (found.prevented_by or {}).items()}
@@ -86,7 +93,7 @@ def natural_table(found: Natural) -> Table:
             text.count(kind.cases),
             text.share(kind.share),
             text.miles(kind.miles_between),
-            f"{text.miles(kind.interval95_miles[0])} to {text.miles(kind.interval95_miles[1])}",
+            text.miles_range(*kind.interval95_miles),
         ]
         for name, kind in kinds.items()
     ]
@@ -103,7 +110,7 @@ def _who(fault: str) -> str:
 
 def training_table(training: TrainingCurve) -> Table:
     """Every recorded point of the training."""
-    head = ["decisions", "time [s]", "crashes per test", "tests", "exploration", "loss"]
+    head = ["decisions", "time [s]", "crashes per drive", "drives", "random actions", "loss"]
     rows = [
         [
             text.count(point.decisions),
@@ -124,8 +131,8 @@ def exposure_table(histogram: Exposed) -> Table:
     head = [
         f"from [{unit}]",
         f"to [{unit}]",
-        "NDE samples",
-        f"NDE [1/{unit}]",
+        "natural samples",
+        f"natural [1/{unit}]",
         "adversary samples",
         f"adversary [1/{unit}]",
     ]
@@ -148,7 +155,7 @@ def crash_type_table(analysis: Analysed) -> Table:
     """Cases by crash type."""
     total = max(1, sum(analysis.crash_types.values()))
     ordered = sorted(analysis.crash_types.items(), key=lambda item: -item[1])
-    rows = [[name, text.count(n), f"{100 * n / total:.1f} %"] for name, n in ordered]
+    rows = [[text.plain(name), text.count(n), f"{100 * n / total:.1f} %"] for name, n in ordered]
     return Table("Cases by crash type", ["crash type", "cases", "share"], rows)
 
 

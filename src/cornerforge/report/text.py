@@ -5,7 +5,23 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["count", "duration", "interval", "miles", "rate", "sentence", "share", "share_in_words", "signed", "times"]
+__all__ = [
+    "capital",
+    "count",
+    "duration",
+    "interval",
+    "miles",
+    "miles_range",
+    "plain",
+    "rate",
+    "rounded_down",
+    "sentence",
+    "share",
+    "share_in_words",
+    "share_range",
+    "signed",
+    "times",
+]
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -49,6 +65,16 @@ def miles(value: float, digits: int = 2) -> str:
     return f"{rate(value, digits)} miles"
 
 
+def miles_range(low: float, high: float) -> str:
+    """Both ends of an interval of miles.
+
+    >>> miles_range(310000.0, 770000.0), miles_range(0.0, 1.2e6)
+    ('310 to 770 thousand miles', '0 miles to 1.2 million miles')
+    """
+    (first, *unit), last = miles(low).split(" "), miles(high)
+    return f"{first} to {last}" if last.split(" ")[1:] == unit else f"{miles(low)} to {last}"
+
+
 def share_in_words(value: float) -> str:
     """A share as per cent to two digits; below one in a million it is said to be that.
 
@@ -80,6 +106,15 @@ def share(value: float) -> str:
     return f"{100 * value:.{1 if 0.01 <= value <= 0.99 else 2}f} %"
 
 
+def share_range(low: float, high: float) -> str:
+    """Both ends of an interval of a share.
+
+    >>> share_range(0.123, 0.456)
+    '12.3 to 45.6 %'
+    """
+    return f"{share(low).removesuffix(' %')} to {share(high)}"
+
+
 def signed(value: float, digits: int = 3) -> str:
     """A difference with its sign.
 
@@ -98,13 +133,56 @@ def sentence(text: str) -> str:
     return re.sub(r"(?<= )-(?=\d)", "−", text).replace(" m/s2", "\u00a0m/s²")
 
 
+_PLAIN = (
+    (r"\bBVs\b", "other vehicles"),
+    (r"\bthe BV\b", "the other vehicle"),
+    (r"\bThe BV\b", "The other vehicle"),
+    (r"\b(?:a|another) BV\b", "another vehicle"),
+    (r"\bBV\b(?! \d)", "another vehicle"),
+    (r"(?<!\bthe )(?<!\ban )(?<!\bThe )\bAV\b", "the AV"),
+)
+
+
+def plain(words: str) -> str:
+    """Words of the analysis for readers who do not know that a BV is any vehicle but the AV.
+
+    >>> plain("BV runs into the rear of an AV that brakes hard")
+    'another vehicle runs into the rear of an AV that brakes hard'
+    >>> plain("AV brakes in front of the BV"), plain("rear-end by BV"), plain("BV 3: left")
+    ('the AV brakes in front of the other vehicle', 'rear-end by another vehicle', 'BV 3: left')
+    """
+    for pattern, word in _PLAIN:
+        words = re.sub(pattern, word, words)
+    return words
+
+
+def capital(words: str) -> str:
+    """The words as the begin of a sentence.
+
+    >>> capital("the AV brakes")
+    'The AV brakes'
+    """
+    return words[:1].upper() + words[1:]
+
+
+def rounded_down(value: float, digits: int = 2) -> float:
+    """A value above 0 rounded down, for what is said to be at least so much.
+
+    >>> rounded_down(63520.0), rounded_down(0.0199), rounded_down(3000.0)
+    (63000.0, 0.019, 3000.0)
+    """
+    near = float(f"{value:.{digits - 1}e}")
+    step = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return near if near <= value else float(f"{near - step:.{digits - 1}e}")
+
+
 def times(value: float) -> str:
     """A factor to two digits.
 
-    >>> times(3.04), times(286000.0).replace(chr(0x202F), " ")
-    ('3.0', '290 000')
+    >>> times(3.04), times(286000.0).replace(chr(0x202F), " "), times(2.84e6)
+    ('3.0', '290 000', '2.8 million')
     """
-    return rate(value, 2)
+    return rate(value, 2) if value < 999_500.0 else miles(value).removesuffix(" miles")
 
 
 def duration(seconds: float) -> str:

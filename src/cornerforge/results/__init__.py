@@ -20,7 +20,7 @@ from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
 from cornerforge.results.suite import SuiteBuilt
 from cornerforge.results.validation import NddValidated
-from cornerforge.results.whole import Exposure, Initialised, Reported, RunDone
+from cornerforge.results.whole import Exposure, Figured, Initialised, Reported, RunDone, Served
 
 __all__ = [
     "FILES",
@@ -28,6 +28,7 @@ __all__ = [
     "Analysed",
     "AvChecked",
     "Avs",
+    "Figured",
     "Filled",
     "Initialised",
     "NaturalRate",
@@ -43,6 +44,7 @@ __all__ = [
     "Reproduced",
     "Retested",
     "RunDone",
+    "Served",
     "ShrunkLibrary",
     "Simulated",
     "SuiteBuilt",
@@ -56,6 +58,8 @@ __all__ = [
 VERBS: dict[str, type] = {
     "init": Initialised,
     "report": Reported,
+    "serve": Served,
+    "figure": Figured,
     "run": RunDone,
     "simulate": Simulated,
     "rate": NaturalRate,

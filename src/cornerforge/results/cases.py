@@ -39,6 +39,7 @@ class Replayed:
     differ: tuple[str, ...] | None = field(default=None, metadata=meant("Ids of those that differ; for all cases."))
     note: str | None = field(default=None, metadata=meant("Why the first may differ, where that is known."))
     picture: str | None = field(default=None, metadata=meant("File of the picture; with `--picture`."))
+    video: str | None = field(default=None, metadata=meant("File of the film; with `--video`."))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,8 @@ from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
 __all__ = [
-    "Exposed", "Exposure", "ExposureMiles", "Initialised", "Reported", "RunDone", "RunTrained", "Spending", "SpentOn",
+    "Exposed", "Exposure", "ExposureMiles", "Figured", "FiguredOne", "Initialised", "Reported", "RunDone", "RunTrained",
+    "Served", "Spending", "SpentOn",
 ]  # fmt: skip
 
 
@@ -33,6 +34,22 @@ class Reported:
 
     report: str = field(metadata=meant("The page, one file of HTML."))
     library: str = field(metadata=meant("The library whose cases it shows."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiguredOne:
+    """A figure for a paper."""
+
+    name: str = field(metadata=meant("Name of the chart, or the case id."))
+    file: str | None = field(metadata=meant("Its file; null: nothing was drawn."))
+    caption: str = field(metadata=meant("What it shows."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figured:
+    """Figures for a paper."""
+
+    figures: tuple[FiguredOne, ...] = field(metadata=meant("The figures, in the order of `--list`."))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +111,19 @@ class RunDone:
     )
     report: str = field(metadata=meant("File of the report."))
     seconds: float = field(metadata=meant("Wall-clock of this call; stages of earlier ones are not in it.", "s"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Served:
+    """The explorer: where it can be opened, and what it shows."""
+
+    url: str = field(metadata=meant("Address to open, with the token where one is needed."))
+    host: str = field(metadata=meant("Name or address on which it listens."))
+    port: int = field(metadata=meant("Port on which it listens."))
+    usual_port: bool = field(metadata=meant("The port is the one asked for, or the usual one; false: that was taken."))
+    token: bool = field(metadata=meant("Who opens it needs the token in the address: others can reach this host."))
+    cases: int = field(metadata=meant("Cases shown."))
+    sources: tuple[str, ...] = field(metadata=meant("Where they come from: natural, adversary or scripted."))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,5 @@
 import "./explorer.css";
 import { render } from "preact";
+import { App } from "./app";
 
-render(<p>Loading</p>, document.getElementById("app")!);
+render(<App />, document.getElementById("app")!);

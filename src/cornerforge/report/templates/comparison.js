@@ -1,50 +1,722 @@
+// Made by `make web`; do not edit. Its sources:
+//   web/src/pages/comparison.ts
+//   web/src/pages/multiples.ts
+//   web/src/pages/player.ts
+//   web/src/pages/print.ts
+//   web/src/shared/clock.ts
+//   web/src/shared/colours.ts
+//   web/src/shared/format.ts
+//   web/src/shared/labels.ts
+//   web/src/shared/motion.ts
+//   web/src/shared/scene.ts
+//   web/src/shared/trails.ts
 "use strict";
-// Plays a case as both versions drive it, on one clock: a version whose test is over stands still while the other drives on.
-const player = (() => {
-  const cases = JSON.parse(document.getElementById("cases").textContent);
-  const $ = (id) => document.getElementById(id);
-  if (cases.length === 0) return null;
-
-  const SIDES = ["old", "new"];
-  const held = (recording, frame) => Math.min(frame, recording.frames - 1);
-
-  function write(side, item, frame) {
-    const recording = item[side];
-    const now = recording && held(recording, frame);
-    const av = recording && scene.at(recording.vehicles[0], now);
-    const partner = recording && recording.partner > 0 ? recording.vehicles[recording.partner] : null;
-    const bv = partner && scene.at(partner, now);
-    const touches = recording && recording.crash !== null && now >= recording.crash;
-    const over = recording && frame > recording.frames - 1;
-    const cells = {
-      end: item.ends[side],
-      av: av ? scene.show(av.v, "m/s") : "–",
-      bv: bv ? scene.show(bv.v, "m/s") : "–",
-      gap: bv ? scene.show(Math.abs(bv.x - av.x) - (bv.length + av.length) / 2, "m") : "–",
-      state: touches ? "contact" : over ? "over" : recording ? "driving" : "–",
-    };
-    for (const [name, value] of Object.entries(cells)) $(`${side}-${name}`).textContent = value;
-    $(`${side}-state`).classList.toggle("touches", Boolean(touches));
+(() => {
+  // src/shared/format.ts
+  function show(value, unit, digits = 1) {
+    if (value === null || value === void 0 || Number.isNaN(value)) return "–";
+    if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
+    const text = value.toFixed(digits).replace(/^-(0(\.0+)?)$/, "$1").replace("-", "−");
+    return unit ? `${text} ${unit}` : text;
   }
 
-  const made = makePlayer({
-    cases,
-    draw: (item, frame, metres) => {
-      for (const side of SIDES) {
-        const canvas = $(`road-${side}`);
-        canvas.hidden = !item[side];
-        if (!item[side]) continue;
-        scene.fitHeight(canvas, item[side], metres);
-        scene.draw(canvas, item[side], held(item[side], frame), metres, true);
+  // src/shared/motion.ts
+  function valueAt(motion, key, frame) {
+    const local = frame - motion.from;
+    const low = Math.floor(local);
+    const part = local - low;
+    const a = motion[key][low] ?? null;
+    if (part === 0 || a === null) return a;
+    const b = motion[key][low + 1] ?? null;
+    return b === null ? null : a * (1 - part) + b * part;
+  }
+  function boxAt(motion, frame) {
+    const [x, y, v, h] = ["x", "y", "v", "h"].map((key) => valueAt(motion, key, frame));
+    if (x == null || y == null || v == null || h == null) return null;
+    const lane = motion.lane[Math.floor(frame - motion.from)] ?? -1;
+    return { x, y, v, h, lane, length: motion.length, width: motion.width };
+  }
+  var secondsAt = (item, frame) => (item.first + frame) * item.dt;
+  var decisionAt = (item, frame) => Math.min(Math.floor((item.first + frame + 1e-6) / 10), item.critical.length - 1);
+  function criticalAt(item, frame) {
+    const k = decisionAt(item, frame);
+    return k < 0 ? -1 : item.critical[k] ?? -1;
+  }
+  function corners(box) {
+    const c = Math.cos(box.h);
+    const s = Math.sin(box.h);
+    const along = box.length / 2;
+    const across = box.width / 2;
+    const local = [[along, across], [-along, across], [-along, -across], [along, -across]];
+    return local.map(([a, b]) => [box.x + a * c - b * s, box.y + a * s + b * c]);
+  }
+  function commonArea(subject, clip) {
+    let result = [...subject];
+    clip.forEach((p, i) => {
+      const q = clip[(i + 1) % clip.length];
+      const side = ([x, y]) => (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
+      const input = result;
+      result = [];
+      input.forEach((b, j) => {
+        const a = input[(j + input.length - 1) % input.length];
+        const [sa, sb] = [side(a), side(b)];
+        if (sa >= 0 !== sb >= 0) {
+          const t = sa / (sa - sb);
+          result.push([a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]);
+        }
+        if (sb >= 0) result.push(b);
+      });
+    });
+    return result;
+  }
+  function nearestIn(box, [x, y]) {
+    const [c, s] = [Math.cos(box.h), Math.sin(box.h)];
+    const [dx, dy] = [x - box.x, y - box.y];
+    const keep = (value, most) => Math.max(-most, Math.min(most, value));
+    const along = keep(dx * c + dy * s, box.length / 2);
+    const across = keep(-dx * s + dy * c, box.width / 2);
+    return [box.x + along * c - across * s, box.y + along * s + across * c];
+  }
+  function touch(a, b) {
+    const area = commonArea(corners(a), corners(b));
+    if (area.length >= 3) {
+      const mean = (k) => area.reduce((sum, p2) => sum + p2[k], 0) / area.length;
+      return { area, middle: [mean(0), mean(1)] };
+    }
+    const pairs = [...corners(a).map((p2) => [p2, nearestIn(b, p2)]), ...corners(b).map((p2) => [p2, nearestIn(a, p2)])];
+    const gap = ([p2, q2]) => Math.hypot(p2[0] - q2[0], p2[1] - q2[1]);
+    const [p, q] = pairs.reduce((best, pair) => gap(pair) < gap(best) ? pair : best);
+    return { area: [], middle: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2] };
+  }
+  var gapAlong = (a, b) => Math.abs(a.x - b.x) - (a.length + b.length) / 2;
+  function changesTo(box, laneWidth) {
+    if (box.lane < 0) return null;
+    const goal = (box.lane + 0.5) * laneWidth;
+    return Math.abs(goal - box.y) < 0.25 ? null : goal;
+  }
+  var crashFrame = (item) => Math.max(0, Math.min(item.crash ?? item.frames - 1, item.frames - 1));
+
+  // src/shared/labels.ts
+  var meet = (a, b) => Math.abs(a.x - b.x) < a.w + b.w && Math.abs(a.y - b.y) < a.h + b.h;
+  function place(wishes, obstacles, size) {
+    const taken = [...obstacles];
+    return wishes.map((wish) => {
+      const found = candidates(wish).find((rect) => isInside(rect, size) && !taken.some((other) => meet(rect, other)));
+      if (found) taken.push(found);
+      return found ?? null;
+    });
+  }
+  var isInside = (rect, { width, height }) => rect.x - rect.w >= 0 && rect.x + rect.w <= width && rect.y - rect.h >= 0 && rect.y + rect.h <= height;
+  function candidates({ box, w, h, below, must }) {
+    const at = (x, y) => ({ x, y, w, h });
+    const up = below ? 1 : -1;
+    const off = box.h + h + 2;
+    const near = [at(box.x, box.y + up * off), at(box.x, box.y - up * off), at(box.x + box.w + w + 3, box.y), at(box.x - box.w - w - 3, box.y)];
+    if (!must) return near;
+    const far = [1, 2, 3, 4, 5, 6, 8, 10].flatMap(
+      (n) => [up, -up].flatMap((side) => [0, 1, -1].map((aside) => at(box.x + aside * (box.w + w), box.y + side * (off + n * h))))
+    );
+    return [...near, ...far];
+  }
+
+  // src/shared/trails.ts
+  function trail(motion, frame, seconds, dt) {
+    const points = [];
+    for (let back = 0; back <= Math.round(seconds / dt); back++) {
+      const box = boxAt(motion, frame - back);
+      if (!box) break;
+      points.push({ x: box.x, y: box.y, age: back * dt });
+    }
+    return points;
+  }
+  var BRAKES_FROM = 1;
+  function brakes(motion, frame, dt) {
+    const [now, before] = [valueAt(motion, "v", frame), valueAt(motion, "v", frame - 1)];
+    return now !== null && before !== null && (before - now) / dt > BRAKES_FROM;
+  }
+
+  // src/shared/scene.ts
+  function prepare(canvas) {
+    const pixels = window.devicePixelRatio || 1;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    const [wide, high] = [Math.round(width * pixels), Math.round(height * pixels)];
+    if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
+    const g = canvas.getContext("2d", { alpha: false });
+    g.setTransform(pixels, 0, 0, pixels, 0, 0);
+    return { g, width, height };
+  }
+  function makeView(item, middle, width, height, metres) {
+    const scale = Math.min(width / metres, (height - 4) / (item.lanes * item.laneWidth + 0.6));
+    const centre = item.lanes * item.laneWidth / 2;
+    return {
+      scale,
+      width,
+      height,
+      left: middle - width / 2 / scale,
+      right: middle + width / 2 / scale,
+      px: (x) => (x - middle) * scale + width / 2,
+      py: (y) => height / 2 - (y - centre) * scale
+    };
+  }
+  function drawRoad(g, view, item, colours, detail) {
+    const [top, bottom] = [view.py(item.lanes * item.laneWidth), view.py(0)];
+    g.fillStyle = colours.verge;
+    g.fillRect(0, 0, view.width, view.height);
+    g.fillStyle = colours.road;
+    g.fillRect(0, top - 0.3 * view.scale, view.width, bottom - top + 0.6 * view.scale);
+    g.fillStyle = colours.paint;
+    const line = Math.max(1, 0.15 * view.scale);
+    for (const y of [top, bottom]) g.fillRect(0, y - line / 2, view.width, line);
+    for (let lane = 1; lane < item.lanes; lane++) {
+      const y = view.py(lane * item.laneWidth) - line / 2;
+      for (let x = Math.floor(view.left / 12) * 12; x < view.right; x += 12) g.fillRect(view.px(x), y, 3 * view.scale, line);
+    }
+    if (detail) drawRuler(g, view, bottom + 0.5 * view.scale, colours);
+  }
+  function drawRuler(g, view, y, colours) {
+    g.fillStyle = colours.muted;
+    g.font = "11px system-ui, sans-serif";
+    g.textAlign = "center";
+    const every = 20 * view.scale > 60 ? 20 : 40;
+    for (let x = Math.ceil(view.left / 10) * 10; x < view.right; x += 10) {
+      g.fillRect(view.px(x), y, 1, 5);
+      if (x % every === 0) g.fillText(`${x} m`.replace("-", "−"), view.px(x), y + 16);
+    }
+  }
+  function within(g, view, box, draw) {
+    g.save();
+    g.translate(view.px(box.x), view.py(box.y));
+    g.rotate(-box.h);
+    draw(box.length * view.scale, box.width * view.scale);
+    g.restore();
+  }
+  function drawVehicle(g, view, box, { fill, outline, kind, isBraking }) {
+    within(g, view, box, (length, width) => {
+      g.fillStyle = fill;
+      g.fillRect(-length / 2, -width / 2, length, width);
+      g.fillStyle = "rgba(255,255,255,0.55)";
+      const [behindNose, deep] = kind === "truck" ? [0.9 * view.scale, 0.7 * view.scale] : [0.38 * length, 0.13 * length];
+      g.fillRect(length / 2 - behindNose, -0.36 * width, deep, 0.72 * width);
+      if (kind === "truck" && length > 20) {
+        g.fillStyle = "rgba(0,0,0,0.35)";
+        g.fillRect(length / 2 - 2.4 * view.scale, -width / 2, Math.max(1, 0.25 * view.scale), width);
       }
-    },
-    chosen: () => {},
-    moved: (item, frame) => {
-      SIDES.forEach((side) => write(side, item, frame));
-      $("clock").textContent = scene.show(scene.seconds(item, frame), "s");
-    },
-    thumbnail: (item) => (item.new.crash === null && item.old ? item.old : item.new),
-  });
-  made.start(0);
-  return made;
+      if (isBraking) {
+        g.fillStyle = "#ff3b30";
+        const deepest = Math.max(2, 0.35 * view.scale);
+        g.fillRect(-length / 2, -width / 2, deepest, width * 0.3);
+        g.fillRect(-length / 2, width * 0.2, deepest, width * 0.3);
+      }
+      g.strokeStyle = outline ?? "rgba(0,0,0,0.45)";
+      g.lineWidth = outline ? 2 : 1;
+      g.strokeRect(-length / 2, -width / 2, length, width);
+    });
+  }
+  function drawGhost(g, view, box, colour) {
+    within(g, view, box, (length, width) => {
+      g.globalAlpha = 0.18;
+      g.fillStyle = colour;
+      g.fillRect(-length / 2, -width / 2, length, width);
+      g.globalAlpha = 1;
+      g.strokeStyle = colour;
+      g.lineWidth = 2.5;
+      g.setLineDash([6, 4]);
+      g.strokeRect(-length / 2, -width / 2, length, width);
+    });
+  }
+  function drawTrail(g, view, motion, frame, seconds, dt, colour) {
+    const points = trail(motion, frame, seconds, dt);
+    g.strokeStyle = g.fillStyle = colour;
+    g.lineWidth = Math.max(1.5, 0.16 * view.scale);
+    points.forEach(({ x, y, age }, i) => {
+      const next = points[i + 1];
+      g.globalAlpha = 0.75 * (1 - age / (seconds + dt));
+      if (next) {
+        g.beginPath();
+        g.moveTo(view.px(x), view.py(y));
+        g.lineTo(view.px(next.x), view.py(next.y));
+        g.stroke();
+      }
+      if (age > 0 && Math.abs(age - Math.round(age)) < 1e-6) {
+        g.beginPath();
+        g.arc(view.px(x), view.py(y), g.lineWidth * 1.5, 0, 2 * Math.PI);
+        g.fill();
+      }
+    });
+    g.globalAlpha = 1;
+  }
+  function drawTarget(g, view, item, box, colour) {
+    const goal = changesTo(box, item.laneWidth);
+    if (goal === null) return;
+    const nose = box.x + box.length / 2;
+    const [x0, y0, x1, y1] = [view.px(nose), view.py(box.y), view.px(nose + 7), view.py(goal)];
+    g.strokeStyle = colour;
+    g.fillStyle = colour;
+    g.lineWidth = 2;
+    g.setLineDash([5, 4]);
+    g.beginPath();
+    g.moveTo(x0, y0);
+    g.bezierCurveTo((x0 + x1) / 2, y0, (x0 + x1) / 2, y1, x1, y1);
+    g.stroke();
+    g.setLineDash([]);
+    g.beginPath();
+    g.moveTo(x1 + 8, y1);
+    g.lineTo(x1 - 1, y1 - 5);
+    g.lineTo(x1 - 1, y1 + 5);
+    g.fill();
+  }
+  function drawContact(g, view, a, b, colours) {
+    const { area, middle } = touch(a, b);
+    g.fillStyle = g.strokeStyle = colours.contact;
+    g.beginPath();
+    area.forEach(([x, y]) => g.lineTo(view.px(x), view.py(y)));
+    g.fill();
+    const width = view.scale > 6 ? 2.5 : 1.5;
+    g.beginPath();
+    g.arc(view.px(middle[0]), view.py(middle[1]), Math.max(6, 1.7 * view.scale), 0, 2 * Math.PI);
+    if (view.scale > 6) {
+      g.strokeStyle = colours.paint;
+      g.lineWidth = 2 * width;
+      g.stroke();
+    }
+    g.strokeStyle = colours.contact;
+    g.lineWidth = width;
+    g.stroke();
+  }
+  function colourOf(item, index, critical, colours) {
+    if (index === 0) return colours.av;
+    if (index === item.partner) return colours.partner;
+    return index === critical ? colours.critical : colours.other;
+  }
+  function around(view, box) {
+    const [c, s] = [Math.abs(Math.cos(box.h)), Math.abs(Math.sin(box.h))];
+    const w = (c * box.length + s * box.width) / 2 * view.scale;
+    const h = (s * box.length + c * box.width) / 2 * view.scale;
+    return { x: view.px(box.x), y: view.py(box.y), w, h };
+  }
+  function drawNames(g, view, names, boxes, colours) {
+    const font = (strong) => `${strong ? "600 13px" : "11px"} system-ui, sans-serif`;
+    const wishes = names.map(({ text, box, below, strong }) => {
+      g.font = font(strong);
+      return { box: around(view, box), w: g.measureText(text).width / 2 + 4, h: strong ? 9 : 7, below, must: strong };
+    });
+    const places = place(wishes, boxes.map((box) => around(view, box)), view);
+    g.textAlign = "center";
+    g.textBaseline = "middle";
+    names.forEach(({ text, strong, colour }, i) => {
+      const [at, wish] = [places[i], wishes[i]];
+      if (!at) return;
+      const gap = Math.abs(at.y - wish.box.y) - at.h - wish.box.h;
+      if (gap > 6 || Math.abs(at.x - wish.box.x) > 1 && Math.abs(at.y - wish.box.y) > at.h) {
+        g.strokeStyle = colour ?? colours.muted;
+        g.lineWidth = 1;
+        g.beginPath();
+        g.moveTo(at.x, at.y - Math.sign(at.y - wish.box.y) * at.h);
+        g.lineTo(wish.box.x, wish.box.y + Math.sign(at.y - wish.box.y) * wish.box.h);
+        g.stroke();
+      }
+      g.fillStyle = colours.road;
+      g.fillRect(at.x - at.w, at.y - at.h, 2 * at.w, 2 * at.h);
+      if (colour) {
+        g.fillStyle = colour;
+        g.fillRect(at.x - at.w, at.y + at.h - 2, 2 * at.w, 2);
+      }
+      g.font = font(strong);
+      g.fillStyle = colours.paint;
+      g.fillText(text, at.x, at.y);
+    });
+    g.textBaseline = "alphabetic";
+  }
+  function nameOf(item, index, box, isBrief) {
+    const vehicle = item.vehicles[index];
+    const isOfPair = index === 0 || index === item.partner;
+    const kind = vehicle.kind === "car" ? "" : vehicle.kind;
+    const speed = box.v.toFixed(1);
+    if (!isOfPair) return kind ? `${kind} ${speed}` : speed;
+    const name = index === 0 ? "AV" : `BV ${vehicle.slot}${kind ? `, ${kind},` : ""}`;
+    return isBrief ? name.replace(/,$/, "") : `${name} ${speed} m/s`;
+  }
+  function drawScene(canvas, item, frame, look, colours) {
+    const av = boxAt(item.vehicles[0], frame);
+    const { g, width, height } = prepare(canvas);
+    if (width === 0 || !av) return;
+    const view = makeView(item, av.x + (look.ahead ?? 0), width, height, look.metres);
+    const critical = criticalAt(item, frame);
+    drawRoad(g, view, item, colours, look.detail);
+    const boxes = item.vehicles.map((vehicle) => boxAt(vehicle, frame));
+    const partner = item.partner > 0 ? boxes[item.partner] ?? null : null;
+    const isOfPair = (i) => i === 0 || i === item.partner;
+    const isSeen = (box) => box.x + box.length / 2 > view.left && box.x - box.length / 2 < view.right;
+    const others = boxes.map((_, i) => i).filter((i) => boxes[i] && !isOfPair(i) && isSeen(boxes[i]));
+    const order = [...others, ...partner ? [item.partner] : [], 0];
+    const colour = (i) => colourOf(item, i, critical, colours);
+    if (look.trail) for (const i of order) drawTrail(g, view, item.vehicles[i], frame, look.trail, item.dt, colour(i));
+    for (const i of order) {
+      const box = boxes[i];
+      if (look.detail) drawTarget(g, view, item, box, isOfPair(i) ? colours.paint : colour(i));
+      const outline = i === critical ? colours.ink : i === 0 && look.detail ? colours.paint : null;
+      const isBraking = look.detail && brakes(item.vehicles[i], frame, item.dt);
+      drawVehicle(g, view, box, { fill: colour(i), outline, kind: item.vehicles[i].kind, isBraking });
+    }
+    const shades = look.detail ? (look.ghosts ?? []).map((ghost) => ({ ...ghost, box: boxAt(ghost.motion, frame) })) : [];
+    for (const { box, colour: shade } of shades) if (box) drawGhost(g, view, box, shade);
+    if (item.crash !== null && frame >= item.crash && partner) drawContact(g, view, av, partner, colours);
+    if (!look.detail) return;
+    const isBrief = view.scale <= 5;
+    const below = (i) => partner !== null && isOfPair(i) ? i === 0 === av.y < partner.y : false;
+    const named = [0, ...partner && isSeen(partner) ? [item.partner] : [], ...isBrief ? [] : others];
+    const names = named.map((i) => ({
+      text: nameOf(item, i, boxes[i], isBrief),
+      box: boxes[i],
+      below: below(i),
+      strong: isOfPair(i),
+      colour: isOfPair(i) ? colour(i) : null
+    }));
+    for (const { box, colour: shade, name } of shades) {
+      if (box) names.push({ text: name, box, below: !below(0), strong: false, colour: shade });
+    }
+    const solid = [...order.map((i) => boxes[i]), ...shades.map(({ box }) => box).filter((box) => box !== null)];
+    drawNames(g, view, names, solid, colours);
+    if (partner && !isSeen(partner)) drawPointer(g, view, `BV ${item.vehicles[item.partner].slot}`, av, partner, view.py(item.lanes * item.laneWidth + 0.3), colours);
+  }
+  function drawPointer(g, view, name, av, partner, top, colours) {
+    const isAhead = partner.x > av.x;
+    const text = `${name}, ${Math.max(0, gapAlong(av, partner)).toFixed(0)} m ${isAhead ? "ahead" : "behind"}`;
+    g.font = "600 12px system-ui, sans-serif";
+    const [wide, y, tip] = [g.measureText(text).width + 12, Math.max(12, top - 14), isAhead ? view.width - 4 : 4];
+    const way = isAhead ? -1 : 1;
+    g.fillStyle = colours.partner;
+    g.beginPath();
+    g.moveTo(tip, y);
+    g.lineTo(tip + way * 9, y - 10);
+    g.lineTo(tip + way * (9 + wide), y - 10);
+    g.lineTo(tip + way * (9 + wide), y + 10);
+    g.lineTo(tip + way * 9, y + 10);
+    g.fill();
+    g.fillStyle = "#ffffff";
+    g.textAlign = "center";
+    g.textBaseline = "middle";
+    g.fillText(text, tip + way * (9 + wide / 2), y);
+    g.textBaseline = "alphabetic";
+  }
+  function heightFor(item, width, metres) {
+    const scale = width / metres;
+    return Math.round(Math.min(720, Math.max(150, scale * (item.lanes * item.laneWidth + 0.6) + 70)));
+  }
+  function fitHeight(canvas, item, metres) {
+    const height = heightFor(item, canvas.clientWidth, metres);
+    if (canvas.clientHeight !== height) canvas.style.height = `${height}px`;
+  }
+
+  // src/shared/clock.ts
+  var PAUSE_S = 0.8;
+  function tick(frame, passed, dt, rate, { from, to, loop }) {
+    const next = frame + Math.max(0, passed) / dt * rate;
+    if (!loop) return next >= to ? { frame: to, over: true } : { frame: next, over: false };
+    const pause = PAUSE_S / dt * rate;
+    return { frame: next >= to + pause ? from : next, over: false };
+  }
+  var whole = (frame) => Math.floor(frame + 1e-6);
+  var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
+
+  // src/shared/colours.ts
+  var NAMES = [
+    "av",
+    "partner",
+    "critical",
+    "other",
+    "road",
+    "verge",
+    "paint",
+    "ink",
+    "muted",
+    "contact",
+    "paper",
+    "grid",
+    "way-out",
+    "way-out-box",
+    "plane",
+    "accent",
+    "ghost-1",
+    "ghost-2",
+    "ghost-3",
+    "ghost-4",
+    "ghost-1-box",
+    "ghost-2-box",
+    "ghost-3-box",
+    "ghost-4-box"
+  ];
+  function readColours() {
+    const style = getComputedStyle(document.documentElement);
+    return Object.fromEntries(NAMES.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+  }
+  var dark = window.matchMedia("(prefers-color-scheme: dark)");
+
+  // src/pages/multiples.ts
+  var BEFORE_S = 4;
+  var METRES = 36;
+  function animate(pictures, colours) {
+    const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
+    const frames = /* @__PURE__ */ new Map();
+    const still = (one) => draw(one, crashFrame(one.item));
+    let last = 0;
+    function draw({ button, item }, frame) {
+      drawScene(button.querySelector("canvas"), item, frame, { metres: METRES, detail: false, trail: 1.5 }, colours());
+    }
+    function step(now) {
+      const passed = Math.max(0, now - last) / 1e3;
+      last = now;
+      for (const [one, frame] of frames) {
+        const to = crashFrame(one.item);
+        const from = Math.max(0, to - Math.round(BEFORE_S / one.item.dt));
+        const next = tick(frame, passed, one.item.dt, 1, { from, to, loop: true }).frame;
+        frames.set(one, next);
+        draw(one, Math.min(next, to));
+      }
+      if (frames.size > 0) requestAnimationFrame(step);
+    }
+    function begin(one) {
+      if (calm.matches || frames.has(one)) return;
+      frames.set(one, Math.max(0, crashFrame(one.item) - Math.round(BEFORE_S / one.item.dt)));
+      if (frames.size > 1) return;
+      last = performance.now();
+      requestAnimationFrame(step);
+    }
+    function end(one) {
+      if (frames.delete(one)) still(one);
+    }
+    const touch2 = window.matchMedia("(hover: none)").matches;
+    const sight = new IntersectionObserver((seen) => {
+      for (const { target, isIntersecting } of seen) {
+        const one = pictures.find(({ button }) => button === target);
+        isIntersecting ? begin(one) : end(one);
+      }
+    }, { threshold: 0.9 });
+    for (const one of pictures) {
+      if (touch2) sight.observe(one.button);
+      else {
+        for (const name of ["pointerenter", "focus"]) one.button.addEventListener(name, () => begin(one));
+        for (const name of ["pointerleave", "blur"]) one.button.addEventListener(name, () => end(one));
+      }
+    }
+    const all = () => pictures.forEach((one) => {
+      if (!frames.has(one)) still(one);
+    });
+    all();
+    return all;
+  }
+
+  // src/pages/print.ts
+  var SHEET = 688;
+  function onPrint(redraw) {
+    const root = document.documentElement;
+    const take = (prints) => {
+      root.toggleAttribute("data-print", prints);
+      redraw(prints ? SHEET : null);
+    };
+    window.addEventListener("beforeprint", () => take(true));
+    window.addEventListener("afterprint", () => take(false));
+  }
+
+  // src/pages/player.ts
+  var byId = (id) => document.getElementById(id);
+  var pageData = (id) => JSON.parse(byId(id).textContent);
+  function makePlayer({ cases: cases2, draw, chosen, moved, thumbnail }) {
+    const state = { index: 0, frame: 0, playing: false, rate: 1, view: 80, last: 0, ticket: 0 };
+    let colours = readColours();
+    const scrub = byId("scrub");
+    const caseButtons = [...document.querySelectorAll("button.case")];
+    const current = () => cases2[state.index];
+    const lastFrame = (item) => item.frames - 1;
+    function refresh() {
+      const item = current();
+      const frame = whole(state.frame);
+      draw(item, state.playing ? state.frame : frame, state.view, colours);
+      scrub.value = String(frame);
+      scrub.setAttribute("aria-valuetext", `${secondsAt(item, frame).toFixed(1)} seconds`);
+      moved(item, frame);
+    }
+    function writeHash() {
+      const frame = whole(state.frame);
+      const t = frame === crashFrame(current()) ? "crash" : secondsAt(current(), frame).toFixed(1);
+      history.replaceState(null, "", `#case=${encodeURIComponent(current().id).replaceAll("%3A", ":")}&t=${t}`);
+    }
+    function pause() {
+      state.playing = false;
+      state.frame = whole(state.frame);
+      byId("play").textContent = "Play";
+      refresh();
+    }
+    function play() {
+      if (state.frame >= lastFrame(current())) state.frame = 0;
+      state.playing = true;
+      state.last = performance.now();
+      byId("play").textContent = "Pause";
+      cancelAnimationFrame(state.ticket);
+      state.ticket = requestAnimationFrame(step);
+    }
+    function step(now) {
+      if (!state.playing) return;
+      const passed = Math.max(0, now - state.last) / 1e3;
+      state.last = now;
+      const next = tick(state.frame, passed, current().dt, state.rate, { from: 0, to: lastFrame(current()), loop: false });
+      state.frame = next.frame;
+      if (next.over) {
+        pause();
+        writeHash();
+        return;
+      }
+      refresh();
+      state.ticket = requestAnimationFrame(step);
+    }
+    function seek(frame) {
+      state.frame = clamp(frame, 0, lastFrame(current()));
+      pause();
+      writeHash();
+    }
+    function select(index, frame = 0) {
+      state.index = index;
+      state.playing = false;
+      const item = current();
+      for (const button of caseButtons) button.setAttribute("aria-pressed", String(Number(button.dataset.index) === index));
+      byId("case-title").textContent = item.title;
+      byId("case-verdict").textContent = item.verdict;
+      scrub.max = String(lastFrame(item));
+      state.frame = clamp(frame, 0, lastFrame(item));
+      chosen(item);
+      pause();
+    }
+    function bringIntoSight() {
+      const place2 = byId("player");
+      const { top, bottom } = byId("case-title").parentElement.querySelector("canvas").getBoundingClientRect();
+      if (top < 0 || bottom > window.innerHeight) place2.scrollIntoView({ block: "start", behavior: "instant" });
+      place2.classList.remove("flash");
+      void place2.offsetWidth;
+      place2.classList.add("flash");
+    }
+    function selectId(id) {
+      const index = cases2.findIndex((item) => item.id === id);
+      if (index < 0) return false;
+      select(index);
+      writeHash();
+      bringIntoSight();
+      return true;
+    }
+    function readHash() {
+      const wish = new URLSearchParams(location.hash.slice(1));
+      const index = cases2.findIndex((item2) => item2.id === wish.get("case"));
+      const item = cases2[index];
+      if (!item) return false;
+      const t = wish.get("t");
+      select(index, t === "crash" ? crashFrame(item) : Math.round((Number(t) || 0) / item.dt) - item.first);
+      return true;
+    }
+    function onKey(event) {
+      const tag = event.target.tagName;
+      if (event.ctrlKey || event.metaKey || event.altKey || tag === "SELECT") return;
+      if (event.key === " " && !["BUTTON", "SUMMARY", "A"].includes(tag)) state.playing ? pause() : play();
+      else if (event.key === "ArrowLeft") seek(Math.ceil(state.frame) - 1);
+      else if (event.key === "ArrowRight") seek(Math.floor(state.frame) + 1);
+      else return;
+      event.preventDefault();
+    }
+    function listen() {
+      const onClick = (id, act) => byId(id).addEventListener("click", act);
+      onClick("play", () => state.playing ? pause() : play());
+      onClick("back", () => seek(state.frame - 1));
+      onClick("forward", () => seek(Math.floor(state.frame) + 1));
+      onClick("to-crash", () => seek(crashFrame(current())));
+      scrub.addEventListener("input", () => seek(Number(scrub.value)));
+      const choice = (id, take) => byId(id).addEventListener("change", (event) => take(Number(event.target.value)));
+      choice("rate", (value) => {
+        state.rate = value;
+      });
+      choice("view", (value) => {
+        state.view = value;
+        refresh();
+      });
+      for (const button of caseButtons) {
+        button.addEventListener("click", () => {
+          select(Number(button.dataset.index));
+          writeHash();
+          bringIntoSight();
+          play();
+        });
+      }
+      document.querySelectorAll("a.play").forEach((link) => {
+        link.addEventListener("click", (event) => {
+          event.preventDefault();
+          selectId(link.dataset.case);
+          play();
+        });
+      });
+      document.addEventListener("keydown", onKey);
+      window.addEventListener("hashchange", () => {
+        if (readHash()) bringIntoSight();
+      });
+      const small = caseButtons.map((button) => ({ button, item: thumbnail(cases2[Number(button.dataset.index)]) }));
+      const drawSmall = animate(small, () => colours);
+      const redraw = () => {
+        colours = readColours();
+        refresh();
+        drawSmall();
+      };
+      dark.addEventListener("change", redraw);
+      onPrint(redraw);
+      new ResizeObserver(() => {
+        refresh();
+        drawSmall();
+      }).observe(byId("player"));
+    }
+    function start(index) {
+      if (readHash()) bringIntoSight();
+      else select(index, crashFrame(cases2[index]));
+      listen();
+    }
+    return { current, selectId, seek, start };
+  }
+
+  // src/pages/comparison.ts
+  var SIDES = ["old", "new"];
+  var held = (recording, frame) => Math.min(frame, recording.frames - 1);
+  function write(side, item, frame) {
+    const recording = item[side];
+    const now = recording ? held(recording, frame) : 0;
+    const av = recording && boxAt(recording.vehicles[0], now);
+    const bv = recording && recording.partner > 0 ? boxAt(recording.vehicles[recording.partner], now) : null;
+    const touches = recording !== null && recording.crash !== null && now >= recording.crash;
+    const isOver = recording !== null && frame > recording.frames - 1;
+    const cells = {
+      end: item.ends[side],
+      av: show(av?.v, "m/s"),
+      bv: show(bv?.v, "m/s"),
+      gap: show(av && bv && gapAlong(av, bv), "m"),
+      state: touches ? "contact" : isOver ? "over" : recording ? "driving" : "–"
+    };
+    for (const [name, value] of Object.entries(cells)) byId(`${side}-${name}`).textContent = value;
+    byId(`${side}-state`).classList.toggle("touches", touches);
+  }
+  var cases = pageData("cases");
+  if (cases.length > 0) {
+    makePlayer({
+      cases,
+      draw: (item, frame, metres, colours) => {
+        for (const side of SIDES) {
+          const canvas = byId(`road-${side}`);
+          const recording = item[side];
+          canvas.hidden = !recording;
+          if (!recording) continue;
+          const ghosts = recording.wayOut ? [{ motion: recording.wayOut, colour: colours["way-out-box"], name: "the other version" }] : [];
+          fitHeight(canvas, recording, metres);
+          drawScene(canvas, recording, held(recording, frame), { metres, detail: true, ghosts }, colours);
+        }
+      },
+      chosen: () => void 0,
+      moved: (item, frame) => {
+        for (const side of SIDES) write(side, item, frame);
+        byId("clock").textContent = show(secondsAt(item, frame), "s");
+      },
+      thumbnail: (item) => item.new.crash === null && item.old ? item.old : item.new
+    }).start(0);
+  }
 })();

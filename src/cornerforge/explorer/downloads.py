@@ -1,0 +1,91 @@
+"""Files of a case to take away, by format."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cornerforge.errors import MissingExtraError
+from cornerforge.pictures.film import check_film, film
+from cornerforge.report.judged import WayOut
+from cornerforge.types import Scenario
+
+__all__ = ["Shown", "formats", "made"]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A case as the page shows it.
+
+    Attributes:
+        scenario, way_out: Its motion.
+        data: What the page got of it, as JSON values.
+    """
+
+    scenario: Scenario
+    way_out: WayOut | None
+    data: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class _Format:
+    label: str
+    media: str
+    make: Callable[[Shown], bytes]
+
+
+def _json(shown: Shown) -> bytes:
+    return json.dumps(shown.data, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _film(ending: str) -> Callable[[Shown], bytes]:
+    def make(shown: Shown) -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"case.{ending}"
+            title = f"Case {shown.data['key']}"
+            film(shown.scenario, path, title=title, sentence=shown.data["title"], way_out=shown.way_out)
+            return path.read_bytes()
+
+    return make
+
+
+_FORMATS = {
+    "mp4": _Format("video (MP4)", "video/mp4", _film("mp4")),
+    "webm": _Format("video (WebM)", "video/webm", _film("webm")),
+    "gif": _Format("moving picture (GIF)", "image/gif", _film("gif")),
+    "json": _Format("numbers (JSON)", "application/json", _json),
+}
+
+
+def formats() -> dict[str, str]:
+    """Formats that can be made here, each with what people read; videos need the extra `video`."""
+
+    def here(name: str) -> bool:
+        try:
+            check_film(Path(f"case.{name}"))
+        except MissingExtraError:
+            return False
+        return True
+
+    return {name: one.label for name, one in _FORMATS.items() if name == "json" or here(name)}
+
+
+def made(shown: Shown, name: str) -> tuple[str, bytes]:
+    """Make a file of a case.
+
+    Args:
+        shown: The case.
+        name: One of `formats()`.
+
+    Returns:
+        Media type and content.
+
+    Raises:
+        OutputError: The program that writes videos failed.
+    """
+    one = _FORMATS[name]
+    return one.media, one.make(shown)

@@ -1,0 +1,372 @@
+"""What the explorer shows: the cases of its sources, one at a time or as columns. It knows nothing of HTTP."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from cornerforge.analysis.in_words import what_happened
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.explorer.columns import CaseTable, case_table
+from cornerforge.explorer.downloads import Shown, formats, made
+from cornerforge.explorer.notes import keep_note, notes_file, read_notes
+from cornerforge.explorer.sources import Analysis, Source, read_ways_out
+from cornerforge.explorer.start import cards, headline_of
+from cornerforge.explorer.words import KINDS, label_of
+from cornerforge.library import StoredCase
+from cornerforge.library.query import SECONDS, Asker
+from cornerforge.report import text
+from cornerforge.report.cases import case_data, first_shown, ghost
+from cornerforge.report.judged import JUDGED, WayOut, judgement_of
+from cornerforge.report.verdict import verdict
+from cornerforge.types import Scenario
+
+__all__ = ["Driving", "Exhibit", "Ghost", "UnknownKeyError"]
+
+
+class UnknownKeyError(InputError):
+    """There is no such source, case, AV or format."""
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """What a reference driver does in the AV's place.
+
+    Attributes:
+        motion: From when it takes over, until the recording ends or it is touched.
+        prevents: Nobody touches it.
+        reacts_s: When it sees danger first, since the begin of the test [s]; None: never.
+    """
+
+    motion: WayOut
+    prevents: bool
+    reacts_s: float | None
+
+
+@dataclass(frozen=True)
+class Driving:
+    """What drives, given by the layer above; each function is called by one thread at a time.
+
+    Attributes:
+        drivers: Names of the reference drivers.
+        avs: Names of the AVs that can drive a case.
+        ghosts: The reference drivers in a case, by name.
+        with_av: The case as another AV drives it, the others as recorded: source, case, AV.
+    """
+
+    drivers: tuple[str, ...]
+    avs: tuple[str, ...]
+    ghosts: Callable[[Source, StoredCase], Mapping[str, Ghost]]
+    with_av: Callable[[Source, StoredCase, str], Scenario]
+
+
+@dataclass
+class _Shelf:
+    """One source as it is now; `ways_out` are read when a case is first asked for."""
+
+    source: Source
+    analysis: Analysis | None = None
+    ways_out: dict[str, int] | None = None
+    motions: pa.Table | None = None
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+
+_WHOLE = re.compile(r"\s*(select|with|from)\b", re.IGNORECASE)
+"""Begins a whole SELECT; all else is a condition."""
+
+
+class Exhibit:
+    """The cases of some sources.
+
+    Args:
+        name: Of what is shown.
+        sources: Its libraries, each with its analysis if there is one.
+        driving: What drives.
+        warnings: Plain lines on what is damaged or missing.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        sources: Sequence[tuple[Source, Analysis | None]],
+        driving: Driving,
+        warnings: Sequence[str] = (),
+    ) -> None:
+        self.name = name
+        self.driving = driving
+        self.warnings = list(warnings)
+        self.work: dict[str, Any] | None = None
+        self.revision = 1
+        self._shelves = {source.name: _Shelf(source, analysis) for source, analysis in sources}
+        self._drives, self._asking, self._makes = threading.Lock(), threading.Lock(), threading.Lock()
+        self._asker: tuple[CaseTable, Asker] | None = None
+        self._table = case_table(sources)
+
+    @property
+    def table(self) -> CaseTable:
+        """All cases, as they are known now."""
+        return self._table
+
+    def analysed(self, source: str, analysis: Analysis) -> None:
+        """Take up an analysis that has just been written; `revision` grows."""
+        shelf = self._shelves[source]
+        with shelf.lock:
+            shelf.analysis, shelf.ways_out, shelf.motions = analysis, None, None
+        self._table = case_table(self._sources())
+        self.revision += 1
+
+    def _sources(self) -> list[tuple[Source, Analysis | None]]:
+        return [(shelf.source, shelf.analysis) for shelf in self._shelves.values()]
+
+    def about(self) -> dict[str, Any]:
+        """Make what /api/about says."""
+        table = self._table
+        first = next(iter(self._shelves.values())).source.cases.identity
+        attack = [shelf.source for shelf in self._shelves.values() if not shelf.source.natural]
+        counts = dict.fromkeys(self._shelves, 0) | _counts(table.table["source"])
+        return {
+            "name": self.name,
+            "av": str(first.get("av", "unknown")),
+            "version": str(first.get("cornerforge", "unknown")),
+            "headline": text.sentence(headline_of(self._sources())),
+            "adversary": str(attack[0].cases.identity.get("bv", "")) if attack else "",
+            "sources": [
+                {
+                    "name": shelf.source.name,
+                    "label": shelf.source.label,
+                    "cases": counts[shelf.source.name],
+                    "natural": shelf.source.natural,
+                    "replay": shelf.source.replay,
+                }
+                for shelf in self._shelves.values()
+            ],
+            "revision": self.revision,
+            "work": self.work,
+            "avs": list(self.driving.avs),
+            "drivers": list(self.driving.drivers),
+            "downloads": [{"format": name, "label": label} for name, label in formats().items()],
+            "columns": [column.to_json() for column in table.columns],
+            "start": cards(self._sources(), table),
+            "warnings": self.warnings,
+        }
+
+    def case(self, source: str, case_id: str) -> dict[str, Any]:
+        """Make what /api/case/SOURCE/CASE_ID says.
+
+        Raises:
+            UnknownKeyError: There is no such case.
+            FileFormatError: It lies in a damaged file.
+        """
+        return dict(self._shown(source, case_id).data)
+
+    def _shown(self, source: str, case_id: str) -> Shown:
+        row = self.row_of(source, case_id)
+        shelf, stored = self._stored(source, case_id)
+        way_out, told = self._way_out(shelf, case_id), self._table.row(row)
+        data = case_data(f"{source}/{case_id}", stored.scenario, way_out)
+        known = "" if told.get("fault") is None else verdict(judgement_of({n: told.get(n) for n in JUDGED}, way_out))
+        data |= {
+            "key": f"{source}/{case_id}",
+            "title": _title(stored.scenario, told),
+            "verdict": text.sentence(known),
+            "facts": self._facts(told),
+        }
+        return Shown(stored.scenario, way_out, data)
+
+    def row_of(self, source: str, case_id: str) -> int:
+        """Return the row of a case.
+
+        Raises:
+            UnknownKeyError: There is no such case.
+        """
+        row = self._table.rows.get((source, case_id))
+        if row is None:
+            known = ", ".join(self._shelves)
+            what = f"case {case_id[:80]!r} in {source}" if source in self._shelves else f"source {source[:80]!r}"
+            raise UnknownKeyError(f"There is no {what}; sources: {known}.")
+        return row
+
+    def ghosts(self, source: str, case_id: str) -> dict[str, Any]:
+        """Make what /api/case/SOURCE/CASE_ID/ghosts says; errors as of `case`, and InputError: it cannot be judged."""
+        self.row_of(source, case_id)
+        shelf, stored = self._stored(source, case_id)
+        with self._drives:
+            found = self.driving.ghosts(shelf.source, stored)
+        first = first_shown(stored.scenario)
+        return {
+            "drivers": {
+                name: {
+                    "motion": ghost(stored.scenario, one.motion, first),
+                    "prevents": one.prevents,
+                    "reacts_s": one.reacts_s,
+                }
+                for name, one in found.items()
+            }
+        }
+
+    def case_with(self, source: str, case_id: str, av: str) -> dict[str, Any]:
+        """Make what /api/case/SOURCE/CASE_ID/with/AV says: the same case driven by another AV, others as recorded.
+
+        Raises:
+            UnknownKeyError: There is no such case or AV.
+            CornerForgeError: The case cannot be read or driven.
+        """
+        self.row_of(source, case_id)
+        if av not in self.driving.avs:
+            raise UnknownKeyError(f"There is no AV {av[:80]!r} here; known: {', '.join(self.driving.avs)}.")
+        shelf, stored = self._stored(source, case_id)
+        with self._drives:
+            scenario = self.driving.with_av(shelf.source, stored, av)
+        key = f"{source}/{case_id}@{av}"
+        data = case_data(key, scenario, first=min(first_shown(stored.scenario), len(scenario.x) - 1))
+        crashed = scenario.crash is not None and scenario.crash.slot_a == 0
+        seconds = "" if scenario.crash is None else f" after {scenario.crash.time:.1f} s"
+        title = f"{av}: " + (f"it crashes{seconds}" if crashed else "it does not crash")
+        return data | {"key": key, "title": title, "verdict": "", "facts": []}
+
+    def download(self, source: str, case_id: str, name: str) -> tuple[str, str, bytes]:
+        """Make a file of a case; one at a time, because a video takes all cores.
+
+        Returns:
+            Media type, file name, and content.
+
+        Raises:
+            UnknownKeyError: There is no such case or format.
+            OutputError: The program that writes videos failed.
+        """
+        self.row_of(source, case_id)
+        if name not in (known := formats()):
+            raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(known)}.")
+        shown = self._shown(source, case_id)
+        with self._makes:
+            media, content = made(shown, name)
+        return media, f"{source}-{case_id.replace(':', '-')}.{name}", content
+
+    def rows_where(self, where: str) -> bytes:
+        """Say which rows a condition in SQL holds for, or a whole SELECT names by `source` and `case_id`.
+
+        Returns:
+            One bit a row, the lowest first.
+
+        Raises:
+            InputError: The condition is wrong or forbidden, or takes too much time or memory.
+            MissingExtraError: DuckDB is not installed.
+        """
+        if not self._asking.acquire(timeout=2.0 * SECONDS):
+            raise InputError("Other questions are being answered; ask again.")
+        try:
+            table = self._table
+            if self._asker is None or self._asker[0] is not table:
+                if self._asker is not None:
+                    self._asker[1].close()
+                self._asker = table, Asker(table.plain())
+            return _bits(self._asker[1], table, where)
+        finally:
+            self._asking.release()
+
+    def notes(self) -> dict[str, Any]:
+        """Make what /api/notes says.
+
+        Raises:
+            FileFormatError: A file of notes is damaged.
+        """
+        return {
+            f"{name}/{case}": one for name in self._shelves for case, one in read_notes(self._notes_file(name)).items()
+        }
+
+    def note(self, source: str, case_id: str, labels: Any, note: Any) -> dict[str, Any]:
+        """Keep labels and a note of a case; both empty: keep none.
+
+        Raises:
+            UnknownKeyError: There is no such case.
+            InputError: They are no texts, or too long.
+            FileFormatError, OutputError: The file of notes is damaged, or cannot be written.
+        """
+        self.row_of(source, case_id)
+        return keep_note(self._notes_file(source), case_id, labels, note)
+
+    def _notes_file(self, source: str) -> Path:
+        return notes_file(self._shelves[source].source.cases.path)
+
+    def close(self) -> None:
+        """End what was started."""
+        if self._asker is not None:
+            self._asker[1].close()
+
+    def _stored(self, source: str, case_id: str) -> tuple[_Shelf, StoredCase]:
+        shelf = self._shelves[source]
+        with shelf.lock:
+            return shelf, shelf.source.cases.scenario(case_id)
+
+    def _way_out(self, shelf: _Shelf, case_id: str) -> WayOut | None:
+        if shelf.analysis is None:
+            return None
+        with shelf.lock:
+            if shelf.ways_out is None:
+                shelf.motions = read_ways_out(shelf.analysis.folder, shelf.source.cases.path)
+                shelf.ways_out = {name: row for row, name in enumerate(shelf.motions["case_id"].to_pylist())}
+            row, motions = shelf.ways_out.get(case_id), shelf.motions
+        if row is None or motions is None:
+            return None
+        _, begin_s, *motion = (motions[name][row].as_py() for name in motions.column_names)
+        if begin_s is None or not motion[0]:
+            return None
+        return WayOut(begin_s, *(np.array(values, np.float64) for values in motion))
+
+    def _facts(self, told: Mapping[str, Any]) -> list[dict[str, Any]]:
+        return [
+            {
+                "name": column.name,
+                "label": label_of(column.name),
+                "value": _fact(told[column.name]),
+                "unit": column.unit,
+                "meaning": column.meaning,
+            }
+            for column in self._table.columns
+            if column.name not in ("source", "case_id")
+        ]
+
+
+def _bits(asker: Asker, table: CaseTable, where: str) -> bytes:
+    if not where.strip():
+        raise InputError("The condition is empty.")
+    is_whole = _WHOLE.match(where) is not None
+    names, rows = asker.ask(where if is_whole else f"SELECT source, case_id FROM cases WHERE (\n{where}\n)")
+    if not {"source", "case_id"} <= set(names):
+        raise InputError("A SELECT must give the columns source and case_id; or write a condition only.")
+    of, case = names.index("source"), names.index("case_id")
+    chosen = np.zeros(table.table.num_rows, np.bool_)
+    for row in rows:
+        at = table.rows.get((str(row[of]), str(row[case])))
+        if at is not None:
+            chosen[at] = True
+    return np.packbits(chosen, bitorder="little").tobytes()
+
+
+def _counts(source: pa.ChunkedArray) -> dict[str, int]:
+    return {str(one["values"]): int(one["counts"]) for one in source.value_counts().to_pylist()}
+
+
+def _fact(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return "infinite" if value > 0.0 else "minus infinite" if value < 0.0 else None
+    return value
+
+
+def _title(scenario: Scenario, told: Mapping[str, Any]) -> str:
+    """Say in one line what happens in a case."""
+    kind = told.get("mechanism")
+    try:
+        happened = what_happened(scenario)
+    except (InputError, FileFormatError):
+        happened = str(told.get("crash_type") or "a crash")
+    words = KINDS[kind][1].removesuffix(".") if kind in KINDS else ""
+    return text.sentence(f"{words} ({happened})" if words and words != happened else happened)

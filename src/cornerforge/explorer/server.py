@@ -1,0 +1,126 @@
+"""Opening the port and serving: loopback by default, a token otherwise."""
+
+from __future__ import annotations
+
+import errno
+import ipaddress
+import logging
+import secrets
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import uvicorn
+
+from cornerforge._checks import check_integer
+from cornerforge._files import reason
+from cornerforge.errors import InputError, OutputError
+from cornerforge.explorer.app import Guard, explorer_app, read_page
+from cornerforge.explorer.exhibit import Exhibit
+
+__all__ = ["PORT", "Door", "open_door", "serve_exhibit"]
+
+PORT = 8157
+"""The usual port; the next free one is taken instead where it was not asked for."""
+_TRIES = 50
+
+
+@dataclass(frozen=True)
+class Door:
+    """Where the explorer listens.
+
+    Attributes:
+        listening: The socket.
+        host, port: Of the address.
+        token: Needed by whoever opens it; None on loopback.
+        usual: The port is the one that was asked for, or the usual one.
+    """
+
+    listening: socket.socket
+    host: str
+    port: int
+    token: str | None
+    usual: bool
+
+    @property
+    def url(self) -> str:
+        """The whole address, with the token."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.port}/" + ("" if self.token is None else f"?token={self.token}")
+
+
+def is_loopback(host: str) -> bool:
+    """Say whether only this machine can reach a host."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def open_door(host: str, port: int | None) -> Door:
+    """Listen.
+
+    Args:
+        host: Name or address of this machine.
+        port: 0 for any free one; None for the usual one, or the next that is free.
+
+    Raises:
+        InputError: The port is out of range, or the host is not of this machine.
+        OutputError: The port is taken.
+    """
+    first = PORT if port is None else check_integer("port", port, low=0, high=65535)
+    try:
+        family, kind, number, _, address = socket.getaddrinfo(
+            host, first, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"{host!r} is no address of this machine ({error}); 127.0.0.1 is.") from None
+    for tried in range(first, min(first + (_TRIES if port is None else 1), 65536)):
+        listening = socket.socket(family, kind, number)
+        try:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.bind((address[0], tried, *address[2:]))
+            listening.listen(128)
+        except OSError as error:
+            listening.close()
+            if error.errno == errno.EADDRINUSE:
+                continue
+            raise OutputError(
+                f"Cannot listen at {host}:{tried}: {reason(error)}; choose another --host or --port."
+            ) from None
+        token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        return Door(listening, host, int(listening.getsockname()[1]), token, port is not None or tried == first)
+    taken = f"Port {first} is" if port is not None else f"The ports {first} to {first + _TRIES - 1} are"
+    raise OutputError(f"{taken} taken by another program; choose another with --port, 0 for any free one.")
+
+
+def serve_exhibit(exhibit: Exhibit, door: Door, up: Callable[[], None]) -> None:
+    """Serve until Ctrl-C, or until the process is asked to end.
+
+    Args:
+        exhibit: What is shown.
+        door: From `open_door`.
+        up: Called once when it answers.
+
+    Raises:
+        OutputError: The page was not built.
+    """
+    page = read_page()
+    if "index.html" not in page:
+        raise OutputError("The explorer's page is not built here; build it with: make web")
+    hosts = None
+    if door.token is None:
+        hosts = frozenset(f"{name}:{door.port}" for name in ("127.0.0.1", "localhost", "[::1]"))
+        if door.port == 80:
+            hosts |= {"127.0.0.1", "localhost", "[::1]"}
+    app = Guard(explorer_app(exhibit, page), hosts, door.token)
+    config = uvicorn.Config(
+        app, http="h11", ws="none", lifespan="off", loop="asyncio", interface="asgi3", log_config=None,
+        access_log=False, server_header=False, date_header=False, proxy_headers=False, timeout_keep_alive=30,
+        timeout_graceful_shutdown=1, h11_max_incomplete_event_size=32 * 1024,
+    )  # fmt: skip
+    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # no line for each malformed request
+    up()
+    uvicorn.Server(config).run(sockets=[door.listening])

@@ -1,0 +1,106 @@
+"""The process in which SQL is answered: it can be killed, DuckDB alone cannot always be stopped.
+
+Run as a file, so that it starts at once: it imports DuckDB, Arrow and the standard library only. On its standard input
+it gets a table, then statements; it writes an answer to each. It can open no file for writing, and its memory is
+limited twice: by DuckDB itself, and by the operating system, since some of DuckDB's functions do not count theirs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import signal
+import struct
+import sys
+from collections.abc import Iterator
+from typing import IO, Any
+
+__all__ = ["main", "read_message", "write_message"]
+
+_HEADER = struct.Struct("<Q")
+_ANSWER = 2**18
+"""Bytes of an answer for each megabyte of memory, a quarter: who asked holds it too."""
+
+
+def read_message(stream: IO[bytes]) -> bytes | None:
+    """Read one message; None at the end of the stream, or where it breaks off."""
+    head = stream.read(_HEADER.size)
+    if len(head) < _HEADER.size:
+        return None
+    (size,) = _HEADER.unpack(head)
+    content = stream.read(size)
+    return content if len(content) == size else None
+
+
+def write_message(stream: IO[bytes], content: bytes | memoryview) -> None:
+    """Write one message."""
+    stream.write(_HEADER.pack(len(content)))
+    stream.write(content)
+    stream.flush()
+
+
+def _limit(megabytes: int) -> None:
+    """Let the process take so much more memory than it has, and write no file; where the system can limit that."""
+    with contextlib.suppress(ImportError, OSError, ValueError, StopIteration):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+        with open("/proc/self/status", encoding="ascii") as status:
+            line = next(line for line in status if line.startswith("VmData"))
+        most = (int(line.split()[1]) + 1024 * megabytes) * 1024
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+
+
+def _answers(table: Any, megabytes: int) -> Iterator[bytes]:
+    import duckdb
+
+    shut: dict[str, str | bool | int | float | list[str]] = {
+        "enable_external_access": "false",
+        "python_enable_replacements": "false",
+        "temp_directory": "",
+        "threads": "1",
+        "memory_limit": f"{megabytes}MB",
+    }
+    asks = (duckdb.StatementType.SELECT, duckdb.StatementType.EXPLAIN)
+    with duckdb.connect(":memory:", config=shut) as connection:
+        connection.register("cases", table)
+        connection.execute("SET lock_configuration = true")
+        _limit(megabytes + megabytes // 2)
+        while (sql := read_message(sys.stdin.buffer)) is not None:
+            answer: tuple[Any, ...]
+            try:
+                statements = connection.extract_statements(sql.decode())
+                if len(statements) != 1 or statements[0].type not in asks:
+                    answer = ("no question",)
+                else:
+                    found = connection.execute(statements[0])
+                    names = [str(column[0]) for column in found.description or ()]
+                    answer = ("answer", names, found.fetchall())
+            except (MemoryError, duckdb.OutOfMemoryException):
+                answer = ("memory",)
+            except Exception as error:  # some of DuckDB's errors are RuntimeErrors, ValueErrors, SystemErrors
+                line = str(error).splitlines()[0] if str(error) else type(error).__name__
+                answer = ("memory",) if "bad_alloc" in line else ("error", line)
+            try:
+                content = pickle.dumps(answer)
+            except MemoryError:
+                content = b""
+            del answer
+            yield content if 0 < len(content) < megabytes * _ANSWER else pickle.dumps(("memory",))
+
+
+def main() -> None:
+    """Answer until the standard input ends."""
+    import pyarrow as pa
+
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C in a terminal reaches all its processes; the first one ends it
+    table = read_message(sys.stdin.buffer)
+    if table is not None:
+        for content in _answers(pa.ipc.open_stream(table).read_all(), int(sys.argv[1])):
+            write_message(sys.stdout.buffer, content)
+
+
+if __name__ == "__main__":
+    main()

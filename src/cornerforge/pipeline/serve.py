@@ -1,0 +1,294 @@
+"""`serve` shows the cases of a run, or of a library, in the browser."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import threading
+import webbrowser
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cornerforge.drivers.avs import AVS
+from cornerforge.drivers.careful import CAREFUL
+from cornerforge.errors import CornerForgeError, FileFormatError, InputError, MissingExtraError
+from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.library.manifest import MANIFEST
+from cornerforge.library.natural import is_natural, natural_weights
+from cornerforge.pipeline.output import check_path, read_json_file
+from cornerforge.results.whole import Served
+
+if TYPE_CHECKING:
+    from cornerforge.explorer import Analysis, Driving, Exhibit, Ghost, Source
+    from cornerforge.sim import Script, ScriptDriver
+    from cornerforge.types import Scenario
+
+__all__ = ["serve"]
+
+_LABELS = {"natural": "Natural traffic", "adversary": "Made by the adversary", "scripted": "Scripted cases"}
+_IDLE_S = 2.0
+"""So long after the page's first questions, kernels are loaded [s]: before, they would only slow the answers down."""
+
+
+def _silent(served: Served) -> None:
+    pass
+
+
+def serve(
+    place: Path | str,
+    *,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    avs: Sequence[str] = (),
+    open_browser: bool = False,
+    threads: int | None = None,
+    up: Callable[[Served], None] = _silent,
+) -> Served:
+    """Show the cases of a run or of a library in the browser, until Ctrl-C.
+
+    A library without an analysis beside it is analysed in the background, into the folder LIB-analysis.
+
+    Args:
+        place: A folder of `run` or `rate`, or a library.
+        host: Where it listens. Anything else than this machine's loopback needs a token, which is in the address.
+        port: 0 for any free one; None: 8157, or the next that is free.
+        avs: AVs that cases can be driven with for comparison, besides the built-in ones.
+        open_browser: Open the address in the browser.
+        threads: Of the analysis; None for all cores.
+        up: Told once when the page can be opened.
+
+    Returns:
+        What `cornerforge serve --json` prints, when it has ended.
+
+    Raises:
+        CornerForgeError: There is nothing to show, the port is taken, or the page is not built.
+    """
+    try:
+        from cornerforge.explorer import Exhibit, open_door, serve_exhibit
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(str(error.name), "explorer") from error
+    given = Path(place)
+    check_path(given)
+    found = _sources(given)
+    driving = _driving(avs, found[0].source)
+    warnings = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
+    door = open_door(host, port)
+    exhibit = Exhibit(given.resolve().name, [(one.source, one.analysis) for one in found], driving, warnings)
+    served = Served(
+        url=door.url, host=door.host, port=door.port, usual_port=door.usual, token=door.token is not None,
+        cases=exhibit.table.table.num_rows, sources=tuple(one.source.name for one in found),
+    )  # fmt: skip
+    stopping = threading.Event()
+    behind = threading.Thread(
+        target=_behind, args=(exhibit, found, threads, stopping), daemon=True, name="cornerforge-analysis"
+    )
+
+    def begin() -> None:
+        behind.start()
+        up(served)
+        if open_browser:
+            webbrowser.open(served.url)
+
+    try:
+        serve_exhibit(exhibit, door, begin)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        stopping.set()
+        exhibit.close()
+        door.listening.close()
+    return served
+
+
+@dataclass
+class _Found:
+    """A library, its analysis if there is one, and the folder in which one would be made."""
+
+    source: Source
+    analysis: Analysis | None
+    folder: Path
+
+
+def _sources(place: Path) -> list[_Found]:
+    """Find the libraries of a folder, natural crashes first.
+
+    Raises:
+        InputError: There is none, or none holds a case.
+        FileFormatError: One is damaged.
+    """
+    from cornerforge.explorer import Source
+
+    if (place / MANIFEST).exists():
+        libraries = [(place, place.with_name(f"{place.resolve().name}-analysis"))]
+    else:
+        natural = [place / "natural" / "weighted", place / "natural" / "library", place / "weighted"]
+        libraries = [
+            (one, one.parent / "analysis") for one in (*natural, place / "library") if (one / MANIFEST).exists()
+        ]
+    if not libraries:
+        raise InputError(
+            f"{place} is no folder of run or rate and no library of cases; name one that cornerforge run, rate --out "
+            "or generate made."
+        )
+    found: dict[str, _Found] = {}
+    for library, beside in libraries:
+        cases = CaseLibrary.open(library)
+        if len(cases) == 0:
+            continue
+        weights = natural_weights(cases)
+        name = "natural" if is_natural(cases) else "scripted" if cases.scripted else "adversary"
+        if name in found:
+            continue
+        replay = f"cornerforge replay {shlex.quote(str(library))}"
+        source = Source(name, _LABELS[name], cases, is_natural(cases), weights, replay)
+        own = library.with_name(f"{library.resolve().name}-analysis")
+        folder = next((one for one in (beside, library.parent / "analysis", own) if _is_analysis(one, cases)), own)
+        found[name] = _Found(source, _analysis(folder, cases), folder)
+    if not found:
+        raise InputError(f"There is no case in {place} yet; fill a library with: cornerforge generate, or rate --out")
+    return list(found.values())
+
+
+def _is_analysis(folder: Path, cases: CaseLibrary) -> bool:
+    """Say whether a folder holds the whole analysis of a library."""
+    from cornerforge.explorer import FILES
+
+    if not all((folder / name).is_file() for name in (*FILES, "provenance.json")):
+        return False
+    try:
+        identity = read_json_file(folder / "provenance.json").get("identity")
+    except CornerForgeError:
+        return False
+    of = {**cases.identity, "cases": len(cases)}
+    return isinstance(identity, dict) and all(identity.get(key) == value for key, value in of.items())
+
+
+def _analysis(folder: Path, cases: CaseLibrary) -> Analysis | None:
+    from cornerforge.explorer import read_analysis
+
+    return read_analysis(folder, cases.path) if _is_analysis(folder, cases) else None
+
+
+def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stopping: threading.Event) -> None:
+    """Load the kernels that answers need, then analyse what is not analysed; for a thread of its own."""
+    from cornerforge.explorer import read_analysis
+    from cornerforge.pipeline.analyse import analyse
+
+    bare = [one for one in found if one.analysis is None]
+    if bare:  # said at once, so that the page asks again
+        exhibit.work = {"what": "analyse", "done": 0, "total": len(bare[0].source.cases)}
+    stopping.wait(_IDLE_S)
+    for one in bare:
+        if stopping.is_set():
+            return
+
+        def progress(stage: str, done: float, total: float) -> None:
+            if stopping.is_set():
+                raise KeyboardInterrupt
+            exhibit.work = {"what": stage, "done": done, "total": total}
+
+        progress("analyse", 0, len(one.source.cases))
+        try:
+            analyse(one.source.cases.path, out=one.folder, threads=threads, progress=progress)
+            exhibit.analysed(one.source.name, read_analysis(one.folder, one.source.cases.path))
+        except CornerForgeError as error:
+            exhibit.warnings.append(f"There is no analysis: {error}")
+        except KeyboardInterrupt:
+            return
+        finally:
+            exhibit.work = None
+    if not stopping.is_set():
+        _warm_up(exhibit, found)
+
+
+def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
+    """Ask once what needs files or kernels, so that the first person who asks need not wait."""
+    for one in found:
+        source = one.source
+        case = exhibit.table.first_of(source.name)
+        own = str(source.cases.identity["av"])
+        for ask in (exhibit.case, exhibit.ghosts, lambda name, of, av=own: exhibit.case_with(name, of, av)):
+            with contextlib.suppress(CornerForgeError):
+                ask(source.name, case)
+
+
+def _driving(avs: Sequence[str], source: Source) -> Driving:
+    """Make what drives for the explorer.
+
+    Args:
+        avs: AVs of the user's own; that each can be had is checked with the library of `source`.
+        source: One of the sources.
+
+    Raises:
+        CornerForgeError: There is no such AV, or the library does not say with what it was made.
+    """
+    from cornerforge.explorer import Driving
+
+    others = _Others()
+    for av in avs:
+        others.made(source, av)
+    return Driving(tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive)
+
+
+def _fault_of_notes(source: Source) -> list[str]:
+    from cornerforge.explorer.notes import notes_file, read_notes
+
+    try:
+        read_notes(notes_file(source.cases.path))
+    except FileFormatError as error:
+        return [str(error)]
+    return []
+
+
+def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:
+    from cornerforge.analysis.avoidability import AvoidParams
+    from cornerforge.analysis.prevented import driven_by
+    from cornerforge.explorer import Ghost
+    from cornerforge.report.judged import WayOut
+
+    scenario = stored.scenario
+    params = AvoidParams(steers=bool(source.cases.identity.get("av_steers")))
+    crash = 0.0 if scenario.crash is None else scenario.crash.time
+    return {
+        name: Ghost(
+            motion=WayOut(one.begin_s, *np.ascontiguousarray(one.track.T)),
+            prevents=one.prevented.prevented,
+            reacts_s=None if one.prevented.reacts_s is None else round(crash - one.prevented.reacts_s, 1),
+        )
+        for name, one in driven_by(scenario, params).items()
+    }
+
+
+class _Others:
+    """Drives stored cases with other AVs, the others as recorded; one at a time, since it keeps its drivers."""
+
+    def __init__(self) -> None:
+        self._drivers: dict[tuple[str, str], tuple[Callable[[StoredCase], Script], ScriptDriver]] = {}
+
+    def made(self, source: Source, av: str) -> tuple[Callable[[StoredCase], Script], ScriptDriver]:
+        """Give what makes scripts of a source's cases, and what drives them with an AV.
+
+        Raises:
+            CornerForgeError: There is no such AV, or the library cannot be driven again.
+        """
+        from cornerforge.pipeline.stored_cases import StoredScripts, run_with
+        from cornerforge.world_options import WorldOptions
+
+        key = source.name, av
+        if key not in self._drivers:
+            run = run_with(source.cases, WorldOptions(), av)
+            self._drivers[key] = StoredScripts(source.cases, run).of, run.script_driver()
+        return self._drivers[key]
+
+    def drive(self, source: Source, stored: StoredCase, av: str) -> Scenario:
+        """Drive a case.
+
+        Raises:
+            CornerForgeError: As `made`, or the AV failed.
+        """
+        script, driver = self.made(source, av)
+        return driver.record(script(stored))[0]

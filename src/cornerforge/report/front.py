@@ -1,0 +1,287 @@
+"""The first screen in words: what crashes, how often, would a careful driver prevent it, what to see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.analysis.conduct import NO_CONDUCT
+from cornerforge.analysis.flaw import FLAWS
+from cornerforge.rates.intervals import binomial_interval, share_interval, weighted_interval
+from cornerforge.report import text
+from cornerforge.report.kinds import kind_in_words
+from cornerforge.report.natural_cases import NaturalCases
+from cornerforge.report.road import RoadRate
+from cornerforge.results import Analysed
+from cornerforge.results.analysis import Natural, NaturalKind, OwnDoing
+
+__all__ = ["Answer", "Front", "Known", "Look", "front_of", "how_often"]
+
+DRIVERS = "four models of a careful driver"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An answer of the first screen: its question, the answer in short, and what it rests on."""
+
+    question: str
+    short: str
+    text: str
+    warning: str = ""
+
+
+@dataclass(frozen=True)
+class Look:
+    """The case to watch first: its name in its library, what kind it is, and why this one.
+
+    Attributes:
+        case_id: Its name in its library.
+        is_natural: It is a natural case.
+        title: Its kind, in words.
+        often, interval: How often this kind happens on the road, and the interval with n; "" where it is not known.
+        why: Why this case.
+    """
+
+    case_id: str
+    is_natural: bool
+    title: str
+    often: str
+    interval: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Front:
+    """The first screen."""
+
+    answers: tuple[Answer, ...]
+    look: Look | None
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the first screen is made of.
+
+    Attributes:
+        analysis: Of the page's library.
+        natural: Of the natural cases; None: there are none. The same as `analysis` where the library is natural.
+        kinds: How often natural kinds happen, as parts of `road` (`road.on_road`).
+        cases: The natural cases.
+        road: How often the AV crashes on the road; None: not known.
+        adversary: Whether an adversary made the cases of `analysis`.
+    """
+
+    analysis: Analysed
+    natural: Analysed | None
+    kinds: Natural | None
+    cases: NaturalCases | None
+    road: RoadRate | None
+    adversary: bool
+
+
+def front_of(known: Known) -> Front:
+    """Make the first screen."""
+    return Front((_what(known), how_often(known.road, adversary=known.adversary), _careful(known)), _look(known))
+
+
+def _range(low: float, high: float) -> str:
+    return f"95 %: {text.share_range(low, high)}"
+
+
+def _what(known: Known) -> Answer:
+    """What the AV does wrong; or that nothing was found, and what happens most."""
+    question = "What does it do wrong?"
+    told: list[tuple[OwnDoing, str]] = []
+    if known.natural is not None and known.natural.own_doing is not None:
+        told.append((known.natural.own_doing, "crashes in natural traffic"))
+    if known.natural is not known.analysis and known.analysis.own_doing is not None:
+        told.append((known.analysis.own_doing, _made(known)))
+    for doing, kind in told:
+        if doing.flaws:
+            return Answer(question, f"It {FLAWS[doing.flaws[0].flaw]}", _flaws(doing, kind))
+    if not told:
+        return Answer(question, "Nobody has looked", _most(known))
+    n = " and ".join(f"{text.count(sum(doing.conducts.values()))} {kind}" for doing, kind in told)
+    wrong = sum(sum(doing.conducts.values()) - doing.conducts.get(NO_CONDUCT, 0) for doing, _ in told)
+    some = f" In {text.count(wrong)} of them it did something wrong, too few to name a fault." if wrong else ""
+    return Answer(question, "No fault of its own was found", f"in n = {n}.{some} {_most(known)}")
+
+
+def _made(known: Known) -> str:
+    return "crashes that an adversary caused" if known.adversary else "crashes"
+
+
+def _flaws(doing: OwnDoing, kind: str) -> str:
+    first, n = doing.flaws[0], sum(doing.conducts.values())
+    words = (
+        f"That made {text.share(first.share)} of its {kind} ({_range(*first.interval95)}; {text.count(first.cases)} of "
+        f"n = {text.count(n)})."
+    )
+    if len(doing.flaws) > 1:
+        words += f" It also {'; '.join(f'{FLAWS[one.flaw]} ({text.share(one.share)})' for one in doing.flaws[1:])}."
+    return words
+
+
+def _most(known: Known) -> str:
+    """Say what happens most."""
+    if known.kinds is not None and known.kinds.mechanisms:
+        name, kind = next(iter(known.kinds.mechanisms.items()))
+        return f"Most often: {kind_in_words(name)} ({text.share(kind.share)} of natural crashes)."
+    found = known.kinds.crash_types if known.kinds is not None else {}
+    if found:
+        name, share = next((name, kind.share) for name, kind in found.items())
+    else:
+        types = known.analysis.crash_types
+        name = max(types, key=lambda kind: types[kind])
+        share = types[name] / sum(types.values())
+    return f"Most crashes are of the type “{text.plain(name)}” ({text.share(share)})."
+
+
+def how_often(road: RoadRate | None, *, adversary: bool) -> Answer:
+    """Say how often the AV crashes on a road.
+
+    Args:
+        road: What is known of it; None: nothing.
+        adversary: An adversary made the crashes that the page is about.
+    """
+    question = "How often on a road?"
+    if road is None:
+        made = "An adversary made these crashes" if adversary else "These are no crashes of natural traffic"
+        return Answer(question, "Not known", f"{made}: they show how the AV can crash, not how often it does.")
+    if road.miles is None:
+        where = f" in {text.miles(road.driven)}" if road.driven is not None else ""
+        return Answer(question, f"No crash seen{where}", f"so {road.words} (95 %; {road.basis}).", _doubt(road))
+    return Answer(
+        question,
+        text.capital(road.words),
+        f"in natural traffic, as recorded drivers drive (95 %: {road.interval}; from {road.basis}).",
+        _doubt(road),
+    )
+
+
+def _doubt(road: RoadRate) -> str:
+    return "Not to be trusted yet" if road.doubts else ""
+
+
+@dataclass(frozen=True)
+class _Share:
+    share: float
+    low: float
+    high: float
+    n: int
+
+    @property
+    def words(self) -> str:
+        return f"{_range(self.low, self.high)}; n = {text.count(self.n)}"
+
+
+def _natural_share(cases: NaturalCases, some: NDArray[np.bool_]) -> _Share:
+    weight, judged = cases.weight, cases.judged
+    low, high = share_interval(weight[judged & some], weight[judged])
+    return _Share(float(weight[judged & some].sum() / weight[judged].sum()), low, high, int(judged.sum()))
+
+
+def _ways_out(known: Known) -> _Share | None:
+    """Share of crashes that left a way out so long after the manoeuvre began as `judges.lead` says."""
+    found, kinds = known.natural or known.analysis, known.kinds
+    if found.judges is None:
+        return None
+    lead, n = found.judges.lead, found.judges.cases
+    weighs = known.cases is not None and float(np.ptp(known.cases.weight)) > 0.0
+    if kinds is None or kinds.avoidable is None or not weighs:
+        return _Share(lead.share, *lead.interval95, n)
+    low, high = (min(1.0, end / kinds.all.crashes_per_test) for end in kinds.avoidable.interval95)
+    return _Share(kinds.avoidable.share, low, high, n)
+
+
+def _braking(known: Known) -> tuple[_Share, float] | None:
+    """Share of crashes that a careful driver's braking would have prevented, and of those where a held speed would."""
+    cases = known.cases
+    if cases is not None and cases.judged.any():
+        return _natural_share(cases, cases.by_braking), _natural_share(cases, cases.held).share
+    found = known.analysis.prevented
+    if known.natural is not None or found is None:
+        return None
+    n, k = found.cases, found.any.by_braking
+    return _Share(k / n, *binomial_interval(k, n), n), found.held / n
+
+
+def _careful(known: Known) -> Answer:
+    question = "Would a careful driver have prevented it?"
+    ways, braking = _ways_out(known), _braking(known)
+    kind = "natural crashes" if known.natural is not None else _made(known)
+    words = []
+    if ways is not None:
+        reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
+        short = f"{text.share(ways.share)} could have been avoided"
+        words.append(
+            f"by an AV that brakes or steers {text.rate(reaction, 2)} s after the manoeuvre began that led to it "
+            f"({ways.words} {kind})."
+        )
+    if braking is not None:
+        by, held = braking
+        lead = "A careful driver who only brakes" if ways is not None else "A careful driver"
+        words.append(
+            f"{lead} would have prevented {text.share(by.share)} by braking ({by.words}; {DRIVERS}); "
+            f"in {text.share(held)} it was enough to hold the speed."
+        )
+        if ways is None:
+            short = f"{text.share(by.share)} by braking"
+    if not words:
+        return Answer(question, "Nobody has looked", "cornerforge analyse says it, without --avoidability none.")
+    return Answer(question, short, " ".join(words))
+
+
+_WHY: Mapping[str, str] = {
+    "by braking": "Typical of the most frequent kind that a careful driver would have prevented by braking.",
+    "held": "Braking would have prevented no natural crash. Here, in the most frequent kind, a held speed would.",
+    "none": "Typical of the most frequent kind of natural crash. No reference driver would have prevented it.",
+}
+
+
+def _part(cases: NaturalCases, rows: NDArray[np.intp], kind: NaturalKind | None) -> str:
+    """Say how often the crashes of a kind happen that a case is typical of; "" where they are all of the kind."""
+    if kind is None or rows.size == kind.cases:
+        return ""
+    miles_per_test = kind.miles_between * kind.crashes_per_test
+    low, high = weighted_interval(cases.weight[rows], float(cases.weight.max()))
+    between = miles_per_test / float(cases.weight[rows].sum())
+    ends = text.miles_range(miles_per_test / high, miles_per_test / low)
+    return (
+        f" That is {text.count(rows.size)} of these {text.count(kind.cases)} crashes: once in {text.miles(between)} "
+        f"(95 %: {ends})."
+    )
+
+
+def _look(known: Known) -> Look | None:
+    """Choose what to watch first."""
+    first = None if known.cases is None else known.cases.first()
+    if first is not None and known.cases is not None:
+        found, why = first
+        kinds = known.kinds
+        assert kinds is not None
+        rates = kinds.mechanisms or kinds.crash_types
+        kind = rates.get(found.kind)
+        often = interval = ""
+        if kind is not None:
+            low, high = kind.interval95_miles
+            often = f"once in {text.miles(kind.miles_between)}"
+            interval = f"95 %: {text.miles_range(low, high)}; n = {text.count(kind.cases)} crashes"
+        if why == "none" and not known.cases.judged.any():
+            reason = "Typical of the most frequent kind of natural crash."
+        else:
+            reason = _WHY[why] + _part(known.cases, found.rows, kind)
+        title = kind_in_words(found.kind)
+        return Look(known.cases.case_id[found.row], True, title, often, interval, reason)
+    top = known.analysis.value.top
+    if not top:
+        return None
+    said = text.capital(text.plain(text.sentence(top[0].text.split(";")[0])))
+    if not known.adversary:
+        return Look(top[0].case_id, False, said, "", "", "The crash of highest value among these cases.")
+    none = "No natural crash was seen" if known.road is not None else "No natural crash is known"
+    why = f"{none}. This is the crash of highest value that an adversary caused; how often it happens is not known."
+    return Look(top[0].case_id, False, said, "", "", why)

@@ -1,0 +1,65 @@
+"""Kinds of crash (`analysis.mechanism`) in plain words, for the pages and the explorer."""
+
+from __future__ import annotations
+
+from cornerforge.report import text
+
+__all__ = ["KINDS", "kind_in_words"]
+
+KINDS: dict[str, tuple[str, str]] = {
+    "follow-up": (
+        "caught in a crash of two others", "The AV is caught in a crash of two other vehicles close by."
+    ),
+    "same-lane-same-side": (
+        "both into one lane, from one side", "The AV and another vehicle move into the same lane from the same side."
+    ),
+    "same-lane-opposite-sides": (
+        "both into one lane, from both sides",
+        "The AV and another vehicle move into the same lane from opposite sides.",
+    ),
+    "swap": (
+        "they swap lanes", "The AV and the vehicle beside it move into each other's lane at the same time."
+    ),
+    "bv-rear-av-cut-in": (
+        "struck from behind after its lane change",
+        "The AV changes lanes, and the vehicle behind it there runs into its rear.",
+    ),
+    "bv-rear-bv-change": (
+        "struck from behind by one that changes lanes", "A vehicle changes lanes and runs into the AV's rear."
+    ),
+    "bv-rear-av-braking": (
+        "struck from behind while it brakes hard", "The AV brakes hard, and the vehicle behind runs into its rear."
+    ),
+    "bv-rear": (
+        "struck from behind", "The vehicle behind runs into the AV's rear, although the AV did not brake hard."
+    ),
+    "av-rear-bv-cut-in": (
+        "runs into one that cut in", "A vehicle changes into the AV's lane close ahead, and the AV runs into its rear."
+    ),
+    "av-rear-av-change": (
+        "runs into a rear as it changes lanes", "The AV changes lanes and runs into the rear of the vehicle there."
+    ),
+    "av-rear-bv-braking": (
+        "runs into one that brakes hard", "The vehicle ahead brakes hard, and the AV runs into its rear."
+    ),
+    "av-rear": (
+        "runs into the one ahead", "The AV runs into the rear of the vehicle ahead, which did not brake hard."
+    ),
+    "bv-side": (
+        "one beside it comes over", "A vehicle beside the AV changes into its lane and touches its side."
+    ),
+    "av-side": (
+        "comes over into one beside it", "The AV changes lanes into the side of the vehicle beside it."
+    ),
+    "other": ("another way", "The AV and another vehicle touch in a way that has no name here."),
+}  # fmt: skip
+"""Of each mechanism (`analysis.mechanism`) a few words about the AV, and a sentence."""
+
+
+def kind_in_words(kind: str) -> str:
+    """Say what happens in crashes of a kind: a mechanism or, where that is not known, a crash type.
+
+    >>> kind_in_words("av-side"), kind_in_words("rear-end by BV")
+    ('The AV changes lanes into the side of the vehicle beside it', 'Rear-end by another vehicle')
+    """
+    return KINDS[kind][1].removesuffix(".") if kind in KINDS else text.capital(text.plain(kind))

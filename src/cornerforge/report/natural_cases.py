@@ -1,0 +1,89 @@
+"""The natural crashes of a page, case by case: how often each happens, its kind, and what would have prevented it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cornerforge.analysis.first_case import FirstCase, first_case, prevented_by_braking
+from cornerforge.report.judged import read_table
+
+__all__ = ["NaturalCases", "read_natural_cases"]
+
+
+@dataclass(frozen=True)
+class NaturalCases:
+    """Columns of S cases.
+
+    Attributes:
+        case_id, mechanism, crash_type: Of each; mechanism "" where the library does not say it.
+        weight: Crashes per test that it stands for, shape (S,).
+        points: In the plane of the principal components, shape (S, 2).
+        by_braking: A reference driver's braking would have prevented it, shape (S,).
+        held: Holding the speed would have, shape (S,).
+        judged: Anybody asked, shape (S,).
+    """
+
+    case_id: list[str]
+    mechanism: list[str]
+    crash_type: list[str]
+    weight: NDArray[np.float64]
+    points: NDArray[np.float64]
+    by_braking: NDArray[np.bool_]
+    held: NDArray[np.bool_]
+    judged: NDArray[np.bool_]
+
+    def first(self) -> tuple[FirstCase, str] | None:
+        """Choose the case to look at first, and say why: "by braking", "held" or "none" prevents it.
+
+        Those that a careful driver's braking would have prevented come before those that a held speed would have.
+        """
+        kinds = self.mechanism if any(self.mechanism) else self.crash_type
+        for why, matter in (
+            ("by braking", self.by_braking),
+            ("held", self.held),
+            ("none", np.full_like(self.held, True)),
+        ):
+            found = first_case(kinds, self.weight, self.points, matter)
+            if found is not None:
+                return found, why
+        return None
+
+
+def read_natural_cases(library: Path, analysis: Path, command: str) -> NaturalCases:
+    """Read the natural cases of a library that were analysed.
+
+    Args:
+        library: The library.
+        analysis: Folder of its analysis.
+        command: What writes the analysis again, for messages.
+
+    Raises:
+        FileFormatError: A file is missing or damaged.
+    """
+    from cornerforge.library import CaseLibrary
+    from cornerforge.library.natural import natural_weights
+
+    cases = CaseLibrary.open(library)
+    weights = natural_weights(cases) or {}
+    mechanisms: dict[str, str | None] = {}
+    if "mechanism" in cases.extra:
+        rows = cases.scalars(["case_id", "mechanism"])
+        mechanisms = dict(zip(rows["case_id"].to_pylist(), rows["mechanism"].to_pylist(), strict=True))
+    names = ["case_id", "crash_type", "pc1", "pc2", "prevented_by", "held_speed_prevents"]
+    found = read_table(analysis / "cases.parquet", names, command)
+    rows_known = [row for row, case in enumerate(found["case_id"]) if weights.get(case, 0.0) > 0.0]
+    column = {name: [found[name][row] for row in rows_known] for name in names}
+    return NaturalCases(
+        case_id=column["case_id"],
+        mechanism=[mechanisms.get(case) or "" for case in column["case_id"]],
+        crash_type=column["crash_type"],
+        weight=np.array([weights[case] for case in column["case_id"]], np.float64),
+        points=np.stack([np.array(column[name], np.float64) for name in ("pc1", "pc2")], axis=-1),
+        by_braking=prevented_by_braking(column["prevented_by"], column["held_speed_prevents"]),
+        held=np.array([bool(value) for value in column["held_speed_prevents"]], np.bool_),
+        judged=np.array([value is not None for value in column["prevented_by"]], np.bool_),
+    )

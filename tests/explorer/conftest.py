@@ -1,0 +1,96 @@
+"""A run's folder with crashes of an adversary and "natural" ones, their analyses, and a server that shows it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+import cornerforge
+from cornerforge.library import CaseLibrary
+from cornerforge.library.shards import encode_tables
+from cornerforge.pipeline.setting import experiment
+from cornerforge.world_options import WorldOptions
+
+CANARY = "canary-7f1c: no answer may hold this"
+
+WITH_A_PAGE = """
+import sys
+from cornerforge.explorer import server
+server.read_page = lambda: {"index.html": b"<!DOCTYPE html><title>page</title>", "explorer.js": b"1;\\n"}
+from cornerforge.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+"""The program, with a page that no Node has built."""
+
+
+def as_natural(library: Path, to: Path, tests: int) -> Path:
+    """Store the cases of a library as if natural traffic had made them in so many tests."""
+    cases = CaseLibrary.open(library)
+    seed = int(str(cases.identity["seed"]))
+    identity = {**cases.identity, **experiment(WorldOptions(), bv="nde").identity(seed)}
+    new = CaseLibrary.create(to, identity, cases.odd)
+    for rows, tracks in cases.shards():
+        new.append_shard(encode_tables(rows, tracks, {}), next_test=tests, tests=tests, crashes=len(cases))
+    new.finish()
+    shutil.copy(library / "model.npz", to / "model.npz")
+    return to
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as `run` leaves it, with 40 cases of an adversary and 30 natural ones; and beside it a secret."""
+    folder = tmp_path_factory.mktemp("explorer") / "run"
+    cornerforge.generate(policy="swerve", cases=40, out=folder / "library", seed=3)
+    cornerforge.analyse(folder / "library", out=folder / "analysis")
+    cornerforge.generate(policy="lane-changer", cases=30, out=folder / "made", seed=4)
+    as_natural(folder / "made", folder / "natural" / "library", 10**6)
+    shutil.rmtree(folder / "made")
+    cornerforge.analyse(folder / "natural" / "library", out=folder / "natural" / "analysis")
+    for secret in (folder / "secret.txt", folder.parent / "secret.txt", folder / "library" / "secret.txt"):
+        secret.write_text(CANARY, encoding="utf-8")
+    return folder
+
+
+@dataclass(frozen=True)
+class Running:
+    """A server in another process."""
+
+    process: subprocess.Popen[str]
+    url: str
+    port: int
+
+
+def started(*arguments: object) -> Running:
+    """Start the program, and wait until it says where it is."""
+    command = [sys.executable, "-c", WITH_A_PAGE, "serve", *map(str, arguments), "--json"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    line = process.stdout.readline()
+    assert line, process.stderr.read()
+    told = json.loads(line)
+    return Running(process, told["url"], urlsplit(told["url"]).port or 0)
+
+
+def stopped(running: Running) -> tuple[int, str]:
+    """End it as Ctrl-C does; exit status, and what it wrote to standard error."""
+    running.process.send_signal(signal.SIGINT)
+    _, told = running.process.communicate(timeout=60)
+    return running.process.returncode, told
+
+
+@pytest.fixture(scope="module")
+def server(place: Path) -> Iterator[Running]:
+    running = started(place, "--port", 0)
+    yield running
+    if running.process.poll() is None:
+        stopped(running)

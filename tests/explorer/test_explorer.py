@@ -1,0 +1,421 @@
+"""What the explorer's server answers, against what the files hold."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from explorer.conftest import Running, started, stopped
+from PIL import Image
+from starlette.types import ASGIApp, Message
+
+from cornerforge.cli import main
+from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.explorer import Exhibit, open_door
+from cornerforge.explorer.app import Guard, explorer_app
+from cornerforge.explorer.notes import keep_note, notes_file, read_notes
+from cornerforge.explorer.server import PORT
+from cornerforge.explorer.start import cards
+from cornerforge.library import CaseLibrary
+from cornerforge.pipeline import serve as verb
+from cornerforge.rates import weighted_interval
+from cornerforge.report.cases import case_data
+from cornerforge.report.judged import read_case_judgements
+from cornerforge.report.verdict import verdict
+
+
+def get(server: Running, path: str) -> bytes:
+    with urlopen(server.url + path) as answer:
+        content: bytes = answer.read()
+    return content
+
+
+def asked(server: Running, path: str) -> Any:
+    return json.loads(get(server, path))
+
+
+def columns(server: Running, *names: str) -> pa.Table:
+    return pa.ipc.open_stream(get(server, f"api/columns?names={','.join(names)}")).read_all()
+
+
+def sent(server: Running, method: str, path: str, content: Any) -> bytes:
+    body, kind = json.dumps(content).encode(), {"Content-Type": "application/json"}
+    with urlopen(Request(server.url + path, body, kind, method=method)) as answer:
+        got: bytes = answer.read()
+    return got
+
+
+@pytest.fixture(scope="module")
+def exhibit(place: Path) -> Iterator[Exhibit]:
+    found = verb._sources(place)
+    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
+    yield made
+    made.close()
+
+
+def test_columns_are_those_of_the_files(server: Running, place: Path) -> None:
+    told = asked(server, "api/about")
+    table = columns(server, *(one["name"] for one in told["columns"]))
+    assert [(one["name"], one["cases"]) for one in told["sources"]] == [("natural", 30), ("adversary", 40)]
+    assert table["source"].to_pylist() == ["natural"] * 30 + ["adversary"] * 40
+    library = CaseLibrary.open(place / "library").scalars()
+    analysis = pq.read_table(place / "analysis" / "cases.parquet")
+    rows = [analysis["case_id"].to_pylist().index(case) for case in library["case_id"].to_pylist()]
+    for name in ("case_id", "av_speed_mps", "n_vehicles"):
+        assert table[name].to_pylist()[30:] == library[name].to_pylist()
+    for name in ("pc1", "impact_speed_mps", "fault", "prevented_by", "held_speed_prevents", "latest_any_s", "value"):
+        assert table[name].to_pylist()[30:] == analysis[name].take(rows).to_pylist()
+    kinds = {"number": pa.float64(), "integer": pa.int32(), "flag": pa.bool_(), "text": pa.string(),
+             "category": pa.dictionary(pa.int16(), pa.string())}  # fmt: skip
+    for one in told["columns"]:
+        assert table.schema.field(one["name"]).type == kinds[one["type"]]
+        assert one["meaning"], one
+        if one["type"] == "category":
+            assert set(one["values"]) == set(table[one["name"]].to_pylist()) - {None}
+
+
+def test_what_follows_from_the_columns(server: Running) -> None:
+    table = columns(server, "prevention", "prevented_by", "held_speed_prevents", "way_out", "time_to_react_s", "often",
+        "crash_type",
+                    "side", "striker")  # fmt: skip
+    for row in table.to_pylist():
+        by_braking = row["prevented_by"] not in (None, "nobody") and not row["held_speed_prevents"]
+        assert (row["prevention"] == "by braking") == by_braking
+        assert (row["way_out"] == "after 1 s") == (
+            row["time_to_react_s"] is not None and row["time_to_react_s"] > 0.999999
+        )
+        assert row["side"] == {"rear-end by AV": "front", "rear-end by BV": "rear"}.get(row["crash_type"], row["side"])
+        if row["crash_type"] in ("rear-end by AV", "rear-end by BV"):
+            assert row["striker"] == row["crash_type"][-2:].lower()
+    # 30 crashes in a million tests of 400 m, each of the same weight
+    often = table["often"].to_pylist()
+    assert often[:30] == pytest.approx([1e9 * 1609.344 / 400.0 * 30 / 10**6 / 30] * 30)
+    assert often[30:] == [None] * 40
+
+
+def test_a_case_is_that_of_the_library_and_the_report(server: Running, place: Path) -> None:
+    ids = CaseLibrary.open(place / "library").scalars(["case_id"])["case_id"].to_pylist()
+    judged = read_case_judgements(place / "analysis", ids, "")
+    for case in ids[:5]:
+        told = asked(server, f"api/case/adversary/{case}")
+        scenario = CaseLibrary.open(place / "library").scenario(case).scenario
+        data = case_data(f"adversary/{case}", scenario, judged[case].way_out)
+        assert {name: told[name] for name in data} == json.loads(json.dumps(data))
+        assert told["key"] == f"adversary/{case}"
+        assert told["title"]
+        assert told["verdict"].replace("\u2212", "-").replace("\u00a0m/s²", " m/s2") == verdict(judged[case])
+        facts = {fact["name"]: fact["value"] for fact in told["facts"]}
+        assert facts["fault"] == judged[case].fault
+
+
+def test_ghosts_do_what_was_judged(server: Running) -> None:
+    table = columns(server, "prevented_by").to_pylist()
+    for row in table[::4]:
+        key = f"{row['source']}/{row['case_id']}"
+        case, ghosts = asked(server, f"api/case/{key}"), asked(server, f"api/case/{key}/ghosts")["drivers"]
+        if row["prevented_by"] is None:
+            continue
+        prevents = [name for name, one in ghosts.items() if one["prevents"]]
+        assert (", ".join(prevents) or "nobody") == row["prevented_by"]
+        av = case["vehicles"][0]
+        for one in ghosts.values():
+            motion = one["motion"]
+            begin = motion["from"] - av["from"]
+            # It takes over from the AV where that is: the same place and speed at first.
+            assert motion["x"][0] == pytest.approx(av["x"][begin], abs=0.01)
+            assert motion["v"][0] == pytest.approx(av["v"][begin], abs=0.01)
+            assert motion["from"] + len(motion["x"]) <= case["frames"]
+
+
+def test_the_av_that_made_a_case_drives_it_again(server: Running) -> None:
+    row = columns(server, "crash_time_s").to_pylist()[-1]
+    key = f"{row['source']}/{row['case_id']}"
+    again = asked(server, f"api/case/{key}/with/idm-mobil")
+    stored = asked(server, f"api/case/{key}")
+    assert (again["key"], again["crash"]) == (f"{key}@idm-mobil", stored["crash"])
+    assert again["vehicles"][0]["x"][: stored["frames"]] == pytest.approx(stored["vehicles"][0]["x"], abs=0.01)
+    with pytest.raises(HTTPError, match="404"):
+        asked(server, f"api/case/{key}/with/nobody")
+
+
+def test_a_download_is_an_attachment(server: Running) -> None:
+    with urlopen(server.url + "api/case/adversary/3:0/download/json") as answer:
+        assert answer.headers["content-disposition"] == 'attachment; filename="adversary-3-0.json"'
+        assert json.load(answer)["id"] == "adversary/3:0"
+
+
+def test_a_video_can_be_taken_away(server: Running) -> None:
+    """A GIF needs no program besides; its frames are read back."""
+    offered = {one["format"] for one in asked(server, "api/about")["downloads"]}
+    assert {"gif", "json"} <= offered
+    with urlopen(server.url + "api/case/adversary/3:0/download/gif") as answer:
+        assert answer.headers["content-type"] == "image/gif"
+        picture = Image.open(io.BytesIO(answer.read()))
+    assert getattr(picture, "n_frames", 1) > 10
+
+
+def test_sql_gives_a_bit_for_each_row(server: Running) -> None:
+    table = columns(server, "impact_speed_mps", "fault")
+    speed, fault = table["impact_speed_mps"].to_numpy(), np.array(table["fault"].to_pylist())
+    expected = (speed > 3.0) & (fault == "bv")
+    assert 0 < expected.sum() < expected.size
+    whole = "SELECT case_id, source FROM cases WHERE impact_speed_mps > 3 AND fault = 'bv'"
+    for where in ("impact_speed_mps > 3 and fault = 'bv' -- a comment", whole):
+        bits = np.frombuffer(sent(server, "POST", "api/sql", {"where": where}), np.uint8)
+        assert (np.unpackbits(bits, bitorder="little")[: expected.size] == expected).all()
+    for wrong in (
+        "fault = ",
+        "select 1",
+        "1; select 1",
+        "no_column > 1",
+        "fault in (select content from read_text('/etc/hosts'))",
+    ):
+        with pytest.raises(HTTPError, match="400") as caught:
+            sent(server, "POST", "api/sql", {"where": wrong})
+        assert "\n" not in json.load(caught.value)["error"]
+
+
+def test_notes_are_kept_beside_the_library(server: Running, place: Path) -> None:
+    file = place / "library-notes.json"
+    assert asked(server, "api/notes") == {}
+    sent(
+        server, "PUT", "api/notes/adversary/3:0", {"labels": ["look again", "look again"], "note": "Zu nah. \U0001f697"}
+    )
+    kept = {"labels": ["look again"], "note": "Zu nah. \U0001f697"}
+    assert asked(server, "api/notes") == {"adversary/3:0": kept}
+    assert json.loads(file.read_text(encoding="utf-8"))["notes"] == {"3:0": kept}
+    with pytest.raises(HTTPError, match="404"):
+        sent(server, "PUT", "api/notes/adversary/9:9", {"labels": [], "note": "x"})
+    sent(server, "PUT", "api/notes/adversary/3:0", {"labels": [], "note": ""})
+    assert asked(server, "api/notes") == {}
+    file.write_text("{", encoding="utf-8")
+    with pytest.raises(HTTPError, match="409"):
+        sent(server, "PUT", "api/notes/adversary/3:0", {"labels": ["x"], "note": ""})
+    assert file.read_text(encoding="utf-8") == "{"
+    file.unlink()
+
+
+def test_no_note_is_lost_when_many_are_written_at_once(tmp_path: Path) -> None:
+    file = notes_file(tmp_path / "library")
+    writers = [threading.Thread(target=keep_note, args=(file, f"0:{k}", ["l"], str(k))) for k in range(40)]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join()
+    assert read_notes(file) == {f"0:{k}": {"labels": ["l"], "note": str(k)} for k in range(40)}
+
+
+@pytest.mark.parametrize(
+    ("labels", "note"),
+    [("x", ""), ([1], ""), (["a" * 41], ""), ([" "], ""), (["a"] * 3 + [str(k) for k in range(50)], ""), ([],
+        "n" * 10_001), ([], 1),
+     (["\ud800"], "")],
+)  # fmt: skip
+def test_a_note_has_limits(tmp_path: Path, labels: Any, note: Any) -> None:
+    with pytest.raises(InputError):
+        keep_note(tmp_path / "x-notes.json", "0:1", labels, note)
+    assert list(tmp_path.iterdir()) == []
+
+
+_HEAD = '{"format": "cornerforge notes", "version": '
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[]", _HEAD + '2, "notes": {}}', "\x00", _HEAD + '1, "notes": {"0:1": {"labels": 1, "note": ""}}}', _HEAD + "1}"],
+)
+def test_a_damaged_file_of_notes_is_named(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "x-notes.json"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"x-notes\.json"):
+        read_notes(file)
+
+
+# --- what to look at first ---
+
+
+def two(value: float) -> str:
+    """Two digits, without a power of ten."""
+    return f"{float(f'{value:.1e}'):g}"
+
+
+def test_the_first_card_is_the_most_frequent_that_careful_braking_prevents(exhibit: Exhibit) -> None:
+    table = exhibit.table.table.to_pydict()
+    natural = [row for row in range(30) if table["prevention"][row] == "by braking"]
+    kinds = [table["crash_type"][row] for row in natural]  # these natural cases have no mechanism
+    most = max(set(kinds), key=kinds.count)
+    rows = [row for row, kind in zip(natural, kinds, strict=True) if kind == most]
+    first = exhibit.about()["start"][0]
+    assert first["filters"] == {"f.source": "natural", "f.crash_type": most, "f.prevention": "by braking"}
+    assert first["case"] in {f"natural/{table['case_id'][row]}" for row in rows}
+    each = table["often"][0]
+    low, high = weighted_interval([each] * len(rows), each)
+    miles, shortest = (1e9 / (each * len(rows)), 1e9 / high)
+    assert f"once in {two(miles / 1e3)} thousand miles" in first["often"].replace("\u202f", "")
+    assert f"{two(shortest / 1e3)} thousand" in first["often"]
+    assert low < each * len(rows)
+    assert "BV" not in first["text"]
+
+
+def test_a_card_is_honest_where_braking_prevents_nothing(exhibit: Exhibit) -> None:
+    table = exhibit.table.table
+    place = table.column_names.index("prevention")
+    for word, told in (
+        ("holding the speed is enough", "holding the speed would have"),
+        ("nobody", "brakes or holds the speed"),
+    ):
+        changed = table.set_column(place, "prevention", pa.array([word] * table.num_rows).dictionary_encode())
+        object.__setattr__(exhibit.table, "table", changed)
+        first = cards(exhibit._sources(), exhibit.table)[0]
+        assert "No crash here would have been prevented by" in first["title"]
+        assert told in first["text"]
+    object.__setattr__(exhibit.table, "table", table)
+
+
+# --- the address ---
+
+
+def answer_of(
+    app: ASGIApp, path: str, *, method: str = "GET", body: bytes = b"", **headers: str
+) -> tuple[int, dict[str, str], bytes]:
+    """Ask an application, without a socket: status, headers, content."""
+    sent: list[Message] = []
+    way, _, query = path.partition("?")
+    given = {"host": "127.0.0.1:80", **{name.replace("_", "-"): value for name, value in headers.items()}}
+    scope = {
+        "type": "http", "method": method, "path": way, "raw_path": way.encode(), "query_string": query.encode(),
+        "headers": [(name.encode(), value.encode()) for name, value in given.items()],
+    }  # fmt: skip
+
+    async def receive() -> Message:
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    asyncio.run(app(scope, receive, send))
+    told = {name.decode().lower(): value.decode() for name, value in sent[0]["headers"]}
+    return sent[0]["status"], told, b"".join(message.get("body", b"") for message in sent[1:])
+
+
+def test_a_token_opens_once_and_a_cookie_then(exhibit: Exhibit) -> None:
+    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), None, "secret")
+    for path in ("/", "/?token=wrong", "/api/about?token=secret", "/?" + "a=1&" * 50 + "token=secret"):
+        assert answer_of(app, path)[0] == 401
+    assert answer_of(app, "/", cookie="cornerforge=wrong; a=b")[0] == 401
+    status, told, _ = answer_of(app, "/?token=secret")
+    assert (status, told["location"]) == (303, "/")
+    assert "httponly" in told["set-cookie"].lower()
+    assert "samesite=strict" in told["set-cookie"].lower()
+    cookie = told["set-cookie"].partition(";")[0]
+    assert answer_of(app, "/", cookie=f"a=b; {cookie}", host="any.name:1")[2] == b"page"
+
+
+def test_only_its_own_name_and_page_are_heard(exhibit: Exhibit) -> None:
+    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None)
+    assert answer_of(app, "/")[0] == 200
+    assert answer_of(app, "/", host="rebound.example:80")[0] == 421
+
+    def change(origin: str, kind: str = "application/json") -> int:
+        path = "/api/notes/adversary/3:0"
+        return answer_of(app, path, method="PUT", body=b'{"labels": 1}', origin=origin, content_type=kind)[0]
+
+    assert change("http://evil.example") == 403
+    assert change("null") == 403
+    assert change("http://127.0.0.1:80", "text/plain") == 415
+    assert change("http://127.0.0.1:80") == 400
+
+
+def test_a_taken_port_is_passed_over_or_an_error() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(OutputError, match=f"Port {taken.getsockname()[1]} is taken"):
+            open_door("127.0.0.1", taken.getsockname()[1])
+    first, second = open_door("127.0.0.1", None), open_door("127.0.0.1", None)
+    assert first.port >= PORT
+    assert second.port > first.port
+    assert not second.usual
+    assert first.token is None
+    first.listening.close()
+    second.listening.close()
+    reachable = open_door("0.0.0.0", 0)
+    assert reachable.token is not None
+    reachable.listening.close()
+    with pytest.raises(InputError, match=r"no\.such\.host\.invalid"):
+        open_door("no.such.host.invalid", 0)
+
+
+# --- the command ---
+
+
+def test_a_page_that_is_not_built_is_one_line(
+    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cornerforge.explorer.server.read_page", dict)
+    assert main(["serve", str(place), "--port", "0"]) == 2
+    assert capsys.readouterr().err == "cornerforge: The explorer's page is not built here; build it with: make web\n"
+
+
+def test_an_av_of_ones_own_can_drive(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = (
+        "import numpy as np\n"
+        "class Brakes:\n"
+        "    def act(self, view):\n"
+        "        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)\n"
+    )
+    (tmp_path / "my_av.py").write_text(source, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    running = started(place, "--port", 0, "--with", "my_av:Brakes")
+    assert "my_av:Brakes" in asked(running, "api/about")["avs"]
+    told = asked(running, "api/case/adversary/3:0/with/my_av:Brakes")
+    speeds = told["vehicles"][0]["v"]
+    assert speeds[30] < speeds[0] - 5.0
+    assert stopped(running)[0] == 0
+
+
+def test_an_av_that_is_not_there_is_one_line(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["serve", str(place), "--with", "no-such-av"]) == 2
+    assert "no-such-av" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("what", ["nothing", "empty"])
+def test_what_cannot_be_shown_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str) -> None:
+    folder = tmp_path / what
+    if what == "empty":
+        folder.mkdir()
+    assert main(["serve", str(folder)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_library_without_an_analysis_gets_one(place: Path, tmp_path: Path) -> None:
+    shutil.copytree(place / "library", tmp_path / "lib")
+    running = started(tmp_path / "lib", "--port", 0)
+    told = asked(running, "api/about")
+    assert (told["revision"], told["start"]) == (1, [])
+    assert "pc1" not in {one["name"] for one in told["columns"]}
+    end = time.monotonic() + 300
+    while (told := asked(running, "api/about"))["revision"] == 1:
+        assert time.monotonic() < end
+        time.sleep(0.2)
+    assert told["warnings"] == []
+    assert "pc1" in {one["name"] for one in told["columns"]}
+    assert (tmp_path / "lib-analysis" / "analysis.json").is_file()
+    assert stopped(running) == (0, "")
+    again = started(tmp_path / "lib", "--port", 0)
+    assert "pc1" in {one["name"] for one in asked(again, "api/about")["columns"]}
+    stopped(again)

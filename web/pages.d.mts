@@ -1,0 +1,3 @@
+export const TEMPLATES: string;
+export const PAGES: Readonly<Record<string, string>>;
+export function pageScripts(): Promise<Record<string, string>>;

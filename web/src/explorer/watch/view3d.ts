@@ -1,0 +1,321 @@
+// The 3-D view: the road and its vehicles as a three.js scene, seen from behind and above the AV, or from where a drag puts
+// the camera. Loaded when it is first asked for.
+import {
+  AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, EdgesGeometry, Fog, Group, LineBasicMaterial, LineSegments, Mesh,
+  MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene, Vector3, WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import type { Case, Kind, Motion } from "../../shared/case";
+import type { Colours } from "../../shared/colours";
+import { boxAt, criticalAt, touch } from "../../shared/motion";
+import { brakes, trail } from "../../shared/trails";
+import { LIGHT, Painter } from "./painter";
+import { type Stuff, faces, triangles, vehicleBlocks } from "./solids";
+
+/** What the camera looks at is this far ahead of the AV and this high [m]. */
+const [AHEAD, HIGH] = [2, 1];
+const ORDER = { verge: 0, road: 1, paint: 2, shadow: 3, trail: 4, solid: 5, ghost: 6, contact: 7 };
+
+export interface Shown {
+  readonly frame: number;
+  /** Camera from what it looks at [m]. */
+  readonly eye: readonly [number, number, number];
+  readonly ghosts: readonly { readonly motion: Motion; readonly colour: string }[];
+  /** Length of the trails [s]; 0: none. */
+  readonly trail: number;
+}
+
+/** Where a name stands in the picture [px]. */
+export interface Tag {
+  readonly x: number;
+  readonly y: number;
+  readonly index: number;
+}
+
+export interface View3d {
+  readonly element: HTMLCanvasElement;
+  readonly isPainted: boolean;
+  resize(width: number, height: number): void;
+  /** Draw a moment and say where the AV and its partner are in the picture. */
+  draw(shown: Shown): Tag[];
+  dispose(): void;
+}
+
+type Renderer = Pick<Painter, "domElement" | "setSize" | "setPixelRatio" | "render" | "dispose">;
+
+/** Whether a program on the processor draws what a graphics card should. */
+function isImitated(context: WebGL2RenderingContext): boolean {
+  const names = context.getExtension("WEBGL_debug_renderer_info");
+  const name = String(context.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : context.RENDERER));
+  const found = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+  if (found) context.getExtension("WEBGL_lose_context")?.loseContext();
+  return found;
+}
+
+/** WebGL where the machine has it; where a program would only imitate it, painting is several times faster. */
+function makeRenderer(): { renderer: Renderer; isPainted: boolean } {
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("webgl2", { antialias: true, failIfMajorPerformanceCaveat: true, powerPreference: "low-power" });
+  if (!context || isImitated(context)) return { renderer: new Painter(), isPainted: true };
+  return { renderer: new WebGLRenderer({ canvas, context, antialias: true }), isPainted: false };
+}
+
+/** `turned` is told where a drag or the wheel puts the camera. */
+export function makeView3d(item: Case, colours: Colours, turned: (eye: [number, number, number]) => void): View3d {
+  const { renderer, isPainted } = makeRenderer();
+  const scene = new Scene();
+  const camera = new PerspectiveCamera(50, 2, 0.3, 600);
+  camera.up.set(0, 0, 1);
+  const controls = new OrbitControls(camera, renderer.domElement);
+  Object.assign(controls, { enablePan: false, enableDamping: false, minDistance: 5, maxDistance: 140, maxPolarAngle: 1.53, rotateSpeed: 0.6 });
+  const world = new World(scene, item, colours);
+  const target = new Vector3();
+  let isOurs = false;
+  controls.addEventListener("change", () => {
+    if (isOurs) return;
+    const eye = camera.position.clone().sub(controls.target);
+    turned([eye.x, eye.y, eye.z]);
+  });
+  const size = { width: 1, height: 1 };
+  return {
+    element: renderer.domElement,
+    isPainted,
+    resize(width, height) {
+      Object.assign(size, { width, height });
+      renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
+      renderer.setSize(width, height, false);
+      camera.aspect = width / height;
+      camera.fov = width < height * 1.2 ? 58 : 42;
+      camera.updateProjectionMatrix();
+    },
+    draw(shown) {
+      const av = boxAt(item.vehicles[0]!, shown.frame);
+      if (!av) return [];
+      world.put(shown);
+      isOurs = true; // so that following the AV does not count as a drag
+      target.set(av.x + AHEAD, av.y, HIGH);
+      controls.target.copy(target);
+      camera.position.set(target.x + shown.eye[0], target.y + shown.eye[1], target.z + shown.eye[2]);
+      camera.lookAt(target);
+      controls.update();
+      isOurs = false;
+      renderer.render(scene, camera);
+      return [0, item.partner].filter((index) => index >= 0).flatMap((index) => {
+        const vehicle = item.vehicles[index]!;
+        const box = boxAt(vehicle, shown.frame);
+        if (!box) return [];
+        const spot = new Vector3(box.x, box.y, heightOf(vehicle.kind) + 0.35).project(camera);
+        if (spot.z > 1) return [];
+        return [{ index, x: ((1 + spot.x) / 2) * size.width, y: ((1 - spot.y) / 2) * size.height }];
+      });
+    },
+    dispose() {
+      controls.dispose();
+      world.dispose();
+      renderer.dispose();
+      // A browser has room for a few contexts only, and gives them back late.
+      if (renderer instanceof WebGLRenderer) renderer.forceContextLoss();
+      renderer.domElement.remove();
+    },
+  };
+}
+
+const heightOf = (kind: Kind): number => (kind === "truck" ? 3.7 : 1.6);
+
+/** Everything that stands or moves in the scene. */
+class World {
+  private readonly vehicles: Group[];
+  private readonly shades: Group[] = [];
+  private readonly ribbons: Mesh<BufferGeometry, MeshBasicMaterial>[];
+  private readonly ring: Mesh<BufferGeometry, MeshBasicMaterial>;
+  private readonly lamps = { on: new MeshBasicMaterial({ color: "#ff3b30" }), off: new MeshBasicMaterial({ color: "#6d1b16" }) };
+
+  constructor(private readonly scene: Scene, private readonly item: Case, private readonly colours: Colours) {
+    const sky = new Color(colours.verge).lerp(new Color("#7fa8c9"), 0.35);
+    const isDark = sky.getHSL({ h: 0, s: 0, l: 0 }).l < 0.5;
+    const grass = new Color(colours.verge).lerp(new Color("#6f8f5a"), isDark ? 0.07 : 0.38);
+    scene.background = sky;
+    scene.fog = new Fog(sky, 90, 330);
+    const sun = new DirectionalLight("#ffffff", LIGHT.direct * Math.PI);
+    sun.position.copy(LIGHT.from);
+    scene.add(new AmbientLight("#ffffff", LIGHT.ambient * Math.PI), sun);
+    this.layRoad(grass);
+    this.vehicles = item.vehicles.map((vehicle) => this.makeVehicle(vehicle.kind, vehicle.length, vehicle.width));
+    this.ribbons = item.vehicles.map(() => {
+      const ribbon = flat([], colours.other, ORDER.trail);
+      ribbon.geometry.setAttribute("position", new BufferAttribute(new Float32Array(18 * 40), 3));
+      ribbon.frustumCulled = false;
+      Object.assign(ribbon.material, { transparent: true, opacity: 0.55, depthWrite: false });
+      return ribbon;
+    });
+    this.ring = flat(ringQuads(2.1, 0.22, 0.08), colours.contact, ORDER.contact);
+    this.ring.material.depthTest = false; // it lies between the two, and shall be seen from wherever one looks
+    scene.add(...this.vehicles, ...this.ribbons, this.ring);
+  }
+
+  /** Ground, lanes with their markings, and posts at the verge, which show how fast the AV is. */
+  private layRoad(grass: Color): void {
+    const { item, colours, scene } = this;
+    const places = item.vehicles[0]!.x.filter((x) => x !== null);
+    const [from, to] = [Math.floor((Math.min(...places) - 180) / 12) * 12, Math.max(...places) + 360];
+    const wide = item.lanes * item.laneWidth;
+    const steps = Array.from({ length: Math.ceil((to - from) / 12) }, (_, i) => from + 12 * i);
+    const strips = (y0: number, y1: number, z: number, long = 12) => steps.map((x) => patch(x, x + long, y0, y1, z));
+    scene.add(
+      flat([...strips(-500, -0.9, -0.02), ...strips(wide + 0.9, wide + 500, -0.02)], grass, ORDER.verge),
+      flat(strips(-0.9, wide + 0.9, 0), colours.road, ORDER.road),
+      flat([...strips(-0.1, 0.1, 0.01), ...strips(wide - 0.1, wide + 0.1, 0.01)], colours.paint, ORDER.paint),
+      flat(Array.from({ length: item.lanes - 1 }, (_, i) => strips((i + 1) * item.laneWidth - 0.08, (i + 1) * item.laneWidth + 0.08, 0.01, 3)).flat(), colours.paint, ORDER.paint),
+    );
+    const post = (x: number, y: number) => faces({ stuff: "body", bottom: [x - 0.06, x + 0.06, 0.06], top: [x - 0.06, x + 0.06, 0.06], from: 0, to: 1 })
+      .map((face) => face.map(([a, b, c]) => [a, b + y, c] as const));
+    const posts = steps.filter((_, i) => i % 3 === 0);
+    for (const x of posts) {
+      for (const y of [-1.6, wide + 1.6]) {
+        const group = new Group(); // one each, so that the painter can tell which is farther
+        group.position.set(x, y, 0);
+        group.add(solid(post(0, 0), new MeshLambertMaterial({ color: colours.muted })));
+        scene.add(group);
+      }
+    }
+  }
+
+  private makeVehicle(kind: Kind, length: number, width: number): Group {
+    const group = new Group();
+    const blocks = vehicleBlocks(kind, length, width);
+    const materials: Record<Stuff, MeshLambertMaterial | MeshBasicMaterial> = {
+      body: new MeshLambertMaterial({ color: this.colours.other }),
+      load: new MeshLambertMaterial({ color: this.colours.other }),
+      glass: new MeshLambertMaterial({ color: "#1d2a36" }),
+      dark: new MeshLambertMaterial({ color: "#1b1b1d" }),
+      "rear lamp": this.lamps.off,
+      "head lamp": new MeshBasicMaterial({ color: "#fff6d8" }),
+    };
+    for (const stuff of Object.keys(materials) as Stuff[]) {
+      const quads = blocks.filter((block) => block.stuff === stuff).flatMap(faces);
+      if (quads.length === 0) continue;
+      const mesh = solid(quads, materials[stuff]);
+      mesh.name = stuff;
+      group.add(mesh);
+    }
+    const shadow = flat([patch(-length / 2 - 0.15, length / 2 + 0.15, -width / 2 - 0.15, width / 2 + 0.15, 0.02)], "#000000", ORDER.shadow);
+    Object.assign(shadow.material, { transparent: true, opacity: 0.35, depthWrite: false });
+    group.add(shadow);
+    return group;
+  }
+
+  private makeShade(motion: Motion, colour: string): Group {
+    const group = new Group();
+    const quads = vehicleBlocks("car", motion.length, motion.width).filter(({ stuff }) => stuff === "body" || stuff === "glass").flatMap(faces);
+    const body = solid(quads, new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.16, depthWrite: false }));
+    const lines = new LineSegments(new EdgesGeometry(body.geometry, 1), new LineBasicMaterial({ color: colour }));
+    body.renderOrder = lines.renderOrder = ORDER.ghost;
+    group.add(body, lines);
+    return group;
+  }
+
+  put({ frame, ghosts, trail: seconds }: Shown): void {
+    const { item, colours } = this;
+    const critical = criticalAt(item, frame);
+    item.vehicles.forEach((vehicle, index) => {
+      const [group, ribbon] = [this.vehicles[index]!, this.ribbons[index]!];
+      const box = boxAt(vehicle, frame);
+      group.visible = box !== null;
+      ribbon.visible = box !== null && seconds > 0;
+      if (!box) return;
+      group.position.set(box.x, box.y, 0);
+      group.rotation.z = box.h;
+      const colour = index === 0 ? colours.av : index === item.partner ? colours.partner : index === critical ? colours.critical : colours.other;
+      for (const part of group.children as Mesh<BufferGeometry, MeshLambertMaterial>[]) {
+        if (part.name === "body") part.material.color.set(colour);
+        if (part.name === "load") part.material.color.set(colour).lerp(new Color("#ffffff"), 0.35);
+        if (part.name === "rear lamp") (part as Mesh).material = brakes(vehicle, frame, item.dt) ? this.lamps.on : this.lamps.off;
+      }
+      if (ribbon.visible) {
+        ribbon.material.color.set(colour);
+        lay(ribbon.geometry, trail(vehicle, frame, seconds, item.dt));
+      }
+    });
+    this.putShades(frame, ghosts);
+    const pair = [0, item.partner].map((index) => (index >= 0 ? boxAt(item.vehicles[index]!, frame) : null));
+    const met = item.crash !== null && frame >= item.crash && pair[0] && pair[1] ? touch(pair[0], pair[1]) : null;
+    this.ring.visible = met !== null;
+    if (met) this.ring.position.set(met.middle[0], met.middle[1], 1.6);
+  }
+
+  private putShades(frame: number, ghosts: Shown["ghosts"]): void {
+    const isSame = ghosts.length === this.shades.length && ghosts.every(({ motion }, i) => this.shades[i]!.userData.motion === motion);
+    if (!isSame) {
+      for (const shade of this.shades.splice(0)) {
+        this.scene.remove(shade);
+        release(shade);
+      }
+      for (const { motion, colour } of ghosts) {
+        const shade = this.makeShade(motion, colour);
+        shade.userData.motion = motion;
+        this.shades.push(shade);
+        this.scene.add(shade);
+      }
+    }
+    ghosts.forEach(({ motion }, i) => {
+      const [shade, box] = [this.shades[i]!, boxAt(motion, frame)];
+      shade.visible = box !== null;
+      if (!box) return;
+      shade.position.set(box.x, box.y, 0);
+      shade.rotation.z = box.h;
+    });
+  }
+
+  dispose(): void {
+    release(this.scene);
+  }
+}
+
+function release(root: Group | Scene): void {
+  root.traverse((object) => {
+    if (!(object instanceof Mesh || object instanceof LineSegments)) return;
+    object.geometry.dispose();
+    object.material.dispose();
+  });
+}
+
+type Quad = readonly (readonly [number, number, number])[];
+
+const patch = (x0: number, x1: number, y0: number, y1: number, z: number): Quad => [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]];
+
+function solid<M extends MeshLambertMaterial | MeshBasicMaterial>(quads: readonly Quad[], material: M): Mesh<BufferGeometry, M> {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(triangles(quads), 3));
+  geometry.computeVertexNormals();
+  const mesh = new Mesh(geometry, material);
+  mesh.renderOrder = ORDER.solid;
+  return mesh;
+}
+
+/** Something flat on the ground, which no light changes. */
+function flat(quads: readonly Quad[], colour: string | Color, order: number): Mesh<BufferGeometry, MeshBasicMaterial> {
+  const mesh = solid(quads, new MeshBasicMaterial({ color: colour }));
+  mesh.renderOrder = order;
+  return mesh;
+}
+
+/** A flat ring around the origin, seen from above. */
+function ringQuads(radius: number, wide: number, z: number): Quad[] {
+  const at = (k: number, r: number): [number, number, number] => [r * Math.cos((k * Math.PI) / 12), r * Math.sin((k * Math.PI) / 12), z];
+  return Array.from({ length: 24 }, (_, k) => [at(k, radius), at(k, radius + wide), at(k + 1, radius + wide), at(k + 1, radius)]);
+}
+
+/** Lay a ribbon on the ground along a trail, which is given newest first. */
+function lay(geometry: BufferGeometry, points: readonly { readonly x: number; readonly y: number }[]): void {
+  const positions = geometry.getAttribute("position") as BufferAttribute;
+  const half = 0.14;
+  const most = Math.min(points.length - 1, positions.count / 6);
+  const quads: Quad[] = [];
+  for (let i = 0; i < most; i++) {
+    const [a, b] = [points[i]!, points[i + 1]!];
+    quads.push([[b.x, b.y - half, 0.03], [a.x, a.y - half, 0.03], [a.x, a.y + half, 0.03], [b.x, b.y + half, 0.03]]);
+  }
+  (positions.array as Float32Array).set(triangles(quads));
+  positions.needsUpdate = true;
+  geometry.setDrawRange(0, 6 * quads.length);
+}
