@@ -42,10 +42,19 @@ class Complaints:
     lines: list[str] = field(default_factory=list)
 
     def listen(self, page: Any, home: str) -> None:
-        page.on("console", lambda one: one.type in ("error", "warning") and self.lines.append(one.text))
+        """Note what a page says from now on; `home` is where it may ask."""
+
+        def said(one: Any) -> None:
+            if one.type in ("error", "warning"):
+                self.lines.append(one.text)
+
+        def asked(one: Any) -> None:
+            if one.url.startswith(("http", "ws")) and not one.url.startswith(home):
+                self.lines.append(f"asks {one.url}")
+
+        page.on("console", said)
         page.on("pageerror", lambda error: self.lines.append(str(error)))
-        page.on("request", lambda one: one.url.startswith(("http", "ws")) and not one.url.startswith(home)
-                and self.lines.append(f"asks {one.url}"))  # fmt: skip
+        page.on("request", asked)
 
 
 def until(page: Any, condition: str) -> None:

@@ -64,7 +64,9 @@ def look(chromium: Any, request: pytest.FixtureRequest, tmp_path: Path) -> Itera
 
     `look(url, width=1280, height=720, dark=False, allowed=())`: complaints that contain one of `allowed` are expected.
     """
-    contexts, complaints, expected = [], Complaints(), []
+    contexts: list[Any] = []
+    expected: list[str] = []
+    complaints = Complaints()
 
     def opened(
         url: str, width: int = 1280, height: int = 720, dark: bool = False, allowed: tuple[str, ...] = ()
