@@ -83,9 +83,11 @@ def copied(library: Path, cases: int, to: Path) -> Path:
     new = CaseLibrary.create(to / "library", source.identity, source.odd)
     for copy in range(copies):
         few = min(len(source), cases - copy * len(source))
-        done = {"next_test": (copy + 1) * step, "tests": (copy + 1) * step, "crashes": copy * len(source) + few}
-        some = (renamed(part.slice(0, few), copy, step) for part in (rows, tracks))
-        new.fill(*some, dict(source._manifest.extra or {}), **done, shard_cases=SHARD)
+        some, motion = (renamed(part.slice(0, few), copy, step) for part in (rows, tracks))
+        new.fill(
+            some, motion, dict(source._manifest.extra or {}), next_test=(copy + 1) * step, tests=(copy + 1) * step,
+            crashes=copy * len(source) + few, shard_cases=SHARD,
+        )  # fmt: skip
     new.finish()
     shutil.copytree(analysis, to / "analysis")
     for name in ("cases.parquet", "points.parquet", "witnesses.parquet"):

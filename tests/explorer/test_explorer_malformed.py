@@ -158,8 +158,8 @@ def malformed(rng: random.Random, port: int) -> Iterator[bytes]:
                 good[rng.randrange(len(good))] = rng.randrange(256)
             yield bytes(good)
         else:  # or cut off, or noise
-            good = request("PUT", "/api/notes/adversary/3:0", json_body, b'{"labels": [], "note": ""}', port=port)
-            yield good[: rng.randrange(len(good))] if rng.random() < 0.7 else rng.randbytes(rng.randrange(1, 300))
+            whole = request("PUT", "/api/notes/adversary/3:0", json_body, b'{"labels": [], "note": ""}', port=port)
+            yield whole[: rng.randrange(len(whole))] if rng.random() < 0.7 else rng.randbytes(rng.randrange(1, 300))
 
 
 def is_whole(content: bytes) -> bool:
