@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from cornerforge.analysis.first_case import first_case, prevented_by_braking
+from cornerforge.analysis.first_case import PREVENTION, first_case, what_to_see_first
 
 SEVEN = np.zeros((7, 2))
 
@@ -36,14 +35,18 @@ def test_where_nothing_matters_there_is_no_case() -> None:
     assert first_case([None, ""], np.ones(2), np.zeros((2, 2)), np.ones(2, np.bool_)) is None
 
 
-@pytest.mark.parametrize(
-    ("who", "held", "counts"),
-    [
-        ("cc-human, fsm", False, True),
-        ("cc-human", True, False),
-        ("nobody", False, False),
-        (None, None, False),
-    ],
-)
-def test_only_braking_counts(who: str | None, held: bool | None, counts: bool) -> None:
-    assert prevented_by_braking([who], [held]).tolist() == [counts]
+def test_what_a_careful_driver_prevents_comes_first_else_what_happens_most() -> None:
+    kinds, points = ["a", "a", "b", "c"], np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]])
+    weights = np.array([2.0, 2.0, 3.0, 9.0])
+    by_braking, held, nobody, not_judged = PREVENTION
+
+    def chosen(*how: str) -> tuple[str, bool]:
+        found = what_to_see_first(kinds, weights, points, np.array(how, np.str_))
+        assert found is not None
+        return found[0].kind, found[1]
+
+    assert chosen(by_braking, held, by_braking, nobody) == ("a", True)
+    assert chosen(nobody, held, by_braking, nobody) == ("b", True)
+    assert chosen(nobody, held, not_judged, nobody) == ("a", True)
+    assert chosen(nobody, nobody, not_judged, nobody) == ("c", False)
+    assert what_to_see_first(kinds, np.zeros(4), points, np.array([held] * 4, np.str_)) is None

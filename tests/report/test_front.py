@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from html_page import CHROMIUM, Page, browse, needs_browser
 
+from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.analysis.flaw import FLAWS
 from cornerforge.report import front, write_report
 from cornerforge.report.artefacts import OnRoads, Rate, Summary, read_artefacts
@@ -55,12 +56,13 @@ def front_in(folder: Path) -> Front:
     return front_of(_known(read_artefacts(folder)))
 
 
-def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_braking_prevents(natural_run_folder: Path) -> None:
+def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_a_careful_driver_prevents(natural_run_folder: Path) -> None:
     known = _known(read_artefacts(natural_run_folder))
     assert known.cases is not None
     assert known.kinds is not None
     sums: dict[str, float] = {}
-    for kind, weight, counts in zip(known.cases.mechanism, known.cases.weight, known.cases.by_braking, strict=True):
+    prevented = np.isin(known.cases.prevention, PREVENTION[:2])
+    for kind, weight, counts in zip(known.cases.mechanism, known.cases.weight, prevented, strict=True):
         sums[kind] = sums.get(kind, 0.0) + weight * counts
     most = max(sums, key=lambda kind: sums[kind])
     assert 0.0 < sums[most] < known.cases.weight.sum()
@@ -68,11 +70,11 @@ def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_braking_preve
     assert look is not None
     row = known.cases.case_id.index(look.case_id)
     assert known.cases.mechanism[row] == most
-    assert known.cases.by_braking[row]
+    assert prevented[row]
     assert look.is_natural
     assert look.title == kind_in_words(most)
     assert look.often == f"once in {miles(known.kinds.mechanisms[most].miles_between)}"
-    assert "would have prevented by braking" in look.why
+    assert "that a careful driver would have prevented; in this case" in look.why
     page = Page(write_report(natural_run_folder))
     first = [case for case in page.data("cases") if case["watchFirst"]]
     assert [case["id"] for case in first] == [f"natural/{look.case_id}"]
@@ -80,16 +82,16 @@ def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_braking_preve
     assert f"This kind of crash happens {look.often} (95 %:" in told(page)
 
 
-def test_how_many_of_a_kind_braking_prevents_is_said_with_their_own_rate(natural_run_folder: Path) -> None:
+def test_how_many_of_a_kind_are_prevented_is_said_with_their_own_rate(natural_run_folder: Path) -> None:
     known = _known(read_artefacts(natural_run_folder))
     assert known.cases is not None
     assert known.kinds is not None
     rows = np.flatnonzero(
         np.array(known.cases.mechanism) == max(known.kinds.mechanisms, key=known.cases.mechanism.count)
     )
-    two = np.zeros_like(known.cases.by_braking)
-    two[rows[:2]] = True
-    look = front_of(replace(known, cases=replace(known.cases, by_braking=two))).look
+    two = np.full(known.cases.prevention.shape, "nobody", "U40")
+    two[rows[:2]] = PREVENTION[:2]
+    look = front_of(replace(known, cases=replace(known.cases, prevention=two))).look
     assert look is not None
     kind = known.kinds.mechanisms[known.cases.mechanism[rows[0]]]
     part = kind.miles_between * kind.crashes_per_test / known.cases.weight[rows[:2]].sum()
@@ -102,17 +104,18 @@ def test_where_only_a_held_speed_prevents_it_says_so(natural_run_folder: Path) -
     found = front_in(natural_run_folder)
     assert found.look is not None
     assert found.look.is_natural
-    assert found.look.why.startswith("Braking would have prevented no natural crash.")
-    assert "would have prevented 0 % by braking (95 %: 0 to 11.6 %; n = 30;" in found.answers[2].text
-    assert "in 100 % it was enough to hold the speed" in found.answers[2].text
+    assert found.look.why.endswith("in this case it is enough to hold the speed and the lane.")
+    assert found.answers[2].short == "In 100 % of them"
+    assert "(95 %: 88.4 to 100 %; n = 30 natural crashes;" in found.answers[2].text
+    assert "0 % by braking, in 100 % it was enough to hold the speed and the lane." in found.answers[2].text
 
 
 def test_where_nobody_prevents_it_says_so(natural_run_folder: Path) -> None:
     judge(natural_run_folder, prevented_by="nobody", held=False)
     found = front_in(natural_run_folder)
     assert found.look is not None
-    assert found.look.why.endswith("No reference driver would have prevented it.")
-    assert "in 0 % it was enough to hold the speed" in found.answers[2].text
+    assert found.look.why.endswith("No reference driver would have prevented one.")
+    assert found.answers[2].short == "None of them"
 
 
 def test_without_natural_crashes_it_shows_the_most_valuable_of_the_adversary(run_folder: Path) -> None:
@@ -130,7 +133,9 @@ def test_without_natural_crashes_it_shows_the_most_valuable_of_the_adversary(run
     assert found.answers[1].short == f"Once in {miles(1 / 1.8e-5)}"
     assert known.analysis.judges is not None
     lead = known.analysis.judges.lead
-    assert found.answers[2].short == f"{100 * lead.share:.1f} % could have been avoided"
+    assert known.analysis.prevented is not None
+    assert found.answers[2].short == f"In {100 * known.analysis.prevented.any.share:.1f} % of them"
+    assert f"led to it could have avoided {100 * lead.share:.1f} % (" in found.answers[2].text
     assert "n = 60 crashes that an adversary caused" in found.answers[2].text
     only = front_of(replace(known, road=None))
     assert only.answers[1].short == "Not known"
@@ -145,7 +150,9 @@ def test_without_a_judgement_it_says_that_nobody_looked(run_folder: Path) -> Non
     found = front_of(replace(known, analysis=bare))
     assert [answer.short for answer in found.answers][::2] == ["Nobody has looked", "Nobody has looked"]
     braking = front_of(replace(known, analysis=replace(known.analysis, judges=None)))
-    assert braking.answers[2].short.endswith("by braking")
+    assert "by braking, in" in braking.answers[2].text
+    ways = front_of(replace(known, analysis=replace(known.analysis, prevented=None)))
+    assert ways.answers[2].short.endswith("could have been avoided")
 
 
 def test_no_crash_in_so_many_miles(run_folder: Path) -> None:
@@ -219,14 +226,14 @@ def test_the_rate_is_the_better_known_of_the_two(natural: float, plain: float, e
 def test_a_share_with_weights_is_that_of_the_road(natural_run_folder: Path) -> None:
     known = _known(read_artefacts(natural_run_folder))
     assert known.cases is not None
-    some = known.cases.by_braking
+    some = known.cases.prevention == PREVENTION[0]
     assert 0 < some.sum() < some.size
     weight = np.where(some, 1e-9, 1e-8)
     heavy = replace(known.cases, weight=weight)
     share = front._natural_share(heavy, some)
     assert share.share == pytest.approx(weight[some].sum() / weight.sum())
     assert share.low <= share.share <= share.high
-    assert f"{100 * share.share:.1f} % by braking" in front_of(replace(known, cases=heavy)).answers[2].text
+    assert f"{100 * share.share:.1f} % by braking, in" in front_of(replace(known, cases=heavy)).answers[2].text
 
 
 def test_it_fits_without_private_words(natural_run_folder: Path) -> None:

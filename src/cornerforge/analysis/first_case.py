@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FirstCase", "first_case", "prevented_by_braking"]
+__all__ = ["PREVENTION", "FirstCase", "first_case", "preventions", "what_to_see_first"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def first_case(
         kinds: What kind each of the S cases is, None or "": not known.
         weights: How often each happens, above 0, shape (S,).
         points: Each in the plane of the principal components, shape (S, 2); NaN where a case has no place in it.
-        matter: Which cases matter, such as `prevented_by_braking`, shape (S,).
+        matter: Which cases matter, such as those that a careful driver would have prevented, shape (S,).
 
     Returns:
         The case of that kind nearest to the weighted middle of its cases; None if no case that matters has a kind. Of
@@ -61,21 +61,51 @@ def first_case(
     return FirstCase(int(placed[np.argmin(far)]), kind, rows)
 
 
-def prevented_by_braking(
-    prevented_by: Sequence[str | None], held_speed_prevents: Sequence[bool | None]
-) -> NDArray[np.bool_]:
-    """Mark the cases that a reference driver's braking would have prevented; not those in which holding the speed does.
+PREVENTION = ("by braking", "holding the speed is enough", "nobody", "not judged")
+"""What would have prevented a case, by the reference drivers: in the first two they would have."""
+
+
+def preventions(prevented_by: Sequence[str | None], held_speed_prevents: Sequence[bool | None]) -> NDArray[np.str_]:
+    """Say of each case what would have prevented it: one of `PREVENTION`.
 
     Args:
         prevented_by, held_speed_prevents: Columns of `cases.parquet`, of S cases; None: not judged.
 
     Returns:
         Shape (S,).
+
+    >>> preventions(["cc-human, fsm", "fsm", "nobody", None], [False, True, False, None]).tolist()
+    ['by braking', 'holding the speed is enough', 'nobody', 'not judged']
     """
-    return np.array(
-        [
-            who is not None and who != "nobody" and not held
-            for who, held in zip(prevented_by, held_speed_prevents, strict=True)
-        ],
-        np.bool_,
-    )
+    by_braking, held, nobody, not_judged = PREVENTION
+    found = [
+        not_judged if who is None else held if enough else nobody if who == "nobody" else by_braking
+        for who, enough in zip(prevented_by, held_speed_prevents, strict=True)
+    ]
+    return np.array(found, np.str_)
+
+
+def what_to_see_first(
+    kinds: Sequence[str | None],
+    weights: NDArray[np.float64],
+    points: NDArray[np.float64],
+    prevention: NDArray[np.str_],
+) -> tuple[FirstCase, bool] | None:
+    """Choose the natural case to look at first.
+
+    Of the kinds that a careful driver would have prevented, by braking or by holding its speed, the most frequent;
+    where none would have been, the most frequent of all.
+
+    Args:
+        kinds, weights, points: As for `first_case`; a weight that is not above 0 leaves a case out.
+        prevention: One of `PREVENTION` for each case, shape (S,).
+
+    Returns:
+        The case, and whether a careful driver would have prevented it. None if no case has a kind.
+    """
+    known = weights > 0.0
+    for matter, prevented in ((known & np.isin(prevention, PREVENTION[:2]), True), (known, False)):
+        found = first_case(kinds, weights, points, matter)
+        if found is not None:
+            return found, prevented
+    return None

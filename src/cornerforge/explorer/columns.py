@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from cornerforge.analysis.crash_types import CRASH_TYPES
+from cornerforge.analysis.first_case import preventions
 from cornerforge.analysis.variety import crash_cells
 from cornerforge.errors import InputError
 from cornerforge.explorer.sources import Analysis, Source
@@ -202,7 +203,7 @@ def _derived(source: Source, analysis: Analysis | None, table: pa.Table, part: _
     by = _values(part, "prevented_by")
     if by is not None:
         held = _values(part, "held_speed_prevents") or [None] * n
-        made["prevention"] = pa.array([_prevention(who, enough) for who, enough in zip(by, held, strict=True)])
+        made["prevention"] = pa.array(preventions(by, held).tolist())
     label, react, last = (_values(part, name) for name in ("avoidability", "time_to_react_s", "latest_any_s"))
     if label is not None and react is not None and last is not None:
         made["way_out"] = pa.array([_way_out(*of_case) for of_case in zip(label, react, last, strict=True)])
@@ -216,14 +217,6 @@ def _values(part: _Part, name: str) -> list[Any] | None:
         return None
     values: list[Any] = part[name][2].to_pylist()
     return values
-
-
-def _prevention(who: str | None, held_is_enough: bool | None) -> str:
-    if who is None:
-        return "not judged"
-    if held_is_enough:
-        return "holding the speed is enough"
-    return "nobody" if who == "nobody" else "by braking"
 
 
 def _way_out(label: str | None, react: float | None, last: float | None) -> str:

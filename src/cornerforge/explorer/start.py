@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from cornerforge.analysis.first_case import first_case
+from cornerforge.analysis.first_case import PREVENTION, what_to_see_first
 from cornerforge.analysis.flaw import FLAWS, headline
 from cornerforge.explorer.columns import CaseTable
 from cornerforge.explorer.sources import Analysis, Source
@@ -40,9 +40,13 @@ def miles_of(per_billion: NDArray[np.float64], largest: float) -> str:
     'once in 8.0 million miles (95 %: 2.1 million to 69 million)'
     """
     low, high = weighted_interval(per_billion, largest)
-    between = text.miles(_BILLION / float(per_billion.sum()))
-    ends = [text.miles(_BILLION / end).removesuffix(" miles") if end > 0.0 else "no upper end" for end in (high, low)]
-    return f"once in {between} (95 %: {ends[0]} to {ends[1]})"
+    return _once_in(*(_BILLION / rate if rate > 0.0 else None for rate in (float(per_billion.sum()), high, low)))
+
+
+def _once_in(between: float | None, low: float | None, high: float | None) -> str:
+    """Say how many miles lie between two crashes, with the ends of the interval; None: there is no such end."""
+    said, *ends = ["no upper end" if miles is None else text.miles(miles) for miles in (between, low, high)]
+    return f"once in {said} (95 %: {ends[0].removesuffix(' miles')} to {ends[1].removesuffix(' miles')})"
 
 
 def cards(sources: Sequence[tuple[Source, Analysis | None]], table: CaseTable) -> list[dict[str, Any]]:
@@ -54,7 +58,7 @@ def cards(sources: Sequence[tuple[Source, Analysis | None]], table: CaseTable) -
         made.append(_most_frequent(_Cases(table, natural[0])))
     made.append(_own_doing(judged, table))
     if natural is not None:
-        made.append(_most_severe(_Cases(table, natural[0])))
+        made.append(_most_severe(_Cases(table, natural[0]), None if made[0] is None else made[0]["case"]))
     made += [_most_valuable(_Cases(table, source)) for source, _ in judged if not source.natural]
     return [card for card in made if card is not None]
 
@@ -108,41 +112,37 @@ def _card(title: str, key: str, told: str, often: str = "", filters: Mapping[str
     return {"title": title, "case": key, "text": told, "often": often, "filters": dict(filters or {})}
 
 
+_BY = {
+    PREVENTION[0]: "A careful driver in the AV's place would have prevented this one by braking.",
+    PREVENTION[
+        1
+    ]: "A careful driver in the AV's place would have prevented this one: to hold the speed and the lane is enough.",
+}
+
+
 def _most_frequent(cases: _Cases) -> dict[str, Any] | None:
     """The kind of natural crash that happens most of those that a careful driver would have prevented."""
-    often, prevention = cases.numbers("often"), cases.texts("prevention")
+    often = cases.numbers("often")
     known = often > 0.0
-    if not known.any():
-        return None
-    largest = float(often[known].max())
-    braking, holding = (known & (prevention == how) for how in ("by braking", "holding the speed is enough"))
-    n = int(known.sum())
-    if braking.any():
-        chosen, title = braking, "The most frequent crash that a careful driver would have prevented"
-        end = "A careful driver in the AV's place would have prevented it, by how it brakes."
-    elif holding.any():
-        chosen, title = holding, "No crash here would have been prevented by careful braking"
-        end = (
-            f"None of the {n:,} natural crashes seen would have been prevented by a careful driver who brakes. This is "
-            "the most frequent one of those that simply holding the speed would have prevented."
-        )
-    else:
-        chosen, title = known, "No crash here would have been prevented by a careful driver"
-        end = (
-            f"None of the {n:,} natural crashes seen would have been prevented by a careful driver who brakes or holds "
-            "the speed. This is the most frequent one."
-        )
     column = _kind_column(cases)
+    prevention = np.array([how or PREVENTION[3] for how in cases.texts("prevention")], np.str_)
     points = np.stack([cases.numbers("pc1"), cases.numbers("pc2")], axis=1)
-    found = first_case(cases.texts(column).tolist(), often, points, chosen)
-    if found is None:
+    first = what_to_see_first(cases.texts(column).tolist(), np.where(known, often, 0.0), points, prevention)
+    if first is None:
         return None
-    how_often = miles_of(often[found.rows], largest)
+    (found, prevented), n = first, int(known.sum())
     filters = {"f.source": cases.name, f"f.{column}": found.kind}
-    if chosen is not known:
-        filters["f.prevention"] = str(prevention[found.row])
-    seen = f"{found.rows.size:,} of the {n:,} natural crashes here"
-    told = f"{_sentence(column, found.kind)} It happens {how_often}. {end} ({seen}.)"
+    if prevented:
+        title = "The most frequent crash that a careful driver would have prevented"
+        end = _BY[str(prevention[found.row])]
+        filters["f.prevention"] = "|".join(PREVENTION[:2])
+    elif (prevention[known] == PREVENTION[3]).all():
+        title, end = "The most frequent crash", "Nobody looked whether a careful driver would have prevented it."
+    else:
+        title = "No crash here would have been prevented by a careful driver"
+        end = f"This is the most frequent one of {n:,}."
+    how_often = miles_of(often[found.rows], float(often[known].max()))
+    told = f"{_sentence(column, found.kind)} {end} ({found.rows.size:,} of the {n:,} natural crashes here.)"
     return _card(title, cases.key(found.row), told, how_often, filters)
 
 
@@ -159,33 +159,40 @@ def _own_doing(judged: Sequence[tuple[Source, Analysis]], table: CaseTable) -> d
         conduct = table.row(table.rows[source.name, case]).get("conduct")
         often = ""
         if analysis.found.natural is not None and flaw.share > 0.0:
-            between = analysis.found.natural.all.miles_between / flaw.share
-            often = f"once in {text.miles(between)}"
+            # The interval of the share is that of its rate over the rate of all.
+            low, share, high = flaw.interval95[0], flaw.share, flaw.interval95[1]
+            between = [
+                analysis.found.natural.all.miles_between / part if part > 0.0 else None for part in (share, high, low)
+            ]
+            often = _once_in(*between)
         filters = {"f.source": source.name} | ({} if conduct is None else {"f.conduct": str(conduct)})
         told = text.sentence(doing.text)
         return _card(f"What this AV does wrong: it {FLAWS[flaw.flaw]}", f"{source.name}/{case}", told, often, filters)
     return None
 
 
-def _most_severe(cases: _Cases) -> dict[str, Any] | None:
-    """The natural crash with the highest chance of injury of those that somebody would have prevented."""
+def _most_severe(cases: _Cases, but: str | None) -> dict[str, Any] | None:
+    """The natural crash with the highest chance of injury of those that a careful driver would have prevented.
+
+    Args:
+        cases: Of natural traffic.
+        but: Key of a case that is shown already.
+    """
     injury, prevention = cases.numbers("av_injury_probability"), cases.texts("prevention")
-    for how, who in (
-        ("by braking", "A careful driver in the AV's place would have prevented it, by how it brakes."),
-        ("holding the speed is enough", "Simply holding the speed would have prevented it."),
-    ):
-        rows = np.flatnonzero((prevention == how) & np.isfinite(injury))
-        if rows.size:
-            row = int(rows[np.argmax(injury[rows])])
-            column = _kind_column(cases)
-            speed = cases.numbers("impact_speed_mps")[row]
-            told = (
-                f"{_sentence(column, str(cases.texts(column)[row]))} They meet at {speed:.0f} m/s "
-                f"({_KMH * speed:.0f} km/h) relative to each other. {who}"
-            )
-            filters = {"f.source": cases.name, "f.prevention": how}
-            return _card("The most severe crash that could have been prevented", cases.key(row), told, "", filters)
-    return None
+    rows = [
+        row for row in np.flatnonzero(np.isfinite(injury)).tolist() if prevention[row] in _BY and cases.key(row) != but
+    ]
+    if not rows:
+        return None
+    row = max(rows, key=lambda one: injury[one])
+    column = _kind_column(cases)
+    speed = cases.numbers("impact_speed_mps")[row]
+    told = (
+        f"{_sentence(column, str(cases.texts(column)[row]))} They meet at {speed:.0f} m/s ({_KMH * speed:.0f} km/h) "
+        f"relative to each other. {_BY[str(prevention[row])]}"
+    )
+    filters = {"f.source": cases.name, "f.prevention": "|".join(PREVENTION[:2])}
+    return _card("The most severe crash that a careful driver would have prevented", cases.key(row), told, "", filters)
 
 
 def _most_valuable(cases: _Cases) -> dict[str, Any] | None:
@@ -196,8 +203,8 @@ def _most_valuable(cases: _Cases) -> dict[str, Any] | None:
     row = int(np.nanargmax(value))
     column = _kind_column(cases)
     told = (
-        f"{_sentence(column, str(cases.texts(column)[row]))} Of all cases here it says most: about what the AV does "
-        "wrong, how well it could have been avoided, how severe it is, and how unlike the others."
+        f"{_sentence(column, str(cases.texts(column)[row]))} It has the highest value of all cases here: the mean of "
+        "the AV's own doing, how well it could have been avoided, how severe it is, and how unlike the others."
     )
     title = "The adversary's most telling crash" if cases.name == "adversary" else "The most telling crash"
     return _card(title, cases.key(row), told, "", {"f.source": cases.name})

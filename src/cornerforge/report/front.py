@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge.analysis.conduct import NO_CONDUCT
+from cornerforge.analysis.first_case import PREVENTION
 from cornerforge.analysis.flaw import FLAWS
 from cornerforge.rates.intervals import binomial_interval, share_interval, weighted_interval
 from cornerforge.report import text
@@ -197,49 +197,55 @@ def _ways_out(known: Known) -> _Share | None:
     return _Share(kinds.avoidable.share, low, high, n)
 
 
-def _braking(known: Known) -> tuple[_Share, float] | None:
-    """Share of crashes that a careful driver's braking would have prevented, and of those where a held speed would."""
+def _prevented(known: Known) -> tuple[_Share, float, float] | None:
+    """Share of crashes that a careful driver would have prevented; of it by braking, and by holding its speed."""
     cases = known.cases
     if cases is not None and cases.judged.any():
-        return _natural_share(cases, cases.by_braking), _natural_share(cases, cases.held).share
+        braking, held = (cases.prevention == how for how in PREVENTION[:2])
+        return (
+            _natural_share(cases, braking | held),
+            _natural_share(cases, braking).share,
+            _natural_share(cases, held).share,
+        )
     found = known.analysis.prevented
     if known.natural is not None or found is None:
         return None
-    n, k = found.cases, found.any.by_braking
-    return _Share(k / n, *binomial_interval(k, n), n), found.held / n
+    n, k = found.cases, found.any.cases
+    return _Share(k / n, *binomial_interval(k, n), n), found.any.by_braking / n, (k - found.any.by_braking) / n
 
 
 def _careful(known: Known) -> Answer:
     question = "Would a careful driver have prevented it?"
-    ways, braking = _ways_out(known), _braking(known)
+    ways, prevented = _ways_out(known), _prevented(known)
     kind = "natural crashes" if known.natural is not None else _made(known)
-    words = []
+    words, short = [], ""
+    if prevented is not None:
+        all_, braking, held = prevented
+        short = f"In {text.share(all_.share)} of them" if all_.share > 0.0 else "None of them"
+        words.append(
+            f"({all_.words} {kind}; {DRIVERS}): {text.share(braking)} by braking, in {text.share(held)} it was "
+            "enough to hold the speed and the lane."
+        )
     if ways is not None:
         reaction = (known.natural or known.analysis).judges.lead.reaction_s  # type: ignore[union-attr]
-        short = f"{text.share(ways.share)} could have been avoided"
         words.append(
-            f"by an AV that brakes or steers {text.rate(reaction, 2)} s after the manoeuvre began that led to it "
-            f"({ways.words} {kind})."
+            f"An AV that brakes or steers as well as can be {text.rate(reaction, 2)} s after the manoeuvre began that "
+            f"led to it could have avoided {text.share(ways.share)} ({ways.words})."
         )
-    if braking is not None:
-        by, held = braking
-        lead = "A careful driver who only brakes" if ways is not None else "A careful driver"
-        words.append(
-            f"{lead} would have prevented {text.share(by.share)} by braking ({by.words}; {DRIVERS}); "
-            f"in {text.share(held)} it was enough to hold the speed."
-        )
-        if ways is None:
-            short = f"{text.share(by.share)} by braking"
+        short = short or f"{text.share(ways.share)} could have been avoided"
     if not words:
         return Answer(question, "Nobody has looked", "cornerforge analyse says it, without --avoidability none.")
     return Answer(question, short, " ".join(words))
 
 
-_WHY: Mapping[str, str] = {
-    "by braking": "Typical of the most frequent kind that a careful driver would have prevented by braking.",
-    "held": "Braking would have prevented no natural crash. Here, in the most frequent kind, a held speed would.",
-    "none": "Typical of the most frequent kind of natural crash. No reference driver would have prevented it.",
+_HOW = {
+    "by braking": "that a careful driver would have prevented; in this case by braking.",
+    "holding the speed is enough": "that a careful driver would have prevented; in this case it is enough to hold the "
+    "speed and the lane.",
+    "nobody": "of natural crash. No reference driver would have prevented one.",
+    "not judged": "of natural crash.",
 }
+"""Why a case is watched first, by what would have prevented it."""
 
 
 def _part(cases: NaturalCases, rows: NDArray[np.intp], kind: NaturalKind | None) -> str:
@@ -260,7 +266,7 @@ def _look(known: Known) -> Look | None:
     """Choose what to watch first."""
     first = None if known.cases is None else known.cases.first()
     if first is not None and known.cases is not None:
-        found, why = first
+        found, prevented = first
         kinds = known.kinds
         assert kinds is not None
         rates = kinds.mechanisms or kinds.crash_types
@@ -270,10 +276,10 @@ def _look(known: Known) -> Look | None:
             low, high = kind.interval95_miles
             often = f"once in {text.miles(kind.miles_between)}"
             interval = f"95 %: {text.miles_range(low, high)}; n = {text.count(kind.cases)} crashes"
-        if why == "none" and not known.cases.judged.any():
-            reason = "Typical of the most frequent kind of natural crash."
-        else:
-            reason = _WHY[why] + _part(known.cases, found.rows, kind)
+        how = str(known.cases.prevention[found.row])
+        if not prevented and known.cases.judged.any():
+            how = "nobody"
+        reason = f"Typical of the most frequent kind {_HOW[how]}" + _part(known.cases, found.rows, kind)
         title = kind_in_words(found.kind)
         return Look(known.cases.case_id[found.row], True, title, often, interval, reason)
     top = known.analysis.value.top

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.analysis.first_case import FirstCase, first_case, prevented_by_braking
+from cornerforge.analysis.first_case import PREVENTION, FirstCase, preventions, what_to_see_first
 from cornerforge.report.judged import read_table
 
 __all__ = ["NaturalCases", "read_natural_cases"]
@@ -22,9 +22,7 @@ class NaturalCases:
         case_id, mechanism, crash_type: Of each; mechanism "" where the library does not say it.
         weight: Crashes per test that it stands for, shape (S,).
         points: In the plane of the principal components, shape (S, 2).
-        by_braking: A reference driver's braking would have prevented it, shape (S,).
-        held: Holding the speed would have, shape (S,).
-        judged: Anybody asked, shape (S,).
+        prevention: What would have prevented it, one of `analysis.first_case.PREVENTION`, shape (S,).
     """
 
     case_id: list[str]
@@ -32,25 +30,17 @@ class NaturalCases:
     crash_type: list[str]
     weight: NDArray[np.float64]
     points: NDArray[np.float64]
-    by_braking: NDArray[np.bool_]
-    held: NDArray[np.bool_]
-    judged: NDArray[np.bool_]
+    prevention: NDArray[np.str_]
 
-    def first(self) -> tuple[FirstCase, str] | None:
-        """Choose the case to look at first, and say why: "by braking", "held" or "none" prevents it.
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Anybody asked what would have prevented it, shape (S,)."""
+        return np.not_equal(self.prevention, PREVENTION[3])
 
-        Those that a careful driver's braking would have prevented come before those that a held speed would have.
-        """
+    def first(self) -> tuple[FirstCase, bool] | None:
+        """Choose the case to look at first, as `what_to_see_first` does."""
         kinds = self.mechanism if any(self.mechanism) else self.crash_type
-        for why, matter in (
-            ("by braking", self.by_braking),
-            ("held", self.held),
-            ("none", np.full_like(self.held, True)),
-        ):
-            found = first_case(kinds, self.weight, self.points, matter)
-            if found is not None:
-                return found, why
-        return None
+        return what_to_see_first(kinds, self.weight, self.points, self.prevention)
 
 
 def read_natural_cases(library: Path, analysis: Path, command: str) -> NaturalCases:
@@ -83,7 +73,5 @@ def read_natural_cases(library: Path, analysis: Path, command: str) -> NaturalCa
         crash_type=column["crash_type"],
         weight=np.array([weights[case] for case in column["case_id"]], np.float64),
         points=np.stack([np.array(column[name], np.float64) for name in ("pc1", "pc2")], axis=-1),
-        by_braking=prevented_by_braking(column["prevented_by"], column["held_speed_prevents"]),
-        held=np.array([bool(value) for value in column["held_speed_prevents"]], np.bool_),
-        judged=np.array([value is not None for value in column["prevented_by"]], np.bool_),
+        prevention=preventions(column["prevented_by"], column["held_speed_prevents"]),
     )
