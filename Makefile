@@ -116,7 +116,7 @@ web/node_modules/.stamp-setup: web/package.json web/package-lock.json
 	@command -v npm >/dev/null || { echo "The explorer's page is built with Node.js 20 or newer: install it, then make web."; exit 1; }
 	@cd web && npm ci --no-audit --no-fund --loglevel error && touch node_modules/.stamp-setup
 
-$(WEB): web/node_modules/.stamp-setup web/build.mjs web/tsconfig.json $(shell find web/src -type f)
+$(WEB): web/node_modules/.stamp-setup web/build.mjs web/pages.mjs web/tsconfig.json $(shell find web/src -type f)
 	@cd web && npm run --silent check && npm run --silent build
 
 # Chromium is the system's: on Debian and Ubuntu it is installed here, if that is allowed.

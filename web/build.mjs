@@ -25,9 +25,9 @@ const options = {
 for (const [name, text] of Object.entries(await pageScripts())) await writeFile(`${TEMPLATES}/${name}`, text);
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
-await cp("src/explorer/index.html", `${out}/index.html`);
 if (process.argv.includes("--watch")) await (await context(options)).watch();
 else await writeFile(`${out}/LICENSES.txt`, await licences((await build(options)).metafile));
+await cp("src/explorer/index.html", `${out}/index.html`); // last: make takes it as the sign that all is there
 
 // The licences of the packages that are in the scripts and the style sheet, one after the other.
 async function licences(metafile) {

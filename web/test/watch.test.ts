@@ -103,7 +103,7 @@ describe("the camera", () => {
   });
   test("looks back where the crash comes from behind", () => {
     const struck = rearEnd({ vehicles: [straight({ x: 60, v: 20 }), straight({ v: 30, slot: 7 })] });
-    expect(bestPlace(struck)).toBe("ahead");
+    expect(bestPlace(struck)).toBe("beside");
     expect(bestPlace(rearEnd())).toBe("behind");
     expect(bestPlace(rearEnd({ partner: -1 }))).toBe("behind");
     expect(bestPlace(undefined)).toBe("behind");

@@ -106,8 +106,8 @@ def _what(known: Known) -> Answer:
         return Answer(question, "Nobody has looked", _most(known))
     n = " and ".join(f"{text.count(sum(doing.conducts.values()))} {kind}" for doing, kind in told)
     wrong = sum(sum(doing.conducts.values()) - doing.conducts.get(NO_CONDUCT, 0) for doing, _ in told)
-    some = f" In {text.count(wrong)} of them it did something wrong, too few to name a fault." if wrong else ""
-    return Answer(question, "No fault of its own was found", f"in n = {n}.{some} {_most(known)}")
+    some = f" In {text.count(wrong)} of them it did something wrong, too few to name a flaw." if wrong else ""
+    return Answer(question, "No flaw of its own was found", f"in n = {n}.{some} {_most(known)}")
 
 
 def _made(known: Known) -> str:

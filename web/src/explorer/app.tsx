@@ -25,6 +25,9 @@ export function App() {
       begun = true;
       stops.push(bind(), startWanting(), startAsking(), startArranging());
       void readNotes();
+      const again = () => void readNotes(); // another page may have written some
+      window.addEventListener("focus", again);
+      stops.push(() => window.removeEventListener("focus", again));
     };
     // Without an answer there is nothing to tie together yet: the banner's button asks again.
     stops.push(failure.subscribe((line) => { if (line === null && !begun) void begin(); }));
@@ -45,6 +48,7 @@ export function App() {
       <p class="skip">
         <button type="button" onClick={() => show("list", "list")}>To the list</button>
         <button type="button" onClick={() => show("map", "map")}>To the map</button>
+        {watched.value !== null && <button type="button" onClick={() => { listOver.value = false; show("case", "case"); }}>To the case</button>}
       </p>
       <Header />
       <Banners />

@@ -2,6 +2,7 @@
 import { tableFromIPC } from "@uwdata/flechette";
 import { batch, computed, signal } from "@preact/signals";
 import { type About, ApiError, type ColumnInfo, getAbout, getColumns, getNotes, type Note, putNote } from "./api";
+import { EMPTY, merged, sameNote } from "./merge";
 import { categoryOf, type Column, columnsOf } from "./columns";
 import type { CaseKey } from "./state";
 
@@ -9,6 +10,8 @@ import type { CaseKey } from "./state";
 const LISTED: ReadonlySet<string> = new Set(["prevented_by"]);
 /** How often to ask while the analysis runs [ms]. */
 const POLL = 1500;
+/** When to try again to save notes [ms]. */
+const RETRY = 4000;
 
 export const about = signal<About | null>(null);
 /** Why the page has no answer from the server; null: it has. */
@@ -160,24 +163,49 @@ export async function refresh(): Promise<void> {
 
 export async function readNotes(): Promise<void> {
   try {
-    notes.value = await getNotes();
+    const read = await getNotes();
+    if (saving.peek() !== null && saving.peek()!.state !== "saved") return; // what is written here is newer
+    notes.value = read;
+    kept.clear();
   } catch (error) {
     say(`Notes cannot be read: ${lineOf(error)}`);
   }
 }
 
-/** Keep a note at once here, and soon at the server. */
-export async function saveNote(key: CaseKey, note: Note): Promise<void> {
-  const empty = note.labels.length === 0 && note.note === "";
-  const { [key]: _, ...others } = notes.peek();
-  notes.value = empty ? others : { ...others, [key]: note };
+/** Of cases that were changed here, what the server was last known to hold. */
+const kept = new Map<CaseKey, Note>();
+let saves: Promise<void> = Promise.resolve();
+
+/** Keep a note at once here, and soon at the server; what another page wrote meanwhile stays. `leaving`: there is no time to ask. */
+export function saveNote(key: CaseKey, note: Note, leaving = false): Promise<void> {
+  if (!kept.has(key)) kept.set(key, noteOf(key));
+  setNote(key, note);
   saving.value = { key, state: "saving", line: "" };
+  saves = leaving ? putNote(key, note) : saves.then(() => store(key, note)); // one after the other, or an older one might win
+  return saves;
+}
+
+async function store(key: CaseKey, note: Note): Promise<void> {
   try {
-    await putNote(key, note);
+    const now = merged(kept.get(key) ?? EMPTY, note, (await getNotes())[key] ?? EMPTY);
+    await putNote(key, now);
+    const isLatest = sameNote(noteOf(key), note);
+    kept.set(key, isLatest ? now : note);
+    if (isLatest) setNote(key, now);
     if (saving.peek()?.key === key) saving.value = { key, state: "saved", line: "" };
   } catch (error) {
     saving.value = { key, state: "failed", line: lineOf(error) };
+    setTimeout(() => saving.peek()?.state === "failed" && void saveNote(key, noteOf(key)), RETRY);
   }
+}
+
+function noteOf(key: CaseKey): Note {
+  return notes.peek()[key] ?? EMPTY;
+}
+
+function setNote(key: CaseKey, note: Note): void {
+  const { [key]: _, ...others } = notes.peek();
+  notes.value = sameNote(note, EMPTY) ? others : { ...others, [key]: note };
 }
 
 export function say(line: string): void {

@@ -36,7 +36,7 @@ export function onceIn(perBillionMiles: number): string {
     // 999,600,000 is said as "1 billion".
     if (Number(miles.toPrecision(2)) >= size) return `once in ${twoDigits(miles / size)} ${word} miles`;
   }
-  return `once in ${count(Number(miles.toPrecision(2)))} miles`;
+  return `once in ${twoDigits(miles)} miles`;
 }
 
 function twoDigits(value: number): string {

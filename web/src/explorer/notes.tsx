@@ -18,17 +18,18 @@ export function Notes({ caseKey }: { caseKey: CaseKey }) {
   const timer = useRef(0);
   const waiting = useRef<Note | null>(null);
 
-  const save = () => {
+  const save = (leaving = false) => {
     clearTimeout(timer.current);
     const now = waiting.current;
     waiting.current = null;
-    if (now) void saveNote(caseKey, now);
+    if (now) void saveNote(caseKey, now, leaving);
   };
   // What is typed is saved too when the case or the page is left.
   useEffect(() => {
-    window.addEventListener("pagehide", save);
+    const leave = () => save(true);
+    window.addEventListener("pagehide", leave);
     return () => {
-      window.removeEventListener("pagehide", save);
+      window.removeEventListener("pagehide", leave);
       save();
     };
   }, [caseKey]);
@@ -42,7 +43,7 @@ export function Notes({ caseKey }: { caseKey: CaseKey }) {
     setNote(next);
     waiting.current = next;
     clearTimeout(timer.current);
-    timer.current = setTimeout(save, delay);
+    timer.current = setTimeout(() => save(), delay);
   };
   const add = () => {
     const name = label.replace(/[|,]/g, " ").trim().slice(0, LONGEST_LABEL);
@@ -79,7 +80,7 @@ export function Notes({ caseKey }: { caseKey: CaseKey }) {
         aria-label="Note"
         value={note.note}
         onInput={(event) => change({ ...note, note: event.currentTarget.value }, DELAY)}
-        onBlur={save}
+        onBlur={() => save()}
       />
       <p class={state?.state === "failed" ? "wrong" : "quiet"} role="status">
         {state?.state === "saving" && "Saving"}

@@ -1,6 +1,6 @@
 // The pane at the right: the list of cases, or the case that is watched with the list one key away.
 import { about, rowOf } from "./data";
-import { count } from "./format";
+import { count, shortName } from "./format";
 import { List } from "./list";
 import { Notes } from "./notes";
 import { playing, watched } from "./state";
@@ -15,7 +15,7 @@ export function SidePane() {
       <>
         {key !== null && (
           <p class="back">
-            <button type="button" onClick={() => (listOver.value = false)}>Back to case {key}</button>
+            <button type="button" onClick={() => (listOver.value = false)}>Back to case {shortName(key.slice(key.indexOf("/") + 1))}</button>
           </p>
         )}
         <List />
@@ -32,7 +32,7 @@ export function SidePane() {
         <span class="quiet place">{place >= 0 ? `${count(place + 1)} of ${count(rows.value.length)}` : "not among the filtered"}</span>
         <button type="button" class="close" aria-label="Close the case" title="Close (Esc)" onClick={closeCase}>✕</button>
       </header>
-      <div class="pane-body case-body" id="case">
+      <div class="pane-body case-body" id="case" tabIndex={-1}>
         {about.value && <Watch about={about.value} caseKey={key} />}
         <Notes key={key} caseKey={key} />
       </div>

@@ -17,10 +17,10 @@ export function scaled([x, y, z]: Eye, factor: number): Eye {
 export const PLACES = { behind: [-19, 0, 7.5], ahead: [19, 0, 7.5], beside: [-4, -22, 8] } as const satisfies Record<string, Eye>;
 export type Place = keyof typeof PLACES;
 
-/** Where a case is best seen from: from ahead if the crash comes from behind the AV, else from behind it. */
+/** Where a case is best seen from: from the side if the crash comes from behind the AV, else from behind it. */
 export function bestPlace(item: Case | undefined): Place {
   const frame = item ? Math.max(0, crashFrame(item) - 20) : 0;
   const partner = item && item.partner > 0 ? boxAt(item.vehicles[item.partner]!, frame) : null;
   const av = item ? boxAt(item.vehicles[0]!, frame) : null;
-  return av && partner && partner.x < av.x - 6 ? "ahead" : "behind";
+  return av && partner && partner.x < av.x - 6 ? "beside" : "behind";
 }
