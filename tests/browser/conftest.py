@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.request import urlopen
 
 import pytest
 from browser_session import Complaints, Opener, Server, serve
@@ -43,6 +45,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def server(run: Path) -> Iterator[Server]:
     started = serve(run)
+    # Kernels that were not compiled before take a minute; tests then wait for the page only.
+    with urlopen(f"{started.url}api/about") as answer:
+        case = json.load(answer)["start"][0]["case"]
+    with urlopen(f"{started.url}api/case/{case}/with/idm-mobil", timeout=300) as answer:
+        assert answer.status == 200
     yield started
     started.stop()
 

@@ -56,7 +56,9 @@ def front_in(folder: Path) -> Front:
     return front_of(_known(read_artefacts(folder)))
 
 
-def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_a_careful_driver_prevents(natural_run_folder: Path) -> None:
+def test_the_case_to_watch_first_is_of_the_most_frequent_kind_that_a_careful_driver_prevents(
+    natural_run_folder: Path,
+) -> None:
     known = _known(read_artefacts(natural_run_folder))
     assert known.cases is not None
     assert known.kinds is not None
