@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -103,3 +105,39 @@ def test_a_statement_that_needs_much_memory_is_stopped(filled: Path, greedy: str
         with pytest.raises(InputError, match="more than 128 MB"):
             asker.ask(greedy)
         assert asker.ask("SELECT 1")[1] == [(1,)]
+
+
+ASKS_FOR_LONG = f"""
+import pyarrow as pa
+from cornerforge.library.query import Asker
+asker = Asker(pa.table({{"a": [1]}}), seconds=2.0)
+asker.ask("SELECT 1")
+print(asker._process.pid, flush=True)
+asker.ask({ENDLESS!r})
+"""
+
+
+def is_running(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_the_process_ends_by_itself_when_who_asked_was_killed() -> None:
+    asking = subprocess.Popen([sys.executable, "-c", ASKS_FOR_LONG], stdout=subprocess.PIPE, text=True)
+    assert asking.stdout is not None
+    worker = int(asking.stdout.readline())
+    time.sleep(1.0)  # it is at work
+    assert is_running(worker)
+    asking.kill()
+    asking.communicate()
+    end = time.monotonic() + 15.0
+    try:
+        while is_running(worker):
+            assert time.monotonic() < end
+            time.sleep(0.1)
+    finally:
+        if is_running(worker):
+            os.kill(worker, 9)

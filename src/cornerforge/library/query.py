@@ -23,6 +23,8 @@ SECONDS = 10.0
 """Longest time that an answer may take [s]."""
 MEGABYTES = 512
 """Most memory that DuckDB may use for it; the process gets half as much again for what DuckDB does not count."""
+_GRACE_S = 1.0
+"""So much later the process ends by itself [s], should nobody be there who stops it."""
 _LONGEST = 500
 """Most characters of a message that come from the statement."""
 
@@ -136,7 +138,7 @@ class Asker:
         self.close()
         worker = Path(__file__).with_name("sql_worker.py")
         # -P: the modules beside the file are no modules of its Python.
-        command = [sys.executable, "-P", str(worker), str(self._megabytes)]
+        command = [sys.executable, "-P", str(worker), str(self._megabytes), str(self._seconds + _GRACE_S)]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )

@@ -1,8 +1,9 @@
 """The process in which SQL is answered: it can be killed, DuckDB alone cannot always be stopped.
 
 Run as a file, so that it starts at once: it imports DuckDB, Arrow and the standard library only. On its standard input
-it gets a table, then statements; it writes an answer to each. It can open no file for writing, and its memory is
-limited twice: by DuckDB itself, and by the operating system, since some of DuckDB's functions do not count theirs.
+it gets a table, then statements; it writes an answer to each. Its memory is limited twice: by DuckDB itself, and by the
+operating system, since some of DuckDB's functions do not count theirs. It has its own deadline, which the operating
+system keeps: it ends too when who asked was killed and can stop it no more.
 """
 
 from __future__ import annotations
@@ -51,7 +52,13 @@ def _limit(megabytes: int) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
-def _answers(table: Any, megabytes: int) -> Iterator[bytes]:
+def _due(seconds: float) -> None:
+    """Let the operating system end the process in so many seconds, whatever it does then; 0: do not."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+
+
+def _answers(table: Any, megabytes: int, seconds: float) -> Iterator[bytes]:
     import duckdb
 
     shut: dict[str, str | bool | int | float | list[str]] = {
@@ -68,6 +75,7 @@ def _answers(table: Any, megabytes: int) -> Iterator[bytes]:
         _limit(megabytes + megabytes // 2)
         while (sql := read_message(sys.stdin.buffer)) is not None:
             answer: tuple[Any, ...]
+            _due(seconds)
             try:
                 statements = connection.extract_statements(sql.decode())
                 if len(statements) != 1 or statements[0].type not in asks:
@@ -86,6 +94,7 @@ def _answers(table: Any, megabytes: int) -> Iterator[bytes]:
             except MemoryError:
                 content = b""
             del answer
+            _due(0.0)
             yield content if 0 < len(content) < megabytes * _ANSWER else pickle.dumps(("memory",))
 
 
@@ -93,12 +102,13 @@ def main() -> None:
     """Answer until the standard input ends."""
     import pyarrow as pa
 
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C in a terminal reaches all its processes; the first one ends it
+    # Ctrl-C in a terminal reaches all its processes; the first one ends it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGALRM"):
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
     table = read_message(sys.stdin.buffer)
     if table is not None:
-        for content in _answers(pa.ipc.open_stream(table).read_all(), int(sys.argv[1])):
+        for content in _answers(pa.ipc.open_stream(table).read_all(), int(sys.argv[1]), float(sys.argv[2])):
             write_message(sys.stdout.buffer, content)
 
 
