@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -105,6 +106,31 @@ def test_a_statement_that_needs_much_memory_is_stopped(filled: Path, greedy: str
         with pytest.raises(InputError, match="more than 128 MB"):
             asker.ask(greedy)
         assert asker.ask("SELECT 1")[1] == [(1,)]
+
+
+def test_closing_stops_the_question_and_those_that_wait(filled: Path) -> None:
+    asker = Asker(CaseLibrary.open(filled).scalars())
+    told: list[str] = []
+
+    def ask(sql: str) -> None:
+        try:
+            told.append(str(asker.ask(sql)))
+        except InputError as error:
+            told.append(str(error))
+
+    asked = [threading.Thread(target=ask, args=(sql,)) for sql in (ENDLESS, "SELECT 1", "SELECT 2")]
+    for thread in asked:
+        thread.start()
+        time.sleep(1.0)  # the first is being answered
+    begin = time.monotonic()
+    asker.close()
+    for thread in asked:
+        thread.join()
+    assert time.monotonic() - begin < 5.0
+    assert told == ["The query was stopped, because what answers it is ending."] * 3
+    assert asker._process is None
+    with pytest.raises(InputError, match="was stopped"):
+        asker.ask("SELECT 1")
 
 
 ASKS_FOR_LONG = f"""
