@@ -10,6 +10,8 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
 from urllib.parse import urlsplit
 
 import pytest
@@ -65,27 +67,31 @@ class Running:
     """A server in another process."""
 
     process: subprocess.Popen[str]
+    errors: IO[str]
     url: str
     port: int
 
 
 def started(*arguments: object) -> Running:
-    """Start the program, and wait until it says where it is."""
+    """Start the program, and wait until it says where it is; its errors go into a file, which is never full."""
+    errors = TemporaryFile("w+")  # noqa: SIM115  closed by `stopped`
     command = [sys.executable, "-c", WITH_A_PAGE, "serve", *map(str, arguments), "--json"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
     assert process.stdout is not None
-    assert process.stderr is not None
     line = process.stdout.readline()
-    assert line, process.stderr.read()
+    errors.seek(0)
+    assert line, errors.read()
     told = json.loads(line)
-    return Running(process, told["url"], urlsplit(told["url"]).port or 0)
+    return Running(process, errors, told["url"], urlsplit(told["url"]).port or 0)
 
 
-def stopped(running: Running) -> tuple[int, str]:
+def stopped(running: Running, by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
     """End it as Ctrl-C does; exit status, and what it wrote to standard error."""
-    running.process.send_signal(signal.SIGINT)
-    _, told = running.process.communicate(timeout=60)
-    return running.process.returncode, told
+    running.process.send_signal(by)
+    running.process.communicate(timeout=60)
+    with running.errors:
+        running.errors.seek(0)
+        return running.process.returncode, running.errors.read()
 
 
 @pytest.fixture(scope="module")
