@@ -19,6 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cornerforge.errors import CornerForgeError, FileFormatError, OutputError
 from cornerforge.explorer.exhibit import Exhibit, UnknownKeyError
+from cornerforge.explorer.room import UnavailableError
 
 __all__ = ["POLICY", "Guard", "explorer_app", "read_page"]
 
@@ -237,6 +238,7 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
         exception_handlers={
             HTTPException: lambda _, error: _fault(error.status_code, error.detail),
             UnknownKeyError: lambda _, error: _fault(404, str(error)),
+            UnavailableError: lambda _, error: _fault(503, str(error)),
             CornerForgeError: lambda _, error: _fault(_status(error), str(error)),
             ClientDisconnect: lambda _, __: _fault(400, "The request ended early."),
             Exception: lambda _, __: _fault(500, "The server failed at this; what it says in its terminal is a bug."),

@@ -18,11 +18,12 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.explorer.columns import CaseTable, case_table
 from cornerforge.explorer.downloads import Shown, formats, made
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
+from cornerforge.explorer.room import Room
 from cornerforge.explorer.sources import Analysis, Source, read_ways_out
 from cornerforge.explorer.start import cards, headline_of
 from cornerforge.explorer.words import KINDS, label_of
 from cornerforge.library import StoredCase
-from cornerforge.library.query import SECONDS, Asker
+from cornerforge.library.query import Asker
 from cornerforge.report import text
 from cornerforge.report.cases import case_data, first_shown, ghost
 from cornerforge.report.judged import JUDGED, WayOut, judgement_of
@@ -106,7 +107,7 @@ class Exhibit:
         self.work: dict[str, Any] | None = None
         self.revision = 1
         self._shelves = {source.name: _Shelf(source, analysis) for source, analysis in sources}
-        self._drives, self._asking, self._makes = threading.Lock(), threading.Lock(), threading.Lock()
+        self._drives, self._asks, self._makes = Room("drives"), Room("questions in SQL"), Room("videos")
         self._asker: tuple[CaseTable, Asker] | None = None
         self._table = case_table(sources)
 
@@ -195,10 +196,14 @@ class Exhibit:
         return row
 
     def ghosts(self, source: str, case_id: str) -> dict[str, Any]:
-        """Make what /api/case/SOURCE/CASE_ID/ghosts says; errors as of `case`, and InputError: it cannot be judged."""
+        """Make what /api/case/SOURCE/CASE_ID/ghosts says.
+
+        Raises:
+            CornerForgeError: As of `case`; the case cannot be judged; or too many ask, or the server ends.
+        """
         self.row_of(source, case_id)
         shelf, stored = self._stored(source, case_id)
-        with self._drives:
+        with self._drives.turn():
             found = self.driving.ghosts(shelf.source, stored)
         first = first_shown(stored.scenario)
         return {
@@ -223,7 +228,7 @@ class Exhibit:
         if av not in self.driving.avs:
             raise UnknownKeyError(f"There is no AV {av[:80]!r} here; known: {', '.join(self.driving.avs)}.")
         shelf, stored = self._stored(source, case_id)
-        with self._drives:
+        with self._drives.turn():
             scenario = self.driving.with_av(shelf.source, stored, av)
         key = f"{source}/{case_id}@{av}"
         data = case_data(key, scenario, first=min(first_shown(stored.scenario), len(scenario.x) - 1))
@@ -233,7 +238,7 @@ class Exhibit:
         return data | {"key": key, "title": title, "verdict": "", "facts": []}
 
     def download(self, source: str, case_id: str, name: str) -> tuple[str, str, bytes]:
-        """Make a file of a case; one at a time, because a video takes all cores.
+        """Make a file of a case; videos one at a time, because each takes all cores.
 
         Returns:
             Media type, file name, and content.
@@ -241,13 +246,17 @@ class Exhibit:
         Raises:
             UnknownKeyError: There is no such case or format.
             OutputError: The program that writes videos failed.
+            UnavailableError: Too many videos are being made, or the server ends.
         """
         self.row_of(source, case_id)
         if name not in (known := formats()):
             raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(known)}.")
         shown = self._shown(source, case_id)
-        with self._makes:
+        if name == "json":
             media, content = made(shown, name)
+        else:
+            with self._makes.turn():
+                media, content = made(shown, name, self._makes.check)
         return media, f"{source}-{case_id.replace(':', '-')}.{name}", content
 
     def rows_where(self, where: str) -> bytes:
@@ -259,18 +268,16 @@ class Exhibit:
         Raises:
             InputError: The condition is wrong or forbidden, or takes too much time or memory.
             MissingExtraError: DuckDB is not installed.
+            UnavailableError: Too many questions are being answered, or the server ends.
         """
-        if not self._asking.acquire(timeout=2.0 * SECONDS):
-            raise InputError("Other questions are being answered; ask again.")
-        try:
+        with self._asks.turn():
             table = self._table
             if self._asker is None or self._asker[0] is not table:
                 if self._asker is not None:
                     self._asker[1].close()
                 self._asker = table, Asker(table.plain())
+                self._asks.check()  # `close` may have missed it
             return _bits(self._asker[1], table, where)
-        finally:
-            self._asking.release()
 
     def notes(self) -> dict[str, Any]:
         """Make what /api/notes says.
@@ -297,7 +304,9 @@ class Exhibit:
         return notes_file(self._shelves[source].source.cases.path)
 
     def close(self) -> None:
-        """End what was started."""
+        """End what was started: who waits or works is told so, and SQL's process ends."""
+        for room in (self._drives, self._asks, self._makes):
+            room.close()
         if self._asker is not None:
             self._asker[1].close()
 

@@ -95,12 +95,8 @@ def serve(
 
     try:
         serve_exhibit(exhibit, door, begin)
-    except KeyboardInterrupt:
-        pass
     finally:
         stopping.set()
-        exhibit.close()
-        door.listening.close()
     return served
 
 
