@@ -19,7 +19,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from explorer.conftest import Running, started, stopped
 from PIL import Image
 from starlette.types import ASGIApp, Message
 
@@ -36,6 +35,7 @@ from cornerforge.rates import weighted_interval
 from cornerforge.report.cases import case_data
 from cornerforge.report.judged import read_case_judgements
 from cornerforge.report.verdict import verdict
+from explorer.conftest import Running, started, stopped
 
 
 def get(server: Running, path: str) -> bytes:
@@ -341,6 +341,16 @@ def test_only_its_own_name_and_page_are_heard(exhibit: Exhibit) -> None:
     assert change("null") == 403
     assert change("http://127.0.0.1:80", "text/plain") == 415
     assert change("http://127.0.0.1:80") == 400
+
+
+@pytest.mark.parametrize(
+    ("site", "status"), [("same-origin", 200), ("none", 200), ("same-site", 403), ("cross-site", 403)]
+)
+def test_a_browser_asks_for_its_own_page_only(exhibit: Exhibit, site: str, status: int) -> None:
+    """Any page may make a browser ask; what it asks for may be long work."""
+    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None)
+    assert answer_of(app, "/api/notes", sec_fetch_site=site)[0] == status
+    assert answer_of(app, "/", sec_fetch_site=site)[0] == 200  # a link leads to it
 
 
 def test_a_taken_port_is_passed_over_or_an_error() -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import threading
 import time
 from pathlib import Path
+from urllib.error import HTTPError
 
 import pytest
+
+from cornerforge.explorer.room import MOST, Room, UnavailableError
 from explorer.conftest import Running, started, stopped
-from explorer.test_explorer import get, sent
+from explorer.test_explorer import asked, get, sent
 
 ENDLESS = "(select sum(x.range * y.range) from range(10000000) x, range(10000000) y) > 0"
 
@@ -51,3 +55,56 @@ def test_it_ends_at_once_whatever_it_is_at(
         thread.join(timeout=10)
         assert not thread.is_alive()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_many_films_leave_the_server_free(place: Path) -> None:
+    """It says no to most, and answers all else meanwhile."""
+    running = started(place, "--port", 0)
+    refused: list[str] = []
+
+    def take() -> None:
+        try:
+            get(running, "api/case/adversary/3:0/download/gif")
+        except HTTPError as error:
+            refused.append(f"{error.code} {json.load(error)['error']}")
+        except OSError:
+            pass
+
+    asking = [threading.Thread(target=take) for _ in range(45)]
+    for thread in asking:
+        thread.start()
+    begin = time.monotonic()
+    while len(refused) < 45 - MOST:
+        assert time.monotonic() < begin + 20.0
+        time.sleep(0.1)
+    assert len(refused) < 45
+    assert set(refused) == {"503 Too many videos are asked for at once; try again in a moment."}
+    begin = time.monotonic()
+    assert asked(running, "api/about")["name"] == "run"
+    assert time.monotonic() - begin < 5.0
+    assert stopped(running) == (0, "")
+    for thread in asking:
+        thread.join()
+    assert refused[-1] == "503 The server is ending."
+
+
+def test_a_room_is_for_one_at_a_time() -> None:
+    room, inside, most = Room("tests"), 0, 0
+
+    def work() -> None:
+        nonlocal inside, most
+        with room.turn():
+            inside += 1
+            most = max(most, inside)
+            time.sleep(0.01)
+            inside -= 1
+
+    threads = [threading.Thread(target=work) for _ in range(MOST)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (most, inside) == (1, 0)
+    room.close()
+    with pytest.raises(UnavailableError, match="ending"), room.turn():
+        pass

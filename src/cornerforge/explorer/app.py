@@ -101,6 +101,9 @@ class Guard:
         host = headers.get("host", [""])
         if len(host) != 1 or (self._hosts is not None and host[0].lower() not in self._hosts):
             return _fault(421, "This server answers to its own address only; open the one that cornerforge printed.")
+        site = headers.get("sec-fetch-site", ["none"])  # which browsers tell; it is a question of another page
+        if scope["path"].startswith("/api/") and not {"same-origin", "none"} >= set(site):
+            return _fault(403, "Only the explorer's own page may ask this.")
         if scope["method"] not in ("GET", "HEAD"):
             origin, kind = headers.get("origin", []), headers.get("content-type", [""])
             if origin and origin != [f"http://{host[0]}"]:
