@@ -24,11 +24,11 @@ from starlette.types import ASGIApp, Message
 
 from cornerforge.cli import main
 from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.explorer import Exhibit, open_door
+from cornerforge.explorer import Analysis, Exhibit, open_door
 from cornerforge.explorer.app import Guard, explorer_app
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
 from cornerforge.explorer.server import PORT
-from cornerforge.explorer.start import cards
+from cornerforge.explorer.start import cards, headline_of
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline import serve as verb
 from cornerforge.rates import weighted_interval
@@ -65,6 +65,52 @@ def exhibit(place: Path) -> Iterator[Exhibit]:
     made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
     yield made
     made.close()
+
+
+@pytest.fixture
+def bare(place: Path) -> Iterator[tuple[Exhibit, Analysis]]:
+    """The cases without an analysis, and the one of the natural cases, which may arrive."""
+    found = verb._sources(place)
+    made = Exhibit("run", [(one.source, None) for one in found], verb._driving((), found[0].source))
+    assert found[0].analysis is not None
+    yield made, found[0].analysis
+    made.close()
+
+
+def test_a_case_that_is_read_while_an_analysis_arrives(
+    bare: tuple[Exhibit, Analysis], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exhibit, analysis = bare
+    case = exhibit.table.first_of("natural")
+    before = exhibit.case("natural", case)
+
+    def slowly(*given: Any) -> Any:
+        exhibit.analysed("natural", analysis)
+        return case_data(*given)
+
+    monkeypatch.setattr("cornerforge.explorer.exhibit.case_data", slowly)
+    assert exhibit.case("natural", case) == before
+    monkeypatch.undo()
+    assert len(exhibit.case("natural", case)["facts"]) > len(before["facts"])
+
+
+def test_what_is_told_at_once_is_of_one_time(bare: tuple[Exhibit, Analysis], monkeypatch: pytest.MonkeyPatch) -> None:
+    exhibit, analysis = bare
+    before = exhibit.about()
+    assert (before["revision"], before["start"]) == (1, [])
+    assert "pc1" not in {one["name"] for one in before["columns"]}
+
+    def slowly(sources: Any) -> str:
+        exhibit.analysed("natural", analysis)
+        return headline_of(sources)
+
+    monkeypatch.setattr("cornerforge.explorer.exhibit.headline_of", slowly)
+    assert exhibit.about() == before
+    monkeypatch.undo()
+    after = exhibit.about()
+    assert after["revision"] == 2
+    assert after["start"]
+    assert "pc1" in {one["name"] for one in after["columns"]}
 
 
 def test_columns_are_those_of_the_files(server: Running, place: Path) -> None:
@@ -280,7 +326,7 @@ def test_a_card_is_honest_where_braking_prevents_nothing(exhibit: Exhibit) -> No
     ):
         changed = table.set_column(place, "prevention", pa.array([word] * table.num_rows).dictionary_encode())
         object.__setattr__(exhibit.table, "table", changed)
-        first = cards(exhibit._sources(), exhibit.table)[0]
+        first = cards(exhibit._state.sources, exhibit.table)[0]
         assert "No crash here would have been prevented by" in first["title"]
         assert told in first["text"]
     object.__setattr__(exhibit.table, "table", table)
@@ -418,9 +464,6 @@ def test_what_cannot_be_shown_is_one_line(tmp_path: Path, capsys: pytest.Capture
 def test_a_library_without_an_analysis_gets_one(place: Path, tmp_path: Path) -> None:
     shutil.copytree(place / "library", tmp_path / "lib")
     running = started(tmp_path / "lib", "--port", 0)
-    told = asked(running, "api/about")
-    assert (told["revision"], told["start"]) == (1, [])
-    assert "pc1" not in {one["name"] for one in told["columns"]}
     end = time.monotonic() + 300
     while (told := asked(running, "api/about"))["revision"] == 1:
         assert time.monotonic() < end

@@ -18,7 +18,7 @@ from explorer.test_explorer import asked, get, sent
 ENDLESS = "(select sum(x.range * y.range) from range(10000000) x, range(10000000) y) > 0"
 
 
-def in_background(*asks: tuple[str, ...]) -> list[threading.Thread]:
+def in_background(*asks: tuple[Running, str, str]) -> list[threading.Thread]:
     """Ask at the same time; answers and errors are passed over."""
 
     def ask(running: Running, path: str, where: str) -> None:

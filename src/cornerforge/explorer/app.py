@@ -18,8 +18,9 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cornerforge.errors import CornerForgeError, FileFormatError, OutputError
-from cornerforge.explorer.exhibit import Exhibit, UnknownKeyError
+from cornerforge.explorer.exhibit import Exhibit
 from cornerforge.explorer.room import UnavailableError
+from cornerforge.explorer.state import UnknownKeyError
 
 __all__ = ["POLICY", "Guard", "explorer_app", "read_page"]
 
