@@ -214,6 +214,16 @@ def test_a_video_can_be_taken_away(server: Running) -> None:
     assert getattr(picture, "n_frames", 1) > 10
 
 
+def test_a_machine_without_ffmpeg_offers_what_it_can(exhibit: Exhibit, monkeypatch: pytest.MonkeyPatch) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+
+    def none() -> str:
+        raise RuntimeError("No ffmpeg exe could be found.")
+
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", none)
+    assert [one["format"] for one in exhibit.about()["downloads"]] == ["gif", "json"]
+
+
 def test_sql_gives_a_bit_for_each_row(server: Running) -> None:
     table = columns(server, "impact_speed_mps", "fault")
     speed, fault = table["impact_speed_mps"].to_numpy(), np.array(table["fault"].to_pylist())

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cornerforge.errors import MissingExtraError
+from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.pictures.film import check_film, film
 from cornerforge.report.judged import WayOut
 from cornerforge.types import Scenario
@@ -65,12 +65,12 @@ _FORMATS = {
 
 
 def formats() -> dict[str, str]:
-    """Formats that can be made here, each with what people read; videos need the extra `video`."""
+    """Formats that can be made here, each with what people read; videos need the extra `video`, most an ffmpeg."""
 
     def here(name: str) -> bool:
         try:
             check_film(Path(f"case.{name}"))
-        except MissingExtraError:
+        except (InputError, MissingExtraError):
             return False
         return True
 
