@@ -265,6 +265,25 @@ def test_notes_are_kept_beside_the_library(server: Running, place: Path) -> None
     file.unlink()
 
 
+@pytest.mark.parametrize(("inside", "name"), [("", "."), ("deeper", "..")])
+def test_a_library_may_be_the_folder_one_is_in(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: str, name: str
+) -> None:
+    library = tmp_path / "lib"
+    shutil.copytree(place / "library", library)
+    (library / inside).mkdir(exist_ok=True)
+    monkeypatch.chdir(library / inside)
+    running = started(name, "--port", 0)
+    told = asked(running, "api/about")
+    assert told["name"] == "lib"
+    assert told["sources"][0]["replay"] == f"cornerforge replay {library}"
+    sent(running, "PUT", "api/notes/adversary/3:0", {"labels": ["seen"], "note": ""})
+    assert stopped(running) == (0, "")
+    assert read_notes(tmp_path / "lib-notes.json") == {"3:0": {"labels": ["seen"], "note": ""}}
+    assert verb._sources(library)[0].folder == tmp_path / "lib-analysis"
+    assert not list((library / inside).glob("*-analysis"))
+
+
 def test_no_note_is_lost_when_many_are_written_at_once(tmp_path: Path) -> None:
     file = notes_file(tmp_path / "library")
     writers = [threading.Thread(target=keep_note, args=(file, f"0:{k}", ["l"], str(k))) for k in range(40)]
