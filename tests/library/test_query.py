@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import subprocess
 import sys
@@ -71,6 +73,37 @@ def test_a_mistake_is_one_plain_line(filled: Path, sql: str) -> None:
     with pytest.raises(InputError, match="cannot be answered") as caught:
         CaseLibrary.open(filled).query(sql)
     assert "\n" not in str(caught.value)
+
+
+def test_what_comes_back_is_plain(filled: Path) -> None:
+    """The sandbox's bytes are read as JSON, never unpickled."""
+    columns, rows = CaseLibrary.open(filled).query(
+        "SELECT sum(test), 0.1::DOUBLE + 0.2, 1.50, 'nan'::DOUBLE, '-inf'::DOUBLE, date '2020-01-02', true, 'ä', "
+        "[1, NULL], {'a': 1.5}, 'x'::BLOB, sum(test) AS \"sum\" FROM cases"
+    )
+    assert len(columns) == 12
+    total, exact, fixed, nan, low, *rest = rows[0]
+    assert (type(total), exact, fixed, low) == (int, 0.1 + 0.2, 1.5, -math.inf)
+    assert math.isnan(nan)
+    assert rest == ["2020-01-02", True, "ä", [1, None], {"a": 1.5}, "b'x'", total]
+
+
+@pytest.mark.parametrize(
+    "sql",
+    ["SELECT map([date '2020-01-02'], [1])", f"SELECT {'[' * 400}1{']' * 400}", "SELECT timestamptz '2020-01-01'"],
+)
+def test_what_cannot_be_told_is_an_error(filled: Path, sql: str) -> None:
+    with Asker(CaseLibrary.open(filled).scalars()) as asker:
+        with contextlib.suppress(InputError):
+            asker.ask(sql)
+        assert asker.ask("SELECT 1")[1] == [(1,)]
+
+
+@pytest.mark.parametrize("said", [b"cos\nsystem\n(S'exit 1'\ntR.", b"[" * 100_000, b"\xff"])
+def test_a_worker_that_is_not_ones_own_does_no_harm(filled: Path, monkeypatch: pytest.MonkeyPatch, said: bytes) -> None:
+    monkeypatch.setattr("cornerforge.library.query.read_message", lambda _: said)
+    with Asker(CaseLibrary.open(filled).scalars()) as asker, pytest.raises(InputError, match="not whole"):
+        asker.ask("SELECT 1")
 
 
 @pytest.mark.parametrize("sql", ["", "  ", "-- nothing", "SELECT 1; SELECT 2"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import pickle
+import json
 import subprocess
 import sys
 import threading
@@ -86,7 +86,8 @@ class Asker:
         """Answer one SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE) statement in DuckDB's dialect.
 
         Returns:
-            Column names, and rows as tuples of Python values (None for null).
+            Column names, and rows as tuples of what JSON has: numbers, texts, true and false, None for null, lists,
+            and dicts; exact decimals are the nearest number, times and the like their text.
 
         Raises:
             InputError: The statement is wrong, does something else than ask, asks for what is forbidden, or needs too
@@ -122,7 +123,11 @@ class Asker:
         if content is None:
             self._end()
             raise InputError(_STOPPED if self._closed else self._slow() if late.is_set() else self._big())
-        kind, *told = pickle.loads(content)
+        try:
+            kind, *told = json.loads(content)
+        except (TypeError, ValueError, RecursionError):
+            self._end()
+            raise InputError("The query cannot be answered: its answer is not whole.") from None
         if kind == "no question":
             raise InputError(
                 f'A query is one SELECT statement over the table "cases"; this is not: {sql.strip()[:_LONGEST]!r}.'
@@ -133,7 +138,7 @@ class Asker:
         if kind == "error":
             raise InputError(f"The query cannot be answered: {told[0][:_LONGEST]}")
         names, rows = told
-        return names, rows
+        return names, [tuple(row) for row in rows]
 
     def _slow(self) -> str:
         return f"The query takes more than {self._seconds:g} s, so it was stopped; ask for less."

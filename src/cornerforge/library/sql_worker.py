@@ -9,7 +9,8 @@ system keeps: it ends too when who asked was killed and can stop it no more.
 from __future__ import annotations
 
 import contextlib
-import pickle
+import decimal
+import json
 import signal
 import struct
 import sys
@@ -52,6 +53,11 @@ def _limit(megabytes: int) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
+def _plain(value: object) -> float | str:
+    """Give what JSON lacks: of an exact decimal the nearest number, of times, bytes and the like the text."""
+    return float(value) if isinstance(value, decimal.Decimal) else str(value)
+
+
 def _due(seconds: float) -> None:
     """Let the operating system end the process in so many seconds, whatever it does then; 0: do not."""
     if hasattr(signal, "setitimer"):
@@ -90,12 +96,14 @@ def _answers(table: Any, megabytes: int, seconds: float) -> Iterator[bytes]:
                 line = str(error).splitlines()[0] if str(error) else type(error).__name__
                 answer = ("memory",) if "bad_alloc" in line else ("error", line)
             try:
-                content = pickle.dumps(answer)
+                content = json.dumps(answer, default=_plain).encode()
             except MemoryError:
                 content = b""
+            except (TypeError, ValueError, RecursionError):
+                content = b'["error", "one of the values cannot be written down."]'
             del answer
             _due(0.0)
-            yield content if 0 < len(content) < megabytes * _ANSWER else pickle.dumps(("memory",))
+            yield content if 0 < len(content) < megabytes * _ANSWER else b'["memory"]'
 
 
 def main() -> None:
