@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import io
 import json
 import shutil
@@ -346,19 +347,17 @@ def test_the_first_card_is_the_most_frequent_that_careful_braking_prevents(exhib
     assert "BV" not in first["text"]
 
 
-def test_a_card_is_honest_where_braking_prevents_nothing(exhibit: Exhibit) -> None:
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [("holding the speed is enough", "holding the speed would have"), ("nobody", "brakes or holds the speed")],
+)
+def test_a_card_is_honest_where_braking_prevents_nothing(exhibit: Exhibit, word: str, told: str) -> None:
     table = exhibit.table.table
-    place = table.column_names.index("prevention")
-    for word, told in (
-        ("holding the speed is enough", "holding the speed would have"),
-        ("nobody", "brakes or holds the speed"),
-    ):
-        changed = table.set_column(place, "prevention", pa.array([word] * table.num_rows).dictionary_encode())
-        object.__setattr__(exhibit.table, "table", changed)
-        first = cards(exhibit._state.sources, exhibit.table)[0]
-        assert "No crash here would have been prevented by" in first["title"]
-        assert told in first["text"]
-    object.__setattr__(exhibit.table, "table", table)
+    column = pa.array([word] * table.num_rows).dictionary_encode()
+    changed = table.set_column(table.column_names.index("prevention"), "prevention", column)
+    first = cards(exhibit._state.sources, dataclasses.replace(exhibit.table, table=changed))[0]
+    assert "No crash here would have been prevented by" in first["title"]
+    assert told in first["text"]
 
 
 # --- the address ---
@@ -488,6 +487,29 @@ def test_what_cannot_be_shown_is_one_line(tmp_path: Path, capsys: pytest.Capture
         folder.mkdir()
     assert main(["serve", str(folder)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("fault", [InputError("too few cases."), RuntimeError("two\nlines"), MemoryError()])
+def test_an_analysis_that_fails_is_said_on_the_page(
+    place: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception
+) -> None:
+    found = [dataclasses.replace(one, analysis=None) for one in verb._sources(place)]
+    exhibit = Exhibit("run", [(one.source, None) for one in found], verb._driving((), found[0].source))
+    warmed: list[str] = []
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise fault
+
+    monkeypatch.setattr("cornerforge.pipeline.analyse.analyse", fail)
+    monkeypatch.setattr(verb, "_warm_up", lambda *_: warmed.append("yes"))
+    monkeypatch.setattr(verb, "_IDLE_S", 0.0)
+    verb._behind(exhibit, found, None, threading.Event())
+    warnings = exhibit.about()["warnings"]
+    assert [line.startswith("There is no analysis") for line in warnings] == [True, True]
+    assert "\n" not in "".join(warnings)
+    assert exhibit.about()["work"] is None
+    assert warmed == ["yes"]
+    exhibit.close()
 
 
 def test_a_library_without_an_analysis_gets_one(place: Path, tmp_path: Path) -> None:

@@ -194,6 +194,9 @@ def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stop
             exhibit.analysed(one.source.name, read_analysis(one.folder, one.source.cases.path))
         except CornerForgeError as error:
             exhibit.warnings.append(f"There is no analysis: {error}")
+        except Exception as error:  # a bug; the page goes on, and says so
+            line = " ".join(str(error).split())[:200]
+            exhibit.warnings.append(f"There is no analysis, by a fault of cornerforge: {type(error).__name__}: {line}")
         except KeyboardInterrupt:
             return
         finally:
@@ -209,7 +212,7 @@ def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
         case = exhibit.table.first_of(source.name)
         own = str(source.cases.identity["av"])
         for ask in (exhibit.case, exhibit.ghosts, lambda name, of, av=own: exhibit.case_with(name, of, av)):
-            with contextlib.suppress(CornerForgeError):
+            with contextlib.suppress(Exception):  # who asks for it will be told
                 ask(source.name, case)
 
 
