@@ -390,10 +390,10 @@ def answer_of(
 
 
 def test_a_token_opens_once_and_a_cookie_then(exhibit: Exhibit) -> None:
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), None, "secret")
+    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), None, "secret", 80)
     for path in ("/", "/?token=wrong", "/api/about?token=secret", "/?" + "a=1&" * 50 + "token=secret"):
         assert answer_of(app, path)[0] == 401
-    assert answer_of(app, "/", cookie="cornerforge=wrong; a=b")[0] == 401
+    assert answer_of(app, "/", cookie="cornerforge-80=wrong; cornerforge-81=secret; a=b")[0] == 401
     status, told, _ = answer_of(app, "/?token=secret")
     assert (status, told["location"]) == (303, "/")
     assert "httponly" in told["set-cookie"].lower()
@@ -403,7 +403,7 @@ def test_a_token_opens_once_and_a_cookie_then(exhibit: Exhibit) -> None:
 
 
 def test_only_its_own_name_and_page_are_heard(exhibit: Exhibit) -> None:
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None)
+    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None, 80)
     assert answer_of(app, "/")[0] == 200
     assert answer_of(app, "/", host="rebound.example:80")[0] == 421
 
@@ -422,7 +422,7 @@ def test_only_its_own_name_and_page_are_heard(exhibit: Exhibit) -> None:
 )
 def test_a_browser_asks_for_its_own_page_only(exhibit: Exhibit, site: str, status: int) -> None:
     """Any page may make a browser ask; what it asks for may be long work."""
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None)
+    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None, 80)
     assert answer_of(app, "/api/notes", sec_fetch_site=site)[0] == status
     assert answer_of(app, "/", sec_fetch_site=site)[0] == 200  # a link leads to it
 
@@ -445,6 +445,26 @@ def test_a_taken_port_is_passed_over_or_an_error() -> None:
     reachable.listening.close()
     with pytest.raises(InputError, match=r"no\.such\.host\.invalid"):
         open_door("no.such.host.invalid", 0)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "127.1", "LOCALHOST"])
+def test_any_name_of_loopback_is_answered_without_a_token(exhibit: Exhibit, host: str) -> None:
+    door = open_door(host, 0)
+    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), door.hosts, door.token, door.port)
+    address = door.listening.getsockname()[0]
+    assert door.token is None
+    assert door.url == f"http://{host}:{door.port}/"
+    for name in (host, host.lower(), address, "localhost"):
+        assert answer_of(app, "/", host=f"{name}:{door.port}")[0] == 200
+    for name in ("127.0.0.3", "evil.example", host + "."):
+        assert answer_of(app, "/", host=f"{name}:{door.port}")[0] == 421
+    door.listening.close()
+
+
+def test_the_address_of_all_addresses_has_the_name_of_the_machine() -> None:
+    door = open_door("0.0.0.0", 0)
+    assert door.url == f"http://{socket.gethostname()}:{door.port}/?token={door.token}"
+    door.listening.close()
 
 
 # --- the command ---

@@ -32,7 +32,6 @@ POLICY = (
 """What the page may do: run what the server sends, and ask this server only."""
 _MOST_BYTES = 64 * 1024
 """Longest body of a request: a note has at most 10,000 characters."""
-_COOKIE = "cornerforge"
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain", "svg": "image/svg+xml",
           "woff2": "font/woff2", "map": "application/json"}  # fmt: skip
 _HEADERS = {
@@ -69,10 +68,11 @@ class Guard:
         hosts: Names by which the server may be called, with the port (against DNS rebinding); None: any, since a
             cookie is needed.
         token: What the address must hold once, and a cookie from then on; None: none is needed.
+        port: In the cookie's name, because browsers keep one of a name for all ports of a host.
     """
 
-    def __init__(self, app: ASGIApp, hosts: frozenset[str] | None, token: str | None) -> None:
-        self._app, self._hosts, self._token = app, hosts, token
+    def __init__(self, app: ASGIApp, hosts: frozenset[str] | None, token: str | None, port: int) -> None:
+        self._app, self._hosts, self._token, self._cookie = app, hosts, token, f"cornerforge-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or hand on."""
@@ -117,12 +117,12 @@ class Guard:
         given = _token_in(scope["query_string"].decode("latin-1"))
         if scope["path"] == "/" and secrets.compare_digest(given.encode(), token.encode()):
             answer = RedirectResponse("/", 303)
-            answer.set_cookie(_COOKIE, token, httponly=True, samesite="strict", path="/")
+            answer.set_cookie(self._cookie, token, httponly=True, samesite="strict", path="/")
             return answer
         for line in headers.get("cookie", []):
             for part in line.split(";"):
                 name, _, value = part.strip().partition("=")
-                if name == _COOKIE and secrets.compare_digest(value.encode(), token.encode()):
+                if name == self._cookie and secrets.compare_digest(value.encode(), token.encode()):
                     return None
         return _fault(401, "This explorer needs the whole address that cornerforge printed, with its token.")
 

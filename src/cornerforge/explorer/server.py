@@ -47,19 +47,27 @@ class Door:
 
     @property
     def url(self) -> str:
-        """The whole address, with the token."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        """The whole address, with the token; this machine's name where it listens at all its addresses."""
+        host = socket.gethostname() if self._address.is_unspecified else self.host
+        host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + ("" if self.token is None else f"?token={self.token}")
 
+    @property
+    def hosts(self) -> frozenset[str] | None:
+        """What the Host of a request may be; None: anything, since a cookie is needed."""
+        if self.token is not None:
+            return None
+        own = (f"[{name}]" if ":" in name else name for name in (self.host.lower(), str(self._address)))
+        names = {"127.0.0.1", "localhost", "[::1]", *own}
+        return frozenset({f"{name}:{self.port}" for name in names} | (names if self.port == 80 else set()))
 
-def is_loopback(host: str) -> bool:
-    """Say whether only this machine can reach a host."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    @property
+    def _address(self) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+        return _address_of(self.listening)
+
+
+def _address_of(listening: socket.socket) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    return ipaddress.ip_address(str(listening.getsockname()[0]))
 
 
 def open_door(host: str, port: int | None) -> Door:
@@ -93,7 +101,7 @@ def open_door(host: str, port: int | None) -> Door:
             raise OutputError(
                 f"Cannot listen at {host}:{tried}: {reason(error)}; choose another --host or --port."
             ) from None
-        token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        token = None if _address_of(listening).is_loopback else secrets.token_urlsafe(24)
         return Door(listening, host, int(listening.getsockname()[1]), token, port is not None or tried == first)
     taken = f"Port {first} is" if port is not None else f"The ports {first} to {first + _TRIES - 1} are"
     raise OutputError(f"{taken} taken by another program; choose another with --port, 0 for any free one.")
@@ -156,9 +164,4 @@ def _guarded(exhibit: Exhibit, door: Door) -> Guard:
     page = read_page()
     if "index.html" not in page:
         raise OutputError("The explorer's page is not built here; build it with: make web")
-    hosts = None
-    if door.token is None:
-        hosts = frozenset(f"{name}:{door.port}" for name in ("127.0.0.1", "localhost", "[::1]"))
-        if door.port == 80:
-            hosts |= {"127.0.0.1", "localhost", "[::1]"}
-    return Guard(explorer_app(exhibit, page), hosts, door.token)
+    return Guard(explorer_app(exhibit, page), door.hosts, door.token, door.port)
