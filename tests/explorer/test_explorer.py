@@ -257,6 +257,10 @@ def test_notes_are_kept_beside_the_library(server: Running, place: Path) -> None
     assert json.loads(file.read_text(encoding="utf-8"))["notes"] == {"3:0": kept}
     with pytest.raises(HTTPError, match="404"):
         sent(server, "PUT", "api/notes/adversary/9:9", {"labels": [], "note": "x"})
+    for half in ({}, {"labels": []}, {"note": ""}, {"labels": [], "note": "", "more": 1}, {"labels": "x", "note": ""}):
+        with pytest.raises(HTTPError, match="400"):
+            sent(server, "PUT", "api/notes/adversary/3:0", half)
+    assert asked(server, "api/notes") == {"adversary/3:0": kept}
     sent(server, "PUT", "api/notes/adversary/3:0", {"labels": [], "note": ""})
     assert asked(server, "api/notes") == {}
     file.write_text("{", encoding="utf-8")

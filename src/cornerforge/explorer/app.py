@@ -218,10 +218,10 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
 
     async def note(request: Request) -> Response:
         given = await _body(request)
-        if not isinstance(given, dict) or not {"labels", "note"} >= set(given):
+        if not isinstance(given, dict) or set(given) != {"labels", "note"}:
             raise HTTPException(400, 'Send {"labels": ["a label"], "note": "a text"}.')
         source, case_id = request.path_params["source"], request.path_params["case_id"]
-        kept = await run_in_threadpool(exhibit.note, source, case_id, given.get("labels", []), given.get("note", ""))
+        kept = await run_in_threadpool(exhibit.note, source, case_id, given["labels"], given["note"])
         return _json(kept)
 
     one = "/api/case/{source}/{case_id}"
