@@ -38,6 +38,13 @@ from cornerforge.report.judged import read_case_judgements
 from cornerforge.report.verdict import verdict
 from explorer.conftest import Running, started, stopped
 
+BRAKES = """
+import numpy as np
+class Brakes:
+    def act(self, view):
+        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)
+"""
+
 
 def get(server: Running, path: str) -> bytes:
     with urlopen(server.url + path) as answer:
@@ -197,6 +204,36 @@ def test_the_av_that_made_a_case_drives_it_again(server: Running) -> None:
     assert again["vehicles"][0]["x"][: stored["frames"]] == pytest.approx(stored["vehicles"][0]["x"], abs=0.01)
     with pytest.raises(HTTPError, match="404"):
         asked(server, f"api/case/{key}/with/nobody")
+
+
+def test_another_av_is_measured_against_the_same_vehicle(
+    server: Running, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An AV that brakes from the start touches nobody; its time to collision is with the one that the first touched."""
+    (tmp_path / "slow_av.py").write_text(BRAKES, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    running = started(place, "--port", 0, "--with", "slow_av:Brakes")
+    free = 0
+    for row in columns(server, "crash_time_s").to_pylist()[30::8]:
+        key = f"{row['source']}/{row['case_id']}"
+        stored, other = asked(server, f"api/case/{key}"), asked(running, f"api/case/{key}/with/slow_av:Brakes")
+        slot = stored["vehicles"][stored["partner"]]["slot"]
+        if other["partner"] >= 0:
+            continue
+        free += 1
+        (same,) = [vehicle for vehicle in other["vehicles"] if vehicle["slot"] == slot]
+        assert len(other["ttc"]) == len(other["ttcPlane"]) == other["frames"]
+        assert other["ttc"][0] == stored["ttc"][0]  # it begins alike
+        av = other["vehicles"][0]
+        for frame, seconds in enumerate(other["ttc"]):
+            if seconds is not None:
+                at = frame - same["from"]
+                closing = (av["v"][frame] - same["v"][at]) * (1 if same["x"][at] > av["x"][frame] else -1)
+                assert closing > 0.0
+                gap = abs(same["x"][at] - av["x"][frame]) - 0.5 * (av["length"] + same["length"])
+                assert seconds == pytest.approx(max(gap, 0.0) / closing, rel=0.02, abs=0.02)
+    assert free > 0
+    assert stopped(running) == (0, "")
 
 
 def test_a_download_is_an_attachment(server: Running) -> None:
@@ -483,13 +520,7 @@ def test_a_page_that_is_not_built_is_one_line(
 
 
 def test_an_av_of_ones_own_can_drive(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = (
-        "import numpy as np\n"
-        "class Brakes:\n"
-        "    def act(self, view):\n"
-        "        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)\n"
-    )
-    (tmp_path / "my_av.py").write_text(source, encoding="utf-8")
+    (tmp_path / "my_av.py").write_text(BRAKES, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     running = started(place, "--port", 0, "--with", "my_av:Brakes")
     assert "my_av:Brakes" in asked(running, "api/about")["avs"]

@@ -23,6 +23,7 @@ from cornerforge.explorer.state import State, UnknownKeyError
 from cornerforge.explorer.words import KINDS, label_of
 from cornerforge.library import StoredCase
 from cornerforge.library.query import Asker
+from cornerforge.pictures.moments import partner_of
 from cornerforge.report import text
 from cornerforge.report.cases import case_data, first_shown, ghost
 from cornerforge.report.judged import JUDGED, WayOut, judgement_of
@@ -196,7 +197,9 @@ class Exhibit:
         with self._drives.turn():
             scenario = self.driving.with_av(shelf.source, stored, av)
         key = f"{source}/{case_id}@{av}"
-        data = case_data(key, scenario, first=min(first_shown(stored.scenario), len(scenario.x) - 1))
+        first, struck = first_shown(stored.scenario), partner_of(stored.scenario)
+        partner = None if struck is None else int(stored.scenario.slot[struck])
+        data = case_data(key, scenario, first=min(first, len(scenario.x) - 1), partner=partner)
         crashed = scenario.crash is not None and scenario.crash.slot_a == 0
         seconds = "" if scenario.crash is None else f" after {scenario.crash.time:.1f} s"
         title = f"{av}: " + (f"it crashes{seconds}" if crashed else "it does not crash")
