@@ -11,18 +11,29 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO
+from typing import IO, Any
 from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
 
 import pytest
 
 import cornerforge
+from cornerforge.explorer import Exhibit
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
+from cornerforge.pipeline import serve as verb
 from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import WorldOptions
 
 CANARY = "canary-7f1c: no answer may hold this"
+
+BRAKES = """
+import numpy as np
+class Brakes:
+    def act(self, view):
+        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)
+"""
+"""An AV of one's own, in a file of its own."""
 
 WITH_A_PAGE = """
 import sys
@@ -100,3 +111,28 @@ def server(place: Path) -> Iterator[Running]:
     yield running
     if running.process.poll() is None:
         stopped(running)
+
+
+def get(server: Running, path: str) -> bytes:
+    with urlopen(server.url + path) as answer:
+        content: bytes = answer.read()
+    return content
+
+
+def asked(server: Running, path: str) -> Any:
+    return json.loads(get(server, path))
+
+
+def sent(server: Running, method: str, path: str, content: Any) -> bytes:
+    body, kind = json.dumps(content).encode(), {"Content-Type": "application/json"}
+    with urlopen(Request(server.url + path, body, kind, method=method)) as answer:
+        got: bytes = answer.read()
+    return got
+
+
+@pytest.fixture(scope="module")
+def exhibit(place: Path) -> Iterator[Exhibit]:
+    found = verb._sources(place)
+    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
+    yield made
+    made.close()

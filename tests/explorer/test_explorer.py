@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import asyncio
 import dataclasses
 import io
 import json
 import shutil
-import socket
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError
-from urllib.request import Request, urlopen
+from urllib.request import urlopen
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from explorer.conftest import BRAKES, Running, asked, get, sent, started, stopped
 from PIL import Image
-from starlette.types import ASGIApp, Message
 
-from cornerforge.cli import main
-from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.explorer import Analysis, Exhibit, open_door
-from cornerforge.explorer.app import Guard, explorer_app
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.explorer import Analysis, Exhibit
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
-from cornerforge.explorer.server import PORT
 from cornerforge.explorer.start import cards, headline_of
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline import serve as verb
@@ -36,43 +30,10 @@ from cornerforge.rates import weighted_interval
 from cornerforge.report.cases import case_data
 from cornerforge.report.judged import read_case_judgements
 from cornerforge.report.verdict import verdict
-from explorer.conftest import Running, started, stopped
-
-BRAKES = """
-import numpy as np
-class Brakes:
-    def act(self, view):
-        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)
-"""
-
-
-def get(server: Running, path: str) -> bytes:
-    with urlopen(server.url + path) as answer:
-        content: bytes = answer.read()
-    return content
-
-
-def asked(server: Running, path: str) -> Any:
-    return json.loads(get(server, path))
 
 
 def columns(server: Running, *names: str) -> pa.Table:
     return pa.ipc.open_stream(get(server, f"api/columns?names={','.join(names)}")).read_all()
-
-
-def sent(server: Running, method: str, path: str, content: Any) -> bytes:
-    body, kind = json.dumps(content).encode(), {"Content-Type": "application/json"}
-    with urlopen(Request(server.url + path, body, kind, method=method)) as answer:
-        got: bytes = answer.read()
-    return got
-
-
-@pytest.fixture(scope="module")
-def exhibit(place: Path) -> Iterator[Exhibit]:
-    found = verb._sources(place)
-    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
-    yield made
-    made.close()
 
 
 @pytest.fixture
@@ -294,7 +255,9 @@ def test_notes_are_kept_beside_the_library(server: Running, place: Path) -> None
     assert json.loads(file.read_text(encoding="utf-8"))["notes"] == {"3:0": kept}
     with pytest.raises(HTTPError, match="404"):
         sent(server, "PUT", "api/notes/adversary/9:9", {"labels": [], "note": "x"})
-    for half in ({}, {"labels": []}, {"note": ""}, {"labels": [], "note": "", "more": 1}, {"labels": "x", "note": ""}):
+    halves: list[dict[str, Any]] = [{}, {"labels": []}, {"note": ""}, {"labels": [], "note": "", "more": 1}]
+    halves.append({"labels": "x", "note": ""})
+    for half in halves:
         with pytest.raises(HTTPError, match="400"):
             sent(server, "PUT", "api/notes/adversary/3:0", half)
     assert asked(server, "api/notes") == {"adversary/3:0": kept}
@@ -399,185 +362,3 @@ def test_a_card_is_honest_where_braking_prevents_nothing(exhibit: Exhibit, word:
     first = cards(exhibit._state.sources, dataclasses.replace(exhibit.table, table=changed))[0]
     assert "No crash here would have been prevented by" in first["title"]
     assert told in first["text"]
-
-
-# --- the address ---
-
-
-def answer_of(
-    app: ASGIApp, path: str, *, method: str = "GET", body: bytes = b"", **headers: str
-) -> tuple[int, dict[str, str], bytes]:
-    """Ask an application, without a socket: status, headers, content."""
-    sent: list[Message] = []
-    way, _, query = path.partition("?")
-    given = {"host": "127.0.0.1:80", **{name.replace("_", "-"): value for name, value in headers.items()}}
-    scope = {
-        "type": "http", "method": method, "path": way, "raw_path": way.encode(), "query_string": query.encode(),
-        "headers": [(name.encode(), value.encode()) for name, value in given.items()],
-    }  # fmt: skip
-
-    async def receive() -> Message:
-        return {"type": "http.request", "body": body, "more_body": False}
-
-    async def send(message: Message) -> None:
-        sent.append(message)
-
-    async def ask() -> None:
-        await app(scope, receive, send)
-
-    asyncio.run(ask())
-    told = {name.decode().lower(): value.decode() for name, value in sent[0]["headers"]}
-    return sent[0]["status"], told, b"".join(message.get("body", b"") for message in sent[1:])
-
-
-def test_a_token_opens_once_and_a_cookie_then(exhibit: Exhibit) -> None:
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), None, "secret", 80)
-    for path in ("/", "/?token=wrong", "/api/about?token=secret", "/?" + "a=1&" * 50 + "token=secret"):
-        assert answer_of(app, path)[0] == 401
-    assert answer_of(app, "/", cookie="cornerforge-80=wrong; cornerforge-81=secret; a=b")[0] == 401
-    status, told, _ = answer_of(app, "/?token=secret")
-    assert (status, told["location"]) == (303, "/")
-    assert "httponly" in told["set-cookie"].lower()
-    assert "samesite=strict" in told["set-cookie"].lower()
-    cookie = told["set-cookie"].partition(";")[0]
-    assert answer_of(app, "/", cookie=f"a=b; {cookie}", host="any.name:1")[2] == b"page"
-
-
-def test_only_its_own_name_and_page_are_heard(exhibit: Exhibit) -> None:
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None, 80)
-    assert answer_of(app, "/")[0] == 200
-    assert answer_of(app, "/", host="rebound.example:80")[0] == 421
-
-    def change(origin: str, kind: str = "application/json") -> int:
-        path = "/api/notes/adversary/3:0"
-        return answer_of(app, path, method="PUT", body=b'{"labels": 1}', origin=origin, content_type=kind)[0]
-
-    assert change("http://evil.example") == 403
-    assert change("null") == 403
-    assert change("http://127.0.0.1:80", "text/plain") == 415
-    assert change("http://127.0.0.1:80") == 400
-
-
-@pytest.mark.parametrize(
-    ("site", "status"), [("same-origin", 200), ("none", 200), ("same-site", 403), ("cross-site", 403)]
-)
-def test_a_browser_asks_for_its_own_page_only(exhibit: Exhibit, site: str, status: int) -> None:
-    """Any page may make a browser ask; what it asks for may be long work."""
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None, 80)
-    assert answer_of(app, "/api/notes", sec_fetch_site=site)[0] == status
-    assert answer_of(app, "/", sec_fetch_site=site)[0] == 200  # a link leads to it
-
-
-def test_a_taken_port_is_passed_over_or_an_error() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        with pytest.raises(OutputError, match=f"Port {taken.getsockname()[1]} is taken"):
-            open_door("127.0.0.1", taken.getsockname()[1])
-    first, second = open_door("127.0.0.1", None), open_door("127.0.0.1", None)
-    assert first.port >= PORT
-    assert second.port > first.port
-    assert not second.usual
-    assert first.token is None
-    first.listening.close()
-    second.listening.close()
-    reachable = open_door("0.0.0.0", 0)
-    assert reachable.token is not None
-    reachable.listening.close()
-    with pytest.raises(InputError, match=r"no\.such\.host\.invalid"):
-        open_door("no.such.host.invalid", 0)
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "127.1", "LOCALHOST"])
-def test_any_name_of_loopback_is_answered_without_a_token(exhibit: Exhibit, host: str) -> None:
-    door = open_door(host, 0)
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), door.hosts, door.token, door.port)
-    address = door.listening.getsockname()[0]
-    assert door.token is None
-    assert door.url == f"http://{host}:{door.port}/"
-    for name in (host, host.lower(), address, "localhost"):
-        assert answer_of(app, "/", host=f"{name}:{door.port}")[0] == 200
-    for name in ("127.0.0.3", "evil.example", host + "."):
-        assert answer_of(app, "/", host=f"{name}:{door.port}")[0] == 421
-    door.listening.close()
-
-
-def test_the_address_of_all_addresses_has_the_name_of_the_machine() -> None:
-    door = open_door("0.0.0.0", 0)
-    assert door.url == f"http://{socket.gethostname()}:{door.port}/?token={door.token}"
-    door.listening.close()
-
-
-# --- the command ---
-
-
-def test_a_page_that_is_not_built_is_one_line(
-    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cornerforge.explorer.server.read_page", dict)
-    assert main(["serve", str(place), "--port", "0"]) == 2
-    assert capsys.readouterr().err == "cornerforge: The explorer's page is not built here; build it with: make web\n"
-
-
-def test_an_av_of_ones_own_can_drive(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "my_av.py").write_text(BRAKES, encoding="utf-8")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-    running = started(place, "--port", 0, "--with", "my_av:Brakes")
-    assert "my_av:Brakes" in asked(running, "api/about")["avs"]
-    told = asked(running, "api/case/adversary/3:0/with/my_av:Brakes")
-    speeds = told["vehicles"][0]["v"]
-    assert speeds[30] < speeds[0] - 5.0
-    assert stopped(running)[0] == 0
-
-
-def test_an_av_that_is_not_there_is_one_line(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["serve", str(place), "--with", "no-such-av"]) == 2
-    assert "no-such-av" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("what", ["nothing", "empty"])
-def test_what_cannot_be_shown_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str) -> None:
-    folder = tmp_path / what
-    if what == "empty":
-        folder.mkdir()
-    assert main(["serve", str(folder)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-@pytest.mark.parametrize("fault", [InputError("too few cases."), RuntimeError("two\nlines"), MemoryError()])
-def test_an_analysis_that_fails_is_said_on_the_page(
-    place: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception
-) -> None:
-    found = [dataclasses.replace(one, analysis=None) for one in verb._sources(place)]
-    exhibit = Exhibit("run", [(one.source, None) for one in found], verb._driving((), found[0].source))
-    warmed: list[str] = []
-
-    def fail(*_: Any, **__: Any) -> None:
-        raise fault
-
-    monkeypatch.setattr("cornerforge.pipeline.analyse.analyse", fail)
-    monkeypatch.setattr(verb, "_warm_up", lambda *_: warmed.append("yes"))
-    monkeypatch.setattr(verb, "_IDLE_S", 0.0)
-    verb._behind(exhibit, found, None, threading.Event())
-    warnings = exhibit.about()["warnings"]
-    assert [line.startswith("There is no analysis") for line in warnings] == [True, True]
-    assert "\n" not in "".join(warnings)
-    assert exhibit.about()["work"] is None
-    assert warmed == ["yes"]
-    exhibit.close()
-
-
-def test_a_library_without_an_analysis_gets_one(place: Path, tmp_path: Path) -> None:
-    shutil.copytree(place / "library", tmp_path / "lib")
-    running = started(tmp_path / "lib", "--port", 0)
-    end = time.monotonic() + 300
-    while (told := asked(running, "api/about"))["revision"] == 1:
-        assert time.monotonic() < end
-        time.sleep(0.2)
-    assert told["warnings"] == []
-    assert "pc1" in {one["name"] for one in told["columns"]}
-    assert (tmp_path / "lib-analysis" / "analysis.json").is_file()
-    assert stopped(running) == (0, "")
-    again = started(tmp_path / "lib", "--port", 0)
-    assert "pc1" in {one["name"] for one in asked(again, "api/about")["columns"]}
-    stopped(again)

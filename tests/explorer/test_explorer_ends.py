@@ -10,10 +10,9 @@ from pathlib import Path
 from urllib.error import HTTPError
 
 import pytest
+from explorer.conftest import Running, asked, get, sent, started, stopped
 
 from cornerforge.explorer.room import MOST, Room, UnavailableError
-from explorer.conftest import Running, started, stopped
-from explorer.test_explorer import asked, get, sent
 
 ENDLESS = "(select sum(x.range * y.range) from range(10000000) x, range(10000000) y) > 0"
 

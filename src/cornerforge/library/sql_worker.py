@@ -3,8 +3,8 @@
 Run as a file, so that it starts at once: it imports DuckDB, Arrow and the standard library only. On its standard input
 it gets a table, then statements; it writes an answer to each. Its memory is limited twice: by DuckDB itself, and by the
 operating system, since some of DuckDB's functions do not count theirs. The operating system lets it write no byte into
-a file, though it could still make an empty one: that DuckDB is told not to. It has its own deadline, which the operating
-system keeps: it ends too when who asked was killed and can stop it no more.
+a file, though it could still make an empty one: that is left to DuckDB, which is told to open none. It has its own
+deadline, which the operating system keeps: it ends too when who asked was killed and can stop it no more.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def write_message(stream: IO[bytes], content: bytes | memoryview) -> None:
 
 
 def _limit(megabytes: int) -> None:
-    """Let the process take so much more memory than it has, and write nothing into files; where the system can limit that."""
+    """Let the process take so much more memory, and write nothing into files; where the system can limit that."""
     with contextlib.suppress(ImportError, OSError, ValueError, StopIteration):
         import resource
 

@@ -1,6 +1,6 @@
 """How fast the explorer is: `cornerforge serve` and its page in Chromium without a graphics card.
 
-    .venv/bin/python benchmarks/explorer.py out/demo/library --cases 50000 --points 100000
+    .venv/bin/python benchmarks/explorer_speed.py out/demo/library --cases 50000 --points 100000
 
 Makes two libraries of so many cases, by copying those of LIB and of its analysis beside it (out/demo/analysis) under
 other names, and measures, each with the machine otherwise idle: from the start of the program to all columns that the
