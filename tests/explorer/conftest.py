@@ -10,17 +10,30 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO, Any
 from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
 
 import pytest
 
 import cornerforge
+from cornerforge.explorer import Exhibit
 from cornerforge.library import CaseLibrary
 from cornerforge.library.shards import encode_tables
+from cornerforge.pipeline import serve as verb
 from cornerforge.pipeline.setting import experiment
 from cornerforge.world_options import WorldOptions
 
 CANARY = "canary-7f1c: no answer may hold this"
+
+BRAKES = """
+import numpy as np
+class Brakes:
+    def act(self, view):
+        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)
+"""
+"""An AV of one's own, in a file of its own."""
 
 WITH_A_PAGE = """
 import sys
@@ -65,27 +78,31 @@ class Running:
     """A server in another process."""
 
     process: subprocess.Popen[str]
+    errors: IO[str]
     url: str
     port: int
 
 
 def started(*arguments: object) -> Running:
-    """Start the program, and wait until it says where it is."""
+    """Start the program, and wait until it says where it is; its errors go into a file, which is never full."""
+    errors = TemporaryFile("w+")  # noqa: SIM115  closed by `stopped`
     command = [sys.executable, "-c", WITH_A_PAGE, "serve", *map(str, arguments), "--json"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
     assert process.stdout is not None
-    assert process.stderr is not None
     line = process.stdout.readline()
-    assert line, process.stderr.read()
+    errors.seek(0)
+    assert line, errors.read()
     told = json.loads(line)
-    return Running(process, told["url"], urlsplit(told["url"]).port or 0)
+    return Running(process, errors, told["url"], urlsplit(told["url"]).port or 0)
 
 
-def stopped(running: Running) -> tuple[int, str]:
+def stopped(running: Running, by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
     """End it as Ctrl-C does; exit status, and what it wrote to standard error."""
-    running.process.send_signal(signal.SIGINT)
-    _, told = running.process.communicate(timeout=60)
-    return running.process.returncode, told
+    running.process.send_signal(by)
+    running.process.communicate(timeout=60)
+    with running.errors:
+        running.errors.seek(0)
+        return running.process.returncode, running.errors.read()
 
 
 @pytest.fixture(scope="module")
@@ -94,3 +111,28 @@ def server(place: Path) -> Iterator[Running]:
     yield running
     if running.process.poll() is None:
         stopped(running)
+
+
+def get(server: Running, path: str) -> bytes:
+    with urlopen(server.url + path) as answer:
+        content: bytes = answer.read()
+    return content
+
+
+def asked(server: Running, path: str) -> Any:
+    return json.loads(get(server, path))
+
+
+def sent(server: Running, method: str, path: str, content: Any) -> bytes:
+    body, kind = json.dumps(content).encode(), {"Content-Type": "application/json"}
+    with urlopen(Request(server.url + path, body, kind, method=method)) as answer:
+        got: bytes = answer.read()
+    return got
+
+
+@pytest.fixture(scope="module")
+def exhibit(place: Path) -> Iterator[Exhibit]:
+    found = verb._sources(place)
+    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
+    yield made
+    made.close()

@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import asyncio
+import dataclasses
 import io
 import json
 import shutil
-import socket
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError
-from urllib.request import Request, urlopen
+from urllib.request import urlopen
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from explorer.conftest import Running, started, stopped
+from explorer.conftest import BRAKES, Running, asked, get, sent, started, stopped
 from PIL import Image
-from starlette.types import ASGIApp, Message
 
-from cornerforge.cli import main
-from cornerforge.errors import FileFormatError, InputError, OutputError
-from cornerforge.explorer import Exhibit, open_door
-from cornerforge.explorer.app import Guard, explorer_app
+from cornerforge.errors import FileFormatError, InputError
+from cornerforge.explorer import Analysis, Exhibit
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
-from cornerforge.explorer.server import PORT
-from cornerforge.explorer.start import cards
+from cornerforge.explorer.start import cards, headline_of
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline import serve as verb
 from cornerforge.rates import weighted_interval
@@ -38,33 +32,54 @@ from cornerforge.report.judged import read_case_judgements
 from cornerforge.report.verdict import verdict
 
 
-def get(server: Running, path: str) -> bytes:
-    with urlopen(server.url + path) as answer:
-        content: bytes = answer.read()
-    return content
-
-
-def asked(server: Running, path: str) -> Any:
-    return json.loads(get(server, path))
-
-
 def columns(server: Running, *names: str) -> pa.Table:
     return pa.ipc.open_stream(get(server, f"api/columns?names={','.join(names)}")).read_all()
 
 
-def sent(server: Running, method: str, path: str, content: Any) -> bytes:
-    body, kind = json.dumps(content).encode(), {"Content-Type": "application/json"}
-    with urlopen(Request(server.url + path, body, kind, method=method)) as answer:
-        got: bytes = answer.read()
-    return got
-
-
-@pytest.fixture(scope="module")
-def exhibit(place: Path) -> Iterator[Exhibit]:
+@pytest.fixture
+def bare(place: Path) -> Iterator[tuple[Exhibit, Analysis]]:
+    """The cases without an analysis, and the one of the natural cases, which may arrive."""
     found = verb._sources(place)
-    made = Exhibit("run", [(one.source, one.analysis) for one in found], verb._driving((), found[0].source))
-    yield made
+    made = Exhibit("run", [(one.source, None) for one in found], verb._driving((), found[0].source))
+    assert found[0].analysis is not None
+    yield made, found[0].analysis
     made.close()
+
+
+def test_a_case_that_is_read_while_an_analysis_arrives(
+    bare: tuple[Exhibit, Analysis], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exhibit, analysis = bare
+    case = exhibit.table.first_of("natural")
+    before = exhibit.case("natural", case)
+
+    def slowly(*given: Any) -> Any:
+        exhibit.analysed("natural", analysis)
+        return case_data(*given)
+
+    monkeypatch.setattr("cornerforge.explorer.exhibit.case_data", slowly)
+    assert exhibit.case("natural", case) == before
+    monkeypatch.undo()
+    assert len(exhibit.case("natural", case)["facts"]) > len(before["facts"])
+
+
+def test_what_is_told_at_once_is_of_one_time(bare: tuple[Exhibit, Analysis], monkeypatch: pytest.MonkeyPatch) -> None:
+    exhibit, analysis = bare
+    before = exhibit.about()
+    assert (before["revision"], before["start"]) == (1, [])
+    assert "pc1" not in {one["name"] for one in before["columns"]}
+
+    def slowly(sources: Any) -> str:
+        exhibit.analysed("natural", analysis)
+        return headline_of(sources)
+
+    monkeypatch.setattr("cornerforge.explorer.exhibit.headline_of", slowly)
+    assert exhibit.about() == before
+    monkeypatch.undo()
+    after = exhibit.about()
+    assert after["revision"] == 2
+    assert after["start"]
+    assert "pc1" in {one["name"] for one in after["columns"]}
 
 
 def test_columns_are_those_of_the_files(server: Running, place: Path) -> None:
@@ -152,6 +167,36 @@ def test_the_av_that_made_a_case_drives_it_again(server: Running) -> None:
         asked(server, f"api/case/{key}/with/nobody")
 
 
+def test_another_av_is_measured_against_the_same_vehicle(
+    server: Running, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An AV that brakes from the start touches nobody; its time to collision is with the one that the first touched."""
+    (tmp_path / "slow_av.py").write_text(BRAKES, encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    running = started(place, "--port", 0, "--with", "slow_av:Brakes")
+    free = 0
+    for row in columns(server, "crash_time_s").to_pylist()[30::8]:
+        key = f"{row['source']}/{row['case_id']}"
+        stored, other = asked(server, f"api/case/{key}"), asked(running, f"api/case/{key}/with/slow_av:Brakes")
+        slot = stored["vehicles"][stored["partner"]]["slot"]
+        if other["partner"] >= 0:
+            continue
+        free += 1
+        (same,) = [vehicle for vehicle in other["vehicles"] if vehicle["slot"] == slot]
+        assert len(other["ttc"]) == len(other["ttcPlane"]) == other["frames"]
+        assert other["ttc"][0] == stored["ttc"][0]  # it begins alike
+        av = other["vehicles"][0]
+        for frame, seconds in enumerate(other["ttc"]):
+            if seconds is not None:
+                at = frame - same["from"]
+                closing = (av["v"][frame] - same["v"][at]) * (1 if same["x"][at] > av["x"][frame] else -1)
+                assert closing > 0.0
+                gap = abs(same["x"][at] - av["x"][frame]) - 0.5 * (av["length"] + same["length"])
+                assert seconds == pytest.approx(max(gap, 0.0) / closing, rel=0.02, abs=0.02)
+    assert free > 0
+    assert stopped(running) == (0, "")
+
+
 def test_a_download_is_an_attachment(server: Running) -> None:
     with urlopen(server.url + "api/case/adversary/3:0/download/json") as answer:
         assert answer.headers["content-disposition"] == 'attachment; filename="adversary-3-0.json"'
@@ -166,6 +211,16 @@ def test_a_video_can_be_taken_away(server: Running) -> None:
         assert answer.headers["content-type"] == "image/gif"
         picture = Image.open(io.BytesIO(answer.read()))
     assert getattr(picture, "n_frames", 1) > 10
+
+
+def test_a_machine_without_ffmpeg_offers_what_it_can(exhibit: Exhibit, monkeypatch: pytest.MonkeyPatch) -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+
+    def none() -> str:
+        raise RuntimeError("No ffmpeg exe could be found.")
+
+    monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", none)
+    assert [one["format"] for one in exhibit.about()["downloads"]] == ["gif", "json"]
 
 
 def test_sql_gives_a_bit_for_each_row(server: Running) -> None:
@@ -200,6 +255,12 @@ def test_notes_are_kept_beside_the_library(server: Running, place: Path) -> None
     assert json.loads(file.read_text(encoding="utf-8"))["notes"] == {"3:0": kept}
     with pytest.raises(HTTPError, match="404"):
         sent(server, "PUT", "api/notes/adversary/9:9", {"labels": [], "note": "x"})
+    halves: list[dict[str, Any]] = [{}, {"labels": []}, {"note": ""}, {"labels": [], "note": "", "more": 1}]
+    halves.append({"labels": "x", "note": ""})
+    for half in halves:
+        with pytest.raises(HTTPError, match="400"):
+            sent(server, "PUT", "api/notes/adversary/3:0", half)
+    assert asked(server, "api/notes") == {"adversary/3:0": kept}
     sent(server, "PUT", "api/notes/adversary/3:0", {"labels": [], "note": ""})
     assert asked(server, "api/notes") == {}
     file.write_text("{", encoding="utf-8")
@@ -207,6 +268,25 @@ def test_notes_are_kept_beside_the_library(server: Running, place: Path) -> None
         sent(server, "PUT", "api/notes/adversary/3:0", {"labels": ["x"], "note": ""})
     assert file.read_text(encoding="utf-8") == "{"
     file.unlink()
+
+
+@pytest.mark.parametrize(("inside", "name"), [("", "."), ("deeper", "..")])
+def test_a_library_may_be_the_folder_one_is_in(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, inside: str, name: str
+) -> None:
+    library = tmp_path / "lib"
+    shutil.copytree(place / "library", library)
+    (library / inside).mkdir(exist_ok=True)
+    monkeypatch.chdir(library / inside)
+    running = started(name, "--port", 0)
+    told = asked(running, "api/about")
+    assert told["name"] == "lib"
+    assert told["sources"][0]["replay"] == f"cornerforge replay {library}"
+    sent(running, "PUT", "api/notes/adversary/3:0", {"labels": ["seen"], "note": ""})
+    assert stopped(running) == (0, "")
+    assert read_notes(tmp_path / "lib-notes.json") == {"3:0": {"labels": ["seen"], "note": ""}}
+    assert verb._sources(library)[0].folder == tmp_path / "lib-analysis"
+    assert not list((library / inside).glob("*-analysis"))
 
 
 def test_no_note_is_lost_when_many_are_written_at_once(tmp_path: Path) -> None:
@@ -271,154 +351,14 @@ def test_the_first_card_is_the_most_frequent_that_careful_braking_prevents(exhib
     assert "BV" not in first["text"]
 
 
-def test_a_card_is_honest_where_braking_prevents_nothing(exhibit: Exhibit) -> None:
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [("holding the speed is enough", "holding the speed would have"), ("nobody", "brakes or holds the speed")],
+)
+def test_a_card_is_honest_where_braking_prevents_nothing(exhibit: Exhibit, word: str, told: str) -> None:
     table = exhibit.table.table
-    place = table.column_names.index("prevention")
-    for word, told in (
-        ("holding the speed is enough", "holding the speed would have"),
-        ("nobody", "brakes or holds the speed"),
-    ):
-        changed = table.set_column(place, "prevention", pa.array([word] * table.num_rows).dictionary_encode())
-        object.__setattr__(exhibit.table, "table", changed)
-        first = cards(exhibit._sources(), exhibit.table)[0]
-        assert "No crash here would have been prevented by" in first["title"]
-        assert told in first["text"]
-    object.__setattr__(exhibit.table, "table", table)
-
-
-# --- the address ---
-
-
-def answer_of(
-    app: ASGIApp, path: str, *, method: str = "GET", body: bytes = b"", **headers: str
-) -> tuple[int, dict[str, str], bytes]:
-    """Ask an application, without a socket: status, headers, content."""
-    sent: list[Message] = []
-    way, _, query = path.partition("?")
-    given = {"host": "127.0.0.1:80", **{name.replace("_", "-"): value for name, value in headers.items()}}
-    scope = {
-        "type": "http", "method": method, "path": way, "raw_path": way.encode(), "query_string": query.encode(),
-        "headers": [(name.encode(), value.encode()) for name, value in given.items()],
-    }  # fmt: skip
-
-    async def receive() -> Message:
-        return {"type": "http.request", "body": body, "more_body": False}
-
-    async def send(message: Message) -> None:
-        sent.append(message)
-
-    async def ask() -> None:
-        await app(scope, receive, send)
-
-    asyncio.run(ask())
-    told = {name.decode().lower(): value.decode() for name, value in sent[0]["headers"]}
-    return sent[0]["status"], told, b"".join(message.get("body", b"") for message in sent[1:])
-
-
-def test_a_token_opens_once_and_a_cookie_then(exhibit: Exhibit) -> None:
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), None, "secret")
-    for path in ("/", "/?token=wrong", "/api/about?token=secret", "/?" + "a=1&" * 50 + "token=secret"):
-        assert answer_of(app, path)[0] == 401
-    assert answer_of(app, "/", cookie="cornerforge=wrong; a=b")[0] == 401
-    status, told, _ = answer_of(app, "/?token=secret")
-    assert (status, told["location"]) == (303, "/")
-    assert "httponly" in told["set-cookie"].lower()
-    assert "samesite=strict" in told["set-cookie"].lower()
-    cookie = told["set-cookie"].partition(";")[0]
-    assert answer_of(app, "/", cookie=f"a=b; {cookie}", host="any.name:1")[2] == b"page"
-
-
-def test_only_its_own_name_and_page_are_heard(exhibit: Exhibit) -> None:
-    app = Guard(explorer_app(exhibit, {"index.html": b"page"}), frozenset({"127.0.0.1:80"}), None)
-    assert answer_of(app, "/")[0] == 200
-    assert answer_of(app, "/", host="rebound.example:80")[0] == 421
-
-    def change(origin: str, kind: str = "application/json") -> int:
-        path = "/api/notes/adversary/3:0"
-        return answer_of(app, path, method="PUT", body=b'{"labels": 1}', origin=origin, content_type=kind)[0]
-
-    assert change("http://evil.example") == 403
-    assert change("null") == 403
-    assert change("http://127.0.0.1:80", "text/plain") == 415
-    assert change("http://127.0.0.1:80") == 400
-
-
-def test_a_taken_port_is_passed_over_or_an_error() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        with pytest.raises(OutputError, match=f"Port {taken.getsockname()[1]} is taken"):
-            open_door("127.0.0.1", taken.getsockname()[1])
-    first, second = open_door("127.0.0.1", None), open_door("127.0.0.1", None)
-    assert first.port >= PORT
-    assert second.port > first.port
-    assert not second.usual
-    assert first.token is None
-    first.listening.close()
-    second.listening.close()
-    reachable = open_door("0.0.0.0", 0)
-    assert reachable.token is not None
-    reachable.listening.close()
-    with pytest.raises(InputError, match=r"no\.such\.host\.invalid"):
-        open_door("no.such.host.invalid", 0)
-
-
-# --- the command ---
-
-
-def test_a_page_that_is_not_built_is_one_line(
-    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cornerforge.explorer.server.read_page", dict)
-    assert main(["serve", str(place), "--port", "0"]) == 2
-    assert capsys.readouterr().err == "cornerforge: The explorer's page is not built here; build it with: make web\n"
-
-
-def test_an_av_of_ones_own_can_drive(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = (
-        "import numpy as np\n"
-        "class Brakes:\n"
-        "    def act(self, view):\n"
-        "        return np.stack([np.full(len(view), -4.0), np.zeros(len(view))], axis=1)\n"
-    )
-    (tmp_path / "my_av.py").write_text(source, encoding="utf-8")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
-    running = started(place, "--port", 0, "--with", "my_av:Brakes")
-    assert "my_av:Brakes" in asked(running, "api/about")["avs"]
-    told = asked(running, "api/case/adversary/3:0/with/my_av:Brakes")
-    speeds = told["vehicles"][0]["v"]
-    assert speeds[30] < speeds[0] - 5.0
-    assert stopped(running)[0] == 0
-
-
-def test_an_av_that_is_not_there_is_one_line(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["serve", str(place), "--with", "no-such-av"]) == 2
-    assert "no-such-av" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("what", ["nothing", "empty"])
-def test_what_cannot_be_shown_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str) -> None:
-    folder = tmp_path / what
-    if what == "empty":
-        folder.mkdir()
-    assert main(["serve", str(folder)]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_a_library_without_an_analysis_gets_one(place: Path, tmp_path: Path) -> None:
-    shutil.copytree(place / "library", tmp_path / "lib")
-    running = started(tmp_path / "lib", "--port", 0)
-    told = asked(running, "api/about")
-    assert (told["revision"], told["start"]) == (1, [])
-    assert "pc1" not in {one["name"] for one in told["columns"]}
-    end = time.monotonic() + 300
-    while (told := asked(running, "api/about"))["revision"] == 1:
-        assert time.monotonic() < end
-        time.sleep(0.2)
-    assert told["warnings"] == []
-    assert "pc1" in {one["name"] for one in told["columns"]}
-    assert (tmp_path / "lib-analysis" / "analysis.json").is_file()
-    assert stopped(running) == (0, "")
-    again = started(tmp_path / "lib", "--port", 0)
-    assert "pc1" in {one["name"] for one in asked(again, "api/about")["columns"]}
-    stopped(again)
+    column = pa.array([word] * table.num_rows).dictionary_encode()
+    changed = table.set_column(table.column_names.index("prevention"), "prevention", column)
+    first = cards(exhibit._state.sources, dataclasses.replace(exhibit.table, table=changed))[0]
+    assert "No crash here would have been prevented by" in first["title"]
+    assert told in first["text"]

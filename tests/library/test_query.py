@@ -1,6 +1,11 @@
 from __future__ import annotations
 
+import contextlib
+import math
+import os
+import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -70,6 +75,37 @@ def test_a_mistake_is_one_plain_line(filled: Path, sql: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_what_comes_back_is_plain(filled: Path) -> None:
+    """The sandbox's bytes are read as JSON, never unpickled."""
+    columns, rows = CaseLibrary.open(filled).query(
+        "SELECT sum(test), 0.1::DOUBLE + 0.2, 1.50, 'nan'::DOUBLE, '-inf'::DOUBLE, date '2020-01-02', true, 'ä', "
+        "[1, NULL], {'a': 1.5}, 'x'::BLOB, sum(test) AS \"sum\" FROM cases"
+    )
+    assert len(columns) == 12
+    total, exact, fixed, nan, low, *rest = rows[0]
+    assert (type(total), exact, fixed, low) == (int, 0.1 + 0.2, 1.5, -math.inf)
+    assert math.isnan(nan)
+    assert rest == ["2020-01-02", True, "ä", [1, None], {"a": 1.5}, "b'x'", total]
+
+
+@pytest.mark.parametrize(
+    "sql",
+    ["SELECT map([date '2020-01-02'], [1])", f"SELECT {'[' * 400}1{']' * 400}", "SELECT timestamptz '2020-01-01'"],
+)
+def test_what_cannot_be_told_is_an_error(filled: Path, sql: str) -> None:
+    with Asker(CaseLibrary.open(filled).scalars()) as asker:
+        with contextlib.suppress(InputError):
+            asker.ask(sql)
+        assert asker.ask("SELECT 1")[1] == [(1,)]
+
+
+@pytest.mark.parametrize("said", [b"cos\nsystem\n(S'exit 1'\ntR.", b"[" * 100_000, b"\xff"])
+def test_a_worker_that_is_not_ones_own_does_no_harm(filled: Path, monkeypatch: pytest.MonkeyPatch, said: bytes) -> None:
+    monkeypatch.setattr("cornerforge.library.query.read_message", lambda _: said)
+    with Asker(CaseLibrary.open(filled).scalars()) as asker, pytest.raises(InputError, match="not whole"):
+        asker.ask("SELECT 1")
+
+
 @pytest.mark.parametrize("sql", ["", "  ", "-- nothing", "SELECT 1; SELECT 2"])
 def test_one_select_it_has_to_be(filled: Path, sql: str) -> None:
     with pytest.raises(InputError, match="one SELECT statement"):
@@ -103,3 +139,64 @@ def test_a_statement_that_needs_much_memory_is_stopped(filled: Path, greedy: str
         with pytest.raises(InputError, match="more than 128 MB"):
             asker.ask(greedy)
         assert asker.ask("SELECT 1")[1] == [(1,)]
+
+
+def test_closing_stops_the_question_and_those_that_wait(filled: Path) -> None:
+    asker = Asker(CaseLibrary.open(filled).scalars())
+    told: list[str] = []
+
+    def ask(sql: str) -> None:
+        try:
+            told.append(str(asker.ask(sql)))
+        except InputError as error:
+            told.append(str(error))
+
+    asked = [threading.Thread(target=ask, args=(sql,)) for sql in (ENDLESS, "SELECT 1", "SELECT 2")]
+    for thread in asked:
+        thread.start()
+        time.sleep(1.0)  # the first is being answered
+    begin = time.monotonic()
+    asker.close()
+    for thread in asked:
+        thread.join()
+    assert time.monotonic() - begin < 5.0
+    assert told == ["The query was stopped, because what answers it is ending."] * 3
+    assert asker._process is None
+    with pytest.raises(InputError, match="was stopped"):
+        asker.ask("SELECT 1")
+
+
+ASKS_FOR_LONG = f"""
+import pyarrow as pa
+from cornerforge.library.query import Asker
+asker = Asker(pa.table({{"a": [1]}}), seconds=2.0)
+asker.ask("SELECT 1")
+print(asker._process.pid, flush=True)
+asker.ask({ENDLESS!r})
+"""
+
+
+def is_running(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_the_process_ends_by_itself_when_who_asked_was_killed() -> None:
+    asking = subprocess.Popen([sys.executable, "-c", ASKS_FOR_LONG], stdout=subprocess.PIPE, text=True)
+    assert asking.stdout is not None
+    worker = int(asking.stdout.readline())
+    time.sleep(1.0)  # it is at work
+    assert is_running(worker)
+    asking.kill()
+    asking.communicate()
+    end = time.monotonic() + 15.0
+    try:
+        while is_running(worker):
+            assert time.monotonic() < end
+            time.sleep(0.1)
+    finally:
+        if is_running(worker):
+            os.kill(worker, 9)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 from urllib.parse import parse_qs
@@ -18,7 +18,9 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cornerforge.errors import CornerForgeError, FileFormatError, OutputError
-from cornerforge.explorer.exhibit import Exhibit, UnknownKeyError
+from cornerforge.explorer.exhibit import Exhibit
+from cornerforge.explorer.room import UnavailableError
+from cornerforge.explorer.state import UnknownKeyError
 
 __all__ = ["POLICY", "Guard", "explorer_app", "read_page"]
 
@@ -30,7 +32,6 @@ POLICY = (
 """What the page may do: run what the server sends, and ask this server only."""
 _MOST_BYTES = 64 * 1024
 """Longest body of a request: a note has at most 10,000 characters."""
-_COOKIE = "cornerforge"
 _TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain", "svg": "image/svg+xml",
           "woff2": "font/woff2", "map": "application/json"}  # fmt: skip
 _HEADERS = {
@@ -67,10 +68,11 @@ class Guard:
         hosts: Names by which the server may be called, with the port (against DNS rebinding); None: any, since a
             cookie is needed.
         token: What the address must hold once, and a cookie from then on; None: none is needed.
+        port: In the cookie's name, because browsers keep one of a name for all ports of a host.
     """
 
-    def __init__(self, app: ASGIApp, hosts: frozenset[str] | None, token: str | None) -> None:
-        self._app, self._hosts, self._token = app, hosts, token
+    def __init__(self, app: ASGIApp, hosts: frozenset[str] | None, token: str | None, port: int) -> None:
+        self._app, self._hosts, self._token, self._cookie = app, hosts, token, f"cornerforge-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or hand on."""
@@ -100,6 +102,9 @@ class Guard:
         host = headers.get("host", [""])
         if len(host) != 1 or (self._hosts is not None and host[0].lower() not in self._hosts):
             return _fault(421, "This server answers to its own address only; open the one that cornerforge printed.")
+        site = headers.get("sec-fetch-site", ["none"])  # which browsers tell; it is a question of another page
+        if scope["path"].startswith("/api/") and not {"same-origin", "none"} >= set(site):
+            return _fault(403, "Only the explorer's own page may ask this.")
         if scope["method"] not in ("GET", "HEAD"):
             origin, kind = headers.get("origin", []), headers.get("content-type", [""])
             if origin and origin != [f"http://{host[0]}"]:
@@ -112,12 +117,12 @@ class Guard:
         given = _token_in(scope["query_string"].decode("latin-1"))
         if scope["path"] == "/" and secrets.compare_digest(given.encode(), token.encode()):
             answer = RedirectResponse("/", 303)
-            answer.set_cookie(_COOKIE, token, httponly=True, samesite="strict", path="/")
+            answer.set_cookie(self._cookie, token, httponly=True, samesite="strict", path="/")
             return answer
         for line in headers.get("cookie", []):
             for part in line.split(";"):
                 name, _, value = part.strip().partition("=")
-                if name == _COOKIE and secrets.compare_digest(value.encode(), token.encode()):
+                if name == self._cookie and secrets.compare_digest(value.encode(), token.encode()):
                     return None
         return _fault(401, "This explorer needs the whole address that cornerforge printed, with its token.")
 
@@ -150,6 +155,72 @@ def _no_constant(name: str) -> Any:
     raise ValueError(name)
 
 
+class _Answers:
+    """The answers to good requests.
+
+    Args:
+        exhibit: What is shown.
+        page: Files of the page by name.
+    """
+
+    def __init__(self, exhibit: Exhibit, page: Mapping[str, bytes]) -> None:
+        self._exhibit, self._page = exhibit, page
+
+    async def index(self, request: Request) -> Response:  # noqa: ARG002
+        return self._file("index.html")
+
+    async def asset(self, request: Request) -> Response:
+        return self._file(request.path_params["name"])
+
+    def _file(self, name: str) -> Response:
+        if name not in self._page:
+            raise HTTPException(404, "There is no such file.")
+        kind = _TYPES.get(name.rpartition(".")[2], "application/octet-stream")
+        text = kind.startswith("text/")
+        return Response(self._page[name], media_type=f"{kind}; charset=utf-8" if text else kind)
+
+    # Starlette calls what is not async in a thread.
+
+    def about(self, request: Request) -> Response:  # noqa: ARG002
+        return _json(self._exhibit.about())
+
+    def columns(self, request: Request) -> Response:
+        names = [name for name in request.query_params.get("names", "").split(",") if name]
+        return Response(self._exhibit.table.stream(names), media_type="application/vnd.apache.arrow.stream")
+
+    def case(self, request: Request) -> Response:
+        return _json(self._exhibit.case(**request.path_params))
+
+    def ghosts(self, request: Request) -> Response:
+        return _json(self._exhibit.ghosts(**request.path_params))
+
+    def case_with(self, request: Request) -> Response:
+        return _json(self._exhibit.case_with(**request.path_params))
+
+    def download(self, request: Request) -> Response:
+        media, name, content = self._exhibit.download(**request.path_params)
+        return Response(content, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
+
+    async def sql(self, request: Request) -> Response:
+        asked = await _body(request)
+        where = asked.get("where") if isinstance(asked, dict) else None
+        if not isinstance(where, str):
+            raise HTTPException(400, 'Send {"where": "a condition in SQL"}.')
+        bits = await run_in_threadpool(self._exhibit.rows_where, where)
+        return Response(bits, media_type="application/octet-stream")
+
+    def notes(self, request: Request) -> Response:  # noqa: ARG002
+        return _json(self._exhibit.notes())
+
+    async def note(self, request: Request) -> Response:
+        given = await _body(request)
+        if not isinstance(given, dict) or set(given) != {"labels", "note"}:
+            raise HTTPException(400, 'Send {"labels": ["a label"], "note": "a text"}.')
+        source, case_id = request.path_params["source"], request.path_params["case_id"]
+        kept = await run_in_threadpool(self._exhibit.note, source, case_id, given["labels"], given["note"])
+        return _json(kept)
+
+
 def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
     """Make the application.
 
@@ -157,86 +228,25 @@ def explorer_app(exhibit: Exhibit, page: Mapping[str, bytes]) -> Starlette:
         exhibit: What is shown.
         page: Files of the page by name.
     """
-    Answer = Callable[[Request], Awaitable[Response]]  # noqa: N806
-
-    def answering(work: Callable[[Request], Response]) -> Answer:
-        """Make a route of something that takes a while: it runs in a thread."""
-
-        async def answer(request: Request) -> Response:
-            return await run_in_threadpool(work, request)
-
-        return answer
-
-    def file(name: str) -> Response:
-        if name not in page:
-            raise HTTPException(404, "There is no such file.")
-        kind = _TYPES.get(name.rpartition(".")[2], "application/octet-stream")
-        text = kind.startswith("text/")
-        return Response(page[name], media_type=f"{kind}; charset=utf-8" if text else kind)
-
-    async def index(request: Request) -> Response:  # noqa: ARG001
-        return file("index.html")
-
-    async def asset(request: Request) -> Response:
-        return file(request.path_params["name"])
-
-    def about(request: Request) -> Response:  # noqa: ARG001
-        return _json(exhibit.about())
-
-    def columns(request: Request) -> Response:
-        names = [name for name in request.query_params.get("names", "").split(",") if name]
-        return Response(exhibit.table.stream(names), media_type="application/vnd.apache.arrow.stream")
-
-    def case(request: Request) -> Response:
-        return _json(exhibit.case(**request.path_params))
-
-    def ghosts(request: Request) -> Response:
-        return _json(exhibit.ghosts(**request.path_params))
-
-    def case_with(request: Request) -> Response:
-        return _json(exhibit.case_with(**request.path_params))
-
-    def download(request: Request) -> Response:
-        media, name, content = exhibit.download(**request.path_params)
-        return Response(content, media_type=media, headers={"content-disposition": f'attachment; filename="{name}"'})
-
-    async def sql(request: Request) -> Response:
-        asked = await _body(request)
-        where = asked.get("where") if isinstance(asked, dict) else None
-        if not isinstance(where, str):
-            raise HTTPException(400, 'Send {"where": "a condition in SQL"}.')
-        bits = await run_in_threadpool(exhibit.rows_where, where)
-        return Response(bits, media_type="application/octet-stream")
-
-    def notes(request: Request) -> Response:  # noqa: ARG001
-        return _json(exhibit.notes())
-
-    async def note(request: Request) -> Response:
-        given = await _body(request)
-        if not isinstance(given, dict) or not {"labels", "note"} >= set(given):
-            raise HTTPException(400, 'Send {"labels": ["a label"], "note": "a text"}.')
-        source, case_id = request.path_params["source"], request.path_params["case_id"]
-        kept = await run_in_threadpool(exhibit.note, source, case_id, given.get("labels", []), given.get("note", ""))
-        return _json(kept)
-
-    one = "/api/case/{source}/{case_id}"
+    answers, one = _Answers(exhibit, page), "/api/case/{source}/{case_id}"
     app = Starlette(
         routes=[
-            Route("/", index),
-            Route("/assets/{name}", asset),
-            Route("/api/about", answering(about)),
-            Route("/api/columns", answering(columns)),
-            Route(one, answering(case)),
-            Route(f"{one}/ghosts", answering(ghosts)),
-            Route(one + "/with/{av:path}", answering(case_with)),
-            Route(one + "/download/{name}", answering(download)),
-            Route("/api/sql", sql, methods=["POST"]),
-            Route("/api/notes", answering(notes)),
-            Route("/api/notes/{source}/{case_id}", note, methods=["PUT"]),
+            Route("/", answers.index),
+            Route("/assets/{name}", answers.asset),
+            Route("/api/about", answers.about),
+            Route("/api/columns", answers.columns),
+            Route(one, answers.case),
+            Route(f"{one}/ghosts", answers.ghosts),
+            Route(one + "/with/{av:path}", answers.case_with),
+            Route(one + "/download/{name}", answers.download),
+            Route("/api/sql", answers.sql, methods=["POST"]),
+            Route("/api/notes", answers.notes),
+            Route("/api/notes/{source}/{case_id}", answers.note, methods=["PUT"]),
         ],
         exception_handlers={
             HTTPException: lambda _, error: _fault(error.status_code, error.detail),
             UnknownKeyError: lambda _, error: _fault(404, str(error)),
+            UnavailableError: lambda _, error: _fault(503, str(error)),
             CornerForgeError: lambda _, error: _fault(_status(error), str(error)),
             ClientDisconnect: lambda _, __: _fault(400, "The request ended early."),
             Exception: lambda _, __: _fault(500, "The server failed at this; what it says in its terminal is a bug."),

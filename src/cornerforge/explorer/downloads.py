@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cornerforge.errors import MissingExtraError
+from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.pictures.film import check_film, film
 from cornerforge.report.judged import WayOut
 from cornerforge.types import Scenario
@@ -35,19 +35,22 @@ class Shown:
 class _Format:
     label: str
     media: str
-    make: Callable[[Shown], bytes]
+    make: Callable[[Shown, Callable[[], None]], bytes]
 
 
-def _json(shown: Shown) -> bytes:
+def _json(shown: Shown, going: Callable[[], None]) -> bytes:  # noqa: ARG001
     return json.dumps(shown.data, separators=(",", ":"), allow_nan=False).encode()
 
 
-def _film(ending: str) -> Callable[[Shown], bytes]:
-    def make(shown: Shown) -> bytes:
+def _film(ending: str) -> Callable[[Shown, Callable[[], None]], bytes]:
+    def make(shown: Shown, going: Callable[[], None]) -> bytes:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"case.{ending}"
             title = f"Case {shown.data['key']}"
-            film(shown.scenario, path, title=title, sentence=shown.data["title"], way_out=shown.way_out)
+            film(
+                shown.scenario, path, title=title, sentence=shown.data["title"], way_out=shown.way_out,
+                progress=lambda _, __: going(),
+            )  # fmt: skip
             return path.read_bytes()
 
     return make
@@ -62,24 +65,25 @@ _FORMATS = {
 
 
 def formats() -> dict[str, str]:
-    """Formats that can be made here, each with what people read; videos need the extra `video`."""
+    """Formats that can be made here, each with what people read; videos need the extra `video`, most an ffmpeg."""
 
     def here(name: str) -> bool:
         try:
             check_film(Path(f"case.{name}"))
-        except MissingExtraError:
+        except (InputError, MissingExtraError):
             return False
         return True
 
     return {name: one.label for name, one in _FORMATS.items() if name == "json" or here(name)}
 
 
-def made(shown: Shown, name: str) -> tuple[str, bytes]:
+def made(shown: Shown, name: str, going: Callable[[], None] = lambda: None) -> tuple[str, bytes]:
     """Make a file of a case.
 
     Args:
         shown: The case.
         name: One of `formats()`.
+        going: Called for each picture of a video; what it raises ends the work.
 
     Returns:
         Media type and content.
@@ -88,4 +92,4 @@ def made(shown: Shown, name: str) -> tuple[str, bytes]:
         OutputError: The program that writes videos failed.
     """
     one = _FORMATS[name]
-    return one.media, one.make(shown)
+    return one.media, one.make(shown, going)

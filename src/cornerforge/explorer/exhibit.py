@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,25 +13,24 @@ import pyarrow as pa
 
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.explorer.columns import CaseTable, case_table
+from cornerforge.explorer.columns import CaseTable
 from cornerforge.explorer.downloads import Shown, formats, made
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
-from cornerforge.explorer.sources import Analysis, Source, read_ways_out
+from cornerforge.explorer.room import Room
+from cornerforge.explorer.sources import Analysis, Source
 from cornerforge.explorer.start import cards, headline_of
+from cornerforge.explorer.state import State, UnknownKeyError
 from cornerforge.explorer.words import KINDS, label_of
 from cornerforge.library import StoredCase
-from cornerforge.library.query import SECONDS, Asker
+from cornerforge.library.query import Asker
+from cornerforge.pictures.moments import partner_of
 from cornerforge.report import text
 from cornerforge.report.cases import case_data, first_shown, ghost
 from cornerforge.report.judged import JUDGED, WayOut, judgement_of
 from cornerforge.report.verdict import verdict
 from cornerforge.types import Scenario
 
-__all__ = ["Driving", "Exhibit", "Ghost", "UnknownKeyError"]
-
-
-class UnknownKeyError(InputError):
-    """There is no such source, case, AV or format."""
+__all__ = ["Driving", "Exhibit", "Ghost"]
 
 
 @dataclass(frozen=True)
@@ -68,17 +65,6 @@ class Driving:
     with_av: Callable[[Source, StoredCase, str], Scenario]
 
 
-@dataclass
-class _Shelf:
-    """One source as it is now; `ways_out` are read when a case is first asked for."""
-
-    source: Source
-    analysis: Analysis | None = None
-    ways_out: dict[str, int] | None = None
-    motions: pa.Table | None = None
-    lock: threading.Lock = field(default_factory=threading.Lock)
-
-
 _WHOLE = re.compile(r"\s*(select|with|from)\b", re.IGNORECASE)
 """Begins a whole SELECT; all else is a condition."""
 
@@ -104,39 +90,33 @@ class Exhibit:
         self.driving = driving
         self.warnings = list(warnings)
         self.work: dict[str, Any] | None = None
-        self.revision = 1
-        self._shelves = {source.name: _Shelf(source, analysis) for source, analysis in sources}
-        self._drives, self._asking, self._makes = threading.Lock(), threading.Lock(), threading.Lock()
+        self._drives, self._asks, self._makes = Room("drives"), Room("questions in SQL"), Room("videos")
         self._asker: tuple[CaseTable, Asker] | None = None
-        self._table = case_table(sources)
+        self._state = State.of(sources)
 
     @property
     def table(self) -> CaseTable:
         """All cases, as they are known now."""
-        return self._table
+        return self._state.table
 
     def analysed(self, source: str, analysis: Analysis) -> None:
-        """Take up an analysis that has just been written; `revision` grows."""
-        shelf = self._shelves[source]
-        with shelf.lock:
-            shelf.analysis, shelf.ways_out, shelf.motions = analysis, None, None
-        self._table = case_table(self._sources())
-        self.revision += 1
+        """Take up an analysis that has just been written; `revision` grows. For one thread."""
+        self._state = self._state.analysed(source, analysis)
 
-    def _sources(self) -> list[tuple[Source, Analysis | None]]:
-        return [(shelf.source, shelf.analysis) for shelf in self._shelves.values()]
+    # Each answer takes the state once: another may be there before it is done.
 
     def about(self) -> dict[str, Any]:
         """Make what /api/about says."""
-        table = self._table
-        first = next(iter(self._shelves.values())).source.cases.identity
-        attack = [shelf.source for shelf in self._shelves.values() if not shelf.source.natural]
-        counts = dict.fromkeys(self._shelves, 0) | _counts(table.table["source"])
+        state = self._state
+        table, shelves = state.table, list(state.shelves.values())
+        first = shelves[0].source.cases.identity
+        attack = [shelf.source for shelf in shelves if not shelf.source.natural]
+        counts = dict.fromkeys(state.shelves, 0) | _counts(table.table["source"])
         return {
             "name": self.name,
             "av": str(first.get("av", "unknown")),
             "version": str(first.get("cornerforge", "unknown")),
-            "headline": text.sentence(headline_of(self._sources())),
+            "headline": text.sentence(headline_of(state.sources)),
             "adversary": str(attack[0].cases.identity.get("bv", "")) if attack else "",
             "sources": [
                 {
@@ -146,15 +126,15 @@ class Exhibit:
                     "natural": shelf.source.natural,
                     "replay": shelf.source.replay,
                 }
-                for shelf in self._shelves.values()
+                for shelf in shelves
             ],
-            "revision": self.revision,
+            "revision": state.revision,
             "work": self.work,
             "avs": list(self.driving.avs),
             "drivers": list(self.driving.drivers),
             "downloads": [{"format": name, "label": label} for name, label in formats().items()],
             "columns": [column.to_json() for column in table.columns],
-            "start": cards(self._sources(), table),
+            "start": cards(state.sources, table),
             "warnings": self.warnings,
         }
 
@@ -168,37 +148,28 @@ class Exhibit:
         return dict(self._shown(source, case_id).data)
 
     def _shown(self, source: str, case_id: str) -> Shown:
-        row = self.row_of(source, case_id)
-        shelf, stored = self._stored(source, case_id)
-        way_out, told = self._way_out(shelf, case_id), self._table.row(row)
+        state = self._state
+        shelf, row = state.find(source, case_id)
+        stored, way_out, told = shelf.stored(case_id), shelf.way_out(case_id), state.table.row(row)
         data = case_data(f"{source}/{case_id}", stored.scenario, way_out)
         known = "" if told.get("fault") is None else verdict(judgement_of({n: told.get(n) for n in JUDGED}, way_out))
         data |= {
             "key": f"{source}/{case_id}",
             "title": _title(stored.scenario, told),
             "verdict": text.sentence(known),
-            "facts": self._facts(told),
+            "facts": _facts(state.table, told),
         }
         return Shown(stored.scenario, way_out, data)
 
-    def row_of(self, source: str, case_id: str) -> int:
-        """Return the row of a case.
+    def ghosts(self, source: str, case_id: str) -> dict[str, Any]:
+        """Make what /api/case/SOURCE/CASE_ID/ghosts says.
 
         Raises:
-            UnknownKeyError: There is no such case.
+            CornerForgeError: As of `case`; the case cannot be judged; or too many ask, or the server ends.
         """
-        row = self._table.rows.get((source, case_id))
-        if row is None:
-            known = ", ".join(self._shelves)
-            what = f"case {case_id[:80]!r} in {source}" if source in self._shelves else f"source {source[:80]!r}"
-            raise UnknownKeyError(f"There is no {what}; sources: {known}.")
-        return row
-
-    def ghosts(self, source: str, case_id: str) -> dict[str, Any]:
-        """Make what /api/case/SOURCE/CASE_ID/ghosts says; errors as of `case`, and InputError: it cannot be judged."""
-        self.row_of(source, case_id)
-        shelf, stored = self._stored(source, case_id)
-        with self._drives:
+        shelf, _ = self._state.find(source, case_id)
+        stored = shelf.stored(case_id)
+        with self._drives.turn():
             found = self.driving.ghosts(shelf.source, stored)
         first = first_shown(stored.scenario)
         return {
@@ -219,21 +190,23 @@ class Exhibit:
             UnknownKeyError: There is no such case or AV.
             CornerForgeError: The case cannot be read or driven.
         """
-        self.row_of(source, case_id)
+        shelf, _ = self._state.find(source, case_id)
         if av not in self.driving.avs:
             raise UnknownKeyError(f"There is no AV {av[:80]!r} here; known: {', '.join(self.driving.avs)}.")
-        shelf, stored = self._stored(source, case_id)
-        with self._drives:
+        stored = shelf.stored(case_id)
+        with self._drives.turn():
             scenario = self.driving.with_av(shelf.source, stored, av)
         key = f"{source}/{case_id}@{av}"
-        data = case_data(key, scenario, first=min(first_shown(stored.scenario), len(scenario.x) - 1))
+        first, struck = first_shown(stored.scenario), partner_of(stored.scenario)
+        partner = None if struck is None else int(stored.scenario.slot[struck])
+        data = case_data(key, scenario, first=min(first, len(scenario.x) - 1), partner=partner)
         crashed = scenario.crash is not None and scenario.crash.slot_a == 0
         seconds = "" if scenario.crash is None else f" after {scenario.crash.time:.1f} s"
         title = f"{av}: " + (f"it crashes{seconds}" if crashed else "it does not crash")
         return data | {"key": key, "title": title, "verdict": "", "facts": []}
 
     def download(self, source: str, case_id: str, name: str) -> tuple[str, str, bytes]:
-        """Make a file of a case; one at a time, because a video takes all cores.
+        """Make a file of a case; videos one at a time, because each takes all cores.
 
         Returns:
             Media type, file name, and content.
@@ -241,13 +214,17 @@ class Exhibit:
         Raises:
             UnknownKeyError: There is no such case or format.
             OutputError: The program that writes videos failed.
+            UnavailableError: Too many videos are being made, or the server ends.
         """
-        self.row_of(source, case_id)
+        self._state.find(source, case_id)
         if name not in (known := formats()):
             raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(known)}.")
         shown = self._shown(source, case_id)
-        with self._makes:
+        if name == "json":
             media, content = made(shown, name)
+        else:
+            with self._makes.turn():
+                media, content = made(shown, name, self._makes.check)
         return media, f"{source}-{case_id.replace(':', '-')}.{name}", content
 
     def rows_where(self, where: str) -> bytes:
@@ -259,18 +236,16 @@ class Exhibit:
         Raises:
             InputError: The condition is wrong or forbidden, or takes too much time or memory.
             MissingExtraError: DuckDB is not installed.
+            UnavailableError: Too many questions are being answered, or the server ends.
         """
-        if not self._asking.acquire(timeout=2.0 * SECONDS):
-            raise InputError("Other questions are being answered; ask again.")
-        try:
-            table = self._table
+        with self._asks.turn():
+            table = self._state.table
             if self._asker is None or self._asker[0] is not table:
                 if self._asker is not None:
                     self._asker[1].close()
                 self._asker = table, Asker(table.plain())
+                self._asks.check()  # `close` may have missed it
             return _bits(self._asker[1], table, where)
-        finally:
-            self._asking.release()
 
     def notes(self) -> dict[str, Any]:
         """Make what /api/notes says.
@@ -279,7 +254,9 @@ class Exhibit:
             FileFormatError: A file of notes is damaged.
         """
         return {
-            f"{name}/{case}": one for name in self._shelves for case, one in read_notes(self._notes_file(name)).items()
+            f"{name}/{case}": one
+            for name, shelf in self._state.shelves.items()
+            for case, one in read_notes(notes_file(shelf.source.cases.path)).items()
         }
 
     def note(self, source: str, case_id: str, labels: Any, note: Any) -> dict[str, Any]:
@@ -290,49 +267,29 @@ class Exhibit:
             InputError: They are no texts, or too long.
             FileFormatError, OutputError: The file of notes is damaged, or cannot be written.
         """
-        self.row_of(source, case_id)
-        return keep_note(self._notes_file(source), case_id, labels, note)
-
-    def _notes_file(self, source: str) -> Path:
-        return notes_file(self._shelves[source].source.cases.path)
+        shelf, _ = self._state.find(source, case_id)
+        return keep_note(notes_file(shelf.source.cases.path), case_id, labels, note)
 
     def close(self) -> None:
-        """End what was started."""
+        """End what was started: who waits or works is told so, and SQL's process ends."""
+        for room in (self._drives, self._asks, self._makes):
+            room.close()
         if self._asker is not None:
             self._asker[1].close()
 
-    def _stored(self, source: str, case_id: str) -> tuple[_Shelf, StoredCase]:
-        shelf = self._shelves[source]
-        with shelf.lock:
-            return shelf, shelf.source.cases.scenario(case_id)
 
-    def _way_out(self, shelf: _Shelf, case_id: str) -> WayOut | None:
-        if shelf.analysis is None:
-            return None
-        with shelf.lock:
-            if shelf.ways_out is None:
-                shelf.motions = read_ways_out(shelf.analysis.folder, shelf.source.cases.path)
-                shelf.ways_out = {name: row for row, name in enumerate(shelf.motions["case_id"].to_pylist())}
-            row, motions = shelf.ways_out.get(case_id), shelf.motions
-        if row is None or motions is None:
-            return None
-        _, begin_s, *motion = (motions[name][row].as_py() for name in motions.column_names)
-        if begin_s is None or not motion[0]:
-            return None
-        return WayOut(begin_s, *(np.array(values, np.float64) for values in motion))
-
-    def _facts(self, told: Mapping[str, Any]) -> list[dict[str, Any]]:
-        return [
-            {
-                "name": column.name,
-                "label": label_of(column.name),
-                "value": _fact(told[column.name]),
-                "unit": column.unit,
-                "meaning": column.meaning,
-            }
-            for column in self._table.columns
-            if column.name not in ("source", "case_id")
-        ]
+def _facts(table: CaseTable, told: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": column.name,
+            "label": label_of(column.name),
+            "value": _fact(told[column.name]),
+            "unit": column.unit,
+            "meaning": column.meaning,
+        }
+        for column in table.columns
+        if column.name not in ("source", "case_id")
+    ]
 
 
 def _bits(asker: Asker, table: CaseTable, where: str) -> bytes:

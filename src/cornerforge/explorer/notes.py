@@ -20,7 +20,8 @@ _LONGEST_LABEL, _LONGEST_NOTE, _MOST_LABELS = 40, 10_000, 50
 
 def notes_file(library: Path) -> Path:
     """Name the file of a library's notes: LIB-notes.json."""
-    return library.with_name(f"{library.resolve().name}-notes.json")
+    library = library.resolve()  # . and .. have no name
+    return library.parent / f"{library.name}-notes.json"
 
 
 def read_notes(file: Path) -> dict[str, dict[str, Any]]:

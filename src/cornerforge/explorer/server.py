@@ -6,8 +6,11 @@ import errno
 import ipaddress
 import logging
 import secrets
+import signal
 import socket
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import uvicorn
@@ -44,19 +47,27 @@ class Door:
 
     @property
     def url(self) -> str:
-        """The whole address, with the token."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        """The whole address, with the token; this machine's name where it listens at all its addresses."""
+        host = socket.gethostname() if self._address.is_unspecified else self.host
+        host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + ("" if self.token is None else f"?token={self.token}")
 
+    @property
+    def hosts(self) -> frozenset[str] | None:
+        """What the Host of a request may be; None: anything, since a cookie is needed."""
+        if self.token is not None:
+            return None
+        own = (f"[{name}]" if ":" in name else name for name in (self.host.lower(), str(self._address)))
+        names = {"127.0.0.1", "localhost", "[::1]", *own}
+        return frozenset({f"{name}:{self.port}" for name in names} | (names if self.port == 80 else set()))
 
-def is_loopback(host: str) -> bool:
-    """Say whether only this machine can reach a host."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    @property
+    def _address(self) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+        return _address_of(self.listening)
+
+
+def _address_of(listening: socket.socket) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    return ipaddress.ip_address(str(listening.getsockname()[0]))
 
 
 def open_door(host: str, port: int | None) -> Door:
@@ -90,37 +101,67 @@ def open_door(host: str, port: int | None) -> Door:
             raise OutputError(
                 f"Cannot listen at {host}:{tried}: {reason(error)}; choose another --host or --port."
             ) from None
-        token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        token = None if _address_of(listening).is_loopback else secrets.token_urlsafe(24)
         return Door(listening, host, int(listening.getsockname()[1]), token, port is not None or tried == first)
     taken = f"Port {first} is" if port is not None else f"The ports {first} to {first + _TRIES - 1} are"
     raise OutputError(f"{taken} taken by another program; choose another with --port, 0 for any free one.")
 
 
+class _Server(uvicorn.Server):
+    """Ends the exhibit's long work first, so that every question has its answer before the server ends."""
+
+    def __init__(self, config: uvicorn.Config, exhibit: Exhibit) -> None:
+        super().__init__(config)
+        self._exhibit = exhibit
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        # What is cut off now is meant to be.
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL + 1)
+        self._exhibit.close()
+        await super().shutdown(sockets)
+
+
+@contextmanager
+def _ending_alike() -> Iterator[None]:
+    """Let SIGTERM end the program as Ctrl-C does, by KeyboardInterrupt; in another thread than the main one, do not."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def serve_exhibit(exhibit: Exhibit, door: Door, up: Callable[[], None]) -> None:
-    """Serve until Ctrl-C, or until the process is asked to end.
+    """Serve until Ctrl-C, or until the process is asked to end; the exhibit is closed then.
 
     Args:
         exhibit: What is shown.
         door: From `open_door`.
-        up: Called once when it answers.
+        up: Called once; what is asked from then on is answered.
 
     Raises:
         OutputError: The page was not built.
     """
+    try:
+        config = uvicorn.Config(
+            _guarded(exhibit, door), http="h11", ws="none", lifespan="off", loop="asyncio", interface="asgi3",
+            log_config=None, access_log=False, server_header=False, date_header=False, proxy_headers=False,
+            timeout_keep_alive=30, timeout_graceful_shutdown=1, h11_max_incomplete_event_size=32 * 1024,
+        )  # fmt: skip
+        logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # no line for each malformed request
+        with _ending_alike(), suppress(KeyboardInterrupt):
+            up()
+            _Server(config, exhibit).run(sockets=[door.listening])
+    finally:
+        exhibit.close()
+        door.listening.close()
+
+
+def _guarded(exhibit: Exhibit, door: Door) -> Guard:
     page = read_page()
     if "index.html" not in page:
         raise OutputError("The explorer's page is not built here; build it with: make web")
-    hosts = None
-    if door.token is None:
-        hosts = frozenset(f"{name}:{door.port}" for name in ("127.0.0.1", "localhost", "[::1]"))
-        if door.port == 80:
-            hosts |= {"127.0.0.1", "localhost", "[::1]"}
-    app = Guard(explorer_app(exhibit, page), hosts, door.token)
-    config = uvicorn.Config(
-        app, http="h11", ws="none", lifespan="off", loop="asyncio", interface="asgi3", log_config=None,
-        access_log=False, server_header=False, date_header=False, proxy_headers=False, timeout_keep_alive=30,
-        timeout_graceful_shutdown=1, h11_max_incomplete_event_size=32 * 1024,
-    )  # fmt: skip
-    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)  # no line for each malformed request
-    up()
-    uvicorn.Server(config).run(sockets=[door.listening])
+    return Guard(explorer_app(exhibit, page), door.hosts, door.token, door.port)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import pickle
+import json
 import subprocess
 import sys
 import threading
@@ -23,6 +23,9 @@ SECONDS = 10.0
 """Longest time that an answer may take [s]."""
 MEGABYTES = 512
 """Most memory that DuckDB may use for it; the process gets half as much again for what DuckDB does not count."""
+_GRACE_S = 1.0
+"""So much later the process ends by itself [s], should nobody be there who stops it."""
+_STOPPED = "The query was stopped, because what answers it is ending."
 _LONGEST = 500
 """Most characters of a message that come from the statement."""
 
@@ -48,7 +51,7 @@ class Asker:
         if importlib.util.find_spec("duckdb") is None:
             raise MissingExtraError("duckdb", "query")
         self._cases, self._seconds, self._megabytes = cases, seconds, megabytes
-        self._lock = threading.Lock()
+        self._lock, self._starting, self._closed = threading.Lock(), threading.Lock(), False
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Asker:
@@ -60,7 +63,16 @@ class Asker:
         self.close()
 
     def close(self) -> None:
-        """End the process; a later question starts another."""
+        """End the process and all questions, also those that wait; no other is answered."""
+        with self._starting:
+            self._closed = True
+            if self._process is not None:
+                self._process.kill()
+        with self._lock:
+            self._end()
+
+    def _end(self) -> None:
+        """End the process; the next question starts another."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()
@@ -74,18 +86,19 @@ class Asker:
         """Answer one SELECT (or EXPLAIN, DESCRIBE, SUMMARIZE) statement in DuckDB's dialect.
 
         Returns:
-            Column names, and rows as tuples of Python values (None for null).
+            Column names, and rows as tuples of what JSON has: numbers, texts, true and false, None for null, lists,
+            and dicts; exact decimals are the nearest number, times and the like their text.
 
         Raises:
             InputError: The statement is wrong, does something else than ask, asks for what is forbidden, or needs too
-                much time or memory.
+                much time or memory; or `close` was called.
         """
         with self._lock:
             try:
                 return self._ask(sql)
             except BaseException as error:  # Ctrl-C too: what is half read is of no use to the next question
                 if not isinstance(error, InputError):
-                    self.close()
+                    self._end()
                 raise
 
     def _ask(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:
@@ -108,20 +121,24 @@ class Asker:
         finally:
             timer.cancel()
         if content is None:
-            self.close()
-            raise InputError(self._slow() if late.is_set() else self._big())
-        kind, *told = pickle.loads(content)
+            self._end()
+            raise InputError(_STOPPED if self._closed else self._slow() if late.is_set() else self._big())
+        try:
+            kind, *told = json.loads(content)
+        except (TypeError, ValueError, RecursionError):
+            self._end()
+            raise InputError("The query cannot be answered: its answer is not whole.") from None
         if kind == "no question":
             raise InputError(
                 f'A query is one SELECT statement over the table "cases"; this is not: {sql.strip()[:_LONGEST]!r}.'
             )
         if kind == "memory":
-            self.close()  # what it holds is not given back
+            self._end()  # what it holds is not given back
             raise InputError(self._big())
         if kind == "error":
             raise InputError(f"The query cannot be answered: {told[0][:_LONGEST]}")
         names, rows = told
-        return names, rows
+        return names, [tuple(row) for row in rows]
 
     def _slow(self) -> str:
         return f"The query takes more than {self._seconds:g} s, so it was stopped; ask for less."
@@ -133,20 +150,23 @@ class Asker:
         """Give the process, started and with its table."""
         if self._process is not None and self._process.poll() is None:
             return self._process
-        self.close()
+        self._end()
         worker = Path(__file__).with_name("sql_worker.py")
         # -P: the modules beside the file are no modules of its Python.
-        command = [sys.executable, "-P", str(worker), str(self._megabytes)]
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
+        command = [sys.executable, "-P", str(worker), str(self._megabytes), str(self._seconds + _GRACE_S)]
+        with self._starting:
+            if self._closed:
+                raise InputError(_STOPPED)
+            process = self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            )
         sink = pa.BufferOutputStream()
         with pa.ipc.new_stream(sink, self._cases.schema) as writer:
             writer.write_table(self._cases)
-        assert self._process.stdin is not None
+        assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
-            write_message(self._process.stdin, memoryview(sink.getvalue()))
-        return self._process
+            write_message(process.stdin, memoryview(sink.getvalue()))
+        return process
 
 
 def run_sql(

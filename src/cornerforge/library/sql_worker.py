@@ -1,14 +1,17 @@
 """The process in which SQL is answered: it can be killed, DuckDB alone cannot always be stopped.
 
 Run as a file, so that it starts at once: it imports DuckDB, Arrow and the standard library only. On its standard input
-it gets a table, then statements; it writes an answer to each. It can open no file for writing, and its memory is
-limited twice: by DuckDB itself, and by the operating system, since some of DuckDB's functions do not count theirs.
+it gets a table, then statements; it writes an answer to each. Its memory is limited twice: by DuckDB itself, and by the
+operating system, since some of DuckDB's functions do not count theirs. The operating system lets it write no byte into
+a file, though it could still make an empty one: that is left to DuckDB, which is told to open none. It has its own
+deadline, which the operating system keeps: it ends too when who asked was killed and can stop it no more.
 """
 
 from __future__ import annotations
 
 import contextlib
-import pickle
+import decimal
+import json
 import signal
 import struct
 import sys
@@ -40,7 +43,7 @@ def write_message(stream: IO[bytes], content: bytes | memoryview) -> None:
 
 
 def _limit(megabytes: int) -> None:
-    """Let the process take so much more memory than it has, and write no file; where the system can limit that."""
+    """Let the process take so much more memory, and write nothing into files; where the system can limit that."""
     with contextlib.suppress(ImportError, OSError, ValueError, StopIteration):
         import resource
 
@@ -51,7 +54,18 @@ def _limit(megabytes: int) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
-def _answers(table: Any, megabytes: int) -> Iterator[bytes]:
+def _plain(value: object) -> float | str:
+    """Give what JSON lacks: of an exact decimal the nearest number, of times, bytes and the like the text."""
+    return float(value) if isinstance(value, decimal.Decimal) else str(value)
+
+
+def _due(seconds: float) -> None:
+    """Let the operating system end the process in so many seconds, whatever it does then; 0: do not."""
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+
+
+def _answers(table: Any, megabytes: int, seconds: float) -> Iterator[bytes]:
     import duckdb
 
     shut: dict[str, str | bool | int | float | list[str]] = {
@@ -68,6 +82,7 @@ def _answers(table: Any, megabytes: int) -> Iterator[bytes]:
         _limit(megabytes + megabytes // 2)
         while (sql := read_message(sys.stdin.buffer)) is not None:
             answer: tuple[Any, ...]
+            _due(seconds)
             try:
                 statements = connection.extract_statements(sql.decode())
                 if len(statements) != 1 or statements[0].type not in asks:
@@ -82,23 +97,27 @@ def _answers(table: Any, megabytes: int) -> Iterator[bytes]:
                 line = str(error).splitlines()[0] if str(error) else type(error).__name__
                 answer = ("memory",) if "bad_alloc" in line else ("error", line)
             try:
-                content = pickle.dumps(answer)
+                content = json.dumps(answer, default=_plain).encode()
             except MemoryError:
                 content = b""
+            except (TypeError, ValueError, RecursionError):
+                content = b'["error", "one of the values cannot be written down."]'
             del answer
-            yield content if 0 < len(content) < megabytes * _ANSWER else pickle.dumps(("memory",))
+            _due(0.0)
+            yield content if 0 < len(content) < megabytes * _ANSWER else b'["memory"]'
 
 
 def main() -> None:
     """Answer until the standard input ends."""
     import pyarrow as pa
 
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C in a terminal reaches all its processes; the first one ends it
+    # Ctrl-C in a terminal reaches all its processes; the first one ends it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGALRM"):
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
     table = read_message(sys.stdin.buffer)
     if table is not None:
-        for content in _answers(pa.ipc.open_stream(table).read_all(), int(sys.argv[1])):
+        for content in _answers(pa.ipc.open_stream(table).read_all(), int(sys.argv[1]), float(sys.argv[2])):
             write_message(sys.stdout.buffer, content)
 
 

@@ -73,11 +73,12 @@ def serve(
         raise MissingExtraError(str(error.name), "explorer") from error
     given = Path(place)
     check_path(given)
+    given = given.resolve()  # . and .. have no name, and a command that is copied holds from any folder
     found = _sources(given)
     driving = _driving(avs, found[0].source)
     warnings = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
     door = open_door(host, port)
-    exhibit = Exhibit(given.resolve().name, [(one.source, one.analysis) for one in found], driving, warnings)
+    exhibit = Exhibit(given.name, [(one.source, one.analysis) for one in found], driving, warnings)
     served = Served(
         url=door.url, host=door.host, port=door.port, usual_port=door.usual, token=door.token is not None,
         cases=exhibit.table.table.num_rows, sources=tuple(one.source.name for one in found),
@@ -95,12 +96,8 @@ def serve(
 
     try:
         serve_exhibit(exhibit, door, begin)
-    except KeyboardInterrupt:
-        pass
     finally:
         stopping.set()
-        exhibit.close()
-        door.listening.close()
     return served
 
 
@@ -114,7 +111,7 @@ class _Found:
 
 
 def _sources(place: Path) -> list[_Found]:
-    """Find the libraries of a folder, natural crashes first.
+    """Find the libraries of a folder, whose path is resolved, natural crashes first.
 
     Raises:
         InputError: There is none, or none holds a case.
@@ -123,7 +120,7 @@ def _sources(place: Path) -> list[_Found]:
     from cornerforge.explorer import Source
 
     if (place / MANIFEST).exists():
-        libraries = [(place, place.with_name(f"{place.resolve().name}-analysis"))]
+        libraries = [(place, place.parent / f"{place.name}-analysis")]
     else:
         natural = [place / "natural" / "weighted", place / "natural" / "library", place / "weighted"]
         libraries = [
@@ -145,7 +142,7 @@ def _sources(place: Path) -> list[_Found]:
             continue
         replay = f"cornerforge replay {shlex.quote(str(library))}"
         source = Source(name, _LABELS[name], cases, is_natural(cases), weights, replay)
-        own = library.with_name(f"{library.resolve().name}-analysis")
+        own = library.parent / f"{library.name}-analysis"
         folder = next((one for one in (beside, library.parent / "analysis", own) if _is_analysis(one, cases)), own)
         found[name] = _Found(source, _analysis(folder, cases), folder)
     if not found:
@@ -197,6 +194,9 @@ def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stop
             exhibit.analysed(one.source.name, read_analysis(one.folder, one.source.cases.path))
         except CornerForgeError as error:
             exhibit.warnings.append(f"There is no analysis: {error}")
+        except Exception as error:  # a bug; the page goes on, and says so
+            line = " ".join(str(error).split())[:200]
+            exhibit.warnings.append(f"There is no analysis, by a fault of cornerforge: {type(error).__name__}: {line}")
         except KeyboardInterrupt:
             return
         finally:
@@ -212,7 +212,7 @@ def _warm_up(exhibit: Exhibit, found: Sequence[_Found]) -> None:
         case = exhibit.table.first_of(source.name)
         own = str(source.cases.identity["av"])
         for ask in (exhibit.case, exhibit.ghosts, lambda name, of, av=own: exhibit.case_with(name, of, av)):
-            with contextlib.suppress(CornerForgeError):
+            with contextlib.suppress(Exception):  # who asks for it will be told
                 ask(source.name, case)
 
 

@@ -43,7 +43,12 @@ def load_scenarios(library: Path, case_ids: Iterable[str]) -> Iterator[tuple[str
 
 
 def case_data(
-    case_id: str, scenario: Scenario, way_out: WayOut | None = None, *, first: int | None = None
+    case_id: str,
+    scenario: Scenario,
+    way_out: WayOut | None = None,
+    *,
+    first: int | None = None,
+    partner: int | None = None,
 ) -> dict[str, Any]:
     """Return what the animation needs of a case, as JSON values.
 
@@ -58,14 +63,17 @@ def case_data(
         scenario: The case; vehicles far from the AV may have been left out.
         way_out: How the AV could have avoided the crash; None if no way is known.
         first: First frame that is shown; None: that of the last `SHOWN_S`.
+        partner: Slot of the vehicle of which `ttc` and `ttcPlane` tell, and which is always shown, where the AV crashed
+            with none; None: no such vehicle.
     """
     n_frames = len(scenario.x)
     if first is None:
         first = first_shown(scenario)
-    near = _near(scenario, first)
+    struck = partner_of(scenario)
+    told = struck if struck is not None or partner is None else _column_of(scenario, partner)
+    near = _near(scenario, first, told)
     columns = [int(c) for c in np.flatnonzero(near.any(axis=0))]
     position = {column: i for i, column in enumerate(columns)}
-    partner = partner_of(scenario)
     return {
         "id": case_id,
         "dt": FRAME_S,
@@ -80,9 +88,9 @@ def case_data(
         "action": [_action(scenario, k) for k in range(len(scenario.critical_bv))],
         "p_nde": [_probability(scenario, k) for k in range(len(scenario.critical_bv))],
         "crash": None if scenario.crash is None else round(scenario.crash.time / FRAME_S) - first,
-        "partner": -1 if partner is None else position.get(partner, -1),
-        "ttc": [] if partner is None else _rounded(lane_ttc(scenario, partner)[first:]),
-        "ttcPlane": [] if partner is None else _rounded(plane_ttc(scenario, partner)[first:]),
+        "partner": -1 if struck is None else position.get(struck, -1),
+        "ttc": [] if told is None else _rounded(lane_ttc(scenario, told)[first:]),
+        "ttcPlane": [] if told is None else _rounded(plane_ttc(scenario, told)[first:]),
     }
 
 
@@ -91,11 +99,15 @@ def first_shown(scenario: Scenario) -> int:
     return max(0, len(scenario.x) - 1 - round(SHOWN_S / FRAME_S))
 
 
-def _near(scenario: Scenario, first: int) -> NDArray[np.bool_]:
-    """Mark vehicles that are present and near the AV, shape (T, N), none before `first`; the partner is always near."""
+def _column_of(scenario: Scenario, slot: int) -> int | None:
+    columns = np.flatnonzero(scenario.slot == slot)
+    return int(columns[0]) if columns.size else None
+
+
+def _near(scenario: Scenario, first: int, partner: int | None) -> NDArray[np.bool_]:
+    """Mark vehicles that are present and near the AV, shape (T, N), none before `first`; `partner` is always near."""
     distance = np.abs(along(scenario.x[:, :1], np.where(scenario.present, scenario.x, np.inf)))
     near = scenario.present & (distance <= SIGHT_M)
-    partner = partner_of(scenario)
     for column in (0,) if partner is None else (0, partner):
         near[:, column] = scenario.present[:, column]
     near[:first] = False
