@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 import threading
 import time
@@ -88,3 +89,26 @@ def test_a_library_without_an_analysis_gets_one(place: Path, tmp_path: Path) -> 
     again = started(tmp_path / "lib", "--port", 0)
     assert "pc1" in {one["name"] for one in asked(again, "api/about")["columns"]}
     stopped(again)
+
+
+def test_scripted_cases_are_not_said_to_be_natural(place: Path, tmp_path: Path) -> None:
+    """Though their others drive naturally where no script says what they do."""
+    assert main(["shrink", str(place / "library"), "3:0", "--out", str(tmp_path / "small"), "--quiet"]) == 0
+    running = started(tmp_path / "small", "--port", 0)
+    told = asked(running, "api/about")["sources"]
+    assert [(one["name"], one["natural"]) for one in told] == [("scripted", False)]
+    assert stopped(running)[0] == 0
+
+
+def test_a_rate_that_is_in_doubt_is_said_to_be(place: Path, tmp_path: Path) -> None:
+    shutil.copytree(place / "natural", tmp_path / "natural")
+    rate = {
+        "method": "splitting", "tests": 1000, "plain_tests": 10, "crashes_per_test": 1e-6, "interval95": [5e-7, 2e-6],
+        "effective_sample_size": 3, "cpu_seconds": 1.0, "acceleration": 1.0, "doubts": ["it rests on 3 trees"],
+    }  # fmt: skip
+    (tmp_path / "natural" / "rate.json").write_text(json.dumps(rate), encoding="utf-8")
+    running = started(tmp_path, "--port", 0)
+    assert asked(running, "api/about")["warnings"] == [
+        "How often crashes happen is not to be trusted yet: it rests on 3 trees."
+    ]
+    assert stopped(running)[0] == 0

@@ -77,6 +77,7 @@ def serve(
     found = _sources(given)
     driving = _driving(avs, found[0].source)
     warnings = [line for one in found for line in (*one.source.cases.damaged, *_fault_of_notes(one.source))]
+    warnings += [line for one in found if one.source.natural for line in _doubts(one.source)]
     door = open_door(host, port)
     exhibit = Exhibit(given.name, [(one.source, one.analysis) for one in found], driving, warnings)
     served = Served(
@@ -136,12 +137,13 @@ def _sources(place: Path) -> list[_Found]:
         cases = CaseLibrary.open(library)
         if len(cases) == 0:
             continue
-        weights = natural_weights(cases)
-        name = "natural" if is_natural(cases) else "scripted" if cases.scripted else "adversary"
+        on_road = is_natural(cases) and not cases.scripted  # a script is driven, not met on the road
+        weights = natural_weights(cases) if on_road else None
+        name = "natural" if on_road else "scripted" if cases.scripted else "adversary"
         if name in found:
             continue
         replay = f"cornerforge replay {shlex.quote(str(library))}"
-        source = Source(name, _LABELS[name], cases, is_natural(cases), weights, replay)
+        source = Source(name, _LABELS[name], cases, on_road, weights, replay)
         own = library.parent / f"{library.name}-analysis"
         folder = next((one for one in (beside, library.parent / "analysis", own) if _is_analysis(one, cases)), own)
         found[name] = _Found(source, _analysis(folder, cases), folder)
@@ -242,6 +244,16 @@ def _fault_of_notes(source: Source) -> list[str]:
     except FileFormatError as error:
         return [str(error)]
     return []
+
+
+def _doubts(source: Source) -> list[str]:
+    """Say why the rates of natural cases cannot be trusted yet; nothing if they can."""
+    from cornerforge.report.artefacts import rate_beside
+
+    rate = rate_beside(source.cases.path)
+    if rate is None or not rate.doubts:
+        return []
+    return [f"How often crashes happen is not to be trusted yet: {'; '.join(rate.doubts)}."]
 
 
 def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:

@@ -33,6 +33,7 @@ __all__ = [
     "Summary",
     "analyse_command",
     "library_artefacts",
+    "rate_beside",
     "read_artefacts",
     "read_emptiness",
 ]
@@ -262,7 +263,7 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
             effort="",
             seed=str(run.get("seed", "unknown")),
             bounded=bool(run.get("bounded", False)),
-            natural=_rate_beside(library) if found.natural is not None else None,
+            natural=rate_beside(library) if found.natural is not None else None,
             natural_cases=found if found.natural is not None else None,
             generate=None if found.natural is not None or cases.scripted else _filled_rate(cases),
         ),
@@ -275,7 +276,7 @@ def library_artefacts(library: Path, out: Path) -> Artefacts:
     )
 
 
-def _rate_beside(library: Path) -> OnRoads | None:
+def rate_beside(library: Path) -> OnRoads | None:
     """Read the natural rate that `rate --out` left beside its library; None if there is none."""
     file = library.parent / "rate.json"
     if not file.is_file():
