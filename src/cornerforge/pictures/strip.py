@@ -73,12 +73,12 @@ def _first_braking(scenario: Scenario, contact: float, since: float) -> float | 
     return None
 
 
-def strip_figure(scenario: Scenario, befores: Mapping[float, str] | Sequence[float], *, width: float) -> Any:
+def strip_figure(scenario: Scenario, times_before: Mapping[float, str] | Sequence[float], *, width: float) -> Any:
     """Draw a case at some moments, one below the other (in two columns on a page's width).
 
     Args:
         scenario: The case.
-        befores: Seconds before the contact (before the recording's end where there is none), and what happens then.
+        times_before: Seconds before the contact (before the recording's end where there is none), and what happens then.
         width: Of the figure [in].
 
     Returns:
@@ -90,7 +90,7 @@ def strip_figure(scenario: Scenario, befores: Mapping[float, str] | Sequence[flo
     from matplotlib.figure import Figure
 
     moments = Moments(scenario)
-    said = dict(befores) if isinstance(befores, Mapping) else dict.fromkeys(befores, "")
+    said = dict(times_before) if isinstance(times_before, Mapping) else dict.fromkeys(times_before, "")
     if not 1 <= len(said) <= MOST:
         raise InputError(f"{len(said)} moments; a strip has 1 to {MOST}.")
     for before in said:
@@ -133,11 +133,11 @@ def _caption(place: int, before: float, what: str) -> str:
     return f"({chr(ord('a') + place)}) {when}" + (f": {what}" if what else "")
 
 
-def _span(moments: Moments, befores: Sequence[float]) -> tuple[float, float]:
+def _span(moments: Moments, times_before: Sequence[float]) -> tuple[float, float]:
     """How far all snapshots reach from the AV, behind and ahead [m], so that its partner is in them."""
     low, high = _BEHIND_M, _AHEAD_M
     if moments.partner is not None:
-        for before in befores:
+        for before in times_before:
             moment = moments.at(moments.end - before)
             ahead = float(moment.place[moments.partner]) - float(moment.place[0])
             if not math.isnan(ahead):
