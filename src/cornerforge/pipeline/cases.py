@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import decimal
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -264,13 +263,11 @@ def _read_parquet(path: Path) -> pa.Table:
 
 
 def _plain(value: object) -> Any:
-    """Turn a value of SQL into JSON: NaN and infinity become None; times and intervals become text."""
-    if isinstance(value, decimal.Decimal):
-        value = float(value)
+    """Turn a value of SQL into JSON that has no NaN and no infinity: they become None."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, list):
         return [_plain(item) for item in value]
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    return value if value is None or isinstance(value, (bool, int, str)) else str(value)
+        return {key: _plain(item) for key, item in value.items()}
+    return value
