@@ -78,7 +78,8 @@ def strip_figure(scenario: Scenario, times_before: Mapping[float, str] | Sequenc
 
     Args:
         scenario: The case.
-        times_before: Seconds before the contact (before the recording's end where there is none), and what happens then.
+        times_before: Seconds before the contact (before the recording's end where there is none), and what happens
+            then.
         width: Of the figure [in].
 
     Returns:
