@@ -1,9 +1,9 @@
 // Builds the explorer into the Python package (scripts, one style sheet, the page, and the licences of what is in them), and
-// the scripts of the pages that cornerforge writes.
+// the script of the pages that cornerforge writes.
 // node build.mjs [--watch]
 import { build, context } from "esbuild";
 import { cp, mkdir, readFile, rm, writeFile } from "node:fs/promises";
-import { TEMPLATES, pageScripts } from "./pages.mjs";
+import { PAGES, pageScript } from "./pages.mjs";
 
 const out = "../src/cornerforge/explorer/static";
 const options = {
@@ -22,7 +22,7 @@ const options = {
   loader: { ".svg": "dataurl" },
 };
 
-for (const [name, text] of Object.entries(await pageScripts())) await writeFile(`${TEMPLATES}/${name}`, text);
+await writeFile(PAGES, await pageScript());
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 if (process.argv.includes("--watch")) await (await context(options)).watch();

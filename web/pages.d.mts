@@ -1,3 +1,2 @@
-export const TEMPLATES: string;
-export const PAGES: Readonly<Record<string, string>>;
-export function pageScripts(): Promise<Record<string, string>>;
+export const PAGES: string;
+export function pageScript(): Promise<string>;

@@ -1,4 +1,5 @@
-interface ImportMeta {
-  /** Vite's, in tests: the files that match, by path. */
-  glob<T>(pattern: string, options: { query: string; import: string; eager: true }): Record<string, T>;
+/** Vite's, in tests: a file as text. */
+declare module "*?raw" {
+  const text: string;
+  export default text;
 }

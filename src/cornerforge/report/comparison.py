@@ -13,7 +13,7 @@ from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose
 from cornerforge.report import tables
 from cornerforge.report.cases import SHOWN_S, case_data
-from cornerforge.report.rendering import content_policy, environment, template, write_page
+from cornerforge.report.rendering import PLAYER, content_policy, environment, template, write_page
 from cornerforge.report.text import sentence
 from cornerforge.results.retest import Compared, Retested
 from cornerforge.types import FRAME_S, Scenario
@@ -22,8 +22,6 @@ __all__ = ["AS_RECORDED", "NATURAL", "REACTING", "Pair", "check_page", "write_co
 
 CASE_BYTES = 4_000_000
 """Room for trajectories on the page."""
-SCRIPTS = ("comparison.js",)
-"""What the page runs; made of `web/src/pages/` by `make web`."""
 AS_RECORDED, REACTING, NATURAL = "others as recorded", "others who react", "natural traffic"
 """The drives of a retest."""
 _VERDICTS = {
@@ -98,7 +96,7 @@ def write_comparison(file: Path, result: Retested, pairs: Sequence[Pair], rule: 
     from markupsafe import Markup
 
     cases, left = _cases(pairs)
-    scripts = [template(name) for name in SCRIPTS]
+    scripts = [template(PLAYER)]
     page: str = pages.get_template("comparison.html.j2").render(
         result=result,
         answer=_answer(result),

@@ -33,7 +33,7 @@ from cornerforge.report.judged import (
 )
 from cornerforge.report.kinds import kind_in_words
 from cornerforge.report.natural_cases import read_natural_cases
-from cornerforge.report.rendering import content_policy, environment, template, write_page
+from cornerforge.report.rendering import PLAYER, content_policy, environment, template, write_page
 from cornerforge.report.road import on_road, road_rate
 from cornerforge.report.verdict import verdict
 from cornerforge.results import Analysed
@@ -43,9 +43,7 @@ from cornerforge.types import Scenario
 __all__ = ["charts_of", "write_library_report", "write_report"]
 
 CASE_BYTES = 2_800_000
-"""Room for trajectories on the page; with plotly's library (4.8 MB) the page stays below 8 MB."""
-SCRIPTS = ("report.js",)
-"""What the page runs besides plotly; made of `web/src/pages/` by `make web`."""
+"""Room for trajectories on the page; with plotly's library (4.8 MB) and the map of cases the page stays below 10 MB."""
 
 
 def write_report(out: Path) -> Path:
@@ -381,7 +379,7 @@ def _render(
     from markupsafe import Markup
 
     kinds = kind_counts(artefacts.analysis.coverage)
-    scripts = [plotly, *(template(name) for name in SCRIPTS)]
+    scripts = [plotly, template(PLAYER)]
     page: str = pages.get_template("report.html.j2").render(
         run=artefacts.summary,
         analysis=artefacts.analysis,

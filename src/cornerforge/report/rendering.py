@@ -12,7 +12,10 @@ from cornerforge._files import writing
 from cornerforge.errors import MissingExtraError
 from cornerforge.report import text
 
-__all__ = ["content_policy", "environment", "template", "write_page"]
+__all__ = ["PLAYER", "content_policy", "environment", "template", "write_page"]
+
+PLAYER = "pages.js"
+"""The script of the pages that play cases, for `template`; made of `web/src/pages/` by `make web`."""
 
 
 def environment() -> Any:

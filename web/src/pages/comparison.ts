@@ -36,8 +36,9 @@ function write(side: Side, item: Item, frame: number): void {
   byId(`${side}-state`).classList.toggle("touches", touches);
 }
 
-const cases = pageData<Item[]>("cases");
-if (cases.length > 0) {
+export function startComparison(): void {
+  const cases = pageData<Item[]>("cases");
+  if (cases.length === 0) return;
   makePlayer<Item>({
     cases,
     draw: (item, frame, metres, colours) => {

@@ -125,7 +125,9 @@ function playCases(cases: readonly Item[]): void {
   });
 }
 
-drawFigures(pageData<Record<string, Figure>>("figures"));
-const cases = pageData<Item[]>("cases");
-showFirst(cases); // before the player, so that Space is for the picture in sight
-if (cases.length > 0) playCases(cases);
+export function startReport(): void {
+  drawFigures(pageData<Record<string, Figure>>("figures"));
+  const cases = pageData<Item[]>("cases");
+  showFirst(cases); // before the player, so that Space is for the picture in sight
+  if (cases.length > 0) playCases(cases);
+}

@@ -1,7 +1,9 @@
 // Made by `make web`; do not edit. Its sources:
 //   web/src/pages/charts.ts
+//   web/src/pages/comparison.ts
 //   web/src/pages/look.ts
 //   web/src/pages/multiples.ts
+//   web/src/pages/pages.ts
 //   web/src/pages/player.ts
 //   web/src/pages/print.ts
 //   web/src/pages/report.ts
@@ -411,6 +413,17 @@
     if (canvas.clientHeight !== height) canvas.style.height = `${height}px`;
   }
 
+  // src/shared/clock.ts
+  var PAUSE_S = 0.8;
+  function tick(frame, passed, dt, rate, { from, to, loop }) {
+    const next = frame + Math.max(0, passed) / dt * rate;
+    if (!loop) return next >= to ? { frame: to, over: true } : { frame: next, over: false };
+    const pause = PAUSE_S / dt * rate;
+    return { frame: next >= to + pause ? from : next, over: false };
+  }
+  var whole = (frame) => Math.floor(frame + 1e-6);
+  var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
+
   // src/shared/colours.ts
   var NAMES = [
     "av",
@@ -445,136 +458,8 @@
   }
   var dark = window.matchMedia("(prefers-color-scheme: dark)");
 
-  // src/pages/print.ts
-  var SHEET = 688;
-  function onPrint(redraw) {
-    const root = document.documentElement;
-    const take = (prints) => {
-      root.toggleAttribute("data-print", prints);
-      redraw(prints ? SHEET : null);
-    };
-    window.addEventListener("beforeprint", () => take(true));
-    window.addEventListener("afterprint", () => take(false));
-  }
-
-  // src/pages/charts.ts
-  var still = { responsive: true, displayModeBar: false };
-  var zoomable = {
-    responsive: true,
-    displayModeBar: true,
-    displaylogo: false,
-    modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]]
-  };
-  var drawn = /* @__PURE__ */ new Map();
-  function resolve(node) {
-    if (typeof node === "string") return node.startsWith("css:") ? css(node.slice(4)) : node;
-    if (Array.isArray(node)) return node.map(resolve);
-    if (node === null || typeof node !== "object") return node;
-    return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, resolve(value)]));
-  }
-  function drawFigure(element, figure, width = null) {
-    drawn.set(element, figure);
-    const { data, layout } = resolve(figure);
-    if (width !== null) Object.assign(layout, { width });
-    Plotly.react(element, data, layout, figure.layout.dragmode === "zoom" ? zoomable : still);
-  }
-  var changeLayout = (element, change) => Plotly.relayout(element, change);
-  function drawFigures(figures) {
-    dark.addEventListener("change", () => drawn.forEach((figure, element) => drawFigure(element, figure)));
-    onPrint((width) => drawn.forEach((figure, element) => {
-      const share = element.closest(".two") ? 0.48 : 1;
-      drawFigure(element, figure, width && Math.round(share * width));
-    }));
-    document.querySelectorAll("[data-figure]").forEach((element) => drawFigure(element, figures[element.dataset.figure]));
-  }
-
-  // src/shared/clock.ts
-  var PAUSE_S = 0.8;
-  function tick(frame, passed, dt, rate, { from, to, loop }) {
-    const next = frame + Math.max(0, passed) / dt * rate;
-    if (!loop) return next >= to ? { frame: to, over: true } : { frame: next, over: false };
-    const pause = PAUSE_S / dt * rate;
-    return { frame: next >= to + pause ? from : next, over: false };
-  }
-  var whole = (frame) => Math.floor(frame + 1e-6);
-  var clamp = (value, low, high) => Math.max(low, Math.min(high, value));
-
-  // src/shared/framing.ts
-  var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
-  function frameFor(item, begin, end) {
-    const partner = item.vehicles[item.partner];
-    let [low, high] = [0, 0];
-    for (let frame = begin; partner && frame <= end; frame++) {
-      const [av, other] = [valueAt(item.vehicles[0], "x", frame), valueAt(partner, "x", frame)];
-      if (av === null || other === null) continue;
-      [low, high] = [Math.min(low, other - av), Math.max(high, other - av)];
-    }
-    return { metres: clamp(high - low + ROOM_M, LEAST_M, MOST_M), ahead: (low + high) / 2 };
-  }
-
-  // src/pages/look.ts
-  var BEFORE_S = 6;
-  var TRAIL_S = 4;
-  function showFirst(cases2) {
-    const place2 = document.getElementById("look");
-    const item = cases2[Number(place2?.dataset.index ?? -1)];
-    if (!place2 || !item) return;
-    const canvas = document.getElementById("look-road");
-    const button = document.getElementById("look-play");
-    const [end, last] = [crashFrame(item), item.frames - 1];
-    const begin = Math.max(0, end - Math.round(BEFORE_S / item.dt));
-    const view = frameFor(item, begin, end);
-    let [frame, playing, before, colours] = [end, false, 0, readColours()];
-    const draw = () => {
-      const ghosts = item.wayOut && playing ? [{ motion: item.wayOut, colour: colours["way-out-box"], name: "way out" }] : [];
-      drawScene(canvas, item, frame, { ...view, detail: true, trail: TRAIL_S, ghosts }, colours);
-    };
-    function step(now) {
-      if (!playing) return;
-      const passed = Math.max(0, now - before) / 1e3;
-      before = now;
-      const next = tick(frame, passed, item.dt, 1, { from: begin, to: last, loop: true });
-      frame = next.frame;
-      draw();
-      requestAnimationFrame(step);
-    }
-    function toggle() {
-      playing = !playing;
-      button.classList.toggle("plays", playing);
-      button.querySelector("[aria-hidden]").textContent = playing ? "❚❚" : "▶";
-      button.querySelector(".word").textContent = playing ? "Pause" : "Play";
-      button.setAttribute("aria-label", button.getAttribute("aria-label").replace(/^\w+/, playing ? "Pause" : "Play"));
-      if (playing) {
-        if (frame >= end) frame = begin;
-        before = performance.now();
-        requestAnimationFrame(step);
-      }
-      draw();
-    }
-    const isSeen = () => {
-      const { top, bottom } = canvas.getBoundingClientRect();
-      return top < window.innerHeight && bottom > 0;
-    };
-    button.addEventListener("click", toggle);
-    canvas.addEventListener("click", toggle);
-    document.addEventListener("keydown", (event) => {
-      if (event.key !== " " || event.target !== document.body || !isSeen()) return;
-      event.preventDefault();
-      event.stopImmediatePropagation();
-      toggle();
-    });
-    const redraw = () => {
-      colours = readColours();
-      draw();
-    };
-    dark.addEventListener("change", redraw);
-    onPrint(redraw);
-    new ResizeObserver(draw).observe(canvas);
-    draw();
-  }
-
   // src/pages/multiples.ts
-  var BEFORE_S2 = 4;
+  var BEFORE_S = 4;
   var METRES = 36;
   function animate(pictures, colours) {
     const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
@@ -589,7 +474,7 @@
       last = now;
       for (const [one, frame] of frames) {
         const to = crashFrame(one.item);
-        const from = Math.max(0, to - Math.round(BEFORE_S2 / one.item.dt));
+        const from = Math.max(0, to - Math.round(BEFORE_S / one.item.dt));
         const next = tick(frame, passed, one.item.dt, 1, { from, to, loop: true }).frame;
         frames.set(one, next);
         draw(one, Math.min(next, to));
@@ -598,7 +483,7 @@
     }
     function begin(one) {
       if (calm.matches || frames.has(one)) return;
-      frames.set(one, Math.max(0, crashFrame(one.item) - Math.round(BEFORE_S2 / one.item.dt)));
+      frames.set(one, Math.max(0, crashFrame(one.item) - Math.round(BEFORE_S / one.item.dt)));
       if (frames.size > 1) return;
       last = performance.now();
       requestAnimationFrame(step);
@@ -627,15 +512,27 @@
     return all;
   }
 
+  // src/pages/print.ts
+  var SHEET = 688;
+  function onPrint(redraw) {
+    const root = document.documentElement;
+    const take = (prints) => {
+      root.toggleAttribute("data-print", prints);
+      redraw(prints ? SHEET : null);
+    };
+    window.addEventListener("beforeprint", () => take(true));
+    window.addEventListener("afterprint", () => take(false));
+  }
+
   // src/pages/player.ts
   var byId = (id) => document.getElementById(id);
   var pageData = (id) => JSON.parse(byId(id).textContent);
-  function makePlayer({ cases: cases2, draw, chosen, moved, thumbnail }) {
+  function makePlayer({ cases, draw, chosen, moved, thumbnail }) {
     const state = { index: 0, frame: 0, playing: false, rate: 1, view: 80, last: 0, ticket: 0 };
     let colours = readColours();
     const scrub = byId("scrub");
     const caseButtons = [...document.querySelectorAll("button.case")];
-    const current = () => cases2[state.index];
+    const current = () => cases[state.index];
     const lastFrame2 = (item) => item.frames - 1;
     function refresh() {
       const item = current();
@@ -704,7 +601,7 @@
       place2.classList.add("flash");
     }
     function selectId(id) {
-      const index = cases2.findIndex((item) => item.id === id);
+      const index = cases.findIndex((item) => item.id === id);
       if (index < 0) return false;
       select(index);
       writeHash();
@@ -713,8 +610,8 @@
     }
     function readHash() {
       const wish = new URLSearchParams(location.hash.slice(1));
-      const index = cases2.findIndex((item2) => item2.id === wish.get("case"));
-      const item = cases2[index];
+      const index = cases.findIndex((item2) => item2.id === wish.get("case"));
+      const item = cases[index];
       if (!item) return false;
       const t = wish.get("t");
       select(index, t === "crash" ? crashFrame(item) : Math.round((Number(t) || 0) / item.dt) - item.first);
@@ -763,7 +660,7 @@
       window.addEventListener("hashchange", () => {
         if (readHash()) bringIntoSight();
       });
-      const small = caseButtons.map((button) => ({ button, item: thumbnail(cases2[Number(button.dataset.index)]) }));
+      const small = caseButtons.map((button) => ({ button, item: thumbnail(cases[Number(button.dataset.index)]) }));
       const drawSmall = animate(small, () => colours);
       const redraw = () => {
         colours = readColours();
@@ -779,10 +676,160 @@
     }
     function start(index) {
       if (readHash()) bringIntoSight();
-      else select(index, crashFrame(cases2[index]));
+      else select(index, crashFrame(cases[index]));
       listen();
     }
     return { current, selectId, seek, start };
+  }
+
+  // src/pages/comparison.ts
+  var SIDES = ["old", "new"];
+  var held = (recording, frame) => Math.min(frame, recording.frames - 1);
+  function write(side, item, frame) {
+    const recording = item[side];
+    const now = recording ? held(recording, frame) : 0;
+    const av = recording && boxAt(recording.vehicles[0], now);
+    const bv = recording && recording.partner > 0 ? boxAt(recording.vehicles[recording.partner], now) : null;
+    const touches = recording !== null && recording.crash !== null && now >= recording.crash;
+    const isOver = recording !== null && frame > recording.frames - 1;
+    const cells = {
+      end: item.ends[side],
+      av: show(av?.v, "m/s"),
+      bv: show(bv?.v, "m/s"),
+      gap: show(av && bv && gapAlong(av, bv), "m"),
+      state: touches ? "contact" : isOver ? "over" : recording ? "driving" : "–"
+    };
+    for (const [name, value] of Object.entries(cells)) byId(`${side}-${name}`).textContent = value;
+    byId(`${side}-state`).classList.toggle("touches", touches);
+  }
+  function startComparison() {
+    const cases = pageData("cases");
+    if (cases.length === 0) return;
+    makePlayer({
+      cases,
+      draw: (item, frame, metres, colours) => {
+        for (const side of SIDES) {
+          const canvas = byId(`road-${side}`);
+          const recording = item[side];
+          canvas.hidden = !recording;
+          if (!recording) continue;
+          const ghosts = recording.wayOut ? [{ motion: recording.wayOut, colour: colours["way-out-box"], name: "the other version" }] : [];
+          fitHeight(canvas, recording, metres);
+          drawScene(canvas, recording, held(recording, frame), { metres, detail: true, ghosts }, colours);
+        }
+      },
+      chosen: () => void 0,
+      moved: (item, frame) => {
+        for (const side of SIDES) write(side, item, frame);
+        byId("clock").textContent = show(secondsAt(item, frame), "s");
+      },
+      thumbnail: (item) => item.new.crash === null && item.old ? item.old : item.new
+    }).start(0);
+  }
+
+  // src/pages/charts.ts
+  var still = { responsive: true, displayModeBar: false };
+  var zoomable = {
+    responsive: true,
+    displayModeBar: true,
+    displaylogo: false,
+    modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]]
+  };
+  var drawn = /* @__PURE__ */ new Map();
+  function resolve(node) {
+    if (typeof node === "string") return node.startsWith("css:") ? css(node.slice(4)) : node;
+    if (Array.isArray(node)) return node.map(resolve);
+    if (node === null || typeof node !== "object") return node;
+    return Object.fromEntries(Object.entries(node).map(([key, value]) => [key, resolve(value)]));
+  }
+  function drawFigure(element, figure, width = null) {
+    drawn.set(element, figure);
+    const { data, layout } = resolve(figure);
+    if (width !== null) Object.assign(layout, { width });
+    Plotly.react(element, data, layout, figure.layout.dragmode === "zoom" ? zoomable : still);
+  }
+  var changeLayout = (element, change) => Plotly.relayout(element, change);
+  function drawFigures(figures) {
+    dark.addEventListener("change", () => drawn.forEach((figure, element) => drawFigure(element, figure)));
+    onPrint((width) => drawn.forEach((figure, element) => {
+      const share = element.closest(".two") ? 0.48 : 1;
+      drawFigure(element, figure, width && Math.round(share * width));
+    }));
+    document.querySelectorAll("[data-figure]").forEach((element) => drawFigure(element, figures[element.dataset.figure]));
+  }
+
+  // src/shared/framing.ts
+  var [LEAST_M, MOST_M, ROOM_M] = [46, 110, 22];
+  function frameFor(item, begin, end) {
+    const partner = item.vehicles[item.partner];
+    let [low, high] = [0, 0];
+    for (let frame = begin; partner && frame <= end; frame++) {
+      const [av, other] = [valueAt(item.vehicles[0], "x", frame), valueAt(partner, "x", frame)];
+      if (av === null || other === null) continue;
+      [low, high] = [Math.min(low, other - av), Math.max(high, other - av)];
+    }
+    return { metres: clamp(high - low + ROOM_M, LEAST_M, MOST_M), ahead: (low + high) / 2 };
+  }
+
+  // src/pages/look.ts
+  var BEFORE_S2 = 6;
+  var TRAIL_S = 4;
+  function showFirst(cases) {
+    const place2 = document.getElementById("look");
+    const item = cases[Number(place2?.dataset.index ?? -1)];
+    if (!place2 || !item) return;
+    const canvas = document.getElementById("look-road");
+    const button = document.getElementById("look-play");
+    const [end, last] = [crashFrame(item), item.frames - 1];
+    const begin = Math.max(0, end - Math.round(BEFORE_S2 / item.dt));
+    const view = frameFor(item, begin, end);
+    let [frame, playing, before, colours] = [end, false, 0, readColours()];
+    const draw = () => {
+      const ghosts = item.wayOut && playing ? [{ motion: item.wayOut, colour: colours["way-out-box"], name: "way out" }] : [];
+      drawScene(canvas, item, frame, { ...view, detail: true, trail: TRAIL_S, ghosts }, colours);
+    };
+    function step(now) {
+      if (!playing) return;
+      const passed = Math.max(0, now - before) / 1e3;
+      before = now;
+      const next = tick(frame, passed, item.dt, 1, { from: begin, to: last, loop: true });
+      frame = next.frame;
+      draw();
+      requestAnimationFrame(step);
+    }
+    function toggle() {
+      playing = !playing;
+      button.classList.toggle("plays", playing);
+      button.querySelector("[aria-hidden]").textContent = playing ? "❚❚" : "▶";
+      button.querySelector(".word").textContent = playing ? "Pause" : "Play";
+      button.setAttribute("aria-label", button.getAttribute("aria-label").replace(/^\w+/, playing ? "Pause" : "Play"));
+      if (playing) {
+        if (frame >= end) frame = begin;
+        before = performance.now();
+        requestAnimationFrame(step);
+      }
+      draw();
+    }
+    const isSeen = () => {
+      const { top, bottom } = canvas.getBoundingClientRect();
+      return top < window.innerHeight && bottom > 0;
+    };
+    button.addEventListener("click", toggle);
+    canvas.addEventListener("click", toggle);
+    document.addEventListener("keydown", (event) => {
+      if (event.key !== " " || event.target !== document.body || !isSeen()) return;
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      toggle();
+    });
+    const redraw = () => {
+      colours = readColours();
+      draw();
+    };
+    dark.addEventListener("change", redraw);
+    onPrint(redraw);
+    new ResizeObserver(draw).observe(canvas);
+    draw();
   }
 
   // src/pages/report.ts
@@ -868,10 +915,10 @@
     const t = secondsAt(item, frame);
     changeLayout(byId("case-chart"), { "shapes[0].x0": t, "shapes[0].x1": t });
   }
-  function playCases(cases2) {
+  function playCases(cases) {
     const road = byId("road");
     const player = makePlayer({
-      cases: cases2,
+      cases,
       draw: (item, frame, metres, colours) => {
         const ghosts = item.wayOut ? [{ motion: item.wayOut, colour: colours["way-out-box"], name: "way out" }] : [];
         fitHeight(road, item, metres);
@@ -887,7 +934,7 @@
       },
       thumbnail: (item) => item
     });
-    player.start(Math.max(0, cases2.findIndex((item) => item.watchFirst)));
+    player.start(Math.max(0, cases.findIndex((item) => item.watchFirst)));
     document.querySelector('[data-figure="map"]').on("plotly_click", (event) => {
       const id = event.points[0].customdata;
       byId("map-note").textContent = player.selectId(id) ? "" : `Case ${id} is not among those on this page; play it with: cornerforge replay LIBRARY ${id}`;
@@ -896,8 +943,14 @@
       player.seek(Math.round(event.points[0].x / player.current().dt) - player.current().first);
     });
   }
-  drawFigures(pageData("figures"));
-  var cases = pageData("cases");
-  showFirst(cases);
-  if (cases.length > 0) playCases(cases);
+  function startReport() {
+    drawFigures(pageData("figures"));
+    const cases = pageData("cases");
+    showFirst(cases);
+    if (cases.length > 0) playCases(cases);
+  }
+
+  // src/pages/pages.ts
+  if (document.getElementById("figures")) startReport();
+  else startComparison();
 })();
