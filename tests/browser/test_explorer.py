@@ -147,6 +147,13 @@ def test_a_case_beside_the_same_with_another_av_in_step(server: Server, look: Op
     until(page, "decodeURIComponent(location.hash).includes('beside=av:idm-mobil')")
     again = look(page.url)
     until(again, "document.querySelectorAll('.watch canvas[data-view]').length === 2")
+    again.keyboard.press("End")
+    pictures = again.locator(".watch canvas[data-view]")
+    of_the_first, of_the_other = (pictures.nth(k) for k in (0, 1))
+    assert "flawed-brakes-late" in of_the_first.evaluate("picture => picture.closest('figure').textContent")
+    assert "idm-mobil" in of_the_other.evaluate("picture => picture.closest('figure').textContent")
+    assert of_the_first.screenshot() != of_the_other.screenshot(), "two AVs, two drives"
+    assert again.locator(".watch").get_by_role("slider", name="Time").count() == 1, "one clock for both"
 
 
 def colours(picture: bytes) -> int:
@@ -161,19 +168,23 @@ def test_three_dimensions_come_without_a_graphics_card(server: Server, look: Ope
     page = look(f"{server.url}#case={quote(key, safe='/:')}&t=crash&camera=chase", allowed=("WebGL", "GPU stall"))
     drawn = page.locator(".watch canvas[data-view], .watch [data-view=chase] canvas").first
     drawn.wait_for()
+    seen = 0
     for _ in range(100):
-        if colours(drawn.screenshot()) >= 5:  # road, lines, verge, the AV, the other
-            return
+        seen = colours(drawn.screenshot())
+        if seen >= 5:
+            break
         page.wait_for_timeout(100)
-    raise AssertionError("the 3-D view stays empty")
+    assert seen >= 5, "road, lines, verge, the AV, the other"
 
 
 @pytest.mark.parametrize("wrong", ["natural/0:999999999", "nowhere/0:1", "../../etc/passwd", "natural/%00"])
 def test_a_bad_link_is_said_and_the_page_goes_on(server: Server, look: Opener, wrong: str) -> None:
     page = ready(look(f"{server.url}#case={wrong}&f.nothing=1&colour=none&t=x", allowed=("404", "400")))
-    page.get_by_text("not here").first.wait_for()
+    said = page.locator(".banners")
+    said.get_by_text("a case that is not here").wait_for()
+    assert "a column that is not here: none" in said.inner_text()
     page.get_by_role("button", name="Play").first.click()
-    watching(page)
+    assert watching(page).is_visible()
 
 
 @pytest.mark.parametrize("dark", [False, True])
@@ -241,4 +252,6 @@ def test_a_server_that_is_gone_is_said(look: Opener, run: Path) -> None:
     page = ready(look(gone.url, allowed=("ERR_CONNECTION_REFUSED", "Failed to fetch", "Failed to load")))
     gone.stop()
     page.get_by_role("grid").get_by_role("row").nth(1).click()
-    page.get_by_role("alert").first.wait_for()
+    told = page.get_by_role("alert").filter(has_text="server").first
+    told.wait_for()
+    assert "Try again" in told.inner_text()
