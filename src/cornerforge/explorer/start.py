@@ -37,7 +37,7 @@ def miles_of(per_billion: NDArray[np.float64], largest: float) -> str:
         largest: The largest that any crash of the library stands for.
 
     >>> miles_of(np.array([50.0, 75.0]), 75.0)
-    'once in 8.0 million miles (95 %: 2.1 million to 69 million)'
+    'once in 8.0 million miles (95 %: 2.1 million to 70 million)'
     """
     low, high = weighted_interval(per_billion, largest)
     return _once_in(*(_BILLION / rate if rate > 0.0 else None for rate in (float(per_billion.sum()), high, low)))
