@@ -83,6 +83,7 @@ def experiment_with(
         budget=None if budget is None or policies else float(budget),
         acting=str(identity["acting"]),
         takes_foreign=True,
+        takes_recorded=cases.on_rails,
         seed=seed,
     )
     for key, value in run.identity(seed).items():

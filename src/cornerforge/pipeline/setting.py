@@ -30,6 +30,7 @@ from cornerforge.sim import (
     IDM_BVS,
     NATURALISTIC,
     NO_CAST,
+    RECORDED,
     STEERED,
     Controllers,
     DriveChunk,
@@ -47,6 +48,7 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 
 __all__ = [
     "AV_LOG",
+    "RECORDED_AV",
     "TEMPERATURE",
     "Experiment",
     "check_av_options",
@@ -56,6 +58,8 @@ __all__ = [
     "temperature_of",
 ]
 
+RECORDED_AV = "recorded"
+"""Name of the AV of cases on rails in which whatever was in its seat moves as it was recorded."""
 AV_LOG = "av.log"
 """File in an output folder that keeps what a foreign AV prints."""
 TEMPERATURE = 0.05
@@ -293,6 +297,7 @@ def experiment(
     policy: Policy | Sequence[Policy] | None = None,
     acting: str = "greedy",
     takes_foreign: bool = False,
+    takes_recorded: bool = False,
     seed: int = 0,
     road: Odd | None = None,
     **keywords: Unpack[WorldKeywords],
@@ -306,6 +311,7 @@ def experiment(
         policy: One or more policies in memory instead of paths in `bv`.
         acting: How a policy acts: "greedy", "softmax" or "softmax:T" (see `temperature_of`).
         takes_foreign: A foreign AV is allowed.
+        takes_recorded: The AV may be RECORDED_AV: whatever was in its seat, as it was recorded; for cases on rails.
         seed: Seed that a foreign AV is told.
         road: ODD instead of the one that `world` names; a library has one of its own.
         keywords: Values that replace fields of `world`.
@@ -324,11 +330,14 @@ def experiment(
             f"The AV {av} is not built in, and built-in ones only are taken here. To train an adversary against it: "
             f"cornerforge train --av {shlex.quote(av)} --out P.safetensors"
         )
+    if av == RECORDED_AV and not takes_recorded:
+        raise InputError(f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case.")
     if world.av_python is not None and not is_foreign(av):
         raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():
         raise InputError(f"The AV {av} is not built in, so it drives on this machine alone; leave out --engine ray.")
-    av_model = replace(av_named("idm-mobil"), name=av) if is_foreign(av) else av_of(av)
+    stands_in = is_foreign(av) or av == RECORDED_AV
+    av_model = replace(av_named("idm-mobil"), name=av) if stands_in else av_of(av)
     ndd = model if isinstance(model, NddModel) else load_model(default_model_path() if model is None else Path(model))
     bounded = bounded or budget is not None
     budget = check_budget(budget, bounded=bounded)
@@ -375,7 +384,7 @@ def experiment(
         av=numbers_of_av(av_model),
         tables=tables_of(ndd),
         who=Controllers(
-            av=BUILT_IN if foreign is None else foreign.controller,
+            av=RECORDED if av == RECORDED_AV else BUILT_IN if foreign is None else foreign.controller,
             critical=ADVERSARIES["nobody" if driver in ("nde", "idm") else driver],
             others=IDM_BVS if driver == "idm" else NATURALISTIC,
             bounded=int(bounded),

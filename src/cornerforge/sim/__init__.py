@@ -144,6 +144,7 @@ if TYPE_CHECKING:
         OUTSIDE,
         POLICY,
         RAILS,
+        RECORDED,
         SCRIPTED,
         STEERED,
         TOLD,
@@ -177,7 +178,7 @@ __all__ = [
     "BUILT_IN", "BV_CRASH", "BV_MUST_ANSWER", "COMPLETED", "DECIDES_EVERY", "DRIVER", "FINISHED", "HIGHEST_COMMAND",
     "HOSTILE", "IDM_BVS", "LEARNED_WIDTH", "LOWEST_COMMAND", "MILESTONE", "MOST_LATERAL_ACCELERATION", "NATURAL",
     "NATURALISTIC", "NEVER", "NOBODY", "NO_CAST", "NO_RAILS", "N_AV_FEATURES", "N_OBSERVATION", "N_OWN",
-    "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS",
+    "OBSERVATION_VERSION", "OUTSIDE", "OVER", "POLICY", "RAILS", "RECORDED", "REWARDS", "ROOT", "RUNNING", "SCENE_COLUMNS",
     "SCRIPTED", "SIGHT", "START_FIELDS", "STEERED", "SUBSTEPS", "TIME_UP", "TOLD", "TRAITS", "VIEW_COLUMNS",
     "VIEW_ROWS", "Actors", "Asked", "AvReward", "Buffers", "Controllers", "CrashCases", "DriveChunk", "Ending",
     "Exploring", "Forest", "Harvest", "Keep", "Outcomes", "Plan", "Rails", "Recorder", "Reward", "RewardNumbers",
@@ -215,7 +216,7 @@ _PLACES: dict[str, tuple[str, ...]] = {
     # setting
     "setting": (
         "Setting", "Controllers", "BUILT_IN", "OUTSIDE", "ADVERSARIES", "NOBODY", "POLICY", "TOLD", "SCRIPTED",
-        "NATURALISTIC", "IDM_BVS", "RAILS", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
+        "NATURALISTIC", "IDM_BVS", "RAILS", "RECORDED", "NO_CAST", "STEERED", "answer_width", "cast_of", "is_outside",
     ),
     "av_kinds": ("DECIDES_EVERY", "built_in_av_decides"),
     # advance

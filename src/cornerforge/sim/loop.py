@@ -24,7 +24,7 @@ from cornerforge.sim.keep import record_choice
 from cornerforge.sim.neighbours import nearest_bv, sort_by_x
 from cornerforge.sim.observe import allowed_actions, observe, spend_budget
 from cornerforge.sim.rails import name_actions
-from cornerforge.sim.setting import LIKELIEST, NOBODY, POLICY, RAILS, SCRIPTED, TOLD, critical_of, is_outside
+from cornerforge.sim.setting import LIKELIEST, NOBODY, POLICY, RAILS, RECORDED, SCRIPTED, TOLD, critical_of, is_outside
 from cornerforge.sim.statistics import count_av, count_choices, count_states, count_travel
 from cornerforge.sim.step import SUBSTEPS, av_acts, begin_to_act, move_on
 from cornerforge.sim.world import NO_ACTION, NO_VEHICLE, RUNNING
@@ -166,6 +166,8 @@ def _av_decides(w: World, substep: int, setting: Setting, s: Scratch) -> tuple[f
     if is_outside(setting.who):
         state.av_has_answered = 0
         return state.av_command, state.av_lane
+    if setting.who.av == RECORDED:
+        return w.vehicles[0].acceleration, w.vehicles[0].target_lane
     if setting.who.av == LIKELIEST:
         return _drives_as_natural(w, substep, setting, s)
     return built_in_av_decides(w, substep, setting.road, setting.av, s.av)

@@ -37,7 +37,8 @@ class Rails(NamedTuple):
         start: States of all vehicles at frame 0, (S, N) of `world.VEHICLE`; slot 0 is the AV. What its rails say
             of another vehicle comes before its state here.
         poses: Where the others are at each frame, float64 (S, F, N, POSE_NUMBERS) (`drivers.rails`), NaN where one
-            is absent; column 0, the AV's, is not read. After the last frame they go on standing there.
+            is absent; column 0, the AV's, is read only where it drives as recorded. After the last frame they go on
+            standing there.
         first: Number of the first test.
     """
 
@@ -74,15 +75,15 @@ def set_speed_of(start: NDArray[np.void]) -> float | None:
 
 
 @kernel
-def ride(w: World, frame: int, rails: Rails, road: RoadNumbers) -> None:
-    """Put the others where their rails say that they are at a frame.
+def ride(w: World, frame: int, rails: Rails, road: RoadNumbers, from_slot: int) -> None:
+    """Put the vehicles from a slot on (1: the others, 0: the AV too) where their rails say that they are at a frame.
 
     A vehicle that moves sideways is seen to do so like one that changes lanes: it is on a path of constant speed.
     """
     v = w.vehicles
     row = w.state[0].test - rails.first
     at = min(frame, rails.poses.shape[1] - 1)
-    for i in range(1, w.state[0].n_vehicles):
+    for i in range(from_slot, w.state[0].n_vehicles):
         pose = rails.poses[row, at, i]
         if np.isnan(pose[X]):
             v[i].present = 0
@@ -113,7 +114,7 @@ def put_on_rails(w: World, rails: Rails, road: RoadNumbers) -> None:
     for i in range(start.size):
         w.vehicles[i] = start[i]
         w.order[i] = i
-    ride(w, 0, rails, road)
+    ride(w, 0, rails, road, 1)
     all_current(w)
 
 

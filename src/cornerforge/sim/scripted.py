@@ -23,7 +23,7 @@ from cornerforge.sim.loop import AV_MUST_ANSWER, MILESTONE, advance
 from cornerforge.sim.rails import NO_RAILS, Rails, put_on_rails, rails_of, set_speed_of
 from cornerforge.sim.recorder import scenario_of
 from cornerforge.sim.scratch import allocate_scratch, warn_of_left_out
-from cornerforge.sim.setting import BUILT_IN, LIKELIEST, NOBODY, RAILS, SCRIPTED, STEERED
+from cornerforge.sim.setting import LIKELIEST, NOBODY, RAILS, RECORDED, SCRIPTED, STEERED
 from cornerforge.sim.step import SUBSTEPS, allocate_recording, record_frame
 from cornerforge.sim.traffic import clear_world, reset_world
 from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_current, allocate_worlds, n_slots, world_of
@@ -90,7 +90,8 @@ class Script:
         action: Action index of each vehicle at each decision (1 s apart), int8 (K, N), K at least 1; NATURAL for the
             likeliest. The AV's column is ignored: the AV decides by itself.
         seed, test: Its name, of which an AV from outside is told a number (`foreign.driver.seeds_of`).
-        poses: Rails of the others, float64 (F, N, POSE_NUMBERS), with at least 10 K + 1 frames; None: they act. On
+        poses: Rails of the others, float64 (F, N, POSE_NUMBERS), with at least 10 K + 1 frames; None: they act. The
+            AV's own, column 0, are read only where it drives as recorded. On
             rails `action` says only how long the script is, and `desired_speed` of the AV's start, if it is above 0,
             at which speed the AV is set to drive [m/s].
     """
@@ -272,7 +273,9 @@ class ScriptDriver:
     def _drive(self, script: Script, av_is_natural: bool, keep: Keep) -> None:
         self._check(script)
         self.drives += 1
-        av = BUILT_IN if self._av is None else self._av.controller
+        av = self._setting.who.av if self._av is None else self._av.controller
+        if av == RECORDED and (script.poses is None or not np.isfinite(script.poses[:, 0]).all()):
+            raise InputError("The script does not say what the AV did, so it cannot drive as recorded; name another AV.")
         rails = NO_RAILS if script.poses is None else rails_of(script.start[None], script.poses[None])
         drivers = self._setting.with_drivers(
             av=LIKELIEST if av_is_natural else av,

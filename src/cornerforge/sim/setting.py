@@ -29,6 +29,7 @@ __all__ = [
     "NO_SCRIPT",
     "OUTSIDE",
     "RAILS",
+    "RECORDED",
     "SCRIPTED",
     "STEERED",
     "Cast",
@@ -41,10 +42,10 @@ __all__ = [
     "is_outside",
 ]
 
-BUILT_IN, OUTSIDE, LIKELIEST, STEERED = range(4)
+BUILT_IN, OUTSIDE, LIKELIEST, STEERED, RECORDED = range(5)
 """Controllers of the AV. BUILT_IN: its own law. OUTSIDE: somebody outside the kernels, who orders accelerations and
 lane changes. LIKELIEST: the likeliest action of the naturalistic model. STEERED: somebody outside, who accelerates and
-steers."""
+steers. RECORDED: nobody; it is on rails too, where others are (`RAILS`)."""
 NOBODY, POLICY, UNIFORM, LANE_CHANGER, SWERVE, TOLD = range(6)
 ADVERSARIES = {"nobody": NOBODY, "policy": POLICY, "uniform": UNIFORM, "lane-changer": LANE_CHANGER, "swerve": SWERVE}
 """Controllers of the critical BV, by name. nobody: the controller of the other BVs. policy: a Q-network. uniform: any
@@ -90,7 +91,7 @@ class Controllers(NamedTuple):
     """The controllers of the AV, of the critical BV (the BV nearest to the AV) and of the other BVs.
 
     Attributes:
-        av: BUILT_IN, OUTSIDE, LIKELIEST or STEERED.
+        av: BUILT_IN, OUTSIDE, LIKELIEST, STEERED or RECORDED.
         critical: Code of ADVERSARIES, or TOLD.
         others: NATURALISTIC, IDM_BVS, SCRIPTED or RAILS.
         bounded: 1 for the NDD-bounded mask.

@@ -15,7 +15,7 @@ from cornerforge.sim.bicycle import steer_on
 from cornerforge.sim.motion import move_vehicle
 from cornerforge.sim.rails import ride
 from cornerforge.sim.reach import bound_motion, choose_current, find_pairs, pairs_of_av
-from cornerforge.sim.setting import BUILT_IN, RAILS
+from cornerforge.sim.setting import BUILT_IN, RAILS, RECORDED
 from cornerforge.sim.world import (
     AV_CRASH,
     BV_CRASH,
@@ -174,12 +174,15 @@ def _move(w: World, substep: int, setting: Setting) -> None:
     if substep == SUBSTEPS - 1:
         list_all(w)
     since = substep % road.av_substeps
-    if state.av_steers:
+    if setting.who.av == RECORDED:
+        pass
+    elif state.av_steers:
         steer_on(w, state.av_controls[2 * since], state.av_controls[2 * since + 1], road)
     else:
         move_vehicle(v, 0, (since + 1) * _DT, road)
     if setting.who.others == RAILS:
-        ride(w, SUBSTEPS * (state.decisions - 1) + substep + 1, setting.who.rails, road)
+        first = 0 if setting.who.av == RECORDED else 1
+        ride(w, SUBSTEPS * (state.decisions - 1) + substep + 1, setting.who.rails, road, first)
         return
     held = (substep + 1) * _DT
     for k in range(1, state.n_current):

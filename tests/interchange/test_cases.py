@@ -1,0 +1,59 @@
+"""Moving cases become scripts that drive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X, Y
+from cornerforge.errors import InputError
+from cornerforge.interchange.cases import MovingCase, script_of, straight_road
+from cornerforge.pipeline.setting import RECORDED_AV, experiment
+
+
+def braking_leader(frames: int = 58) -> MovingCase:
+    """The leader brakes at 6 m/s2, the AV, 20 m behind, keeps its speed: they touch 2.6 s later."""
+    time = 0.1 * np.arange(frames)
+    poses = np.zeros((frames, 2, POSE_NUMBERS))
+    poses[:, :, Y], poses[:, :, LANE] = 1.5 * 3.5, 1
+    poses[:, 0, X], poses[:, 0, SPEED] = 25.0 * time, 25.0
+    stop = np.minimum(time, 25.0 / 6.0)
+    poses[:, 1, X] = 24.6 + 25.0 * stop - 3.0 * stop**2
+    poses[:, 1, SPEED], poses[:, 1, ACCELERATION] = 25.0 - 6.0 * stop, np.where(time < 25.0 / 6.0, -6.0, 0.0)
+    odd = straight_road(
+        lanes=3, lane_width=3.5, vehicles=2, seconds=0.1 * frames, metres=300.0, fastest=25.0, av_size=(4.6, 1.8)
+    )
+    size = np.array([4.6, 12.0]), np.array([1.8, 2.5])
+    return MovingCase("braking", odd, np.array([0, 1], np.int8), *size, poses)
+
+
+def test_the_av_drives_as_recorded() -> None:
+    case = braking_leader()
+    driver = experiment(road=case.odd, av=RECORDED_AV, takes_recorded=True).script_driver()
+    scenario, _ = driver.record(script_of(case))
+    # 24.6 m between centres, 8.3 m of it vehicles: 16.3 = 3 t^2, so contact at 2.331 s, seen in frame 24.
+    assert scenario.crash is not None
+    assert scenario.crash.slot_b == 1
+    assert round(10 * scenario.crash.time) == 24
+    np.testing.assert_array_equal(scenario.x[:24], case.poses[:24, :, X])
+    np.testing.assert_array_equal(scenario.speed[:24], case.poses[:24, :, SPEED])
+    np.testing.assert_array_equal(scenario.length, case.length)
+
+
+def test_a_better_av_brakes_in_time() -> None:
+    case = braking_leader()
+    ending = experiment(road=case.odd, av="idm-mobil").script_driver().drive(script_of(case))
+    assert ending.pose is None
+
+
+def test_nobody_recorded_cannot_drive() -> None:
+    case = braking_leader()
+    unknown = case.poses.copy()
+    unknown[1:, 0] = np.nan
+    driver = experiment(road=case.odd, av=RECORDED_AV, takes_recorded=True).script_driver()
+    with pytest.raises(InputError, match="does not say what the AV did"):
+        driver.drive(script_of(replace(case, poses=unknown)))
+    with pytest.raises(InputError, match="no AV that could drive on its own"):
+        experiment(av=RECORDED_AV)
