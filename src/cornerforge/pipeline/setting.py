@@ -331,7 +331,9 @@ def experiment(
             f"cornerforge train --av {shlex.quote(av)} --out P.safetensors"
         )
     if av == RECORDED_AV and not takes_recorded:
-        raise InputError(f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case.")
+        raise InputError(
+            f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
+        )
     if world.av_python is not None and not is_foreign(av):
         raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():
