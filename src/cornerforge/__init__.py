@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.avs import avs
     from cornerforge.pipeline.cases import query, replay
     from cornerforge.pipeline.check_av import check_av
+    from cornerforge.pipeline.export import export
     from cornerforge.pipeline.figure import figure
     from cornerforge.pipeline.generate import generate
     from cornerforge.pipeline.init import init
@@ -43,6 +44,7 @@ __all__ = [
     "avs",
     "check_av",
     "engine",
+    "export",
     "figure",
     "generate",
     "init",
@@ -77,6 +79,7 @@ __getattr__ = door(
         "avs": "pipeline.avs",
         "check_av": "pipeline.check_av",
         "engine": "execution",
+        "export": "pipeline.export",
         "figure": "pipeline.figure",
         "generate": "pipeline.generate",
         "init": "pipeline.init",

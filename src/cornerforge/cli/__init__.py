@@ -13,7 +13,7 @@ from typing import Any
 import typer
 
 # `--help` lists commands in the order in which these modules register them.
-from cornerforge.cli import whole, driving, learning, cases, naturalistic  # isort: skip
+from cornerforge.cli import whole, driving, learning, cases, exchange, naturalistic  # isort: skip
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
 from cornerforge.errors import CornerForgeError, InputError

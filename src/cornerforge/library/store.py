@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -465,11 +465,38 @@ class CaseLibrary:
         if case_id not in ids:
             raise self._unknown(case_id, int(case_id.partition(":")[2]), table.column("test").to_pylist())
         row = ids.index(case_id)
-        scalars = table.slice(row, 1).to_pylist()[0]
+        return self._stored(table, row, tracks.read_row_group(row // ROW_GROUP), row % ROW_GROUP)
+
+    def scenarios(self, case_ids: Collection[str]) -> Iterator[StoredCase]:
+        """Read cases with their trajectories, in the order of the library: many at once cost a tenth of one by one.
+
+        Raises:
+            UnknownCaseError, FileFormatError: As for `scenario`, before the first case is read.
+        """
+        wanted: dict[Shard, set[str]] = {}
+        for case_id in case_ids:
+            wanted.setdefault(self._shard_of(case_id), set()).add(case_id)
+        known: set[str] = set()
+        for shard in wanted:
+            names = self._reader.cases(shard, ["case_id"])
+            known.update([] if names is None else names["case_id"].to_pylist())
+        for case_id in case_ids:
+            if case_id not in known:
+                self.scenario(case_id)  # raises the error
+        for shard in sorted(wanted, key=lambda one: one.first_test):
+            table, tracks = self._reader.cases(shard, None), self._reader.tracks(shard)
+            assert table is not None and tracks is not None  # its names were there
+            motion = tracks.read().combine_chunks()
+            for row, case_id in enumerate(table.column("case_id").to_pylist()):
+                if case_id in wanted[shard]:
+                    yield self._stored(table, row, motion, row)
+
+    def _stored(self, cases: pa.Table, row: int, tracks: pa.Table, track: int) -> StoredCase:
+        """Make the case of a row of the cases and of a row of the tracks."""
+        scalars = cases.slice(row, 1).to_pylist()[0]
         history = np.array(scalars.pop("history"), dtype=np.float64).reshape(HISTORY_SHAPE)
-        group = tracks.read_row_group(row // ROW_GROUP)
-        scenario = restore(scalars, group, row % ROW_GROUP, self.odd)
-        return StoredCase(scenario, scalars, history, script_of(scenario, group, row % ROW_GROUP))
+        scenario = restore(scalars, tracks, track, self.odd)
+        return StoredCase(scenario, scalars, history, script_of(scenario, tracks, track))
 
     def verify(self) -> list[str]:
         """Read every file and compare checksums; returns `damaged`."""

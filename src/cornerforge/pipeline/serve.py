@@ -19,7 +19,8 @@ from cornerforge.errors import CornerForgeError, FileFormatError, InputError, Mi
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
-from cornerforge.pipeline.output import check_path, read_json_file
+from cornerforge.pipeline.beside import analysis_beside, own_folder
+from cornerforge.pipeline.output import check_path
 from cornerforge.results.whole import Served
 
 if TYPE_CHECKING:
@@ -118,22 +119,20 @@ def _sources(place: Path) -> list[_Found]:
         InputError: There is none, or none holds a case.
         FileFormatError: One is damaged.
     """
-    from cornerforge.explorer import Source
+    from cornerforge.explorer import Source, read_analysis
 
     if (place / MANIFEST).exists():
-        libraries = [(place, place.parent / f"{place.name}-analysis")]
+        libraries = [place]
     else:
         natural = [place / "natural" / "weighted", place / "natural" / "library", place / "weighted"]
-        libraries = [
-            (one, one.parent / "analysis") for one in (*natural, place / "library") if (one / MANIFEST).exists()
-        ]
+        libraries = [one for one in (*natural, place / "library") if (one / MANIFEST).exists()]
     if not libraries:
         raise InputError(
             f"{place} is no folder of run or rate and no library of cases; name one that cornerforge run, rate --out "
             "or generate made."
         )
     found: dict[str, _Found] = {}
-    for library, beside in libraries:
+    for library in libraries:
         cases = CaseLibrary.open(library)
         if len(cases) == 0:
             continue
@@ -144,32 +143,12 @@ def _sources(place: Path) -> list[_Found]:
             continue
         replay = f"cornerforge replay {shlex.quote(str(library))}"
         source = Source(name, _LABELS[name], cases, on_road, weights, replay)
-        own = library.parent / f"{library.name}-analysis"
-        folder = next((one for one in (beside, library.parent / "analysis", own) if _is_analysis(one, cases)), own)
-        found[name] = _Found(source, _analysis(folder, cases), folder)
+        beside = analysis_beside(cases)
+        analysis = None if beside is None else read_analysis(beside, cases.path)
+        found[name] = _Found(source, analysis, beside or own_folder(library))
     if not found:
         raise InputError(f"There is no case in {place} yet; fill a library with: cornerforge generate, or rate --out")
     return list(found.values())
-
-
-def _is_analysis(folder: Path, cases: CaseLibrary) -> bool:
-    """Say whether a folder holds the whole analysis of a library."""
-    from cornerforge.explorer import FILES
-
-    if not all((folder / name).is_file() for name in (*FILES, "provenance.json")):
-        return False
-    try:
-        identity = read_json_file(folder / "provenance.json").get("identity")
-    except CornerForgeError:
-        return False
-    of = {**cases.identity, "cases": len(cases)}
-    return isinstance(identity, dict) and all(identity.get(key) == value for key, value in of.items())
-
-
-def _analysis(folder: Path, cases: CaseLibrary) -> Analysis | None:
-    from cornerforge.explorer import read_analysis
-
-    return read_analysis(folder, cases.path) if _is_analysis(folder, cases) else None
 
 
 def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stopping: threading.Event) -> None:
