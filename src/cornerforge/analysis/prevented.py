@@ -201,8 +201,8 @@ def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[
     """Let each reference driver drive in the AV's place in one recorded crash.
 
     It takes over when the manoeuvre that led to the crash began, or earlier, where it sees danger while the AV nears
-    the vehicle that it will run into. It holds its speed until it sees danger, and then brakes on the path that the AV was
-    on; the others drive as recorded, and after the contact as for the ways out (ADR 14).
+    the vehicle that it will run into. It holds its speed until it sees danger, and then brakes on the path that the AV
+    was on; the others drive as recorded, and after the contact as for the ways out (ADR 14).
 
     Args:
         scenario: Recording of a test that ended in a crash of the AV; vehicles that never came near may be missing.
