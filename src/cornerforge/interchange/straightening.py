@@ -99,13 +99,15 @@ class Course:
         return np.polyval(self.off, self._inside(u)) + self._slope(u) * (u - self._inside(u))
 
     def _slope(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.polyval(np.polyder(self.off), self._inside(u))
+        slope: NDArray[np.float64] = np.polyval(np.polyder(self.off), self._inside(u))
+        return slope
 
     def _bend(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the curvature [1/m], to the left positive."""
         inside = (u >= 0.0) & (u <= self.length)
-        bend: NDArray[np.float64] = np.polyval(np.polyder(self.off, 2), self._inside(u)) * inside
-        return bend / (1.0 + self._slope(u) ** 2) ** 1.5
+        bend: NDArray[np.float64] = np.polyval(np.polyder(self.off, 2), self._inside(u))
+        bend *= inside / np.hypot(1.0, self._slope(u)) ** 3
+        return bend
 
     def _way(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the way along the curve from its start to each foot [m]."""
@@ -113,7 +115,8 @@ class Course:
         pace = np.hypot(1.0, self._slope(at))
         ways = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(at))])
         beyond = np.hypot(1.0, self._slope(u)) * (u - self._inside(u))
-        return np.interp(self._inside(u), at, ways) + beyond
+        way: NDArray[np.float64] = np.interp(self._inside(u), at, ways) + beyond
+        return way
 
 
 def course_along(line: NDArray[np.float64], place: str) -> Course:
