@@ -24,6 +24,7 @@ from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.interchange.cases import Fact, MovingCase, straight_road
 from cornerforge.interchange.commonroad import facts_of_source
+from cornerforge.interchange.differences import rates
 from cornerforge.interchange.straightening import Course, course_along
 from cornerforge.interchange.xml_input import Element, read_xml
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK, Odd
@@ -336,7 +337,9 @@ def _find_road(lanelets: list[_Lanelet], av: _Track, root: Element, notes: _Note
     edges, used = _edges(sides, own.name)
     for lanelet in lanelets:
         if lanelet.name not in used:
-            notes.say(lanelet.element, f"{_named(lanelet.element)} is not carried over: it is no lane of the AV's road.")
+            notes.say(
+                lanelet.element, f"{_named(lanelet.element)} is not carried over: it is no lane of the AV's road."
+            )
     lanes = len(edges) - 1
     width = (edges[-1] - edges[0]) / lanes
     if not 2.5 <= width <= 6.0:
@@ -497,9 +500,7 @@ def _make_case(
     )
 
 
-def _motion(
-    track: _Track, road: _Road, first: float, frames: int, step_s: float, notes: _Notes
-) -> NDArray[np.float64]:
+def _motion(track: _Track, road: _Road, first: float, frames: int, step_s: float, notes: _Notes) -> NDArray[np.float64]:
     """Make the poses (F, POSE_NUMBERS) of a vehicle, NaN where it is absent; lanes are not yet told."""
     steps, points = track.states[:, 0], track.states[:, 1:3]
     placed = road.course.place(points)
@@ -525,25 +526,14 @@ def _motion(
 
 def _fill_in(poses: NDArray[np.float64], track: _Track, notes: _Notes) -> None:
     """Take lateral speeds, and speeds and accelerations that are not given, from differences."""
-    there = np.flatnonzero(np.isfinite(poses[:, X]))
-    backwards = False
-    for span in np.split(there, np.flatnonzero(np.diff(there) > 1) + 1):
-        if span.size == 0:
-            continue
-        poses[span, LATERAL_SPEED] = _rate(poses[span, Y])
-        for number, of in ((SPEED, X), (ACCELERATION, SPEED)):
-            unknown = span[np.isnan(poses[span, number])]
-            if unknown.size:
-                poses[unknown, number] = _rate(poses[span, of])[np.isin(span, unknown)]
-        backwards |= bool((poses[span, SPEED] < -_SWAYS).any() and abs(poses[span[0], HEADING]) < 0.5 * math.pi)
-        if abs(poses[span[0], HEADING]) < 0.5 * math.pi:
-            poses[span, SPEED] = np.maximum(poses[span, SPEED], 0.0)
-    if backwards:
-        notes.say(track.element, f"{_named(track.element)} drives backwards at times; it stands then, as to its speed.")
-
-
-def _rate(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.gradient(values, FRAME_S) if values.size > 1 else np.zeros(values.size)
+    poses[:, LATERAL_SPEED] = rates(poses[:, Y])
+    for number, of in ((SPEED, X), (ACCELERATION, SPEED)):
+        unknown = np.isnan(poses[:, number])
+        poses[unknown, number] = rates(poses[:, of])[unknown]
+    backwards = (poses[:, SPEED] < 0.0) & (np.abs(poses[:, HEADING]) < 0.5 * math.pi)
+    if (poses[backwards, SPEED] < -_SWAYS).any():
+        notes.say(track.element, f"{_named(track.element)} drives backwards at times; its speed is 0 there.")
+    poses[backwards, SPEED] = 0.0
 
 
 def _not_there(motion: NDArray[np.float64], road: _Road) -> str:

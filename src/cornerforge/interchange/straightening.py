@@ -2,8 +2,8 @@
 
 A road is straight if its line is nowhere more than 0.05 m off the line between its ends: then the plane is turned and
 shifted, and distances stay. A gentle curve is straightened: its line is replaced by a polynomial, which may be 0.3 m
-off, and points are told by their foot on it. That stretches what is on the outer side and shortens what is on the inner one
-by distance / radius; the radius must be 500 m or more, so by 2 % at 10 m.
+off, and points are told by their foot on it. That shortens what is on the outer side of the curve and stretches what
+is on the inner one, by distance / radius; the radius must be 500 m or more, so by 2 % at 10 m.
 """
 
 from __future__ import annotations
@@ -99,12 +99,15 @@ class Course:
         return np.polyval(self.off, self._inside(u)) + self._slope(u) * (u - self._inside(u))
 
     def _slope(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.polyval(np.polyder(self.off), self._inside(u))
+        slope: NDArray[np.float64] = np.polyval(np.polyder(self.off), self._inside(u))
+        return slope
 
     def _bend(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the curvature [1/m], to the left positive."""
         inside = (u >= 0.0) & (u <= self.length)
-        return np.where(inside, np.polyval(np.polyder(self.off, 2), u) / (1.0 + self._slope(u) ** 2) ** 1.5, 0.0)
+        bend: NDArray[np.float64] = np.polyval(np.polyder(self.off, 2), self._inside(u))
+        bend *= inside / np.hypot(1.0, self._slope(u)) ** 3
+        return bend
 
     def _way(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the way along the curve from its start to each foot [m]."""
@@ -112,7 +115,8 @@ class Course:
         pace = np.hypot(1.0, self._slope(at))
         ways = np.concatenate([[0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(at))])
         beyond = np.hypot(1.0, self._slope(u)) * (u - self._inside(u))
-        return np.interp(self._inside(u), at, ways) + beyond
+        way: NDArray[np.float64] = np.interp(self._inside(u), at, ways) + beyond
+        return way
 
 
 def course_along(line: NDArray[np.float64], place: str) -> Course:

@@ -430,12 +430,17 @@ class CaseLibrary:
         return table.column("case_id").to_pylist(), flat.astype(np.float64).reshape(-1, *HISTORY_SHAPE)
 
     def sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Read lengths and widths [m] of the AV and its crash partner, (S, 2) each, in the order of `history`."""
-        table = self.scalars(["bv_length_m", "bv_width_m"])
+        """Read lengths and widths [m] of the AV and its crash partner, (S, 2) each, in the order of `history`.
+
+        The AV has the size of the ODD's cars, unless own columns `av_length_m` and `av_width_m` give another one.
+        """
+        of_av = [name for name in ("av_length_m", "av_width_m") if name in self.extra]
+        table = self.scalars(["bv_length_m", "bv_width_m", *of_av])
         found = []
-        for name, of_car in (("bv_length_m", self.odd.vehicle_length), ("bv_width_m", self.odd.vehicle_width)):
-            partner = table.column(name).fill_null(of_car).to_numpy()
-            found.append(np.stack([np.full(partner.size, of_car), partner], axis=1))
+        for name, of_car in (("length_m", self.odd.vehicle_length), ("width_m", self.odd.vehicle_width)):
+            partner = table.column(f"bv_{name}").fill_null(of_car).to_numpy()
+            av = table.column(f"av_{name}").to_numpy() if f"av_{name}" in of_av else np.full(partner.size, of_car)
+            found.append(np.stack([av, partner], axis=1))
         return found[0], found[1]
 
     def query(self, sql: str) -> tuple[list[str], list[tuple[Any, ...]]]:

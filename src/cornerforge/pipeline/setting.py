@@ -98,6 +98,8 @@ class Experiment:
     @property
     def av_hash(self) -> str:
         """Hash of the AV: of its parameters, or of a foreign AV's source or file."""
+        if self.av.name == RECORDED_AV:
+            return config_hash({"av": RECORDED_AV})
         return av_hash(self.av) if self.foreign is None else self.foreign.hash
 
     @property
