@@ -22,7 +22,7 @@ __all__ = ["app", "main"]
 
 EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_PIPE = 2, 130, 141
 """Exit statuses. EXIT_PIPE: the reader of our output has gone; 128 + SIGPIPE, as a shell reports it."""
-_COMMANDS = (whole, driving, learning, cases, naturalistic)
+_COMMANDS = (whole, driving, learning, cases, exchange, naturalistic)
 _KEEP_WITH_OUT = ("simulate", "rate")
 """Commands with --resume that keep something only with --out; the other commands with --resume always do."""
 

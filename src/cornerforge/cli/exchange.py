@@ -23,7 +23,7 @@ from cornerforge.cli.program import command
 
 __all__ = ["export"]
 
-_FORMATS = ("openscenario", "commonroad", "csv", "parquet", "rerun")
+_FORMATS = ("openscenario", "commonroad", "csv", "parquet", "rerun", "json")
 
 
 @command(
@@ -48,8 +48,8 @@ def export(
         str,
         typer.Option(
             metavar="recorded|controller|relative",
-            help="Of OpenSCENARIO. recorded: all move as recorded; controller: a controller of yours drives the AV, the "
-            "others as recorded; relative: the partner's manoeuvre begins at the recorded time gap to the AV.",
+            help="Of OpenSCENARIO. recorded: all move as recorded; controller: a controller of yours drives the AV, "
+            "the others as recorded; relative: the partner's manoeuvre begins at the recorded time gap to the AV.",
             autocompletion=completing("recorded", "controller", "relative"),
         ),
     ] = "recorded",
@@ -65,7 +65,6 @@ def export(
         lambda bars: cornerforge.export(
             library, cases, to=to, out=out, version=version, mode=mode, resume=resume, progress=bars
         ),
-        lambda r: f"{r.cases:,} cases as {len(r.files):,} files ({r.to}) in {r.out}; {r.cases / max(r.seconds, 1e-3):,.0f} "
-        "cases a second",
+        lambda r: f"{r.cases:,} cases as {len(r.files):,} files ({r.to}) in {r.out}",
         as_json=as_json, quiet=quiet,
     )  # fmt: skip

@@ -490,7 +490,8 @@ class CaseLibrary:
                 self.scenario(case_id)  # raises the error
         for shard in sorted(wanted, key=lambda one: one.first_test):
             table, tracks = self._reader.cases(shard, None), self._reader.tracks(shard)
-            assert table is not None and tracks is not None  # its names were there
+            if table is None or tracks is None:
+                raise FileFormatError(f"A shard is damaged: {'; '.join(self.damaged)}; generate its cases again.")
             motion = tracks.read().combine_chunks()
             for row, case_id in enumerate(table.column("case_id").to_pylist()):
                 if case_id in wanted[shard]:

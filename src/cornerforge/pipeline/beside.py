@@ -18,9 +18,9 @@ def own_folder(library: Path) -> Path:
 
 
 def analysis_beside(cases: CaseLibrary) -> Path | None:
-    """Find the whole analysis of a library as it is: `analysis` or LIB-analysis in the same folder; None: there is none.
+    """Find the whole analysis of a library: `analysis` or LIB-analysis in the same folder; None: there is none.
 
-    The library's path must have a name (`Path.resolve`).
+    It must be of the library as it is now. The library's path must have a name (`Path.resolve`).
     """
     places = (cases.path.parent / "analysis", own_folder(cases.path))
     return next((one for one in places if _is_of(one, cases)), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -57,12 +58,17 @@ class CaseFacts:
             "case": case_id,
             **self._run,
             "crashes_per_billion_miles_it_stands_for": self._often.get(case_id),
-            **{name: value for name, value in found.items() if value is not None},
+            **{name: _fact(value) for name, value in found.items() if value is not None},
         }
 
     def out_case(self, case_id: str, stored: StoredCase) -> OutCase:
         """Make what writers take of a case."""
         return OutCase(f"case-{case_id.replace(':', '-')}", stored.scenario, self.of(case_id, stored))
+
+
+def _fact(value: Any) -> Fact:
+    """Say an infinite number in words: files of others cannot hold it."""
+    return "infinite" if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _licence(model: Path) -> str | None:

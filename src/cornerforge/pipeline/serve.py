@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shlex
+import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +21,7 @@ from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
 from cornerforge.pipeline.beside import analysis_beside, own_folder
+from cornerforge.pipeline.export import EXPORTS, CaseWriter, has_rerun
 from cornerforge.pipeline.output import check_path
 from cornerforge.results.whole import Served
 
@@ -212,7 +214,10 @@ def _driving(avs: Sequence[str], source: Source) -> Driving:
     others = _Others()
     for av in avs:
         others.made(source, av)
-    return Driving(tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive)
+    exports = {name: label for name, label in EXPORTS.items() if name != "rerun" or has_rerun()}
+    return Driving(
+        tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive, exports, _Exports().files
+    )  # fmt: skip
 
 
 def _fault_of_notes(source: Source) -> list[str]:
@@ -252,6 +257,26 @@ def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:
         )
         for name, one in driven_by(scenario, params).items()
     }
+
+
+class _Exports:
+    """Writes stored cases for other tools; one at a time, since it keeps its writers."""
+
+    def __init__(self) -> None:
+        self._writers: dict[tuple[str, str], CaseWriter] = {}
+
+    def files(self, source: Source, stored: StoredCase, to: str) -> Mapping[str, bytes]:
+        """Give the files of a case in a format, by name.
+
+        Raises:
+            CornerForgeError: It cannot be written in that format.
+        """
+        key = source.name, to
+        if key not in self._writers:
+            self._writers[key] = CaseWriter(source.cases, to)
+        with tempfile.TemporaryDirectory() as folder:
+            names = self._writers[key].write(str(stored.scalars["case_id"]), stored, Path(folder))
+            return {name: (Path(folder) / name).read_bytes() for name in names}
 
 
 class _Others:

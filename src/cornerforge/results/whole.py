@@ -11,8 +11,8 @@ from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
 __all__ = [
-    "Exported", "Exposed", "Exposure", "ExposureMiles", "Figured", "FiguredOne", "Initialised", "Reported", "RunDone", "RunTrained",
-    "Served", "Spending", "SpentOn",
+    "Exported", "Exposed", "Exposure", "ExposureMiles", "Figured", "FiguredOne", "Initialised", "Reported", "RunDone",
+    "RunTrained", "Served", "Spending", "SpentOn",
 ]  # fmt: skip
 
 
