@@ -39,7 +39,7 @@ from cornerforge.world_options import AvAloneKeywords, AvAskedKeywords, WorldOpt
 
 __all__ = [
     "CRASH", "NO_CRASH", "UNKNOWN", "CaseDriver", "CaseFilesOf", "CaseOutcome", "CasesDriven", "DrivenCase",
-    "crash_in_words", "drive_case", "library_of",
+    "crash_in_words", "drive_case", "driven_with", "library_of",
 ]  # fmt: skip
 
 CRASH, NO_CRASH, UNKNOWN = "crash", "no crash", "unknown"
@@ -55,7 +55,7 @@ _EXTENT = ("name", "vehicle_length", "vehicle_width", "max_speed", "test_length"
 # One case with one AV
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DrivenCase:
     """A case, driven.
 
@@ -65,6 +65,7 @@ class DrivenCase:
         happened: Whether it crashed, when, with whom.
         words: What happened, in words.
         scenario: All of the motion, up to the contact or to the end.
+        seen: How to see it; "": not told.
     """
 
     case: str
@@ -72,14 +73,16 @@ class DrivenCase:
     happened: Happened
     words: str
     scenario: Scenario
+    seen: str = ""
 
     @property
     def crashed(self) -> bool:
         """Did the AV touch another vehicle, or was it touched?"""
         return self.happened.crashed
 
-    def __str__(self) -> str:
-        return f"Case {self.case}, AV {self.av}: {self.words}"
+    def __repr__(self) -> str:
+        told = f"case {self.case}, AV {self.av}: {self.words}"
+        return f"<{told}; to see it: {self.seen}>" if self.seen else f"<{told}>"
 
 
 class CaseDriver:
