@@ -30,8 +30,8 @@ __all__ = ["MarkedCase", "pytest_configure", "pytest_generate_tests", "pytest_un
 
 MARKER = "cornerforge"
 _ABOUT = (
-    f"{MARKER}(files, ..., av): run the test once for each case file that a pattern such as cases/*.json finds, relative to "
-    "the test's folder; the argument `case` drives it"
+    f"{MARKER}(files, ..., av): run the test once for each case file that a pattern such as cases/*.json finds, "
+    "relative to the test's folder; the argument `case` drives it"
 )
 _ASKED = ("av_timeout", "av_batch", "av_processes", "av_python")
 _DRIVERS: dict[tuple[Any, ...], CaseDriver] = {}
