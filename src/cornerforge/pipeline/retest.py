@@ -32,7 +32,7 @@ from cornerforge.pipeline.retest_case_files import (
 )
 from cornerforge.pipeline.retest_files import check_new_file, write_junit, write_sarif
 from cornerforge.pipeline.retest_pairs import RULE, Driven, pairs_of
-from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.pipeline.setting import RECORDED_AV, Experiment, check_threads
 from cornerforge.pipeline.stored_cases import drive_as_recorded, run_with
 from cornerforge.rates.paired import difference_interval, sequential_verdict
 from cornerforge.report.comparison import Pair, check_page, write_comparison
@@ -108,12 +108,17 @@ def retest(
         raise InputError(
             f"{place} holds case files, which tell of no traffic to draw natural tests from; leave them out."
         )
+    options = WorldOptions(**world)
+    is_recorded = RECORDED_AV in (options.av, baseline)
+    if is_recorded and natural_tests:
+        raise InputError(
+            f"{RECORDED_AV} drives in its cases only, so there are no natural tests of it; leave them out."
+        )
     if natural_tests is None:
-        natural_tests = 0 if baseline is None or is_of_files else 10_000
+        natural_tests = 0 if baseline is None or is_of_files or is_recorded else 10_000
     check_integer("natural_tests", natural_tests, low=0, high=10**9)
     if natural_tests and baseline is None:
         raise InputError("Natural rates need both AVs; name the old one with --baseline.")
-    options = WorldOptions(**world)
     if baseline is not None and baseline == options.av:
         raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
     if is_of_files:
