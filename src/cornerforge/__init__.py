@@ -12,9 +12,11 @@ from cornerforge._doors import door
 
 if TYPE_CHECKING:
     from cornerforge.execution import engine
+    from cornerforge.interchange.case_file import read_case_file, write_case_file
     from cornerforge.paper.reproduce import reproduce
     from cornerforge.pipeline.analyse import analyse
     from cornerforge.pipeline.avs import avs
+    from cornerforge.pipeline.case_files import drive_case
     from cornerforge.pipeline.cases import query, replay
     from cornerforge.pipeline.check_av import check_av
     from cornerforge.pipeline.export import export
@@ -43,6 +45,7 @@ __all__ = [
     "analyse",
     "avs",
     "check_av",
+    "drive_case",
     "engine",
     "export",
     "figure",
@@ -57,6 +60,7 @@ __all__ = [
     "query",
     "r157",
     "rate",
+    "read_case_file",
     "replay",
     "reproduce",
     "retest",
@@ -68,6 +72,7 @@ __all__ = [
     "train",
     "train_av",
     "variety",
+    "write_case_file",
 ]
 
 __version__ = "0.1.0"
@@ -78,6 +83,7 @@ __getattr__ = door(
         "analyse": "pipeline.analyse",
         "avs": "pipeline.avs",
         "check_av": "pipeline.check_av",
+        "drive_case": "pipeline.case_files",
         "engine": "execution",
         "export": "pipeline.export",
         "figure": "pipeline.figure",
@@ -92,6 +98,7 @@ __getattr__ = door(
         "query": "pipeline.cases",
         "r157": "pipeline.r157",
         "rate": "pipeline.rate",
+        "read_case_file": "interchange.case_file",
         "replay": "pipeline.cases",
         "reproduce": "paper.reproduce",
         "retest": "pipeline.retest",
@@ -103,5 +110,6 @@ __getattr__ = door(
         "train": "pipeline.train",
         "train_av": "pipeline.train_av",
         "variety": "pipeline.variety",
+        "write_case_file": "interchange.case_file",
     },
 )

@@ -132,11 +132,19 @@ def script_of(case: MovingCase, *, set_speed: float | None = None, seed: int = 0
         seed, test: Name of the case in a library, and what an AV from outside is told.
 
     Raises:
-        InputError: The AV does not begin in the first frame, or a number is not finite.
+        InputError: The AV does not begin in the first frame, a vehicle is nowhere, or in a lane that the road lacks.
     """
     first = case.poses[0, 0]
     if not np.isfinite(first).all():
         raise InputError(f"Case {case.name}: the AV is not there in the first frame.")
+    lanes = case.poses[..., LANE]
+    beside = np.argwhere(np.isfinite(lanes) & ((lanes < 0) | (lanes >= case.odd.n_lanes) | (lanes != np.floor(lanes))))
+    if beside.size:
+        frame, slot = beside[0].tolist()
+        raise InputError(
+            f"Case {case.name}: vehicle {slot} is in lane {lanes[frame, slot]:g} in frame {frame}; the road has "
+            f"lanes 0 to {case.odd.n_lanes - 1}."
+        )
     poses = _prolonged(case.poses)
     rows = []
     for slot in range(case.poses.shape[1]):

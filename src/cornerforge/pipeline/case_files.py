@@ -35,11 +35,11 @@ from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment
 from cornerforge.pipeline.stored_cases import StoredScripts, run_with
 from cornerforge.sim import NATURAL, Ending, Script
 from cornerforge.types import CLASSES, FRAME_S, Odd, Scenario
-from cornerforge.world_options import AvAloneKeywords, AvAskedKeywords, WorldOptions
+from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = [
     "CRASH", "NO_CRASH", "UNKNOWN", "CaseDriver", "CaseFilesOf", "CaseOutcome", "CasesDriven", "DrivenCase",
-    "crash_in_words", "drive_case", "library_of",
+    "crash_in_words", "drive_case", "driven_with", "library_of",
 ]  # fmt: skip
 
 CRASH, NO_CRASH, UNKNOWN = "crash", "no crash", "unknown"
@@ -55,7 +55,7 @@ _EXTENT = ("name", "vehicle_length", "vehicle_width", "max_speed", "test_length"
 # One case with one AV
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DrivenCase:
     """A case, driven.
 
@@ -65,6 +65,7 @@ class DrivenCase:
         happened: Whether it crashed, when, with whom.
         words: What happened, in words.
         scenario: All of the motion, up to the contact or to the end.
+        seen: How to see it; "": not told.
     """
 
     case: str
@@ -72,14 +73,16 @@ class DrivenCase:
     happened: Happened
     words: str
     scenario: Scenario
+    seen: str = ""
 
     @property
     def crashed(self) -> bool:
         """Did the AV touch another vehicle, or was it touched?"""
         return self.happened.crashed
 
-    def __str__(self) -> str:
-        return f"Case {self.case}, AV {self.av}: {self.words}"
+    def __repr__(self) -> str:
+        told = f"case {self.case}, AV {self.av}: {self.words}"
+        return f"<{told}; to see it: {self.seen}>" if self.seen else f"<{told}>"
 
 
 class CaseDriver:
@@ -347,11 +350,10 @@ def library_of(
     cases: Sequence[MovingCase],
     out: Path | str,
     *,
-    av: str = RECORDED_AV,
     set_speed: float | None = None,
     seed: int = 0,
     progress: Progress = NO_PROGRESS,
-    **asked: Unpack[AvAskedKeywords],
+    **world: Unpack[AvAloneKeywords],
 ) -> CasesDriven:
     """Drive moving cases with an AV, and store those that end in a crash of the AV as a library on rails.
 
@@ -361,15 +363,15 @@ def library_of(
     Args:
         cases: At least one.
         out: New or empty folder: the library, or, for several roads, a folder of libraries `road-1`, `road-2`, ...
-        av: The AV; "recorded": whatever was in its seat moves as it was recorded.
         set_speed: At which speed the AV is set to drive [m/s]; None: as `interchange.cases.script_of` says.
         seed: Of the library: a case is named seed:number, where it stands among `cases`.
         progress: Told how far it is.
-        asked: How an AV from outside is asked.
+        world: `av`, and how an AV from outside is asked; without `av` it is "recorded": whatever was in the AV's seat
+            moves as it was recorded.
 
     Returns:
-        What crashed and what did not. Columns `name` and `source` of a library name its cases, `av_length_m` and
-        `av_width_m` say how large the AV was.
+        What crashed and what did not. Columns of a library: `name` of the case, `origin` (its fact `source`), and
+        `av_length_m` and `av_width_m`, how large the AV was.
 
     Raises:
         CornerForgeError: A case cannot be driven, the AV cannot be had, or the place cannot be used.
@@ -379,7 +381,7 @@ def library_of(
     if not cases:
         raise InputError("There is no case to drive.")
     check_new_folder(place)
-    options = WorldOptions(av=av, **asked)
+    options = replace(WorldOptions(av=RECORDED_AV), **world)
     groups = _roads(cases)
     found: dict[int, CaseOutcome] = {}
     libraries: list[Path] = []
@@ -396,7 +398,7 @@ def library_of(
             for record in records:
                 number = int(str(record.case["test"]))
                 found[number] = replace(found[number], library=library, case_id=record.case_id)
-    return CasesDriven(av, tuple(libraries), tuple(found[number] for number in range(len(cases))))
+    return CasesDriven(options.av, tuple(libraries), tuple(found[number] for number in range(len(cases))))
 
 
 def _roads(cases: Sequence[MovingCase]) -> list[tuple[Odd, list[int]]]:
@@ -439,7 +441,7 @@ def _record_all(
         if crashed:
             source = case.facts.get("source")
             extra: dict[str, Scalar] = {
-                "name": case.name, "source": "" if source is None else str(source),
+                "name": case.name, "origin": "" if source is None else str(source),
                 "av_length_m": float(case.length[0]), "av_width_m": float(case.width[0]),
             }  # fmt: skip
             records.append(case_record(scenario, start=script.start, poses=script.poses, extra=extra))
