@@ -1,8 +1,9 @@
 """Reads CommonRoad files with commonroad-io and lets the drivability checker look for contacts.
 
 Run with the Python of an environment that has commonroad-io and commonroad-drivability-checker; prints one JSON object:
-for each file its faults against the schema that commonroad-io ships, its benchmark, and all contacts as triples (step,
-id, id), up to the last step. With --rewrite FOLDER each file is written there again by commonroad-io itself.
+for each file its faults against the schema that commonroad-io ships, what it holds, and all contacts of the obstacle
+with the lowest id, the AV, as pairs (step, id), up to the last step. With --rewrite FOLDER N commonroad-io itself
+writes the first N files again, into that folder.
 """
 
 from __future__ import annotations
@@ -30,14 +31,12 @@ def look(path: Path, schema: Any, again: Path | None) -> dict[str, Any]:
     obstacles = scenario.dynamic_obstacles
     shapes = {obstacle.obstacle_id: create_collision_object(obstacle) for obstacle in obstacles}
     last = max((obstacle.prediction.final_time_step for obstacle in obstacles if obstacle.prediction), default=0)
-    contacts = []
     ids = sorted(shapes)
+    contacts = []
     for step in range(last + 1):
-        boxes = {name: shapes[name].obstacle_at_time(step) for name in ids}
-        for at, first in enumerate(ids):
-            for second in ids[at + 1 :]:
-                if boxes[first] is not None and boxes[second] is not None and boxes[first].collide(boxes[second]):
-                    contacts.append((step, first, second))
+        av, *others = (shapes[name].obstacle_at_time(step) for name in ids)
+        touched = zip(ids[1:], others, strict=True)
+        contacts += [(step, name) for name, box in touched if box is not None and box.collide(av)]
     # The checker's own search over time: the AV against all others.
     checker = crcc.CollisionChecker()
     for name in ids[1:]:
@@ -55,7 +54,7 @@ def look(path: Path, schema: Any, again: Path | None) -> dict[str, Any]:
             [problem.planning_problem_id, problem.initial_state.position.tolist(), problem.initial_state.velocity]
             for problem in problems.planning_problem_dict.values()
         ],
-        "av_collides": bool(ids and checker.collide(shapes[ids[0]])),
+        "av_collides": bool(checker.collide(shapes[ids[0]])),
         "contacts": contacts,
         "last": last,
     }
@@ -65,10 +64,11 @@ def main() -> None:
     from lxml import etree
 
     folder = Path(sys.argv[1])
-    again = Path(sys.argv[3]) if sys.argv[2:3] == ["--rewrite"] else None
+    again, most = (Path(sys.argv[3]), int(sys.argv[4])) if sys.argv[2:3] == ["--rewrite"] else (None, 0)
     definitions = importlib.resources.files("commonroad.scenario_definition") / "xml_definition_files"
     schema = etree.XMLSchema(etree.fromstring((definitions / "XML_commonRoad_XSD.xsd").read_bytes()))
-    print(json.dumps({path.name: look(path, schema, again) for path in sorted(folder.glob("*.xml"))}))
+    paths = sorted(folder.glob("*.xml"))
+    print(json.dumps({path.name: look(path, schema, again if at < most else None) for at, path in enumerate(paths)}))
 
 
 if __name__ == "__main__":
