@@ -103,13 +103,8 @@ def _version(top: Element) -> str:
     if major != 1 or minor not in _VERSIONS:
         raise FileFormatError(f"{header.place}: OpenSCENARIO {major}.{minor} is not read; 1.0 to 1.3 are.")
     if top.child("Storyboard") is None:
-        kind = next(
-            (child.tag for child in top.children if child.tag in ("Catalog", "ParameterValueDistribution")), None
-        )
-        raise FileFormatError(
-            f"{top.place}: this is {f'a {kind}' if kind else 'no scenario'}; give the file of a concrete scenario, with a "
-            "Storyboard."
-        )
+        kind = next((f"a {part.tag}" for part in top.all("Catalog", "ParameterValueDistribution")), "no scenario")
+        raise FileFormatError(f"{top.place}: this is {kind}; give the file of a concrete scenario, with a Storyboard.")
     return f"1.{minor}"
 
 
