@@ -24,7 +24,10 @@ _DRIVEN = frozenset({
 })  # fmt: skip
 _FLAT = 0.05
 """A stretch that leaves its straight line by less than this is straight [m]."""
+_GENTLE = 1500.0
+"""A road of this radius or a larger one is read as if it were straight, along its line [m]."""
 _SAME_HEADING = 1e-4
+_SAME_PLACE = 0.5
 _SAME_WIDTH = 0.01
 _MOST_OFF = 0.5
 """How far the middle of a lane may lie from where lanes of one width would have it [m]."""
@@ -58,7 +61,7 @@ class _Section:
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """A piece of a reference line: where it begins, and how far it leaves its straight line [m]."""
+    """A piece of a reference line: where it begins, how far it leaves its straight line, its smallest radius [m]."""
 
     s: float
     x: float
@@ -67,11 +70,16 @@ class _Piece:
     length: float
     kind: str
     off: float
+    radius: float
     line: int
 
     @property
     def straight(self) -> bool:
         return self.off < _FLAT
+
+    @property
+    def gentle(self) -> bool:
+        return self.straight or self.radius >= _GENTLE
 
     def at(self, s: float, t: float) -> tuple[float, float]:
         u = s - self.s
@@ -182,6 +190,7 @@ class Frame:
         lanes: Ids of the lanes in the AV's direction, the rightmost first.
         lane_width: [m].
         edge: `along` times t of the right edge of the rightmost lane [m].
+        curved: The road bends gently and is read as straight; places of the world are not known then.
         notes: What of the road is not carried over.
     """
 
@@ -193,6 +202,7 @@ class Frame:
     lanes: tuple[int, ...]
     lane_width: float
     edge: float
+    curved: bool
     notes: tuple[str, ...]
 
     def of_road(self, s: float, t: float) -> tuple[float, float]:
@@ -245,11 +255,13 @@ def frame_of(roads: Roads, road: Road, s: float, t: float) -> Frame:
     """
     where = f"{roads.file}, line {road.line}"
     piece = road.piece(s)
-    if not piece.straight:
+    if not piece.gentle:
         raise DataError(
-            f"{roads.file}, line {piece.line}: road {road.ident} is not straight where the AV starts ({piece.kind}); "
-            "straight roads with parallel lanes can be read."
+            f"{roads.file}, line {piece.line}: road {road.ident} is not straight where the AV starts ({piece.kind}, "
+            f"radius {piece.radius:.0f} m); roads with parallel lanes that are straight or have a radius of "
+            f"{_GENTLE:.0f} m or more can be read."
         )
+    curved = not piece.straight
     ident = road.lane_at(s, t)
     side = (1 if ident > 0 else -1) if ident is not None else (1 if t > 0.0 else -1)
     lanes = _driven(road, s, side, ident)
@@ -260,17 +272,17 @@ def frame_of(roads: Roads, road: Road, s: float, t: float) -> Frame:
     low, high = road.borders(lanes[0], s), road.borders(lanes[-1], s)
     edge = min(along * low[0], along * low[1])
     width = (max(along * high[0], along * high[1]) - edge) / len(lanes)
-    begin, end = _straight(road, piece)
+    begin, end = _stretch(roads, road, piece, curved)
     if along < 0:
         begin, end = road.length - end, road.length - begin
-    notes = tuple(f"{where}: {note}" for note in _notes(road, s, lanes, width))
+    notes = tuple(f"{where}: {note}" for note in _notes(road, s, lanes, width, curved))
     for k, lane in enumerate(lanes):
         off = abs(along * sum(road.borders(lane, s)) / 2.0 - edge - (k + 0.5) * width)
         if off > _MOST_OFF:
             raise DataError(
                 f"{where}: the lanes of road {road.ident} differ too much in width; equal ones can be driven."
             )
-    return Frame(road, piece, along, begin, end, tuple(lanes), width, edge, notes)
+    return Frame(road, piece, along, begin, end, tuple(lanes), width, edge, curved, notes)
 
 
 def _driven(road: Road, s: float, side: int, ident: int | None) -> list[int]:
@@ -287,24 +299,34 @@ def _driven(road: Road, s: float, side: int, ident: int | None) -> list[int]:
     return next((group for group in groups if ident in group), max(groups, key=len))
 
 
-def _straight(road: Road, piece: _Piece) -> tuple[float, float]:
-    """How far the road goes on straight before and after a piece: first and last s."""
-    first = last = road.pieces.index(piece)
+def _stretch(roads: Roads, road: Road, piece: _Piece, curved: bool) -> tuple[float, float]:
+    """First and last s up to which it goes on as in a piece, over the ends of roads too if it is straight."""
+    spans = []
+    for other in road.pieces if curved else (p for r in roads.roads.values() for p in r.pieces):
+        s, off = piece.where(other.x, other.y)
+        turn = abs(_wrapped(other.heading - piece.heading))
+        if curved and other.gentle:
+            spans.append((other.s, other.s + other.length))
+        elif not curved and other.straight and abs(off) < _FLAT:
+            if turn < _SAME_HEADING:
+                spans.append((s, s + other.length))
+            elif math.pi - turn < _SAME_HEADING:
+                spans.append((s - other.length, s))
+    begin, end = piece.s, piece.s + piece.length
+    for low, high in sorted(spans):
+        if low <= end + _SAME_PLACE:
+            end = max(end, high)
+    for low, high in sorted(spans, key=lambda span: -span[1]):
+        if high >= begin - _SAME_PLACE:
+            begin = min(begin, low)
+    return begin, end
 
-    def goes_on(k: int) -> bool:
-        other = road.pieces[k]
-        off = piece.where(other.x, other.y)[1]
-        return other.straight and abs(_wrapped(other.heading - piece.heading)) < _SAME_HEADING and abs(off) < _FLAT
 
-    while first > 0 and goes_on(first - 1):
-        first -= 1
-    while last + 1 < len(road.pieces) and goes_on(last + 1):
-        last += 1
-    return road.pieces[first].s, road.pieces[last].s + road.pieces[last].length
-
-
-def _notes(road: Road, s: float, lanes: list[int], width: float) -> Iterator[str]:
+def _notes(road: Road, s: float, lanes: list[int], width: float, curved: bool) -> Iterator[str]:
     section = road.section(s)
+    if curved:
+        least = min(piece.radius for piece in road.pieces if piece.gentle)
+        yield f"road {road.ident} bends (radius {least:.0f} m or more); it is read as straight, along its line"
     others = [f"{lane.ident} ({lane.kind})" for lane in section.lanes.values() if lane.ident not in lanes]
     if others:
         yield f"lanes of road {road.ident} that are not driven in the AV's direction are left out: {', '.join(others)}"
@@ -376,20 +398,23 @@ def _piece(element: Element) -> _Piece:
     return _Piece(s, x, y, heading, length, *_bend(shape, length), element.line)
 
 
-def _bend(shape: Element, length: float) -> tuple[str, float]:
-    """What a geometry is, and how far it leaves the straight line [m]."""
+def _bend(shape: Element, length: float) -> tuple[str, float, float]:
+    """What a geometry is, how far it leaves the straight line, and its smallest radius [m]."""
     if shape.tag == "line":
-        return "line", 0.0
+        return "line", 0.0, math.inf
     if shape.tag in ("arc", "spiral"):
         names = ("curvature",) if shape.tag == "arc" else ("curvStart", "curvEnd")
         curvature = max(abs(shape.number(name, low=-100.0, high=100.0, unit="1/m")) for name in names)
-        radius = f"radius {1.0 / curvature:.0f} m" if curvature > 0.0 else "straight"
-        return f"{shape.tag}, {radius}", 0.5 * curvature * length**2
+        return shape.tag, 0.5 * curvature * length**2, 1.0 / curvature if curvature > 0.0 else math.inf
     across = ("a", "b", "c", "d") if shape.tag == "poly3" else ("aV", "bV", "cV", "dV")
     a, b, c, d = (shape.number(name, 0.0, low=-1e6, high=1e6) for name in across)
     whole = 1.0 if shape.tag == "paramPoly3" and shape.string("pRange", "normalized") == "normalized" else length
-    samples = (whole * k / _SAMPLES for k in range(_SAMPLES + 1))
-    return shape.tag, max(abs(a + u * (b + u * (c + u * d))) for u in samples)
+    samples = [whole * k / _SAMPLES for k in range(_SAMPLES + 1)]
+    bend = max(abs(2.0 * c + 6.0 * d * u) for u in samples) * (whole / length) ** 2 if length > 0.0 else 0.0
+    off = max(abs(a + u * (b + u * (c + u * d))) for u in samples)
+    if abs(b) > _SAME_HEADING or abs(a) > _FLAT:
+        return shape.tag, max(off, _FLAT), 0.0  # it does not begin along its heading
+    return shape.tag, off, 1.0 / bend if bend > 0.0 else math.inf
 
 
 def _wrapped(angle: float) -> float:

@@ -130,6 +130,7 @@ class Places:
         return x if self.frame.along > 0 else self.frame.road.length - x
 
     def _world(self, element: Element) -> Spot:
+        self._straight(element)
         x, y = self.frame.of_world(_metres(element, "x"), _metres(element, "y"))
         heading = self.frame.heading(element.number("h", 0.0, low=-1e3, high=1e3, unit="rad"))
         return Spot(x, y, heading, "h" in element.attributes)
@@ -150,12 +151,17 @@ class Places:
             x, y = self.frame.of_road(s, t)
             along = self.frame.piece.heading
         else:
+            self._straight(element)
             piece = road.piece(s)
             if not piece.straight:
                 raise UnsupportedError(element, f"road {road.ident} is not straight there")
             x, y = self.frame.of_world(*piece.at(s, t))
             along = piece.heading
         return self._turned(element, x, y, self.frame.heading(along + (math.pi if against else 0.0)))
+
+    def _straight(self, element: Element) -> None:
+        if self.frame.curved:
+            raise UnsupportedError(element, "the road bends, so only what is relative to it is read")
 
     def _turned(self, element: Element, x: float, y: float, along: float) -> Spot:
         """Turn a place on a lane as its orientation says; 0 and half a turn both look along the travel."""
@@ -170,6 +176,7 @@ class Places:
         return Spot(x, y, (along + h + math.pi) % (2.0 * math.pi) - math.pi, True)
 
     def _relative_world(self, element: Element) -> Spot:
+        self._straight(element)
         body = self.body(element)
         dx, dy = self.frame.turned(_metres(element, "dx"), _metres(element, "dy"))
         return self._beside(element, body, body.x + dx, body.y + dy)
