@@ -190,6 +190,8 @@ class Frame:
         lanes: Ids of the lanes in the AV's direction, the rightmost first.
         lane_width: [m].
         edge: `along` times t of the right edge of the rightmost lane [m].
+        origin: x where s is 0 [m]: a road along the world's x axis keeps the world's x.
+        start: s where the AV starts.
         curved: The road bends gently and is read as straight; places of the world are not known then.
         notes: What of the road is not carried over.
     """
@@ -202,12 +204,14 @@ class Frame:
     lanes: tuple[int, ...]
     lane_width: float
     edge: float
+    origin: float
+    start: float
     curved: bool
     notes: tuple[str, ...]
 
     def of_road(self, s: float, t: float) -> tuple[float, float]:
         """Our x and y of a place on the road of the AV."""
-        return (s if self.along > 0 else self.road.length - s), self.along * t - self.edge
+        return self.origin + self.along * s, self.along * t - self.edge
 
     def of_world(self, x: float, y: float) -> tuple[float, float]:
         """Our x and y of a point of the world."""
@@ -273,8 +277,10 @@ def frame_of(roads: Roads, road: Road, s: float, t: float) -> Frame:
     edge = min(along * low[0], along * low[1])
     width = (max(along * high[0], along * high[1]) - edge) / len(lanes)
     begin, end = _stretch(roads, road, piece, curved)
-    if along < 0:
-        begin, end = road.length - end, road.length - begin
+    origin = 0.0 if along > 0 else road.length
+    if along > 0 and piece.heading == 0.0 and not curved:
+        origin = piece.x - piece.s
+    begin, end = sorted((origin + along * begin, origin + along * end))
     notes = tuple(f"{where}: {note}" for note in _notes(road, s, lanes, width, curved))
     for k, lane in enumerate(lanes):
         off = abs(along * sum(road.borders(lane, s)) / 2.0 - edge - (k + 0.5) * width)
@@ -282,7 +288,7 @@ def frame_of(roads: Roads, road: Road, s: float, t: float) -> Frame:
             raise DataError(
                 f"{where}: the lanes of road {road.ident} differ too much in width; equal ones can be driven."
             )
-    return Frame(road, piece, along, begin, end, tuple(lanes), width, edge, curved, notes)
+    return Frame(road, piece, along, begin, end, tuple(lanes), width, edge, origin, s, curved, notes)
 
 
 def _driven(road: Road, s: float, side: int, ident: int | None) -> list[int]:

@@ -108,9 +108,9 @@ class Places:
 
     def lane_y(self, lane: int) -> float:
         """Middle of one of our lanes [m]."""
-        road, s = self.frame.road, self._s(0.0)
-        low, high = road.borders(self.frame.lanes[lane], s)
-        return self.frame.of_road(s, 0.5 * (low + high))[1]
+        frame = self.frame
+        low, high = frame.road.borders(frame.lanes[lane], frame.start)
+        return frame.of_road(frame.start, 0.5 * (low + high))[1]
 
     def lane_beside(self, body: Body, by: int, element: Element) -> int:
         """Index of the lane that lies `by` lanes along t from a vehicle's.
@@ -125,9 +125,6 @@ class Places:
                 element, f"there is no lane {by:+d} beside that of {body.name} in the AV's direction"
             )
         return wanted
-
-    def _s(self, x: float) -> float:
-        return x if self.frame.along > 0 else self.frame.road.length - x
 
     def _world(self, element: Element) -> Spot:
         self._straight(element)
