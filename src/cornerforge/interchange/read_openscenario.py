@@ -81,18 +81,18 @@ def read_openscenario(path: Path, *, ego: str | None = None) -> MovingCase:
     play.build()
     _note_others(top, network, notes)
     is_told = _init(storyboard, play, bodies) | {name for name, body in bodies.items() if play.told(body)}
+    av.unknown = av.controlled and av.name not in is_told
     frames = play.play()
-    unknown = av.controlled and av.name not in is_told
-    if unknown:
+    if av.unknown:
         play.note(
             f"{av.element.place}: {av.name} is driven by a controller and told nothing; triggers saw it keep its speed "
-            "and lane"
+            "and lane, and touch nobody"
         )
     _check_carried(storyboard, play)
     notes.update(dict.fromkeys(frame.notes))
     notes.update(play.notes)
     return make_case(
-        _plain(path.stem), frame, bodies, av, frames, notes, unknown=unknown,
+        _plain(path.stem), frame, bodies, av, frames, notes,
         facts=_facts(path, top, version, road_file),
     )  # fmt: skip
 
@@ -275,11 +275,12 @@ def _note_others(top: Element, network: Element, notes: dict[str, None]) -> None
 
 def _check_carried(storyboard: Element, play: Storyboard) -> None:
     """Refuse a file of whose moving actions not one was carried over."""
+    left_out = {note.partition(" is left out")[0] for note in play.notes}
     moving = [
         leaf
         for story in storyboard.all("Story")
         for leaf in _leaves(story)
-        if leaf.tag in MOTIONS and f"{leaf.place}: {leaf.tag} is left out" in " ".join(play.notes)
+        if leaf.tag in MOTIONS and f"{leaf.place}: {leaf.tag}" in left_out
     ]
     if moving and play.actions.carried == 0 and not play.actions.paths_begun:
         names = ", ".join(sorted({f"{leaf.tag} (line {leaf.line})" for leaf in moving}))
@@ -290,8 +291,9 @@ def _check_carried(storyboard: Element, play: Storyboard) -> None:
 
 
 def _leaves(element: Element) -> list[Element]:
-    found = [leaf_of(element)] if element.tag == "PrivateAction" else []
-    return found + [leaf for child in element.children for leaf in _leaves(child)]
+    if element.tag == "PrivateAction":
+        return [leaf_of(element)]
+    return [leaf for child in element.children for leaf in _leaves(child)]
 
 
 def _plain(stem: str) -> str:

@@ -41,7 +41,9 @@ MOTIONS = frozenset({
     "SynchronizeAction", "RandomRouteAction",
 })  # fmt: skip
 """Actions that move a vehicle, read or not."""
-_HOLDERS = frozenset({"LongitudinalAction", "LateralAction", "RoutingAction", "ControllerAction", "EntityAction"})
+_HOLDERS = frozenset(
+    {"LongitudinalAction", "LateralAction", "RoutingAction", "ControllerAction", "EntityAction", "AppearanceAction"}
+)
 
 
 def leaf_of(action: Element) -> Element:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,11 +23,13 @@ _ASIDE = 0.1
 _TOLD = 1.0
 """A stated start speed that differs from the first step of a trajectory by less is believed [m/s]."""
 _BACKWARDS = -0.1
+_NOTE = re.compile(r"(.+?), line (\d+): (.*)", re.DOTALL)
+_MOST_LINES = 40
 
 
 def make_case(
     name: str, frame: Frame, bodies: Mapping[str, Body], av: Body, frames: Sequence[Sequence[Moment | None]],
-    notes: dict[str, None], *, unknown: bool, facts: Mapping[str, Fact],
+    notes: dict[str, None], facts: Mapping[str, Fact],
 ) -> MovingCase:  # fmt: skip
     """Make the case of a play.
 
@@ -37,7 +40,6 @@ def make_case(
         av: The one in the AV's seat.
         frames: Where all are, in the order of `bodies`.
         notes: What is not carried over; more is added.
-        unknown: Nobody knows how the AV moves.
         facts: What else is known.
 
     Raises:
@@ -65,18 +67,18 @@ def make_case(
     if not kept or kept[0] is not av or not np.isfinite(poses[0][0, X]):
         av.element.fault(f"{av.name} is not there at the start")
     whole = np.stack(poses, axis=1)
-    if unknown:
+    if av.unknown:
         whole[1:, 0] = np.nan
     way = whole[:, 0, X][np.isfinite(whole[:, 0, X])]
     odd = straight_road(
         lanes=len(frame.lanes), lane_width=frame.lane_width, vehicles=len(kept), seconds=FRAME_S * len(frames),
-        metres=float(np.ptp(way)) if not unknown else float(whole[0, 0, SPEED]) * FRAME_S * len(frames),
+        metres=float(np.ptp(way)) if not av.unknown else float(whole[0, 0, SPEED]) * FRAME_S * len(frames),
         fastest=float(np.nanmax(whole[:, :, SPEED])), av_size=(av.length, av.width),
     )  # fmt: skip
     return MovingCase(
         name, odd, np.array([body.kind for body in kept], np.int8),
         np.array([body.length for body in kept]), np.array([body.width for body in kept]), whole,
-        {**facts, "vehicles": ", ".join(body.name for body in kept)[:2000]}, tuple(notes),
+        {**facts, "vehicles": ", ".join(body.name for body in kept)[:2000]}, _merged(notes),
     )  # fmt: skip
 
 
@@ -137,3 +139,23 @@ def _slope(values: NDArray[np.float64]) -> NDArray[np.float64]:
         slope[0] = (4.0 * values[1] - 3.0 * values[0] - values[2]) / (2.0 * FRAME_S)
         slope[-1] = (3.0 * values[-1] - 4.0 * values[-2] + values[-3]) / (2.0 * FRAME_S)
     return slope
+
+
+def _merged(notes: Mapping[str, None]) -> tuple[str, ...]:
+    """Notes that say the same of several lines, as one."""
+    lines: dict[tuple[str, str], list[int]] = {}
+    for note in notes:
+        found = _NOTE.fullmatch(note)
+        file, line, text = found.groups() if found else ("", "0", note)
+        lines.setdefault((file, text), []).append(int(line))
+    return tuple(_listed(file, sorted(places), text) for (file, text), places in lines.items())
+
+
+def _listed(file: str, places: Sequence[int], text: str) -> str:
+    if not file:
+        return text
+    if len(places) == 1:
+        return f"{file}, line {places[0]}: {text}"
+    shown = ", ".join(map(str, places[:_MOST_LINES]))
+    more = f" and {len(places) - _MOST_LINES} more" if len(places) > _MOST_LINES else ""
+    return f"{file}, lines {shown}{more}: {text}"

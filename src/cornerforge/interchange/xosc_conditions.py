@@ -172,7 +172,7 @@ def _question(element: Element, world: World) -> tuple[str, Question]:
 
 
 def _simulation_time(element: Element, world: World) -> Question:
-    value = element.number("value", low=0.0, high=_LONG, unit="s")
+    value = element.number("value", low=-_LONG, high=_LONG, unit="s")
     rule = element.attributes.get("rule", "greaterThan")
     if rule not in RULES:
         element.fault(f'rule "{rule[:40]}" is none of {", ".join(RULES)}')
@@ -315,13 +315,15 @@ def _standstill(element: Element, _: World) -> Callable[[Body], bool]:
 
 def _collision(element: Element, world: World) -> Callable[[Body], bool]:
     reference = element.child("EntityRef")
-    if reference is None:
-        raise UnsupportedError(element, "only collisions with a named entity are read; it never holds")
-    return lambda a: _touch(a, world.places.body(reference))
+    if reference is not None:
+        return lambda a: _touch(a, world.places.body(reference))
+    return lambda a: any(b is not a and b.present and _touch(a, b) for b in world.bodies.values())
 
 
 def _touch(a: Body, b: Body) -> bool:
-    """Do two boxes overlap?"""
+    """Do two boxes overlap? That of an AV of which nobody knows what it did touches none."""
+    if a.unknown or b.unknown:
+        return False
     (ax, ay), (bx, by) = a.middle, b.middle
     dx, dy = bx - ax, by - ay
     for body in (a, b):

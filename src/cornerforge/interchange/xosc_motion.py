@@ -191,6 +191,8 @@ class Body:
         x, y, heading: Of its reference point, in our axes.
         speed: Along its way [m/s]; `along_road` is its part along the road.
         lane: Index of the lane that an action has it keep or go to; None: not known.
+        controlled: It has a controller of its own.
+        unknown: It is the AV, and nobody knows what it did: here it keeps its speed and lane.
         law, way, path: What moves it: its speed, across the road, along a trajectory; None: it keeps what it has.
     """
 
@@ -202,6 +204,7 @@ class Body:
     ahead: float
     left: float
     controlled: bool = False
+    unknown: bool = False
     present: bool = False
     x: float = 0.0
     y: float = 0.0
