@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +63,7 @@ def make_case(
             notes.setdefault(f"{body.element.place}: {body.name} drives against the AV's direction; it is left out")
         else:
             _note_motion(body, motion, frame, notes)
+            _note_leaps(body, moments, notes)
             kept.append(body)
             poses.append(motion)
     if not kept or kept[0] is not av or not np.isfinite(poses[0][0, X]):
@@ -95,16 +97,24 @@ def _note_motion(body: Body, motion: NDArray[np.float64], frame: Frame, notes: d
     motion[:, SPEED] = np.maximum(motion[:, SPEED], 0.0)
 
 
+def _note_leaps(body: Body, moments: Sequence[Moment | None], notes: dict[str, None]) -> None:
+    for k, (a, b) in enumerate(pairwise(moments)):
+        if a is not None and b is not None and a.leaps != b.leaps:
+            way = math.hypot(b.x - a.x, b.y - a.y)
+            notes.setdefault(f"{body.element.place}: {body.name} leaps by {way:.1f} m at {FRAME_S * (k + 1):.1f} s")
+
+
 def _poses(moments: Sequence[Moment | None], frame: Frame) -> NDArray[np.float64]:
     """Poses of one vehicle, (F, POSE_NUMBERS), NaN where it is absent."""
     poses = np.full((len(moments), POSE_NUMBERS), np.nan)
-    there = np.array([moment is not None for moment in moments])
+    part = np.array([-1 if moment is None else moment.leaps for moment in moments])
     for k, moment in enumerate(moments):
         if moment is not None:
             poses[k, [X, Y, HEADING, SPEED]] = moment.x, moment.y, moment.heading, moment.speed
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], there.astype(int), [0]))))
-    for begin, end in edges.reshape(-1, 2).tolist():
-        _fill(poses[begin:end], moments[begin:end], frame)
+    edges = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(part)]
+    for begin, end in pairwise(edges):
+        if part[begin] >= 0:
+            _fill(poses[begin:end], moments[begin:end], frame)
     return poses
 
 

@@ -16,6 +16,8 @@ __all__ = ["SHAPES", "Body", "Profile", "Ramp", "Shape", "Sideways", "Spot", "Tr
 
 _ENDS = 1e-9
 _LEAST = 1e-6
+_LEAP = 1.0
+"""A vehicle that is put farther off than this leaps [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +148,7 @@ class Trajectory:
     turned: bool
     ways: list[float] = field(default_factory=list)
     gone: float = 0.0
+    begun: bool = False
     done: bool = False
 
     def __post_init__(self) -> None:
@@ -215,6 +218,7 @@ class Body:
     travelled: float = 0.0
     stands: float = 0.0
     clock: float = 0.0
+    leaps: int = 0
     lane: int | None = None
     law: Profile | Ramp | None = None
     way: Sideways | None = None
@@ -222,9 +226,15 @@ class Body:
 
     def put(self, spot: Spot, t: float) -> None:
         """Put it somewhere, at time t."""
+        self._leap(spot)
         self.present, self.clock = True, t
         self.x, self.y, self.heading = spot.x, spot.y, spot.heading
         self.along_road = self.speed * math.cos(self.heading)
+
+    def _leap(self, spot: Spot) -> None:
+        """Count it if it is put elsewhere while it is there."""
+        if self.present and math.hypot(spot.x - self.x, spot.y - self.y) > _LEAP:
+            self.leaps += 1
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -311,6 +321,9 @@ class Body:
             path.gone += half * dt
             place, last = path.gone, path.ways[-1]
         spot = path.at(place)
+        if not path.begun:
+            path.begun = True
+            self._leap(spot)
         self.x, self.y, self.heading = spot.x, spot.y, spot.heading
         self.travelled += math.hypot(self.x - x, self.y - y) if dt else 0.0
         self.along_road = self.speed * math.cos(spot.heading)

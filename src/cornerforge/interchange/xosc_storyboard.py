@@ -35,6 +35,7 @@ class Moment(NamedTuple):
     speed: float
     lane: int | None
     stated: bool  # by a trajectory, which has no speed of its own
+    leaps: int  # so far
 
 
 @dataclass(eq=False)
@@ -375,4 +376,4 @@ def _moment(body: Body) -> Moment | None:
     if not body.present:
         return None
     x, y = body.middle
-    return Moment(x, y, body.heading, body.along_road, body.lane, body.path is not None)
+    return Moment(x, y, body.heading, body.along_road, body.lane, body.path is not None, body.leaps)
