@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cornerforge._checks import check_in
 from cornerforge._files import writing
 from cornerforge.errors import InputError
-from cornerforge.interchange import xosc_elements as xosc
+from cornerforge.interchange import openscenario_elements as xosc
 from cornerforge.interchange.cases import Fact, OutCase
 from cornerforge.interchange.opendrive import lane_id, write_road_once
 from cornerforge.interchange.relative import Manoeuvre, Trigger, manoeuvre_of
