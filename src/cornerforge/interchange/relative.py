@@ -6,6 +6,7 @@ be no danger at all. So the manoeuvre can begin when the AV is as near to it as 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,8 +35,8 @@ class Trigger:
     """What must be so between the AV and the other for the manoeuvre to begin.
 
     Attributes:
-        measure: "time gap" from the AV's front to the other's rear over the AV's speed [s], or "distance" along the road
-            between their reference points [m].
+        measure: "time gap" from the AV's front to the other's rear over the AV's speed [s], or "distance" along the
+            road between their reference points [m].
         rule: "lessThan" or "greaterThan".
         value: Of the measure, between what it was a tenth of a second before the recorded begin and at it.
         not_before: In the recording the same was so earlier too; this is a time [s] after that. None: it was not.
@@ -97,7 +98,8 @@ def manoeuvre_of(scenario: Scenario, reference: NDArray[np.float64]) -> Manoeuvr
         reference: How far each vehicle's reference point is behind its box's centre [m], (N,).
 
     Returns:
-        None where the AV touches nobody, or where its partner neither changed lanes nor braked, or is not there all the time.
+        None where the AV touches nobody, or where its partner neither changed lanes nor braked, or is not there all
+        the time.
     """
     crash = scenario.crash
     if crash is None or crash.slot_a != 0:
@@ -178,8 +180,7 @@ def _speeds(speed: NDArray[np.float64], begin: int) -> tuple[SpeedChange, ...]:
         return (SpeedChange(0.0, FRAME_S, float(speed[last])),)
     knots = [*range(begin, last, _KNOT), last]
     return tuple(
-        SpeedChange(FRAME_S * (k - begin), FRAME_S * (n - k), float(speed[n]))
-        for k, n in zip(knots[:-1], knots[1:], strict=True)
+        SpeedChange(FRAME_S * (k - begin), FRAME_S * (n - k), float(speed[n])) for k, n in itertools.pairwise(knots)
     )
 
 
