@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from cornerforge.pipeline.check_av import check_av
     from cornerforge.pipeline.export import export
     from cornerforge.pipeline.figure import figure
+    from cornerforge.pipeline.from_data import cases_from_data
     from cornerforge.pipeline.generate import generate
+    from cornerforge.pipeline.import_cases import import_cases
     from cornerforge.pipeline.init import init
     from cornerforge.pipeline.make_report import make_report
     from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
@@ -44,12 +46,14 @@ __all__ = [
     "__version__",
     "analyse",
     "avs",
+    "cases_from_data",
     "check_av",
     "drive_case",
     "engine",
     "export",
     "figure",
     "generate",
+    "import_cases",
     "init",
     "make_report",
     "ndd_fit",
@@ -82,12 +86,14 @@ __getattr__ = door(
     {
         "analyse": "pipeline.analyse",
         "avs": "pipeline.avs",
+        "cases_from_data": "pipeline.from_data",
         "check_av": "pipeline.check_av",
         "drive_case": "pipeline.case_files",
         "engine": "execution",
         "export": "pipeline.export",
         "figure": "pipeline.figure",
         "generate": "pipeline.generate",
+        "import_cases": "pipeline.import_cases",
         "init": "pipeline.init",
         "make_report": "pipeline.make_report",
         "ndd_fit": "pipeline.naturalistic",

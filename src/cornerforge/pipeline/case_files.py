@@ -315,6 +315,7 @@ class CaseOutcome:
         name: Of the case.
         outcome: CRASH, NO_CRASH or UNKNOWN.
         words: What happened.
+        happened: The same as numbers; None: nobody knows.
         library: Library that holds it; None: it is no crash.
         case_id: Its name there.
     """
@@ -322,6 +323,7 @@ class CaseOutcome:
     name: str
     outcome: str
     words: str
+    happened: Happened | None = None
     library: Path | None = None
     case_id: str | None = None
 
@@ -436,9 +438,10 @@ def _record_all(
         except AvFaultError as error:
             found[number] = CaseOutcome(case.name, UNKNOWN, str(error))
             continue
-        crashed = _happened(scenario).crashed
-        found[number] = CaseOutcome(case.name, CRASH if crashed else NO_CRASH, crash_in_words(scenario))
-        if crashed:
+        happened = _happened(scenario)
+        outcome = CRASH if happened.crashed else NO_CRASH
+        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario), happened)
+        if happened.crashed:
             source = case.facts.get("source")
             extra: dict[str, Scalar] = {
                 "name": case.name, "origin": "" if source is None else str(source),

@@ -25,8 +25,9 @@ from cornerforge.results.from_data import CasesFromData, DataFileRead, MomentOfD
 from cornerforge.types import Odd
 from cornerforge.world_options import AvAskedKeywords, WorldOptions
 
-__all__ = ["cases_from_data"]
+__all__ = ["cases_from_data", "from_data_text"]
 
+_SHOWN = 10
 _TOUCHES = "driven as recorded, the car touches another vehicle"
 
 
@@ -208,3 +209,26 @@ def _result(
         out=str(place),
         seconds=round(seconds, 3),
     )
+
+
+def from_data_text(r: CasesFromData) -> str:
+    """Tell the result in text."""
+    lines = [
+        f"{file.file}: {file.rows_read:,} rows read, {file.rows_left_out:,} left out; {file.vehicles:,} vehicles. "
+        f"{file.credit}"
+        for file in r.files
+    ]
+    lines += [f"  {note}" for file in r.files for note in file.notes]
+    lines += [f"  left out: {reason} ({n:,})" for reason, n in r.left_out.items()]
+    lines.append(f"{r.events:,} events; the {len(r.cases):,} most critical by {r.measure} are cases in {r.out}/cases")
+    for one in r.cases[:_SHOWN]:
+        measured = {"TTC": one.ttc_s, "time headway": one.thw_s}
+        told = ", ".join(f"{name} {value:.1f} s" for name, value in measured.items() if value is not None)
+        needed = "" if one.drac_mps2 is None else f"needs {one.drac_mps2:.1f} m/s2"
+        lines.append(f"  {one.case}: {', '.join(part for part in (needed, told) if part)}; {one.words}")
+    if len(r.cases) > _SHOWN:
+        lines.append(f"  and {len(r.cases) - _SHOWN:,} more (--json)")
+    who = ", ".join(f"{name} {n:,}" for name, n in r.strikers.items() if n)
+    lines.append(f"{r.av} crashes in {r.crashes:,}" + (f" (who struck: {who})" if who else ""))
+    lines += [f"Library: {library}" for library in r.libraries]
+    return "\n".join(lines)

@@ -12,9 +12,9 @@ from typing import Unpack
 
 from cornerforge._files import reason
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.interchange.case_file import Happened, of_moving, write_case_file
+from cornerforge.interchange.case_file import of_moving, write_case_file
 from cornerforge.interchange.cases import MovingCase
-from cornerforge.pipeline.case_files import NO_CRASH, UNKNOWN, CasesDriven, library_of
+from cornerforge.pipeline.case_files import UNKNOWN, CasesDriven, library_of
 from cornerforge.pipeline.output import check_new_folder, check_path, open_output, provenance, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, experiment
@@ -22,7 +22,7 @@ from cornerforge.results.imported import ImportedCase, ImportedCases, Refused
 from cornerforge.types import FRAME_S
 from cornerforge.world_options import AvAskedKeywords, WorldOptions
 
-__all__ = ["IMPORTS", "import_cases"]
+__all__ = ["IMPORTS", "import_cases", "import_text"]
 
 _ENTITY = re.compile(r"\d{1,18}")
 
@@ -142,8 +142,8 @@ def _write(cases: Sequence[MovingCase], folder: Path, driven: CasesDriven) -> li
     written = []
     for case, outcome in zip(cases, driven.cases, strict=True):
         file = of_moving(case)
-        if driven.av == RECORDED_AV and outcome.outcome == NO_CRASH:
-            file = replace(file, happened=Happened())
+        if driven.av == RECORDED_AV:
+            file = replace(file, happened=outcome.happened)
         written.append(write_case_file(file, folder / f"{case.name}.json"))
     return written
 
