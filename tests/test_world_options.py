@@ -94,6 +94,8 @@ def test_every_command_has_the_defaults_and_the_help_of_the_options() -> None:
             seen.add((name, parameter.name))
     assert len(seen) > 35
     for name, keywords in VERBS.items():
+        if name == "drive_case":
+            continue  # a function for tests of one's own; the command is retest
         command = name.replace("_", "-")
         missing = set(keywords.__annotations__) - {option for command_, option in seen if command_ == command}
         allowed = {"check-av": {"av", "model"}, "variety": {"bounded"}, "r157": {"model"}}

@@ -184,6 +184,7 @@ def _part(source: Source, analysis: Analysis | None) -> _Part:
                 if field.name == "cluster":
                     field, values = pa.field("cluster", pa.string()), pc.cast(values, pa.string())
                 part[field.name] = (field, "analysis", values)
+    part.pop("source", None)  # a library's own column of this name: here it says from which library a case is
     for name, values in _derived(source, analysis, table, part).items():
         part.setdefault(name, (pa.field(name, values.type), "server", values))
     return part

@@ -118,11 +118,11 @@ class CaseFile:
     @property
     def av_is_recorded(self) -> bool:
         """Can the case be driven with whatever was in the AV's seat, as it was recorded?"""
-        return self.script.poses is not None and bool(np.isfinite(self.script.poses[:, 0]).all())
+        return self.script.poses is not None and bool(np.isfinite(self.script.poses[:2, 0]).all())
 
 
 def of_moving(case: MovingCase, *, set_speed: float | None = None, licence: str = "") -> CaseFile:
-    """Make the file's case of a moving one: the others on rails, and what the AV did if it was recorded.
+    """Make the file's case of a moving one: the others on rails, and what the AV did as long as it was recorded.
 
     Args:
         case: The case.
@@ -133,6 +133,8 @@ def of_moving(case: MovingCase, *, set_speed: float | None = None, licence: str 
         InputError: The AV is not there in the first frame.
     """
     script = script_of(case, set_speed=set_speed)
+    if script.poses is not None:
+        script.poses[len(case.poses) :, 0] = np.nan
     av = "recorded" if case.av_is_recorded else None
     return CaseFile(case.name, case.odd, script, av, facts=dict(case.facts), notes=case.notes, licence=licence)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
+from cornerforge.fields import SERIES
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile, Happened, read_case_file
 from cornerforge.interchange.cases import Fact, MovingCase, script_of
@@ -33,7 +35,7 @@ from cornerforge.pipeline.output import check_new_folder, code_hash, provenance,
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment
 from cornerforge.pipeline.stored_cases import StoredScripts, run_with
-from cornerforge.sim import NATURAL, Ending, Script
+from cornerforge.sim import NATURAL, SUBSTEPS, Ending, Script
 from cornerforge.types import CLASSES, FRAME_S, Odd, Scenario
 from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
@@ -147,7 +149,12 @@ class CaseDriver:
         Raises:
             CornerForgeError: See `run`.
         """
-        return self.run(case).script_driver().drive(case.script)
+        driver = self.run(case).script_driver()
+        if self._options.av != RECORDED_AV:
+            return driver.drive(case.script)
+        script, frames = _as_recorded(case.script)
+        ending = driver.drive(script)
+        return ending if ending.frame < frames else Ending(None, -1, 0, ending.bv_crashes)
 
     def record(self, case: CaseFile) -> Scenario:
         """Drive a case, and keep all of the motion.
@@ -156,13 +163,56 @@ class CaseDriver:
             AvFaultError: The AV gives no usable answer.
             CornerForgeError: See `run`.
         """
-        return self.run(case).script_driver().record(case.script)[0]
+        return _record(self.run(case), case.script)
 
 
 @functools.cache
 def _shipped() -> str:
     """Hash of the model that ships with the package."""
     return model_hash(load_model(default_model_path()))
+
+
+def _as_recorded(script: Script) -> tuple[Script, int]:
+    """Cut a script to the seconds in which it is known what was in the AV's seat, and count the frames of these.
+
+    In the last tenths of the last second, of which nothing is known, the AV goes straight on.
+    """
+    poses = script.poses
+    assert poses is not None
+    frames = _known_frames(poses)
+    seconds = max(1, math.ceil((frames - 1) / SUBSTEPS))
+    whole = _straight_on(poses, frames)[: SUBSTEPS * seconds + 1]
+    return replace(script, action=script.action[:seconds], poses=whole), frames
+
+
+def _known_frames(poses: NDArray[np.float64]) -> int:
+    """Count the frames until the first one in which nobody knows where the AV was."""
+    unknown = np.flatnonzero(np.isnan(poses[:, 0, X]))
+    return int(unknown[0]) if unknown.size else len(poses)
+
+
+def _straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+    """Let the AV go on at its last speed after some frames."""
+    poses = poses.copy()
+    after = FRAME_S * np.arange(1, len(poses) - frames + 1)
+    last = poses[frames - 1, 0]
+    poses[frames:, 0] = 0.0
+    poses[frames:, 0, X] = last[X] + last[SPEED] * after
+    for name in (Y, SPEED, LANE):
+        poses[frames:, 0, name] = last[name]
+    return poses
+
+
+def _record(run: Experiment, script: Script) -> Scenario:
+    """Drive a script and keep all of the motion; what was in the AV's seat drives as long as it was recorded."""
+    driver = run.script_driver()
+    if run.av.name != RECORDED_AV:
+        return driver.record(script)[0]
+    script, frames = _as_recorded(script)
+    scenario = driver.record(script)[0]
+    if len(scenario.x) <= frames:
+        return scenario
+    return replace(scenario, crash=None, **{one.name: getattr(scenario, one.name)[:frames] for one in SERIES})
 
 
 def drive_case(case: CaseFile | Path | str, **world: Unpack[AvAloneKeywords]) -> DrivenCase:
@@ -424,7 +474,6 @@ def _record_all(
     set_speed: float | None, seed: int, progress: Progress, total: int,
 ) -> list[CaseRecord]:  # fmt: skip
     """Drive the cases of one road; note what became of each in `found`, and return the crashes."""
-    driver = run.script_driver()
     records = []
     for number in numbers:
         case = cases[number]
@@ -432,9 +481,9 @@ def _record_all(
         if run.av.name == RECORDED_AV and not case.av_is_recorded:
             found[number] = CaseOutcome(case.name, UNKNOWN, "what the AV did was not recorded")
             continue
-        script = script_of(case, set_speed=set_speed, seed=seed, test=number)
+        script = _script_of(case, set_speed, seed, number)
         try:
-            scenario, _ = driver.record(script)
+            scenario = _record(run, script)
         except AvFaultError as error:
             found[number] = CaseOutcome(case.name, UNKNOWN, str(error))
             continue
@@ -447,9 +496,20 @@ def _record_all(
                 "name": case.name, "origin": "" if source is None else str(source),
                 "av_length_m": float(case.length[0]), "av_width_m": float(case.width[0]),
             }  # fmt: skip
-            records.append(case_record(scenario, start=script.start, poses=script.poses, extra=extra))
+            poses = script.poses
+            if poses is not None and case.av_is_recorded:  # a replay as recorded asks for all of it
+                poses = _straight_on(poses, _known_frames(poses))
+            records.append(case_record(scenario, start=script.start, poses=poses, extra=extra))
     progress("cases", len(found), total)
     return records
+
+
+def _script_of(case: MovingCase, set_speed: float | None, seed: int, number: int) -> Script:
+    """Make the script; the AV's own rails are as long as it was recorded."""
+    script = script_of(case, set_speed=set_speed, seed=seed, test=number)
+    if script.poses is not None:
+        script.poses[len(case.poses) :, 0] = np.nan
+    return script
 
 
 def _store(

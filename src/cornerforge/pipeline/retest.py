@@ -104,21 +104,8 @@ def retest(
         check_page()
     place = Path(library)
     is_of_files = holds_case_files(place)
-    if is_of_files and natural_tests:
-        raise InputError(
-            f"{place} holds case files, which tell of no traffic to draw natural tests from; leave them out."
-        )
     options = WorldOptions(**world)
-    is_recorded = RECORDED_AV in (options.av, baseline)
-    if is_recorded and natural_tests:
-        raise InputError(
-            f"{RECORDED_AV} drives in its cases only, so there are no natural tests of it; leave them out."
-        )
-    if natural_tests is None:
-        natural_tests = 0 if baseline is None or is_of_files or is_recorded else 10_000
-    check_integer("natural_tests", natural_tests, low=0, high=10**9)
-    if natural_tests and baseline is None:
-        raise InputError("Natural rates need both AVs; name the old one with --baseline.")
+    natural_tests = _natural_tests(place if is_of_files else None, options.av, baseline, natural_tests)
     if baseline is not None and baseline == options.av:
         raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
     if is_of_files:
@@ -171,6 +158,30 @@ def retest(
         made = provenance({"library": config_hash(cases.identity), **new.identity(seed)}, result.seconds)
         write_comparison(Path(page), result, pairs, RULE, made)
     return result
+
+
+def _natural_tests(files: Path | None, av: str, baseline: str | None, wanted: int | None) -> int:
+    """Return how many natural tests both drive.
+
+    Args:
+        files: Where case files are; None: it is a library.
+        av, baseline, wanted: As the user named them.
+
+    Raises:
+        InputError: There can be none, but some are wanted.
+    """
+    why = None
+    if files is not None:
+        why = f"{files} holds case files, which tell of no traffic to draw natural tests from; leave them out."
+    elif RECORDED_AV in (av, baseline):
+        why = f"{RECORDED_AV} drives in its cases only, so there are no natural tests of it; leave them out."
+    elif baseline is None:
+        why = "Natural rates need both AVs; name the old one with --baseline."
+    if wanted is None:
+        return 10_000 if why is None else 0
+    if check_integer("natural_tests", wanted, low=0, high=10**9) and why is not None:
+        raise InputError(why)
+    return wanted
 
 
 def _write_for_machines(result: Retested, junit: Path | str | None, sarif: Path | str | None) -> None:

@@ -30,7 +30,7 @@ def holds_case_files(place: Path) -> bool:
     """Is this a case file, or a folder of case files, and not a library?"""
     if place.suffix == ".json" and not place.is_dir():
         return True
-    return place.is_dir() and not (place / MANIFEST).exists() and any(map(_looks_like_one, place.rglob("*.json")))
+    return place.is_dir() and not (place / MANIFEST).exists() and any(map(_looks_like_one, place.glob("*.json")))
 
 
 def _looks_like_one(path: Path) -> bool:
@@ -42,15 +42,14 @@ def _looks_like_one(path: Path) -> bool:
 
 
 def read_case_files(place: Path) -> dict[str, CaseFile]:
-    """Read a case file, or all .json files below a folder, by their paths in it without the ending, in this order.
+    """Read a case file, or all .json files of a folder, by their names without the ending, in this order.
 
     Raises:
         FileFormatError: One of them is no case file, or something in it is wrong.
     """
     if not place.is_dir():
         return {place.stem: read_case_file(place)}
-    files = sorted(place.rglob("*.json"))
-    return {path.relative_to(place).with_suffix("").as_posix(): read_case_file(path) for path in files}
+    return {path.stem: read_case_file(path) for path in sorted(place.glob("*.json"))}
 
 
 def file_says(name: str, case: CaseFile) -> bool:
