@@ -24,7 +24,7 @@ from cornerforge._checks import check_in
 from cornerforge.errors import DataError
 from cornerforge.ndd.decisions import smooth_tracks
 from cornerforge.ndd.highd import RecordingMeta, read_classes
-from cornerforge.ndd.layouts import DATA_FORMATS, Layout, Scene
+from cornerforge.ndd.layouts import CREDITS, DATA_FORMATS, Layout, Scene
 from cornerforge.ndd.readers import (
     Rows,
     direction_of_travel,
@@ -45,6 +45,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+_UNKNOWN_CREDIT = "not known to cornerforge: heed the licence of the source file"
 _LEAST_ROWS_A_SECOND = 5
 _BRIDGED = 0.5
 """Gaps in a track up to this long are bridged by a straight line before smoothing [s]; longer ones split it."""
@@ -54,12 +55,16 @@ _BACKWARDS = 2.0
 """Faster reversing than this [m/s] is a tracking error, as in `ndd.readers`."""
 _STEADY_SPEED = 3.0
 """Below it a heading is that of the same lateral speed at this speed [m/s]: noise does not turn a standing vehicle."""
+_SIDEWAYS = 0.2
+"""Slower than this nobody changes lanes [m/s]: within a lane vehicles of US-101 wander at 0.2 m/s."""
 _LANE_WIDTHS = (2.5, 6.0)
 """Lane widths that can be driven [m]."""
 _LONE_LANE = 3.6
 """Width of the lane of a road on which one lane only was recorded [m]."""
 _STRAIGHT = 1.25
 """Within a lane nine in ten positions lie within this many lane widths; else the road does not run along an axis."""
+_ROOM, _MOST_IN_ROOM = 100.0, 250
+"""More vehicles than this within so many metres stand on no road [m]."""
 _USUAL_WIDTH = {CAR: 1.9, TRUCK: 2.5, MOTORCYCLE: CLASSES[MOTORCYCLE].width}
 _TRUCK_FROM, _MOTORCYCLE_UP_TO = 8.0, (3.2, 1.3)
 """Where a file names no classes: length of the shortest truck [m]; length and width of the largest motorcycle [m]."""
@@ -114,7 +119,8 @@ class Traffic:
         lateral_speed: To the left positive [m/s], (n,).
         heading: Counter-clockwise from the road's direction [rad], (n,).
         acceleration: Along the road [m/s2], (n,).
-        lane: Lane of the centre, 0 = rightmost, int64 (n,).
+        lane: Lane that it keeps or goes to, 0 = rightmost, int64 (n,): that of the centre, but while it is moving
+            over to another lane, and does cross the marking, already that one.
     """
 
     file: TrafficFile
@@ -167,8 +173,9 @@ def read_traffic(paths: Sequence[Path], data_format: str | None = None) -> list[
 
     Raises:
         UnknownNameError, InputError: No such format, or the columns leave it open.
-        DataError: A file is missing, empty, cut off, has other columns, has no position across the road or no usable
-            row, or its road cannot be driven: lanes below 2.5 m or above 6 m (feet taken for metres?), a bend.
+        DataError: A file is missing, empty, cut off, has other columns, has no position across the road, less than 5
+            rows a second, more vehicles than fit onto a road or no usable stretch, or its road cannot be driven: lanes
+            below 2.5 m or above 6 m (feet taken for metres?), a bend.
     """
     data_format = (
         guess_format(paths) if data_format is None else check_in("trajectory format", data_format, DATA_FORMATS)
@@ -197,17 +204,46 @@ def _read_file(path: Path, data_format: str) -> list[Traffic]:
             "more are needed to tell how critical a moment is."
         )
     recording = table.texts.get("recording", np.zeros_like(driver))
+    _check_room(path, table, 2 * recording + forward, tick, along)
     groups = list(zip(*np.unique(np.stack([recording, ~forward]), axis=1).tolist(), strict=True))
     roads = _roads(path, rows, scene, groups, recording, forward, left)
     parts = []
     for number, back in groups:
         group = _Group(path, rows, scene, int(number), not back, (recording == number) & (forward != bool(back)))
         parts.append(_traffic(group, roads[int(number), not back], driver, tick, per_second, along, left))
+    if not any(part is not None for part in parts):
+        reasons = "; ".join(f"{reason} ({count})" for reason, (count, _) in table.bad.reasons.items())
+        raise DataError(f"Trajectory file {path} holds no stretch of {_SHORT_WINDOW:g} s on the road: {reasons}.")
     file = TrafficFile(
-        name=path.name, sha256=file_sha256(path), layout=layout.name, credit=scene.credit, window=scene.window,
+        name=path.name, sha256=file_sha256(path), layout=layout.name, credit=CREDITS.get(data_format, _UNKNOWN_CREDIT), window=scene.window,
         rows_read=table.rows_read, left_out=dict(table.bad.reasons), notes=(*rows.notes, *_sizes_note(table)),
     )  # fmt: skip
     return [replace(part, file=file) for part in parts if part is not None]
+
+
+def _check_room(path: Path, table: Table, road: Ints, tick: Ints, along: Floats) -> None:
+    """Refuse more vehicles in one place than a road holds.
+
+    Args:
+        path: For the message.
+        table: The rows.
+        road: Recording and direction, as one number, (n,).
+        tick: When, (n,).
+        along: Where [m], (n,).
+
+    Raises:
+        DataError: There are.
+    """
+    order = np.lexsort((along, tick, road))
+    place, moment = along[order], np.cumsum(np.diff(tick[order], prepend=0) != 0)
+    key = moment * (float(np.ptp(place)) + 2.0 * _ROOM) + place - place.min()
+    ahead = np.searchsorted(key, key + _ROOM, side="right") - np.arange(key.size)
+    worst = int(np.argmax(ahead))
+    if ahead[worst] > _MOST_IN_ROOM:
+        raise DataError(
+            f"Trajectory file {path}: {ahead[worst]:,} vehicles are within {_ROOM:g} m at one time (first at line "
+            f"{table.line[order[worst]]}), which no road holds. Are positions in metres, and recordings kept apart?"
+        )
 
 
 def _directed(table: Table, layout: Layout, scene: Scene) -> tuple[Bools, Floats, Floats]:
@@ -372,7 +408,7 @@ def _traffic(
         lateral_speed=moving["lateral_speed"],
         heading=np.arctan2(moving["lateral_speed"], np.maximum(speed, _STEADY_SPEED)),
         acceleration=_slope(speed, start),
-        lane=np.clip(np.floor(moving["y"] / road.lane_width), 0, road.lanes - 1).astype(np.int64),
+        lane=_lanes(moving["y"], moving["lateral_speed"], start, road),
     )  # fmt: skip
 
 
@@ -466,6 +502,24 @@ def _slope(speed: Floats, starts: Ints) -> Floats:
         if end - first > 1:
             made[first:end] = np.gradient(speed[first:end], FRAME_S)
     return made
+
+
+def _lanes(y: Floats, lateral_speed: Floats, starts: Ints, road: _Road) -> Ints:
+    """Find the lane that each vehicle keeps or goes to, (n,).
+
+    It is the lane of the centre; before the centre crosses a marking, the one that it goes to, as long as it has been
+    moving there.
+    """
+    own = np.clip(np.floor(y / road.lane_width), 0, road.lanes - 1).astype(np.int64)
+    lane = own.copy()
+    for first, end in zip(starts, np.append(starts[1:], y.size), strict=True):
+        for crossed in first + 1 + np.flatnonzero(np.diff(own[first:end])):
+            side = np.sign(own[crossed] - own[crossed - 1])
+            row = crossed - 1
+            while row >= first and side * lateral_speed[row] > _SIDEWAYS and own[row] == own[crossed - 1]:
+                lane[row] = own[crossed]
+                row -= 1
+    return lane
 
 
 def _sizes(group: _Group, vehicle: Ints, count: int, names: Sequence[str]) -> tuple[Floats, Floats, NDArray[np.int8]]:
