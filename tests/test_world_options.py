@@ -31,7 +31,7 @@ VERBS = {
     "simulate": WorldKeywords, "generate": WorldKeywords, "train": WorldKeywords, "variety": WorldKeywords,
     "rate": AvKeywords, "run": AvKeywords, "r157": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
     "train_av": RoadKeywords, "reproduce": RoadKeywords, "retest": AvAloneKeywords,
-    "suite_build": AvAskedKeywords,
+    "drive_case": AvAloneKeywords, "suite_build": AvAskedKeywords,
 }  # fmt: skip
 # `budget` of run and reproduce is an old name of effort too; replay and shrink know their world from the library.
 # The model of `ndd` is what they show, check or fill.

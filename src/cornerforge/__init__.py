@@ -12,13 +12,18 @@ from cornerforge._doors import door
 
 if TYPE_CHECKING:
     from cornerforge.execution import engine
+    from cornerforge.interchange.case_file import read_case_file, write_case_file
     from cornerforge.paper.reproduce import reproduce
     from cornerforge.pipeline.analyse import analyse
     from cornerforge.pipeline.avs import avs
+    from cornerforge.pipeline.case_files import drive_case
     from cornerforge.pipeline.cases import query, replay
     from cornerforge.pipeline.check_av import check_av
+    from cornerforge.pipeline.export import export
     from cornerforge.pipeline.figure import figure
+    from cornerforge.pipeline.from_data import cases_from_data
     from cornerforge.pipeline.generate import generate
+    from cornerforge.pipeline.import_cases import import_cases
     from cornerforge.pipeline.init import init
     from cornerforge.pipeline.make_report import make_report
     from cornerforge.pipeline.naturalistic import ndd_fit, ndd_import
@@ -41,10 +46,14 @@ __all__ = [
     "__version__",
     "analyse",
     "avs",
+    "cases_from_data",
     "check_av",
+    "drive_case",
     "engine",
+    "export",
     "figure",
     "generate",
+    "import_cases",
     "init",
     "make_report",
     "ndd_fit",
@@ -55,6 +64,7 @@ __all__ = [
     "query",
     "r157",
     "rate",
+    "read_case_file",
     "replay",
     "reproduce",
     "retest",
@@ -66,6 +76,7 @@ __all__ = [
     "train",
     "train_av",
     "variety",
+    "write_case_file",
 ]
 
 __version__ = "0.1.0"
@@ -75,10 +86,14 @@ __getattr__ = door(
     {
         "analyse": "pipeline.analyse",
         "avs": "pipeline.avs",
+        "cases_from_data": "pipeline.from_data",
         "check_av": "pipeline.check_av",
+        "drive_case": "pipeline.case_files",
         "engine": "execution",
+        "export": "pipeline.export",
         "figure": "pipeline.figure",
         "generate": "pipeline.generate",
+        "import_cases": "pipeline.import_cases",
         "init": "pipeline.init",
         "make_report": "pipeline.make_report",
         "ndd_fit": "pipeline.naturalistic",
@@ -89,6 +104,7 @@ __getattr__ = door(
         "query": "pipeline.cases",
         "r157": "pipeline.r157",
         "rate": "pipeline.rate",
+        "read_case_file": "interchange.case_file",
         "replay": "pipeline.cases",
         "reproduce": "paper.reproduce",
         "retest": "pipeline.retest",
@@ -100,5 +116,6 @@ __getattr__ = door(
         "train": "pipeline.train",
         "train_av": "pipeline.train_av",
         "variety": "pipeline.variety",
+        "write_case_file": "interchange.case_file",
     },
 )

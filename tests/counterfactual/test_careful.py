@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from reference.shapes import Box
 from reference.world import Vehicle
 
 from cornerforge.analysis.avoidability import AvoidParams
-from cornerforge.analysis.prevented import PREVENTED_COLUMNS, Prevention, prevented_by
+from cornerforge.analysis.prevented import PREVENTED_COLUMNS, Prevention, driven_by, prevented_by
 from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of, own_reaction
+from cornerforge.types import Scenario
 
 PARAMS = AvoidParams(horizon_s=1.2)
 
@@ -108,6 +110,42 @@ def test_before_a_standing_car_each_brakes_from_where_it_sees_danger() -> None:
     fast = prevented_by(crash(Mover(300.0, 1, 30.0), Mover(520.0, 1, 0.0)))
     assert not fast["cc-human"].prevented
     assert fast["fsm"].prevented
+
+
+def late_braking() -> tuple[Scenario, float]:
+    """The AV nears a car that drives 8 m/s more slowly, which begins to brake softly 0.6 s before the contact.
+
+    Returns:
+        The crash, and when the soft braking begins, before the contact [s].
+    """
+    scenario = crash(Mover(300.0, 1, 30.0), Mover(345.0, 1, 22.0))
+    assert scenario.crash is not None
+    soft = scenario.acceleration.copy()
+    soft[round(10 * scenario.crash.time) - 6 :, 1] = -1.2
+    return replace(scenario, acceleration=soft), 0.6
+
+
+def test_who_nears_another_is_there_before_that_one_brakes() -> None:
+    """At 0.6 s before the contact it is too late for all; a careful driver would have seen the slower car long ago."""
+    scenario, begin = late_braking()
+    said = driven_by(scenario)
+    assert begin_of(scenario) == round(10 * begin)
+    assert {name: one.prevented.prevented for name, one in said.items()} == dict.fromkeys(CAREFUL, True)
+    # 40 m between the bumpers at 8 m/s: TTC of 2 s after 3 s; they touch after 5 s and overlap in the frame after
+    assert said["cc-human"].begin_s == pytest.approx(2.1)
+    assert said["cc-human"].begin_s == said["cc-human"].prevented.reacts_s
+    assert said["fsm"].begin_s > said["reg157"].begin_s > begin
+    assert not said["cc-human"].prevented.by_holding
+
+
+def test_until_it_sees_danger_it_does_what_the_av_did() -> None:
+    """An AV that falls back again is not near: nothing was dangerous, and the manoeuvre's begin counts alone."""
+    scenario, begin = late_braking()
+    assert scenario.crash is not None
+    speed = scenario.speed.copy()
+    speed[: round(10 * (scenario.crash.time - begin)), 0] = 21.0
+    said = driven_by(replace(scenario, speed=speed))
+    assert {one.begin_s for one in said.values()} == {begin}
 
 
 def test_who_is_hit_from_behind_has_not_prevented() -> None:

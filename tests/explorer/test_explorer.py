@@ -7,11 +7,13 @@ import io
 import json
 import shutil
 import threading
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import urlopen
+from xml.etree import ElementTree
 
 import numpy as np
 import pyarrow as pa
@@ -25,8 +27,10 @@ from cornerforge.errors import FileFormatError, InputError
 from cornerforge.explorer import Analysis, Exhibit
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
 from cornerforge.explorer.start import cards, headline_of
+from cornerforge.interchange.case_file import read_case_file
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline import serve as verb
+from cornerforge.pipeline.case_files import drive_case
 from cornerforge.rates import weighted_interval
 from cornerforge.report.cases import case_data
 from cornerforge.report.judged import read_case_judgements
@@ -199,15 +203,31 @@ def test_another_av_is_measured_against_the_same_vehicle(
 
 
 def test_a_download_is_an_attachment(server: Running) -> None:
-    with urlopen(server.url + "api/case/adversary/3:0/download/json") as answer:
+    with urlopen(server.url + "api/case/adversary/3:0/download/numbers") as answer:
         assert answer.headers["content-disposition"] == 'attachment; filename="adversary-3-0.json"'
         assert json.load(answer)["id"] == "adversary/3:0"
+
+
+def test_a_case_can_be_taken_to_other_tools(server: Running, tmp_path: Path) -> None:
+    """What is taken away says of itself what it is, and a case file drives."""
+    offered = {one["format"] for one in asked(server, "api/about")["downloads"]}
+    assert {"openscenario", "commonroad", "csv", "parquet", "json"} <= offered
+    with urlopen(server.url + "api/case/adversary/3:0/download/openscenario") as answer:
+        assert answer.headers["content-disposition"] == 'attachment; filename="adversary-3-0.zip"'
+        pack = zipfile.ZipFile(io.BytesIO(answer.read()))
+    scenario, road = sorted(pack.namelist())
+    logic = ElementTree.fromstring(pack.read(scenario)).find("RoadNetwork/LogicFile")
+    assert logic is not None
+    assert logic.get("filepath") == road
+    with urlopen(server.url + "api/case/adversary/3:0/download/json") as answer:
+        (tmp_path / "case.json").write_bytes(answer.read())
+    assert drive_case(tmp_path / "case.json", av=read_case_file(tmp_path / "case.json").av).crashed
 
 
 def test_a_video_can_be_taken_away(server: Running) -> None:
     """A GIF needs no program besides; its frames are read back."""
     offered = {one["format"] for one in asked(server, "api/about")["downloads"]}
-    assert {"gif", "json"} <= offered
+    assert {"gif", "numbers"} <= offered
     with urlopen(server.url + "api/case/adversary/3:0/download/gif") as answer:
         assert answer.headers["content-type"] == "image/gif"
         picture = Image.open(io.BytesIO(answer.read()))

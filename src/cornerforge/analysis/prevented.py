@@ -200,8 +200,9 @@ def _judge_range(
 def prevented_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[str, Prevented]:
     """Let each reference driver drive in the AV's place in one recorded crash.
 
-    It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and then brakes
-    on the path that the AV was on; the others drive as recorded, and after the contact as for the ways out (ADR 14).
+    It takes over when the manoeuvre that led to the crash began, or earlier, where it sees danger while the AV nears
+    the vehicle that it will run into. It holds its speed until it sees danger, and then brakes on the path that the AV
+    was on; the others drive as recorded, and after the contact as for the ways out (ADR 14).
 
     Args:
         scenario: Recording of a test that ended in a crash of the AV; vehicles that never came near may be missing.
@@ -227,9 +228,9 @@ def driven_by(scenario: Scenario, params: AvoidParams | None = None) -> dict[str
     scratch = allocate_judge_scratch(m, int(recordings.frames[0]), int(recordings.vehicles[0]))
     tracks = np.full((*no_tracks(1).shape[:2], last + 1, 4), np.nan)
     judge_cases(recordings, 0, 1, m, _OWN, scratch, out, tracks)
-    begin = int(out.begin[0])
 
     def drive(k: int) -> Driven:
+        begin = int(out.begin[0, k])
         touched = int(out.touched[0, k])
         reacted = None if out.reacted[0, k] < 0 else round((last - int(out.reacted[0, k])) * FRAME_S, 1)
         end = last if touched < 0 else min(last, touched)

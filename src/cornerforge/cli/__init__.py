@@ -13,7 +13,7 @@ from typing import Any
 import typer
 
 # `--help` lists commands in the order in which these modules register them.
-from cornerforge.cli import whole, driving, learning, cases, naturalistic  # isort: skip
+from cornerforge.cli import whole, driving, learning, cases, exchange, naturalistic  # isort: skip
 from cornerforge.cli.config import Call, a_call
 from cornerforge.cli.program import app
 from cornerforge.errors import CornerForgeError, InputError
@@ -22,7 +22,7 @@ __all__ = ["app", "main"]
 
 EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_PIPE = 2, 130, 141
 """Exit statuses. EXIT_PIPE: the reader of our output has gone; 128 + SIGPIPE, as a shell reports it."""
-_COMMANDS = (whole, driving, learning, cases, naturalistic)
+_COMMANDS = (whole, driving, learning, cases, exchange, naturalistic)
 _KEEP_WITH_OUT = ("simulate", "rate")
 """Commands with --resume that keep something only with --out; the other commands with --resume always do."""
 

@@ -10,7 +10,7 @@ import typer.core
 
 from cornerforge import __version__
 
-__all__ = ["app", "command", "ndd", "suite"]
+__all__ = ["app", "cases", "command", "ndd", "suite"]
 
 F = TypeVar("F", bound=Callable[..., None])
 
@@ -71,6 +71,13 @@ suite = typer.Typer(
     epilog=_epilog(("cornerforge suite build out/demo/library --out out/suite",)),
 )
 app.add_typer(suite, name="suite")
+cases = typer.Typer(
+    cls=_Group,
+    no_args_is_help=True,
+    help="Cases made of recorded traffic.",
+    epilog=_epilog(("cornerforge cases from-data trajectories.csv --out out/moments",)),
+)
+app.add_typer(cases, name="cases")
 
 
 def command(*examples: str, name: str | None = None, of: typer.Typer = app) -> Callable[[F], F]:

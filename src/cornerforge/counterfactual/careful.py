@@ -1,7 +1,9 @@
 """What reference drivers would have done: each drives in the AV's place among the recorded others (ADR 39).
 
 It takes over when the manoeuvre that led to the crash began, holds its speed until it sees danger, and brakes
-(`drivers.careful`) on the path that the AV was on. The others, the end, and what counts are those of the ways out.
+(`drivers.careful`) on the path that the AV was on. If the AV was nearing the partner already, the driver is there from
+the begin of that approach: it goes on as the AV did until it sees danger, and reacts from there. The others, the end,
+and what counts are those of the ways out.
 Beside them drives one that only holds its speed: where that is enough, a driver's braking has prevented nothing.
 """
 
@@ -38,13 +40,14 @@ DRIVERS = HOLDS + 1
 AT_ONCE = CAREFUL["reg157"]
 """It has its braking at once; the others have a jerk of their own, which the ODD may limit further."""
 _DT = FRAME_S
+_PAUSE = 10
 
 
 class Judgements(NamedTuple):
     """What became of the reference drivers, one row a case, one column a driver in the order of `CAREFUL`, then HOLDS.
 
     Attributes:
-        begin: Frame at which they take over, int64 (C,).
+        begin: Frame at which each takes over, int64 (C, DRIVERS).
         touched: Frame at which a vehicle touches the driver, -1 for none, int64 (C, DRIVERS).
         reacted: Frame at which the driver sees danger first, -1 for never, int64 (C, DRIVERS).
         least_ttc: Least time to collision with a vehicle in front until the horizon [s], inf where it never closes in,
@@ -72,7 +75,8 @@ def allocate_judgements(cases: int) -> Judgements:
     """Allocate the results of so many cases."""
     shape = (cases, DRIVERS)
     none = np.full(shape, -1, dtype=np.int64)
-    return Judgements(np.zeros(cases, dtype=np.int64), none, none.copy(), np.full(shape, np.inf), np.zeros(shape))
+    begin = np.zeros(shape, dtype=np.int64)
+    return Judgements(begin, none, none.copy(), np.full(shape, np.inf), np.zeros(shape))
 
 
 def no_tracks(cases: int) -> NDArray[np.float64]:
@@ -121,6 +125,47 @@ def _look(test: Trajectories, f: int, kind: int, w: World, ttc: float) -> tuple[
         if threat.aside <= 0.0 and closing > 0.0:
             ttc = min(ttc, max(threat.gap, 0.0) / closing)
     return demanded, ttc
+
+
+@inlined_kernel
+def _approach_begin(test: Trajectories, partner: int, begin: int) -> int:
+    """Find the first frame from which the AV neared the partner, in front of it, until `begin`; pauses below 1 s count.
+
+    `begin` itself if it did not.
+    """
+    frames = test.frames
+    beside = 0.5 * (test.bodies[0].width + test.bodies[partner].width)
+    first, paused = begin, 0
+    for f in range(begin, -1, -1):
+        me, other = frames[f, 0], frames[f, partner]
+        is_in_front = other.present != 0 and way_from(me.x, other.x) > 0.0 and abs(other.y - me.y) < beside
+        if not is_in_front or paused >= _PAUSE:
+            break
+        if me.speed > other.speed:
+            first, paused = f, 0
+        else:
+            paused += 1
+    return first
+
+
+@kernel
+def _takes_over(test: Trajectories, approach: int, begin: int, kind: int, m: Manoeuvres, w: World) -> int:
+    """Find the frame at which a driver stops doing what the AV did: it sees danger, or the manoeuvre begins.
+
+    Args:
+        test: The recording.
+        approach: Frame from which the AV neared the partner.
+        begin: Frame at which the manoeuvre began, not before `approach`.
+        kind: The driver.
+        m: As for `judge_cases`.
+        w: Scratch.
+    """
+    if kind != HOLDS:
+        for f in range(approach, begin):
+            take_over_av(w, 0, test, f, m.parts, m.road, m.evasive)
+            if _look(test, f, kind, w, np.inf)[0] > 0.0:
+                return f
+    return begin
 
 
 @kernel
@@ -189,8 +234,8 @@ def judge_cases(
         reaction: Time from seeing danger to braking, of all drivers [s]; below 0: each has its own (`own_reaction`).
         s: Scratch.
         out: Holds stop - first rows, for the cases in order.
-        tracks: Of each driver in each case [x m, y m, speed m/s, heading rad] in the first F frames from `out.begin`
-            on, up to where it is touched, (stop - first, DRIVERS, F, 4); F may be 0 (`no_tracks`).
+        tracks: Of each driver in each case [x m, y m, speed m/s, heading rad] in the first F frames from its
+            `out.begin` on, up to where it is touched, (stop - first, DRIVERS, F, 4); F may be 0 (`no_tracks`).
     """
     for c in range(first, stop):
         row = c - first
@@ -200,12 +245,14 @@ def judge_cases(
         unpack(r, c, s.frames, s.bodies)
         test = Trajectories(s.frames, s.bodies, r.vehicles[c])
         begin = max(0, min(manoeuvre_begin(s.frames, r.partner[c], last, m.road), last - 1))
+        approach = _approach_begin(test, r.partner[c], begin)
         end = last + m.horizon
         continue_recording(test, last, end + s.tail, r.partner[c], m.only_partner, m.road, s.rows)
-        out.begin[row] = begin
         for kind in range(DRIVERS):
+            moment = _takes_over(test, approach, begin, kind, m, s.rows)
+            out.begin[row, kind] = moment
             delay = reaction if reaction >= 0.0 else own_reaction(kind)
-            touched, reacted, ttc, hardest = _drive(test, begin, end, kind, delay, m, s.rows, tracks[row, kind])
+            touched, reacted, ttc, hardest = _drive(test, moment, end, kind, delay, m, s.rows, tracks[row, kind])
             out.touched[row, kind] = touched
             out.reacted[row, kind] = reacted
             out.least_ttc[row, kind] = ttc

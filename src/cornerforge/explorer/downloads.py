@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import tempfile
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +16,7 @@ from cornerforge.pictures.film import check_film, film
 from cornerforge.report.judged import WayOut
 from cornerforge.types import Scenario
 
-__all__ = ["Shown", "formats", "made"]
+__all__ = ["Shown", "formats", "made", "packed"]
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,11 @@ _FORMATS = {
     "mp4": _Format("video (MP4)", "video/mp4", _film("mp4")),
     "webm": _Format("video (WebM)", "video/webm", _film("webm")),
     "gif": _Format("moving picture (GIF)", "image/gif", _film("gif")),
-    "json": _Format("numbers (JSON)", "application/json", _json),
+    "numbers": _Format("what this page shows (JSON)", "application/json", _json),
 }
+
+
+_MEDIA = {".json": "application/json", ".csv": "text/csv", ".xml": "application/xml"}
 
 
 def formats() -> dict[str, str]:
@@ -74,7 +79,7 @@ def formats() -> dict[str, str]:
             return False
         return True
 
-    return {name: one.label for name, one in _FORMATS.items() if name == "json" or here(name)}
+    return {name: one.label for name, one in _FORMATS.items() if name == "numbers" or here(name)}
 
 
 def made(shown: Shown, name: str, going: Callable[[], None] = lambda: None) -> tuple[str, bytes]:
@@ -93,3 +98,23 @@ def made(shown: Shown, name: str, going: Callable[[], None] = lambda: None) -> t
     """
     one = _FORMATS[name]
     return one.media, one.make(shown, going)
+
+
+def packed(stem: str, files: Mapping[str, bytes]) -> tuple[str, str, bytes]:
+    """Make one file to take away of the files of a case in a format for other tools: the file itself, or an archive.
+
+    Args:
+        stem: Begins its name.
+        files: By their names, at least one.
+
+    Returns:
+        Media type, file name, and content.
+    """
+    if len(files) == 1:
+        ((name, content),) = files.items()
+        return _MEDIA.get(Path(name).suffix, "application/octet-stream"), f"{stem}{Path(name).suffix}", content
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as pack:
+        for name, content in files.items():
+            pack.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
+    return "application/zip", f"{stem}.zip", archive.getvalue()

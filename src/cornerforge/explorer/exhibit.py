@@ -14,7 +14,7 @@ import pyarrow as pa
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.explorer.columns import CaseTable
-from cornerforge.explorer.downloads import Shown, formats, made
+from cornerforge.explorer.downloads import Shown, formats, made, packed
 from cornerforge.explorer.notes import keep_note, notes_file, read_notes
 from cornerforge.explorer.room import Room
 from cornerforge.explorer.sources import Analysis, Source
@@ -57,12 +57,16 @@ class Driving:
         avs: Names of the AVs that can drive a case.
         ghosts: The reference drivers in a case, by name.
         with_av: The case as another AV drives it, the others as recorded: source, case, AV.
+        exports: Formats for other tools, each with what people read.
+        export: Files of a case in such a format, by their names.
     """
 
     drivers: tuple[str, ...]
     avs: tuple[str, ...]
     ghosts: Callable[[Source, StoredCase], Mapping[str, Ghost]]
     with_av: Callable[[Source, StoredCase, str], Scenario]
+    exports: Mapping[str, str]
+    export: Callable[[Source, StoredCase, str], Mapping[str, bytes]]
 
 
 _WHOLE = re.compile(r"\s*(select|with|from)\b", re.IGNORECASE)
@@ -132,7 +136,7 @@ class Exhibit:
             "work": self.work,
             "avs": list(self.driving.avs),
             "drivers": list(self.driving.drivers),
-            "downloads": [{"format": name, "label": label} for name, label in formats().items()],
+            "downloads": [{"format": name, "label": label} for name, label in self._formats().items()],
             "columns": [column.to_json() for column in table.columns],
             "start": cards(state.sources, table),
             "warnings": self.warnings,
@@ -216,16 +220,25 @@ class Exhibit:
             OutputError: The program that writes videos failed.
             UnavailableError: Too many videos are being made, or the server ends.
         """
-        self._state.find(source, case_id)
-        if name not in (known := formats()):
+        shelf, _ = self._state.find(source, case_id)
+        if name not in (known := self._formats()):
             raise UnknownKeyError(f"There is no format {name[:80]!r}; known: {', '.join(known)}.")
+        if name in self.driving.exports:
+            with self._drives.turn():
+                stored = shelf.source.cases.scenario(case_id)
+                return packed(f"{source}-{case_id.replace(':', '-')}", self.driving.export(shelf.source, stored, name))
         shown = self._shown(source, case_id)
-        if name == "json":
+        if name == "numbers":
             media, content = made(shown, name)
         else:
             with self._makes.turn():
                 media, content = made(shown, name, self._makes.check)
-        return media, f"{source}-{case_id.replace(':', '-')}.{name}", content
+        ending = "json" if name == "numbers" else name
+        return media, f"{source}-{case_id.replace(':', '-')}.{ending}", content
+
+    def _formats(self) -> dict[str, str]:
+        """What can be made of a case, each with what people read."""
+        return {**formats(), **self.driving.exports}
 
     def rows_where(self, where: str) -> bytes:
         """Say which rows a condition in SQL holds for, or a whole SELECT names by `source` and `case_id`.

@@ -3,3 +3,7 @@
 Writers take an `OutCase`, readers give `MovingCase`s; both are in `cases.py`. Nothing here knows libraries, analyses or
 AVs: `pipeline/` gets the facts of a case and drives.
 """
+
+from __future__ import annotations
+
+__all__: list[str] = []

@@ -34,9 +34,9 @@ class OutCase:
     Attributes:
         name: Stem of its files: letters, digits, - and _.
         scenario: Its motion, the AV in column 0, up to the contact or to its end.
-        facts: What else is known of it, for the file's metadata, in this order: who made it with what (versions, hashes,
-            AV, model and its licence note), how likely and how frequent it is, who would have prevented it. Names end in
-            their unit. None: not known.
+        facts: What else is known of it, for the file's metadata, in this order: who made it with what (versions,
+            hashes, AV, model and its licence note), how likely and how frequent it is, who would have prevented it.
+            Names end in their unit. None: not known.
     """
 
     name: str
@@ -98,7 +98,9 @@ def straight_road(
     if not 1 <= lanes <= MAX_LANES:
         raise InputError(f"The road has {lanes} lanes; roads of 1 to {MAX_LANES} lanes can be driven.")
     if not 1 <= vehicles <= _MOST_VEHICLES:
-        raise InputError(f"There are {vehicles:,} vehicles; 1 to {_MOST_VEHICLES} can be driven. Keep those near the AV.")
+        raise InputError(
+            f"There are {vehicles:,} vehicles; 1 to {_MOST_VEHICLES} can be driven. Keep those near the AV."
+        )
     if not (math.isfinite(fastest) and fastest <= _MOST_SPEED):
         raise InputError(
             f"A vehicle drives at {fastest:.6g} m/s; up to {_MOST_SPEED:g} m/s can be driven. Are speeds in m/s?"
@@ -115,7 +117,6 @@ def straight_road(
         time_limit=float(math.ceil(seconds) + _AFTER_S),
         av_start=0.0,
         traffic_length=max(50.0, 40.0 * math.ceil(vehicles / lanes)),
-        truck_share=0.001,  # so that vehicles have sizes of their own
     )
 
 
@@ -131,11 +132,19 @@ def script_of(case: MovingCase, *, set_speed: float | None = None, seed: int = 0
         seed, test: Name of the case in a library, and what an AV from outside is told.
 
     Raises:
-        InputError: The AV does not begin in the first frame, or a number is not finite.
+        InputError: The AV does not begin in the first frame, a vehicle is nowhere, or in a lane that the road lacks.
     """
     first = case.poses[0, 0]
     if not np.isfinite(first).all():
         raise InputError(f"Case {case.name}: the AV is not there in the first frame.")
+    lanes = case.poses[..., LANE]
+    beside = np.argwhere(np.isfinite(lanes) & ((lanes < 0) | (lanes >= case.odd.n_lanes) | (lanes != np.floor(lanes))))
+    if beside.size:
+        frame, slot = beside[0].tolist()
+        raise InputError(
+            f"Case {case.name}: vehicle {slot} is in lane {lanes[frame, slot]:g} in frame {frame}; the road has "
+            f"lanes 0 to {case.odd.n_lanes - 1}."
+        )
     poses = _prolonged(case.poses)
     rows = []
     for slot in range(case.poses.shape[1]):
@@ -170,9 +179,7 @@ def _to_its_lane(pose: NDArray[np.float64], odd: Odd) -> dict[str, float]:
     if off < _IN_THE_MIDDLE and pose[LATERAL_SPEED] == 0.0:
         return {}
     wanted = max(1.0, odd.lane_change_duration * off / odd.lane_width)
-    path, duration = plan_path(
-        pose[Y], pose[LATERAL_SPEED], 0.0, middle, wanted, odd.max_lateral_acceleration
-    )
+    path, duration = plan_path(pose[Y], pose[LATERAL_SPEED], 0.0, middle, wanted, odd.max_lateral_acceleration)
     return {"duration": duration, **dict(zip(("c0", "c1", "c2", "c3", "c4", "c5"), path, strict=True))}
 
 

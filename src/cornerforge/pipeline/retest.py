@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Unpack
@@ -14,17 +15,27 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.interchange.case_file import CaseFile
 from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.case_files import CaseDriver
 from cornerforge.pipeline.cases import SEVERAL
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import config_hash, provenance
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.pipeline.retest_case_files import (
+    FILES_RULE,
+    file_says,
+    holds_case_files,
+    pairs_of_files,
+    read_case_files,
+)
 from cornerforge.pipeline.retest_files import check_new_file, write_junit, write_sarif
 from cornerforge.pipeline.retest_pairs import RULE, Driven, pairs_of
-from cornerforge.pipeline.setting import Experiment, check_threads
+from cornerforge.pipeline.setting import RECORDED_AV, Experiment, check_threads
 from cornerforge.pipeline.stored_cases import drive_as_recorded, run_with
 from cornerforge.rates.paired import difference_interval, sequential_verdict
-from cornerforge.report.comparison import check_page, write_comparison
+from cornerforge.report.comparison import Pair, check_page, write_comparison
 from cornerforge.results.retest import Compared, Difference, Retested, RetestedCase
 from cornerforge.sim import (
     AV_CRASH,
@@ -77,7 +88,7 @@ def retest(
 
     Returns:
         What `cornerforge retest --json` prints. `got_worse` is True if a sequential test says that it crashes more
-        often (`rates.paired`).
+        often (`rates.paired`), or if it has a new crash in a case file.
 
     Raises:
         CornerForgeError: The library, an AV or a file cannot be read or written, or an AV fails too often.
@@ -91,15 +102,35 @@ def retest(
         check_new_file(file)
     if page is not None:
         check_page()
+    place = Path(library)
+    is_of_files = holds_case_files(place)
+    if is_of_files and natural_tests:
+        raise InputError(
+            f"{place} holds case files, which tell of no traffic to draw natural tests from; leave them out."
+        )
+    options = WorldOptions(**world)
+    is_recorded = RECORDED_AV in (options.av, baseline)
+    if is_recorded and natural_tests:
+        raise InputError(
+            f"{RECORDED_AV} drives in its cases only, so there are no natural tests of it; leave them out."
+        )
     if natural_tests is None:
-        natural_tests = 0 if baseline is None else 10_000
+        natural_tests = 0 if baseline is None or is_of_files or is_recorded else 10_000
     check_integer("natural_tests", natural_tests, low=0, high=10**9)
     if natural_tests and baseline is None:
         raise InputError("Natural rates need both AVs; name the old one with --baseline.")
-    options = WorldOptions(**world)
     if baseline is not None and baseline == options.av:
         raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
-    cases = _opened(Path(library), baseline)
+    if is_of_files:
+        check_threads(threads)
+        result, pairs = _retest_files(place, options, baseline, page is not None, progress)
+        result = replace(result, seconds=round(time.perf_counter() - began, 3))
+        _write_for_machines(result, junit, sarif)
+        if page is not None:
+            made = provenance({"cases": str(library), "av": options.av, "seed": seed}, result.seconds)
+            write_comparison(Path(page), result, pairs, FILES_RULE, made)
+        return result
+    cases = _opened(place, baseline)
     n_threads = check_threads(threads)
     new = run_with(cases, options, options.av)
     old = None if baseline is None else run_with(cases, options, baseline)
@@ -128,10 +159,7 @@ def retest(
         each=_each(cases, recorded, reacting),
         seconds=round(time.perf_counter() - began, 3),
     )
-    if junit is not None:
-        write_junit(Path(junit), result)
-    if sarif is not None:
-        write_sarif(Path(sarif), result)
+    _write_for_machines(result, junit, sarif)
     if page is not None:
         pairs = pairs_of(
             cases,
@@ -143,6 +171,65 @@ def retest(
         made = provenance({"library": config_hash(cases.identity), **new.identity(seed)}, result.seconds)
         write_comparison(Path(page), result, pairs, RULE, made)
     return result
+
+
+def _write_for_machines(result: Retested, junit: Path | str | None, sarif: Path | str | None) -> None:
+    if junit is not None:
+        write_junit(Path(junit), result)
+    if sarif is not None:
+        write_sarif(Path(sarif), result)
+
+
+def _retest_files(
+    place: Path, options: WorldOptions, baseline: str | None, with_pairs: bool, progress: Progress
+) -> tuple[Retested, list[Pair]]:
+    """Drive the AV, and the baseline if there is one, through case files; record pairs for the page if wanted."""
+    files = read_case_files(place)
+    options_of_old = None if baseline is None else _options_of(options, baseline)
+    models = [place if place.is_dir() else place.parent]
+    with contextlib.ExitStack() as stack:
+        new = stack.enter_context(CaseDriver(options, models))
+        old = None if options_of_old is None else stack.enter_context(CaseDriver(options_of_old, models))
+        crashed = _in_files(new, files, progress, "case files")
+        if old is None:
+            was = np.array([_YES if file_says(name, case) else _NO for name, case in files.items()], np.int64)
+        else:
+            was = _in_files(old, files, progress, "case files, baseline")
+        both = _Both(crashed, was, picked=True)
+        kinds = both.by_case(list(files))
+        pairs = pairs_of_files(files, kinds, new, old, options, models) if with_pairs else []
+    compared = both.compared()
+    makers = sorted({case.av or "not known" for case in files.values()})
+    result = Retested(
+        **{one.name: getattr(compared, one.name) for one in fields(Difference)},
+        library=str(place),
+        av=options.av,
+        baseline=baseline or (makers[0] if len(makers) == 1 else SEVERAL),
+        cases=len(files),
+        got_worse=compared.new_crashes > 0,
+        note=None,
+        recorded=compared,
+        reacting=None,
+        natural=None,
+        each=tuple(RetestedCase(case=case, recorded=kind, reacting=None) for case, kind in kinds.items()),
+        seconds=0.0,
+    )
+    return result, pairs
+
+
+def _in_files(driver: CaseDriver, files: Mapping[str, CaseFile], progress: Progress, what: str) -> NDArray[np.int64]:
+    """Drive case files, and say in which the AV crashed."""
+    found = []
+    for done, case in enumerate(files.values()):
+        end = driver.drive(case)
+        found.append(_UNKNOWN if end.failed else _NO if end.pose is None else _YES)
+        progress(what, done + 1, len(files))
+    return np.array(found, np.int64)
+
+
+def _options_of(options: WorldOptions, av: str) -> WorldOptions:
+    """The same options with another AV; only one from outside needs a Python."""
+    return replace(options, av=av, av_python=options.av_python if is_foreign(av) else None)
 
 
 def _opened(library: Path, baseline: str | None) -> CaseLibrary:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shlex
+import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +20,9 @@ from cornerforge.errors import CornerForgeError, FileFormatError, InputError, Mi
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.library.natural import is_natural, natural_weights
-from cornerforge.pipeline.output import check_path, read_json_file
+from cornerforge.pipeline.beside import analysis_beside, own_folder
+from cornerforge.pipeline.export import EXPORTS, CaseWriter, has_rerun
+from cornerforge.pipeline.output import check_path
 from cornerforge.results.whole import Served
 
 if TYPE_CHECKING:
@@ -118,22 +121,20 @@ def _sources(place: Path) -> list[_Found]:
         InputError: There is none, or none holds a case.
         FileFormatError: One is damaged.
     """
-    from cornerforge.explorer import Source
+    from cornerforge.explorer import Source, read_analysis
 
     if (place / MANIFEST).exists():
-        libraries = [(place, place.parent / f"{place.name}-analysis")]
+        libraries = [place]
     else:
         natural = [place / "natural" / "weighted", place / "natural" / "library", place / "weighted"]
-        libraries = [
-            (one, one.parent / "analysis") for one in (*natural, place / "library") if (one / MANIFEST).exists()
-        ]
+        libraries = [one for one in (*natural, place / "library") if (one / MANIFEST).exists()]
     if not libraries:
         raise InputError(
             f"{place} is no folder of run or rate and no library of cases; name one that cornerforge run, rate --out "
             "or generate made."
         )
     found: dict[str, _Found] = {}
-    for library, beside in libraries:
+    for library in libraries:
         cases = CaseLibrary.open(library)
         if len(cases) == 0:
             continue
@@ -144,32 +145,12 @@ def _sources(place: Path) -> list[_Found]:
             continue
         replay = f"cornerforge replay {shlex.quote(str(library))}"
         source = Source(name, _LABELS[name], cases, on_road, weights, replay)
-        own = library.parent / f"{library.name}-analysis"
-        folder = next((one for one in (beside, library.parent / "analysis", own) if _is_analysis(one, cases)), own)
-        found[name] = _Found(source, _analysis(folder, cases), folder)
+        beside = analysis_beside(cases)
+        analysis = None if beside is None else read_analysis(beside, cases.path)
+        found[name] = _Found(source, analysis, beside or own_folder(library))
     if not found:
         raise InputError(f"There is no case in {place} yet; fill a library with: cornerforge generate, or rate --out")
     return list(found.values())
-
-
-def _is_analysis(folder: Path, cases: CaseLibrary) -> bool:
-    """Say whether a folder holds the whole analysis of a library."""
-    from cornerforge.explorer import FILES
-
-    if not all((folder / name).is_file() for name in (*FILES, "provenance.json")):
-        return False
-    try:
-        identity = read_json_file(folder / "provenance.json").get("identity")
-    except CornerForgeError:
-        return False
-    of = {**cases.identity, "cases": len(cases)}
-    return isinstance(identity, dict) and all(identity.get(key) == value for key, value in of.items())
-
-
-def _analysis(folder: Path, cases: CaseLibrary) -> Analysis | None:
-    from cornerforge.explorer import read_analysis
-
-    return read_analysis(folder, cases.path) if _is_analysis(folder, cases) else None
 
 
 def _behind(exhibit: Exhibit, found: Sequence[_Found], threads: int | None, stopping: threading.Event) -> None:
@@ -233,7 +214,10 @@ def _driving(avs: Sequence[str], source: Source) -> Driving:
     others = _Others()
     for av in avs:
         others.made(source, av)
-    return Driving(tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive)
+    exports = {name: label for name, label in EXPORTS.items() if name != "rerun" or has_rerun()}
+    return Driving(
+        tuple(CAREFUL), tuple(dict.fromkeys((*AVS, *avs))), _ghosts, others.drive, exports, _Exports().files
+    )  # fmt: skip
 
 
 def _fault_of_notes(source: Source) -> list[str]:
@@ -273,6 +257,26 @@ def _ghosts(source: Source, stored: StoredCase) -> Mapping[str, Ghost]:
         )
         for name, one in driven_by(scenario, params).items()
     }
+
+
+class _Exports:
+    """Writes stored cases for other tools; one at a time, since it keeps its writers."""
+
+    def __init__(self) -> None:
+        self._writers: dict[tuple[str, str], CaseWriter] = {}
+
+    def files(self, source: Source, stored: StoredCase, to: str) -> Mapping[str, bytes]:
+        """Give the files of a case in a format, by name.
+
+        Raises:
+            CornerForgeError: It cannot be written in that format.
+        """
+        key = source.name, to
+        if key not in self._writers:
+            self._writers[key] = CaseWriter(source.cases, to)
+        with tempfile.TemporaryDirectory() as folder:
+            names = self._writers[key].write(str(stored.scalars["case_id"]), stored, Path(folder))
+            return {name: (Path(folder) / name).read_bytes() for name in names}
 
 
 class _Others:

@@ -98,6 +98,8 @@ class Experiment:
     @property
     def av_hash(self) -> str:
         """Hash of the AV: of its parameters, or of a foreign AV's source or file."""
+        if self.av.name == RECORDED_AV:
+            return config_hash({"av": RECORDED_AV})
         return av_hash(self.av) if self.foreign is None else self.foreign.hash
 
     @property
@@ -331,7 +333,9 @@ def experiment(
             f"cornerforge train --av {shlex.quote(av)} --out P.safetensors"
         )
     if av == RECORDED_AV and not takes_recorded:
-        raise InputError(f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case.")
+        raise InputError(
+            f"{RECORDED_AV} is no AV that could drive on its own: it is what was in the AV's seat of a case."
+        )
     if world.av_python is not None and not is_foreign(av):
         raise InputError(f"av_python is for AVs that are not built in; {av} is. Leave it out.")
     if is_foreign(av) and is_spread():

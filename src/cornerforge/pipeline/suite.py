@@ -18,7 +18,7 @@ from cornerforge.drivers.avs import AVS
 from cornerforge.errors import InputError, ReplayError
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.library import CaseLibrary, CaseRecord, case_record
-from cornerforge.library.schema import SCRIPTED
+from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import model_hash, save_model
 from cornerforge.pipeline.cases import SEVERAL, experiment_of
 from cornerforge.pipeline.forecast import forecast
@@ -110,7 +110,7 @@ def suite_build(
     check_new_folder(place)
     found = _driven(sources, makers, names, options, threads, progress)
     chosen = choose(found.crashes, found.severity, size)
-    identity = _identity(makers)
+    identity = _identity(makers, sources[0].on_rails)
     suite = _stored(place, identity, sources, makers, [found.origin[row] for row in chosen.cases], progress)
     ids = suite.scalars(["case_id"])["case_id"].to_pylist()
     runs = [run_with(suite, options, name) for name in names]
@@ -204,6 +204,7 @@ def _check_fit(sources: Sequence[CaseLibrary], makers: Sequence[Experiment]) -> 
         for what, ours, theirs in (
             ("ODD", makers[0].odd, run.odd),
             ("naturalistic model", model_hash(makers[0].model), model_hash(run.model)),
+            ("others, which drive or are on rails", sources[0].on_rails, cases.on_rails),
         ):
             if ours != theirs:
                 raise InputError(
@@ -272,10 +273,12 @@ def _driven(
     return _Candidates(origin, np.concatenate(kept), failures, not_again)
 
 
-def _identity(makers: Sequence[Experiment]) -> dict[str, Any]:
+def _identity(makers: Sequence[Experiment], on_rails: bool) -> dict[str, Any]:
     """Say what names the suite: natural traffic, since its scripts hold the actions, and the AV that made its cases."""
     natural = replace(makers[0], bv="nde", bounded=False, policies=(), budget=None, acting="greedy")
     identity = {**natural.identity(0), SCRIPTED: True, "cornerforge": version(), "code": code_hash()}
+    if on_rails:
+        identity |= {ON_RAILS: True}
     if len({run.av_hash for run in makers}) > 1:
         identity |= {"av": SEVERAL, "av_hash": None}
     return identity
@@ -304,7 +307,7 @@ def _stored(
             name = makers[source].av.name
             raise ReplayError(f"Case {case} of {sources[source].path}: {name} crashed in it and now does not.")
         extra = {"source": sources[source].path.name, "source_case": case, "source_av": makers[source].av.name}
-        records.append(case_record(scenario, start=script.start, extra=extra))
+        records.append(case_record(scenario, start=script.start, poses=script.poses, extra=extra))
         progress("writing the suite", test + 1, len(chosen))
     suite = CaseLibrary.create(place, identity, sources[0].odd)
     n = len(records)

@@ -11,6 +11,8 @@ from cornerforge.results.analysis import Analysed
 from cornerforge.results.avs import AvChecked, Avs
 from cornerforge.results.cases import Plausibility, Queried, Replayed, ShrunkLibrary, Varied
 from cornerforge.results.driving import Filled, NaturalRate, Simulated
+from cornerforge.results.from_data import CasesFromData
+from cornerforge.results.imported import ImportedCases
 from cornerforge.results.learning import Trained, TrainedAv, TrainingCurve
 from cornerforge.results.naturalistic import NddFitted, NddImported, NddShown
 from cornerforge.results.r157 import Regulated
@@ -20,7 +22,7 @@ from cornerforge.results.retest import Retested
 from cornerforge.results.stating import as_json
 from cornerforge.results.suite import SuiteBuilt
 from cornerforge.results.validation import NddValidated
-from cornerforge.results.whole import Exposure, Figured, Initialised, Reported, RunDone, Served
+from cornerforge.results.whole import Exported, Exposure, Figured, Initialised, Reported, RunDone, Served
 
 __all__ = [
     "FILES",
@@ -28,8 +30,11 @@ __all__ = [
     "Analysed",
     "AvChecked",
     "Avs",
+    "CasesFromData",
+    "Exported",
     "Figured",
     "Filled",
+    "ImportedCases",
     "Initialised",
     "NaturalRate",
     "NddFitted",
@@ -73,6 +78,9 @@ VERBS: dict[str, type] = {
     "replay": Replayed,
     "retest": Retested,
     "suite build": SuiteBuilt,
+    "export": Exported,
+    "import": ImportedCases,
+    "cases from-data": CasesFromData,
     "r157": Regulated,
     "query": Queried,
     "variety": Varied,

@@ -50,7 +50,7 @@ class Compared(Difference):
 class RetestedCase:
     """What became of one case."""
 
-    case: str = field(metadata=meant("Case id."))
+    case: str = field(metadata=meant("Case id, or name of the case file."))
     recorded: str = field(metadata=meant('Others as recorded: "fixed", "still crashing", "new", "never" or "failed".'))
     reacting: str | None = field(metadata=meant("Others who react: the same; null: the case is no test of a seed."))
 
@@ -59,11 +59,13 @@ class RetestedCase:
 class Retested(Difference):
     """Another AV in the cases of a library. What differs is of `reacting`, or of `recorded` where there is none."""
 
-    library: str = field(metadata=meant("The library."))
+    library: str = field(metadata=meant("The library, or the case files."))
     av: str = field(metadata=meant("The AV."))
     baseline: str = field(metadata=meant("What it is compared with."))
     cases: int = field(metadata=meant("Cases of the library."))
-    got_worse: bool = field(metadata=meant('Is a verdict "worse"? Then the exit status is 1.'))
+    got_worse: bool = field(
+        metadata=meant('Is a verdict "worse", or is there a new crash in a case file? Then the exit status is 1.')
+    )
     note: str | None = field(metadata=meant("What a reader must know about the tests; null: nothing."))
     recorded: Compared = field(metadata=meant("The cases, others as recorded."))
     reacting: Compared | None = field(

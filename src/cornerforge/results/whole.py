@@ -11,8 +11,8 @@ from cornerforge.results.rates import Yield
 from cornerforge.results.stating import meant
 
 __all__ = [
-    "Exposed", "Exposure", "ExposureMiles", "Figured", "FiguredOne", "Initialised", "Reported", "RunDone", "RunTrained",
-    "Served", "Spending", "SpentOn",
+    "Exported", "Exposed", "Exposure", "ExposureMiles", "Figured", "FiguredOne", "Initialised", "Reported", "RunDone",
+    "RunTrained", "Served", "Spending", "SpentOn",
 ]  # fmt: skip
 
 
@@ -50,6 +50,17 @@ class Figured:
     """Figures for a paper."""
 
     figures: tuple[FiguredOne, ...] = field(metadata=meant("The figures, in the order of `--list`."))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """Cases written for other tools."""
+
+    cases: int = field(metadata=meant("How many."))
+    to: str = field(metadata=meant("The format."))
+    out: str = field(metadata=meant("Folder of the files."))
+    files: tuple[str, ...] = field(metadata=meant("Names of the files in it; roads are shared by cases."))
+    seconds: float = field(metadata=meant("Wall-clock.", "s"))
 
 
 @dataclass(frozen=True, kw_only=True)

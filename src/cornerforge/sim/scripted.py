@@ -30,7 +30,7 @@ from cornerforge.sim.world import AV_CRASH, NO_ACTION, RUNNING, VEHICLE, all_cur
 from cornerforge.types import N_ACTIONS, Odd, Scenario
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
 
     from numpy.typing import NDArray
@@ -59,6 +59,8 @@ equally likely). In recordings it stands where a vehicle is absent, and means no
 TRAITS = ("quantile", "habit", "desired_speed", "change_time", "signals", "away", "noise", "inattention")
 """What a driver brings along; starts that were stored before drivers had it lack these fields (`average_traits`)."""
 _MOST_FAULTS = 20
+_LEAST_SIZE, _MOST_SIZE = (0.5, 0.3), (30.0, 4.0)
+"""Length and width [m] that a vehicle on rails may have."""
 _FOLLOWING = ("x_held", "speed_held", "present", "action", "commanded", "acceleration_held", "noticed")
 START_FIELDS = tuple(name for name in VEHICLE.names or () if name not in _FOLLOWING)
 """Fields of `world.VEHICLE` that make a start, as files hold them: a new one goes to the end. The others follow: a
@@ -185,6 +187,26 @@ def scripted_start(fields: NDArray[np.float64]) -> NDArray[np.void]:
     return start
 
 
+def _sizes(script: Script) -> list[tuple[float, float]]:
+    """Length and width of each vehicle [m]."""
+    sizes: list[tuple[float, float]] = script.start[["length", "width"]].tolist()
+    return sizes
+
+
+def _fit(setting: Setting, sizes: Sequence[tuple[float, float]]) -> Setting:
+    """Let the road hold vehicles of these sizes, if they are not those of its cars."""
+    road = setting.road
+    if set(sizes) == {(road.length, road.width)}:
+        return setting
+    return setting._replace(
+        road=road._replace(
+            longest=max(road.longest, *(length for length, _ in sizes)),
+            widest=max(road.widest, *(width for _, width in sizes)),
+            one_size=False,
+        )
+    )
+
+
 @kernel
 def _put(w: World, start: NDArray[np.void]) -> None:
     """Put a world at a start."""
@@ -232,7 +254,8 @@ class ScriptDriver:
 
     Raises (all that drives):
         InputError: The script has more vehicles or decisions than a test can have, or a vehicle of a size that does
-            not occur in the ODD: contacts and bounds of motion know its sizes only.
+            not occur in the ODD: contacts and bounds of motion know its sizes only. On rails any size from
+            0.5 x 0.3 to 30 x 4 m will do.
         AvFaultError: An AV from outside fails; `drive` raises it when that happens 20 times in a row.
     """
 
@@ -262,8 +285,15 @@ class ScriptDriver:
         check_integer("vehicles of a script", script.slot.size, low=1, high=self._world.order.size)
         check_integer("decisions of a script", len(script.action), low=1, high=self._setting.road.max_decisions)
         allowed = self._odd.sizes_on_road
-        for slot, size in zip(script.slot, script.start[["length", "width"]].tolist(), strict=True):
-            if size not in allowed:
+        for slot, size in zip(script.slot, _sizes(script), strict=True):
+            if script.poses is not None and not all(
+                low <= one <= most for low, one, most in zip(_LEAST_SIZE, size, _MOST_SIZE, strict=True)
+            ):
+                raise InputError(
+                    f"Vehicle {slot} of the script is {size[0]:g} m long and {size[1]:g} m wide; allowed: "
+                    f"{_LEAST_SIZE[0]:g} to {_MOST_SIZE[0]:g} m long, {_LEAST_SIZE[1]:g} to {_MOST_SIZE[1]:g} m wide."
+                )
+            if script.poses is None and size not in allowed:
                 raise InputError(
                     f"Vehicle {slot} of the script is {size[0]:g} m long and {size[1]:g} m wide; allowed in ODD "
                     f"{self._odd.name}: {', '.join(f'{length:g} x {width:g} m' for length, width in allowed)}. Give it "
@@ -275,7 +305,9 @@ class ScriptDriver:
         self.drives += 1
         av = self._setting.who.av if self._av is None else self._av.controller
         if av == RECORDED and (script.poses is None or not np.isfinite(script.poses[:, 0]).all()):
-            raise InputError("The script does not say what the AV did, so it cannot drive as recorded; name another AV.")
+            raise InputError(
+                "The script does not say what the AV did, so it cannot drive as recorded; name another AV."
+            )
         rails = NO_RAILS if script.poses is None else rails_of(script.start[None], script.poses[None])
         drivers = self._setting.with_drivers(
             av=LIKELIEST if av_is_natural else av,
@@ -284,8 +316,10 @@ class ScriptDriver:
             script=np.ascontiguousarray(script.action),
             rails=rails,
         )
-        if script.poses is not None and (speed := set_speed_of(script.start)) is not None:
-            drivers = drivers.with_set_speed(speed)
+        if script.poses is not None:
+            drivers = _fit(drivers, _sizes(script))
+            if (speed := set_speed_of(script.start)) is not None:
+                drivers = drivers.with_set_speed(speed)
         if script.poses is None:
             _put(self._world, script.start)
         else:

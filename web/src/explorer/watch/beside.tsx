@@ -40,7 +40,7 @@ export function Beside({ about, caseKey }: { about: About; caseKey: CaseKey }) {
         </form>
       )}
       {shown !== null && <button type="button" onClick={() => { beside.value = null; isAsking.value = false; }}>Close</button>}
-      {shown !== null && <span class="note">{shown.startsWith("av:") ? "It drives from the start of the test; the other vehicles do what they did, and drive on naturally after the recorded end. A ghost takes over only when the manoeuvre began." : "Both meet their contact at the same moment."}</span>}
+      {shown !== null && <span class="note">{shown.startsWith("av:") ? "It drives from the start of the test; the other vehicles do what they did, and drive on naturally after the recorded end. A ghost does what the AV did until it sees danger, or until the manoeuvre began." : "Both meet their contact at the same moment."}</span>}
     </div>
   );
 }

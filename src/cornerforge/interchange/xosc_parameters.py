@@ -1,0 +1,321 @@
+"""Parameters and catalogs of OpenSCENARIO files: what stands in their place is put there before anything is read.
+
+A value is "$name", or an expression "${...}" of numbers, parameters, + - * / %, brackets, the functions round, floor,
+ceil, sqrt, pow, sign, abs, min and max, and not, and, or.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NoReturn
+
+from cornerforge.errors import DataError, FileFormatError, InputError
+from cornerforge.interchange.xml_input import Element, read_xml
+
+__all__ = ["ROOT", "Catalogs", "put_parameters", "safe_path"]
+
+ROOT = "OpenSCENARIO"
+_DEEPEST = 50
+"""Parameters that refer to parameters, and brackets in brackets."""
+_LONGEST = 2000
+_MOST_CATALOGS = 50
+_TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(\$?[A-Za-z_][\w.\-]*)|(.))")
+_NAME = re.compile(r"\$([A-Za-z_][\w.\-]*)")
+_FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
+    "round": (1, lambda x: math.floor(x + 0.5)),
+    "floor": (1, math.floor),
+    "ceil": (1, math.ceil),
+    "sqrt": (1, math.sqrt),
+    "abs": (1, abs),
+    "sign": (1, lambda x: (x > 0.0) - (x < 0.0)),
+    "pow": (2, math.pow),
+    "min": (2, min),
+    "max": (2, max),
+}
+
+
+def put_parameters(
+    element: Element, outer: Mapping[str, str] | None = None, given: Mapping[str, str] | None = None
+) -> None:
+    """Replace all references to parameters in an element and below it.
+
+    Args:
+        element: Its own declarations and those of its parts hold for what stands in them.
+        outer: Parameters that hold around it.
+        given: Values given to its own declarations from outside.
+
+    Raises:
+        DataError: A parameter is not declared, refers to itself, or an expression cannot be computed.
+    """
+    scope = dict(outer or {})
+    declared = element.child("ParameterDeclarations")
+    if declared is not None:
+        own = {part.string("name"): part for part in declared.all("ParameterDeclaration")}
+        raw = {name: (given or {}).get(name, part.string("value")) for name, part in own.items()}
+        for name, part in own.items():
+            scope[name] = _value(raw[name], {**(outer or {}), **raw}, part, 0)
+    for name, text in element.attributes.items():
+        if "$" in text:
+            try:
+                element.attributes[name] = _value(text, scope, element, 0)
+            except DataError:
+                if name != "name":  # what things are called moves nothing
+                    raise
+    for child in element.children:
+        if child is not declared:
+            put_parameters(child, scope)
+
+
+def _value(text: str, scope: Mapping[str, str], element: Element, depth: int) -> str:
+    """What a text with references stands for."""
+    text = text.strip()
+    if "$" not in text:
+        return text
+    if depth > _DEEPEST:
+        element.fault(f'parameter "{text[:40]}" refers to itself')
+    if len(text) > _LONGEST:
+        element.fault(f"an expression has {len(text):,} characters; up to {_LONGEST:,} are read")
+
+    def parameter(name: str) -> str:
+        while name not in scope and "." in name:  # "$a.b" is a followed by text
+            name = name.rpartition(".")[0]
+        if name not in scope:
+            element.fault(f'parameter "{name[:40]}" is not declared')
+        return _value(scope[name], scope, element, depth + 1)
+
+    if text.startswith("${") and text.endswith("}"):
+        return _Expression(text[2:-1], parameter, element).value()
+    if _NAME.fullmatch(text):
+        return parameter(text[1:])
+    return element.fault(f'"{text[:40]}" is neither a parameter ($name) nor an expression (${{...}})')
+
+
+class _Expression:
+    """Computes one expression, by descent."""
+
+    def __init__(self, text: str, parameter: Callable[[str], str], element: Element) -> None:
+        self.tokens: list[str] = [next(filter(None, found.groups())) for found in _TOKEN.finditer(text.strip())]
+        self.text, self.parameter, self.element = text, parameter, element
+        self.next = self.depth = 0
+
+    def value(self) -> str:
+        try:
+            result = self._or()
+            if self.next < len(self.tokens):
+                self._fail()
+            if isinstance(result, str):
+                return result
+            if isinstance(result, bool):
+                return "true" if result else "false"
+            if not math.isfinite(result):
+                self._fail()
+            return str(int(result)) if float(result).is_integer() and abs(result) < 1e15 else repr(float(result))
+        except (ArithmeticError, ValueError, TypeError) as error:
+            if isinstance(error, DataError):
+                raise
+            self._fail()
+
+    def _fail(self) -> NoReturn:
+        self.element.fault(
+            f'expression "{self.text[:60].strip()}" cannot be computed; + - * / %, brackets, not, and, or, '
+            f"{', '.join(_FUNCTIONS)} can"
+        )
+
+    def _take(self, *wanted: str) -> str | None:
+        if self.next < len(self.tokens) and self.tokens[self.next] in wanted:
+            self.next += 1
+            return self.tokens[self.next - 1]
+        return None
+
+    def _or(self) -> float | bool | str:
+        result = self._and()
+        while self._take("or"):
+            other = self._and()
+            result = _truth(result) or _truth(other)
+        return result
+
+    def _and(self) -> float | bool | str:
+        result = self._sum()
+        while self._take("and"):
+            other = self._sum()
+            result = _truth(result) and _truth(other)
+        return result
+
+    def _sum(self) -> float | bool | str:
+        result = self._product()
+        while sign := self._take("+", "-"):
+            other = _number(self._product())
+            result = _number(result) + (other if sign == "+" else -other)
+        return result
+
+    def _product(self) -> float | bool | str:
+        result = self._single()
+        while sign := self._take("*", "/", "%"):
+            a, b = _number(result), _number(self._single())
+            result = a * b if sign == "*" else a / b if sign == "/" else math.fmod(a, b)
+        return result
+
+    def _single(self) -> float | bool | str:
+        self.depth += 1
+        if self.depth > _DEEPEST or self.next >= len(self.tokens):
+            self._fail()
+        result = self._atom()
+        self.depth -= 1
+        return result
+
+    def _atom(self) -> float | bool | str:
+        if self._take("-"):
+            return -_number(self._single())
+        if self._take("+"):
+            return _number(self._single())
+        if self._take("not"):
+            return not _truth(self._single())
+        if self._take("("):
+            result = self._or()
+            if not self._take(")"):
+                self._fail()
+            return result
+        token = self.tokens[self.next]
+        self.next += 1
+        if token in _FUNCTIONS:
+            return self._function(token)
+        if token.startswith("$"):
+            return _literal(self.parameter(token[1:]))
+        if token in ("true", "false"):
+            return token == "true"
+        return float(token)
+
+    def _function(self, name: str) -> float:
+        count, function = _FUNCTIONS[name]
+        if not self._take("("):
+            self._fail()
+        values = [_number(self._or())]
+        while self._take(","):
+            values.append(_number(self._or()))
+        if not self._take(")") or len(values) != count:
+            self._fail()
+        return float(function(*values))
+
+
+def _literal(text: str) -> float | bool | str:
+    if text in ("true", "false"):
+        return text == "true"
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _number(value: float | bool | str) -> float:
+    if isinstance(value, (bool, str)):
+        raise TypeError
+    return value
+
+
+def _truth(value: float | bool | str) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError
+    return value
+
+
+def safe_path(scenario: Path, stated: str, element: Element) -> Path:
+    """Find a file or folder that a scenario names, below the folder above its own and nowhere else.
+
+    Scenarios of others name roads and catalogs by "../xodr/road.xodr"; what lies farther off, or on another machine,
+    is not opened.
+
+    Raises:
+        DataError: It lies elsewhere.
+    """
+    base = scenario.resolve().parent
+    try:
+        found = (base / stated.replace("\\", "/")).resolve()
+    except (OSError, ValueError, RuntimeError):
+        element.fault(f'"{stated[:80]}" is no path')
+    if "://" in stated or not found.is_relative_to(base.parent):
+        element.fault(
+            f'"{stated[:80]}" lies outside {base.parent.name or base.parent}/; roads and catalogs are read from the '
+            "folder of the scenario, the one above it, and what lies in them. Copy it there"
+        )
+    return found
+
+
+class Catalogs:
+    """Looks up what scenarios refer to in catalogs.
+
+    Args:
+        scenario: The scenario's file.
+        top: Its outermost element, parameters put.
+    """
+
+    def __init__(self, scenario: Path, top: Element) -> None:
+        self.scenario, self.top = scenario, top
+        self.read: dict[Path, Element | None] = {}
+
+    def entry(self, reference: Element) -> Element:
+        """Find the entry that a CatalogReference names, with its parameters put.
+
+        Raises:
+            DataError: There is none, or its folder lies elsewhere.
+        """
+        catalog, entry = reference.string("catalogName"), reference.string("entryName")
+        locations = self.top.child("CatalogLocations")
+        folders = [
+            safe_path(self.scenario, folder.string("path"), folder)
+            for location in (locations.children if locations is not None else ())
+            for folder in location.all("Directory")
+        ]
+        for folder in folders:
+            for part in self._catalogs(folder, catalog):
+                for found in part.children:
+                    if found.attributes.get("name") == entry:
+                        return self._own(found, reference)
+        return reference.fault(f'no entry "{entry[:40]}" in a catalog "{catalog[:40]}" of its CatalogLocations')
+
+    def _catalogs(self, folder: Path, name: str) -> list[Element]:
+        try:
+            files = sorted(folder.glob("*.xosc"))[:_MOST_CATALOGS] if folder.is_dir() else []
+        except OSError as error:
+            raise InputError(f"Cannot read {folder}: {error.strerror}.") from error
+        found = []
+        for file in sorted(files, key=lambda file: file.stem != name):
+            catalog = self._read(file, name)
+            if catalog is not None and catalog.attributes.get("name") == name:
+                found.append(catalog)
+        return found
+
+    def _read(self, file: Path, name: str) -> Element | None:
+        if file not in self.read:
+            try:
+                top = read_xml(file, root=ROOT, what="an OpenSCENARIO file")
+            except FileFormatError:
+                if file.stem == name:
+                    raise
+                self.read[file] = None  # others may lie there too
+            else:
+                self.read[file] = top.child("Catalog")
+        return self.read[file]
+
+    def _own(self, found: Element, reference: Element) -> Element:
+        copy = _copied(found)
+        assignments = reference.child("ParameterAssignments")
+        given = {
+            part.string("parameterRef").lstrip("$"): part.string("value")
+            for part in (assignments.all("ParameterAssignment") if assignments is not None else ())
+        }
+        put_parameters(copy, given=given)
+        return copy
+
+
+def _copied(element: Element) -> Element:
+    return Element(
+        element.tag,
+        dict(element.attributes),
+        element.line,
+        element.file,
+        [_copied(c) for c in element.children],
+        element.text,
+    )

@@ -1,0 +1,169 @@
+"""`export` writes cases of a library for other tools."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cornerforge._checks import check_in
+from cornerforge.errors import InputError, MissingExtraError
+from cornerforge.interchange.case_file import write_case_file
+from cornerforge.library import CaseLibrary, StoredCase
+from cornerforge.pipeline.case_facts import CaseFacts
+from cornerforge.pipeline.case_files import CaseFilesOf
+from cornerforge.pipeline.output import check_path, config_hash, open_output, provenance, write_json
+from cornerforge.pipeline.progress import NO_PROGRESS, Progress
+from cornerforge.results.whole import Exported
+
+__all__ = ["EXPORTS", "CaseWriter", "ExportOptions", "export", "has_rerun"]
+
+_AFTER = 50
+"""Progress is told after so many cases."""
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """How OpenSCENARIO is written (`interchange.openscenario.write_openscenario`).
+
+    Attributes:
+        version: 1.0, 1.1, 1.2 or 1.3.
+        mode: recorded, controller or relative.
+    """
+
+    version: str = "1.2"
+    mode: str = "recorded"
+
+
+def has_rerun() -> bool:
+    """Say whether rerun's library is installed."""
+    return importlib.util.find_spec("rerun") is not None
+
+
+class CaseWriter:
+    """Writes cases of a library in one format; one serves one thread.
+
+    Args:
+        cases: The library; its path must have a name.
+        to: A name of `EXPORTS`.
+        options: Of OpenSCENARIO.
+
+    Raises:
+        UnknownNameError: There is no such format.
+        InputError: Another format has no such options.
+        MissingExtraError: The format's library is not installed.
+    """
+
+    def __init__(self, cases: CaseLibrary, to: str, options: ExportOptions | None = None) -> None:
+        check_in("format", to, tuple(EXPORTS))
+        self._to, self._options = to, options or ExportOptions()
+        if to != "openscenario" and self._options != ExportOptions():
+            raise InputError(f"Version and mode are those of openscenario; leave them out for {to}.")
+        if to == "rerun" and not has_rerun():
+            raise MissingExtraError("rerun-sdk", "rerun")
+        self._facts = CaseFacts(cases)
+        self._files = CaseFilesOf(cases) if to == "json" else None
+
+    def write(self, case_id: str, stored: StoredCase, folder: Path) -> Sequence[str]:
+        """Write a case into a folder; returns the names of its files."""
+        case = self._facts.out_case(case_id, stored)
+        if self._to == "openscenario":
+            from cornerforge.interchange.openscenario import write_openscenario
+
+            return write_openscenario(case, folder, version=self._options.version, mode=self._options.mode)
+        if self._to == "commonroad":
+            from cornerforge.interchange.commonroad import write_commonroad
+
+            return write_commonroad(case, folder)
+        name = f"{case.name}.{_ENDINGS[self._to]}"
+        if self._to == "rerun":
+            from cornerforge.interchange.rerun_file import write_rerun
+
+            write_rerun(case, folder / name)
+        elif self._files is not None:
+            of = self._files.of(case_id, name=case.name, facts=case.facts)
+            write_case_file(of, folder / name, overwrite=True)
+        else:
+            from cornerforge.interchange.tables import write_table
+
+            write_table(case, folder / name)
+        return (name,)
+
+
+EXPORTS: Mapping[str, str] = {
+    "openscenario": "OpenSCENARIO with OpenDRIVE",
+    "commonroad": "CommonRoad scenario",
+    "csv": "table (CSV)",
+    "parquet": "table (Parquet)",
+    "rerun": "recording for the Rerun viewer",
+    "json": "case file (JSON), for retest and pytest",
+}
+"""The formats, each with what people read."""
+_ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
+
+
+def export(
+    library: Path | str,
+    cases: Sequence[str] | str,
+    *,
+    to: str,
+    out: Path | str,
+    version: str = "1.2",
+    mode: str = "recorded",
+    resume: bool = False,
+    progress: Progress = NO_PROGRESS,
+) -> Exported:
+    """Write cases for other tools.
+
+    Args:
+        library: The library's folder.
+        cases: Case ids, or "all".
+        to: A name of `EXPORTS`.
+        out: Folder for the files, new or empty.
+        version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
+        mode: Of OpenSCENARIO (`interchange.openscenario.write_openscenario`): recorded, controller or relative.
+        resume: Go on with what an earlier call that was ended left.
+        progress: Told how far it is.
+
+    Returns:
+        What `cornerforge export --json` prints.
+
+    Raises:
+        CornerForgeError: No such case or format, the library cannot be read, an extra is missing, or the folder cannot
+            be used.
+    """
+    began = time.perf_counter()
+    given, place = Path(library), Path(out)
+    check_path(given)
+    source = CaseLibrary.open(given.resolve())
+    ids = _ids(source, [cases] if isinstance(cases, str) else cases)
+    identity = {
+        "library": config_hash(source.identity), "to": to, "version": version, "mode": mode,
+        "cases": config_hash({"": ids}),
+    }  # fmt: skip
+    writer = CaseWriter(source, to, ExportOptions(version, mode))
+    open_output(place, identity, resume=resume)
+    files: dict[str, None] = {}
+    for done, stored in enumerate(source.scenarios(ids), 1):
+        case_id = str(stored.scalars["case_id"])
+        files.update(dict.fromkeys(writer.write(case_id, stored, place)))
+        if done % _AFTER == 0 or done == len(ids):
+            progress("export", done, len(ids))
+    seconds = round(time.perf_counter() - began, 3)
+    write_json(place / "provenance.json", provenance(identity, seconds))
+    return Exported(cases=len(ids), to=to, out=str(place), files=tuple(files), seconds=seconds)
+
+
+def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
+    """Return the wanted ids, each once.
+
+    Raises:
+        InputError: There is none.
+    """
+    every = list(wanted) == ["all"]
+    ids = source.scalars(["case_id"])["case_id"].to_pylist() if every else list(dict.fromkeys(wanted))
+    if not ids:
+        raise InputError(f"There is no case to export; name some of the library {source.path}, or all.")
+    return ids

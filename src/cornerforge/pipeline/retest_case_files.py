@@ -1,0 +1,98 @@
+"""Case files as `retest` takes them: which there are, what they say of the old AV, and the pairs of its page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from cornerforge.errors import AvFaultError, CornerForgeError, InputError
+from cornerforge.foreign.loaders import is_foreign
+from cornerforge.interchange.case_file import FORMAT, CaseFile, read_case_file
+from cornerforge.library.manifest import MANIFEST
+from cornerforge.pipeline.case_files import CaseDriver
+from cornerforge.report.comparison import AS_RECORDED, Pair
+from cornerforge.types import Scenario
+from cornerforge.world_options import WorldOptions
+
+__all__ = ["FILES_RULE", "file_says", "holds_case_files", "pairs_of_files", "read_case_files"]
+
+_MOST = {"new": 16, "still crashing": 8, "fixed": 6}
+FILES_RULE = (
+    "At most 30 cases: of the new crashes the first 16, of those that still crash 8, of the fixed ones 6, in the order "
+    "of the files' names. A fixed case is there only if the old AV is at hand: as the baseline, or built in."
+)
+_HEAD = 400
+"""Bytes at the begin of a file in which the format's name must stand for a folder to be one of case files."""
+
+
+def holds_case_files(place: Path) -> bool:
+    """Is this a case file, or a folder of case files, and not a library?"""
+    if place.suffix == ".json" and not place.is_dir():
+        return True
+    return place.is_dir() and not (place / MANIFEST).exists() and any(map(_looks_like_one, place.rglob("*.json")))
+
+
+def _looks_like_one(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return FORMAT.encode() in file.read(_HEAD)
+    except OSError:
+        return False
+
+
+def read_case_files(place: Path) -> dict[str, CaseFile]:
+    """Read a case file, or all .json files below a folder, by their paths in it without the ending, in this order.
+
+    Raises:
+        FileFormatError: One of them is no case file, or something in it is wrong.
+    """
+    if not place.is_dir():
+        return {place.stem: read_case_file(place)}
+    files = sorted(place.rglob("*.json"))
+    return {path.relative_to(place).with_suffix("").as_posix(): read_case_file(path) for path in files}
+
+
+def file_says(name: str, case: CaseFile) -> bool:
+    """Did the old AV crash, as the file says?
+
+    Raises:
+        InputError: The file does not say it.
+    """
+    if case.happened is None:
+        raise InputError(
+            f"Case file {name} does not say what became of the case, so there is nothing to compare with; name an AV "
+            f"with --baseline{', such as recorded: what was in its seat' if case.av_is_recorded else ''}."
+        )
+    return case.happened.crashed
+
+
+def pairs_of_files(
+    files: Mapping[str, CaseFile], kinds: Mapping[str, str], new: CaseDriver, old: CaseDriver | None,
+    options: WorldOptions, models: Sequence[Path],
+) -> list[Pair]:  # fmt: skip
+    """Choose cases as FILES_RULE says, and record both versions in them. A drive in which an AV fails is left out."""
+    pairs = []
+    for kind, most in _MOST.items():
+        for name in [one for one, its in kinds.items() if its == kind][:most]:
+            before = _before(files[name], old, options, models)
+            if before is None and kind == "fixed":
+                continue
+            try:
+                pairs.append(Pair(name, kind, AS_RECORDED, before, new.record(files[name])))
+            except AvFaultError:
+                continue
+    return pairs
+
+
+def _before(case: CaseFile, old: CaseDriver | None, options: WorldOptions, models: Sequence[Path]) -> Scenario | None:
+    """What the old AV did; None where it is not at hand."""
+    try:
+        if old is not None:
+            return old.record(case)
+        if case.av is None or is_foreign(case.av):
+            return None
+        with CaseDriver(replace(options, av=case.av, av_python=None), models) as maker:
+            return maker.record(case)
+    except CornerForgeError:
+        return None

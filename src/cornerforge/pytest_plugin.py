@@ -1,0 +1,225 @@
+"""Plugin of pytest: a marker that runs a test of one's own AV in case files.
+
+```python
+@pytest.mark.cornerforge("cases/*.json", av="my_av.py:MyAv")
+def test_my_av(case):
+    case.check()
+```
+
+The test runs once for each file, which `case` stands for. Importing this module loads nothing of cornerforge: tests of
+others, in the same environment, do not get slower.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pytest
+
+    from cornerforge.interchange.case_file import CaseFile
+    from cornerforge.pipeline.case_files import CaseDriver, DrivenCase
+
+__all__ = ["MarkedCase", "pytest_configure", "pytest_generate_tests", "pytest_unconfigure"]
+
+MARKER = "cornerforge"
+_ABOUT = (
+    f"{MARKER}(files, ..., av): run the test once for each case file that a pattern such as cases/*.json finds, "
+    "relative to the test's folder; the argument `case` drives it"
+)
+_ASKED = ("av_timeout", "av_batch", "av_processes", "av_python")
+_DRIVERS: dict[tuple[Any, ...], CaseDriver] = {}
+"""One for each AV and how it is asked: its process is started once."""
+_MOST_DRIVERS = 4
+
+
+@dataclass(frozen=True)
+class MarkedCase:
+    """A case file in a test.
+
+    Attributes:
+        path: The file.
+        av: The AV of the marker; None: none was named.
+        folder: Folder of the test: where a module of an AV is looked for first.
+        asked: How an AV from outside is asked.
+    """
+
+    path: Path
+    av: str | None
+    folder: Path
+    asked: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Name of the file, without its ending."""
+        return self.path.stem
+
+    def read(self) -> CaseFile:
+        """Read the file.
+
+        Raises:
+            FileFormatError: It is no case file, or something in it is wrong.
+        """
+        from cornerforge.interchange.case_file import read_case_file
+
+        return read_case_file(self.path)
+
+    def drive(self, av: str | None = None) -> DrivenCase:
+        """Drive the case.
+
+        Args:
+            av: Another AV than that of the marker; "recorded": whatever was in the AV's seat.
+
+        Raises:
+            CornerForgeError: The file is wrong, or there is no such AV, or it gives no usable answer.
+        """
+        from cornerforge.errors import InputError
+
+        wanted = av or self.av
+        if wanted is None:
+            raise InputError(f'Name the AV: @pytest.mark.{MARKER}("cases/*.json", av="my_av.py:MyAv").')
+        spec, place = _spec_of(wanted, self.folder)
+        with _looking_in(place):
+            return self._drive(spec, place)
+
+    def _drive(self, spec: str, place: Path) -> DrivenCase:
+        from dataclasses import replace
+
+        from cornerforge.pipeline.case_files import driven_with
+
+        driver = _driver_of(spec, place, self.path.parent, self.asked)
+        return replace(driven_with(driver, self.read(), spec), seen=self._command(spec, place))
+
+    def check(self, av: str | None = None) -> DrivenCase:
+        """Drive the case, and let the test fail if the AV crashes.
+
+        Args:
+            av: As for `drive`.
+        """
+        import pytest
+
+        driven = self.drive(av)
+        if driven.crashed:
+            said = self.read()
+            before = "" if said.happened is None else f"\nAs the file says, {said.av or 'the AV'} {_said(said)}."
+            pytest.fail(
+                f"Case {_short(self.path)}, AV {driven.av}: {driven.words}.{before}\nTo see it: {driven.seen}",
+                pytrace=False,
+            )
+        return driven
+
+    def _command(self, spec: str, place: Path) -> str:
+        found = "" if place == Path.cwd() else f"PYTHONPATH={shlex.quote(_short(place))} "
+        return f"{found}cornerforge retest {shlex.quote(_short(self.path))} --av {shlex.quote(spec)} --page seen.html"
+
+
+def _said(case: CaseFile) -> str:
+    frame = None if case.happened is None else case.happened.frame
+    return "did not crash" if frame is None else f"crashed after {frame / 10:.1f} s"
+
+
+def _short(path: Path) -> str:
+    """The path from here, if the file is below."""
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
+
+
+def _spec_of(av: str, folder: Path) -> tuple[str, Path]:
+    """Find an AV from a test's folder: what cornerforge calls it, and the folder in which its module is."""
+    file, colon, name = av.partition(":")
+    if colon and file.endswith(".py"):
+        path = (folder / file).resolve()
+        return f"{path.stem}:{name}", path.parent
+    if not colon and Path(av).suffix in (".onnx", ".zip", ".safetensors") and (folder / av).is_file():
+        return str((folder / av).resolve()), folder
+    return av, folder
+
+
+@contextlib.contextmanager
+def _looking_in(folder: Path) -> Iterator[None]:
+    """Let processes of an AV look for modules in a folder first."""
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(folder), *([before] if before else [])])
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONPATH"]
+        else:
+            os.environ["PYTHONPATH"] = before
+
+
+def _driver_of(spec: str, place: Path, models: Path, asked: dict[str, Any]) -> CaseDriver:
+    from cornerforge.pipeline.case_files import CaseDriver
+    from cornerforge.world_options import WorldOptions
+
+    key = (spec, place, models, *sorted(asked.items()))
+    if key not in _DRIVERS:
+        while len(_DRIVERS) >= _MOST_DRIVERS:
+            _DRIVERS.pop(next(iter(_DRIVERS))).close()
+        _DRIVERS[key] = CaseDriver(WorldOptions(av=spec, **asked), [models])
+    return _DRIVERS[key]
+
+
+# Hooks
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marker known."""
+    config.addinivalue_line("markers", _ABOUT)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a marked test once for each case file."""
+    marker = metafunc.definition.get_closest_marker(MARKER)
+    if marker is None:
+        return
+    import pytest
+
+    where = f"@pytest.mark.{MARKER} of {metafunc.definition.nodeid}"
+    known = ("av", *_ASKED)
+    unknown = [name for name in marker.kwargs if name not in known]
+    if unknown:
+        pytest.fail(f"{where}: {unknown[0]} is not known; known: {', '.join(known)}.", pytrace=False)
+    if "case" not in metafunc.fixturenames:
+        pytest.fail(f"{where}: the test must take the argument `case`.", pytrace=False)
+    folder = metafunc.definition.path.parent
+    files = _files(folder, marker.args)
+    if isinstance(files, str):
+        pytest.fail(f"{where}: {files}", pytrace=False)
+    asked = {name: value for name, value in marker.kwargs.items() if name != "av"}
+    cases = [MarkedCase(file, marker.kwargs.get("av"), folder, asked) for file in files]
+    metafunc.parametrize("case", cases, ids=[_short_id(file, folder) for file in files])
+
+
+def _files(folder: Path, patterns: Sequence[Any]) -> list[Path] | str:
+    """Find files; or say what is wrong with the patterns."""
+    if not patterns or not all(isinstance(pattern, str) for pattern in patterns):
+        return 'name case files, such as "cases/*.json".'
+    found: set[Path] = set()
+    for pattern in patterns:
+        whole = Path(pattern)
+        start = Path(whole.anchor) if whole.is_absolute() else folder
+        rest = str(whole.relative_to(whole.anchor)) if whole.is_absolute() else pattern
+        here = {path.resolve() for path in start.glob(rest) if path.is_file()}
+        if not here:
+            return f"no file {pattern} (looked in {folder})."
+        found |= here
+    return sorted(found)
+
+
+def _short_id(file: Path, folder: Path) -> str:
+    """Id of a test: where the file is, without its ending."""
+    shown = file.relative_to(folder.resolve()) if file.is_relative_to(folder.resolve()) else file
+    return shown.with_suffix("").as_posix()
+
+
+def pytest_unconfigure() -> None:
+    """End the processes of AVs."""
+    while _DRIVERS:
+        _DRIVERS.popitem()[1].close()
