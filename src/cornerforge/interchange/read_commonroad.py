@@ -183,10 +183,11 @@ def _read_tracks(root: Element, most_steps: float, notes: _Notes) -> list[_Track
             tracks.append(_read_track(element, int(most_steps), notes))
         else:
             notes.say(why_not[0], f"{_named(element)} is left out: {why_not[1]}.")
-    names = [track.name for track in tracks]
+    seen: set[int] = set()
     for track in tracks:
-        if names.count(track.name) > 1:
+        if track.name in seen:
             track.element.fault(f"there are several obstacles of id {track.name}; give each its own")
+        seen.add(track.name)
     return tracks
 
 
