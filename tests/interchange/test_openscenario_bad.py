@@ -1,4 +1,4 @@
-"""Parameters, paths and roads of OpenSCENARIO files; what is left out is named, what cannot be is refused in one sentence."""
+"""Parameters, paths and roads of OpenSCENARIO files: what is left out is named, what cannot be is refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from reference.openscenario import (
     scenario,
     speed_action,
     time_is,
-    times,
     trajectory,
 )
 
@@ -38,8 +37,10 @@ DATA = Path(__file__).parent / "data"
 @pytest.mark.parametrize(
     ("expression", "value"),
     [
-        ("${$v / 3.6}", 20.0), ("${($v + 1.5e1) % 7 * 2}", 6.0), ("${pow(2, 4) - -1}", 17.0), ("${max($v, 3) - min(1, 2) - 46}", 25.0),
-        ("${round(4.5) + floor(1.9) + ceil(0.1) + sqrt(16)}", 11.0), ("${sign(-3) * -4}", 4.0), ("$v2", 18.0), (" $v2 ", 18.0),
+        ("${$v / 3.6}", 20.0), ("${($v + 1.5e1) % 7 * 2}", 6.0), ("${pow(2, 4) - -1}", 17.0),
+        ("${max($v, 3) - min(1, 2) - 46}", 25.0),
+        ("${round(4.5) + floor(1.9) + ceil(0.1) + sqrt(16)}", 11.0), ("${sign(-3) * -4}", 4.0),
+        ("$v2", 18.0), (" $v2 ", 18.0),
     ],
 )  # fmt: skip
 def test_expressions(tmp_path: Path, expression: str, value: float) -> None:
@@ -76,8 +77,16 @@ def test_parameters_that_are_wrong(tmp_path: Path, values: dict[str, str], expre
 
 
 @pytest.mark.parametrize(
-    "stated", ["/etc/passwd", "../../../../etc/passwd", "http://localhost/road.xodr", "file:///etc/hosts", "~/../../../root/x", "\0"]
-)  # fmt: skip
+    "stated",
+    [
+        "/etc/passwd",
+        "../../../../etc/passwd",
+        "http://localhost/r.xodr",
+        "file:///etc/hosts",
+        "~/../../../root/x",
+        "\0",
+    ],
+)
 def test_paths_stay_near_the_scenario(tmp_path: Path, stated: str) -> None:
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
@@ -194,7 +203,8 @@ def test_a_file_with_two_roads_of_one_id(tmp_path: Path) -> None:
 
 
 def test_what_is_left_out_is_named_with_its_line(tmp_path: Path) -> None:
-    keep = "<LongitudinalAction><LongitudinalDistanceAction entityRef='Ego' distance='9' continuous='true' freespace='true'/></LongitudinalAction>"
+    keep = """<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="9" continuous="true"
+freespace="true"/></LongitudinalAction>"""
     events = "\n" + event("keep", keep, time_is(1)) + "\n\n" + event("go", speed_action(10), time_is(2))
     angle = condition('<AngleCondition angle="1" angleTolerance="1" angleType="heading"/>', entity="B")
     events += "\n" + event("turned", speed_action(5), angle)
@@ -234,11 +244,15 @@ def test_other_road_users_count_as_boxes(tmp_path: Path) -> None:
     assert case.notes == ("case.xosc, line 7: P is a Pedestrian; it counts as a motorcycle of its size",)
 
 
+START = on_lane(-2, 100)
 BAD: list[tuple[str, str, str]] = [
     ('revMinor="2"', 'revMinor="7"', "OpenSCENARIO 1.7 is not read; 1.0 to 1.3 are"),
     ('revMajor="1"', 'revMajor="2"', "OpenSCENARIO 2.2 is not read"),
     ("<OpenSCENARIO>", "<OpenDRIVE>", "mismatched tag|not an OpenSCENARIO file"),
-    ('<AbsoluteTargetSpeed value="20"/>', '<AbsoluteTargetSpeed value="300"/>', r'line \d+: value of AbsoluteTargetSpeed is "300"; allowed: 0 to 80 m/s'),
+    (
+        '<AbsoluteTargetSpeed value="20"/>', '<AbsoluteTargetSpeed value="300"/>',
+        r'line \d+: value of AbsoluteTargetSpeed is "300"; allowed: 0 to 80 m/s',
+    ),
     ('<AbsoluteTargetSpeed value="20"/>', '<AbsoluteTargetSpeed value="-3"/>', "allowed: 0 to 80 m/s"),
     ('<AbsoluteTargetSpeed value="20"/>', '<AbsoluteTargetSpeed value="NaN"/>', "allowed: 0 to 80 m/s"),
     ('length="5"', 'length="0"', "length of Dimensions is \"0\"; allowed: 0.2 to 40 m"),
@@ -261,10 +275,10 @@ BAD: list[tuple[str, str, str]] = [
     ("<Storyboard>", "<Catalog/><Storybook>", "mismatched tag"),
     ("TeleportAction>", "TransportAction>", "is put nowhere in Init"),
     ("<BoundingBox>", "<Box>", "mismatched tag"),
-    ('<LanePosition roadId="1" laneId="-2" s="100"/>', '<RelativeLanePosition entityRef="Ego" dLane="0" ds="1"/>', 'relative to "Ego"'),
-    ('<LanePosition roadId="1" laneId="-2" s="100"/>', '<WorldPosition x="1e5" y="0"/>', "on no lane of a straight road"),
-    ('<LanePosition roadId="1" laneId="-2" s="100"/>', '<GeoPosition latitude="1" longitude="2"/>', "where the AV starts is a GeoPosition"),
-    ('<LanePosition roadId="1" laneId="-2" s="100"/>', '<WorldPosition x="100" y="-6" h="3.1"/>', "drives against the direction"),
+    (START, '<RelativeLanePosition entityRef="Ego" dLane="0" ds="1"/>', 'relative to "Ego"'),
+    (START, '<WorldPosition x="1e5" y="0"/>', "on no lane of a straight road"),
+    (START, '<GeoPosition latitude="1" longitude="2"/>', "the AV starts is a GeoPosition"),
+    (START, '<WorldPosition x="100" y="-6" h="3.1"/>', "drives against the direction"),
 ]  # fmt: skip
 
 

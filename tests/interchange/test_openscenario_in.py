@@ -50,7 +50,8 @@ def test_a_cut_in_is_played_as_it_is_written() -> None:
     # The road is turned by 0.5 rad and begins at (100, 50): x is its s. Ego's rear axle starts at s = 200 in lane -2.
     np.testing.assert_allclose(ego[:, X], 200.0 + AHEAD + 30.0 * t, atol=1e-6)
     np.testing.assert_allclose(ego[:, Y], 1.5 * 3.5, atol=1e-6)
-    # The other begins 20 m behind and is 5 m/s faster: 12 m ahead at 6.4 s. Half a wave of 3 s, then 0.5 s, then 5 m/s2.
+    # The other begins 20 m behind and is 5 m/s faster: 12 m ahead at 6.4 s. A lane change of 3 s, 0.5 s,
+    # then 5 m/s2.
     began, ended = 6.4, 9.4
     u = np.clip((t - began) / (ended - began), 0.0, 1.0)
     rear = other[:, Y] - AHEAD * np.sin(other[:, HEADING])
@@ -59,8 +60,8 @@ def test_a_cut_in_is_played_as_it_is_written() -> None:
     assert other[60, LANE] == 2
     assert set(other[66:, LANE]) == {1.0}
     assert case.notes == (
-        "three_lanes.xodr, line 4: lanes of road 7 that are not driven in the AV's direction are left out: 3 (driving), "
-        "2 (driving), 1 (median), -4 (shoulder)",
+        "three_lanes.xodr, line 4: lanes of road 7 that are not driven in the AV's direction are left out: 3 (driving)"
+        ", 2 (driving), 1 (median), -4 (shoulder)",
         "cut_in.xosc, line 26: EnvironmentAction is left out",
     )
     assert case.av_is_recorded
@@ -130,8 +131,9 @@ def test_speeds_relative_to_another(tmp_path: Path) -> None:
 
 
 def test_speed_profiles_and_offsets(tmp_path: Path) -> None:
-    profile = """<LongitudinalAction><SpeedProfileAction followingMode="position"><SpeedProfileEntry speed="26" time="3"/>
-<SpeedProfileEntry speed="20" time="2"/></SpeedProfileAction></LongitudinalAction>"""
+    profile = """<LongitudinalAction><SpeedProfileAction followingMode="position">
+<SpeedProfileEntry speed="26" time="3"/><SpeedProfileEntry speed="20" time="2"/></SpeedProfileAction>
+</LongitudinalAction>"""
     offset = """<LateralAction><LaneOffsetAction continuous="false"><LaneOffsetActionDynamics maxLateralAcc="1.5"
 dynamicsShape="cubic"/><LaneOffsetTarget><AbsoluteTargetLaneOffset value="1"/></LaneOffsetTarget></LaneOffsetAction>
 </LateralAction>"""
@@ -198,7 +200,10 @@ def test_when_a_trajectory_is_driven(tmp_path: Path, timing: str, offset: float,
         ('<RelativeRoadPosition entityRef="Ego" ds="7" dt="-4"/>', 107.0, 2.0, 0.0),
         ('<RelativeWorldPosition entityRef="Ego" dx="0" dy="10"/>', 110.0, 6.0, 0.0),
         ('<RoadPosition roadId="1" s="140" t="-2"/>', 140.0, 10.0, 0.0),
-        ('<LanePosition roadId="1" laneId="-1" s="50" offset="-1"><Orientation h="0.1" type="relative"/></LanePosition>', 50.0, 9.0, 0.1),
+        (
+            '<LanePosition roadId="1" laneId="-1" s="50" offset="-1"><Orientation h="0.1" type="relative"/>'
+            "</LanePosition>", 50.0, 9.0, 0.1,
+        ),
         ('<WorldPosition x="2" y="90" h="1.5707963267948966"/>', 90.0, 10.0, 0.0),
     ],
 )  # fmt: skip
@@ -266,7 +271,8 @@ TTC = """<TimeToCollisionCondition value="1.45" freespace="true" rule="lessThan"
         (apart(10.5, "greaterThan"), "Ego", "rising", 0, 4.1),
         (apart(10.5, "greaterThan"), "Ego", "falling", 0, 2.0),
         (apart(4.7, "lessThan", kind="cartesianDistance"), "Ego", "none", 0, 2.8),
-        (f'<DistanceCondition value="39" freespace="false" rule="lessThan">{PLACE}</DistanceCondition>', "Ego", "none", 0, 2.1),
+        (f'<DistanceCondition value="39" freespace="false" rule="lessThan">{PLACE}</DistanceCondition>',
+         "Ego", "none", 0, 2.1),
         (f'<ReachPositionCondition tolerance="2">{PLACE}</ReachPositionCondition>', "Ego", "none", 0, 3.3),
         ('<TimeHeadwayCondition entityRef="B" value="0.49" freespace="false" rule="lessThan"/>', "Ego", "none", 0, 1.6),
         (TTC, "Ego", "none", 0, 1.1),
@@ -337,7 +343,8 @@ def test_an_act_is_stopped(tmp_path: Path) -> None:
 
 
 def test_vehicles_come_and_go(tmp_path: Path) -> None:
-    comes = f'<EntityAction entityRef="C"><AddEntityAction><Position>{on_lane(-3, 50)}</Position></AddEntityAction></EntityAction>'
+    place = f"<Position>{on_lane(-3, 50)}</Position>"
+    comes = f'<EntityAction entityRef="C"><AddEntityAction>{place}</AddEntityAction></EntityAction>'
     goes = '<EntityAction entityRef="B"><DeleteEntityAction/></EntityAction>'
     events = "".join(
         event(name, "", time_is(when)).replace(
@@ -381,7 +388,7 @@ def test_which_one_is_the_av(tmp_path: Path) -> None:
     init = at("A", on_lane(-2, 100)) + at("B", on_lane(-2, 130))
     assert read(tmp_path, scenario(entities=entities, init=init, stop=1)).length[0] == 4.0
     assert read(tmp_path, scenario(entities=entities, init=init, stop=1), ego="A").length[0] == 5.0
-    with pytest.raises(UnknownNameError, match='No entity "Aa". Did you mean "A"'):
+    with pytest.raises(UnknownNameError, match=r'No entity "Aa"\. Did you mean "A"'):
         read(tmp_path, scenario(entities=entities, init=init), ego="Aa")
     with pytest.raises(InputError, match="Which entity is in the AV's seat"):
         read(tmp_path, scenario(entities=entities.replace(CONTROLLER, ""), init=init))

@@ -67,15 +67,15 @@ def trajectory(vertices: Sequence[tuple[float | None, str]], timing: str = "abso
     places = [f"><Position>{place}</Position></Vertex>" for _, place in vertices]
     points = "".join(f"<Vertex{stamp}{place}" for stamp, place in zip(stamps, places, strict=True))
     times = f'<Timing domainAbsoluteRelative="{timing}" scale="1" offset="{offset}"/>' if timing else "<None/>"
-    return f"""<RoutingAction><FollowTrajectoryAction><TrajectoryRef><Trajectory name="t" closed="false"><Shape><Polyline>
-{points}</Polyline></Shape></Trajectory></TrajectoryRef><TimeReference>{times}</TimeReference>
+    return f"""<RoutingAction><FollowTrajectoryAction><TrajectoryRef><Trajectory name="t" closed="false">
+<Shape><Polyline>{points}</Polyline></Shape></Trajectory></TrajectoryRef><TimeReference>{times}</TimeReference>
 <TrajectoryFollowingMode followingMode="follow"/></FollowTrajectoryAction></RoutingAction>"""
 
 
 def condition(inner: str, edge: str = "none", delay: object = 0, entity: str = "") -> str:
     if entity:
-        inner = f"""<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"><EntityRef entityRef="{entity}"/>
-</TriggeringEntities><EntityCondition>{inner}</EntityCondition></ByEntityCondition>"""
+        inner = f"""<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any">
+<EntityRef entityRef="{entity}"/></TriggeringEntities><EntityCondition>{inner}</EntityCondition></ByEntityCondition>"""
     else:
         inner = f"<ByValueCondition>{inner}</ByValueCondition>"
     return f'<Condition name="c" delay="{delay}" conditionEdge="{edge}">{inner}</Condition>'
