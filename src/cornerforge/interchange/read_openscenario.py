@@ -165,7 +165,7 @@ def _body(name: str, element: Element, road_user: Element, notes: dict[str, None
         size.number("width", low=0.2, high=6.0, unit="m"),
         centre.number("x", 0.0, low=-20.0, high=20.0, unit="m"),
         centre.number("y", 0.0, low=-3.0, high=3.0, unit="m"),
-        controlled=element.child("ObjectController") is not None,
+        controlled=any(part.children for part in element.all("ObjectController")),
     )  # fmt: skip
 
 

@@ -54,16 +54,19 @@ def make_case(
     for body in order:
         moments = [frame_of_all[column[body.name]] for frame_of_all in frames]
         motion = _poses(moments, frame)
+        against = np.cos(motion[:, HEADING]) < 0.0
+        if body is av and against[0]:
+            av.element.fault(f"{av.name} drives against the direction of its lane")
+        motion[against] = np.nan
         there = np.flatnonzero(np.isfinite(motion[:, X]))
-        if there.size == 0:
+        if against.any():
+            part = "it is left out" if there.size == 0 else f"it is left out for {FRAME_S * against.sum():.1f} s"
+            notes.setdefault(f"{body.element.place}: {body.name} drives against the AV's direction; {part}")
+        elif there.size == 0:
             notes.setdefault(f"{body.element.place}: {body.name} is nowhere on the road; it is left out")
-        elif math.cos(motion[there[0], HEADING]) < 0.0:
-            if body is av:
-                av.element.fault(f"{av.name} drives against the direction of its lane")
-            notes.setdefault(f"{body.element.place}: {body.name} drives against the AV's direction; it is left out")
-        else:
+        if there.size:
             _note_motion(body, motion, frame, notes)
-            _note_leaps(body, moments, notes)
+            _note_leaps(body, moments, motion, notes)
             kept.append(body)
             poses.append(motion)
     if not kept or kept[0] is not av or not np.isfinite(poses[0][0, X]):
@@ -97,9 +100,12 @@ def _note_motion(body: Body, motion: NDArray[np.float64], frame: Frame, notes: d
     motion[:, SPEED] = np.maximum(motion[:, SPEED], 0.0)
 
 
-def _note_leaps(body: Body, moments: Sequence[Moment | None], notes: dict[str, None]) -> None:
+def _note_leaps(
+    body: Body, moments: Sequence[Moment | None], motion: NDArray[np.float64], notes: dict[str, None]
+) -> None:
+    there = np.isfinite(motion[:, X])
     for k, (a, b) in enumerate(pairwise(moments)):
-        if a is not None and b is not None and a.leaps != b.leaps:
+        if a is not None and b is not None and a.leaps != b.leaps and there[k] and there[k + 1]:
             way = math.hypot(b.x - a.x, b.y - a.y)
             notes.setdefault(f"{body.element.place}: {body.name} leaps by {way:.1f} m at {FRAME_S * (k + 1):.1f} s")
 
