@@ -207,7 +207,7 @@ def test_the_promised_commands_are_there() -> None:
     assert {*promised, *below_ndd, "avs"} <= {" ".join(path) for path in all_commands()}
 
 
-GROUPS = [[], ["ndd"], ["suite"]]
+GROUPS = [[], ["ndd"], ["suite"], ["cases"]]
 
 
 @pytest.mark.parametrize("command", [path for path in all_commands() if path not in GROUPS], ids=" ".join)
@@ -218,7 +218,7 @@ def test_every_command_takes_the_common_options(command: list[str], capsys: Capt
     assert "<bool>" not in out, "an option without a value shows none"
 
 
-@pytest.mark.parametrize("command", GROUPS, ids=["cornerforge", "ndd", "suite"])
+@pytest.mark.parametrize("command", GROUPS, ids=["cornerforge", "ndd", "suite", "cases"])
 def test_no_command_shows_what_there_is(command: list[str], capsys: Capture) -> None:
     status, out, err = call(capsys, *command)
     assert (status, err) == (2, "")

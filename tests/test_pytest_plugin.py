@@ -63,9 +63,7 @@ def stopped_truck(name: str, gap: float) -> MovingCase:
     poses[:, :, Y], poses[:, :, LANE], poses[:, :, ACCELERATION] = 1.75, 0, 0.0
     poses[:, 0, X], poses[:, 0, SPEED] = 2.0 * np.arange(40), 20.0
     poses[:, 1, X] = gap + 8.5
-    odd = straight_road(
-        lanes=2, lane_width=3.5, vehicles=2, seconds=4.0, metres=300.0, fastest=20.0, av_size=(5.0, 2.0)
-    )
+    odd = straight_road(lanes=2, lane_width=3.5, vehicles=2, seconds=4.0, fastest=20.0, av_size=(5.0, 2.0))
     return MovingCase(name, odd, np.array([0, 1], np.int8), np.array([5.0, 12.0]), np.array([2.0, 2.5]), poses)
 
 

@@ -42,9 +42,7 @@ def moving_case(frames: int = 41) -> MovingCase:
     poses[:4, 2] = np.nan
     poses[11:14, 2] = np.nan
     poses[20:, 2, LANE] = 1
-    odd = straight_road(
-        lanes=3, lane_width=3.5, vehicles=3, seconds=0.1 * frames, metres=200.0, fastest=22.0, av_size=(4.6, 1.8)
-    )
+    odd = straight_road(lanes=3, lane_width=3.5, vehicles=3, seconds=0.1 * frames, fastest=22.0, av_size=(4.6, 1.8))
     size = np.array([4.6, 12.3, 2.2]), np.array([1.8, 2.5, 0.8])
     notes = ("line 3: a bicycle is left out",)
     facts = {"source": "made up", "risk_per_hour": 1e-9, "is_real": False, "weather": None}

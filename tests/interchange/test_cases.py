@@ -22,9 +22,7 @@ def braking_leader(frames: int = 58) -> MovingCase:
     stop = np.minimum(time, 25.0 / 6.0)
     poses[:, 1, X] = 24.6 + 25.0 * stop - 3.0 * stop**2
     poses[:, 1, SPEED], poses[:, 1, ACCELERATION] = 25.0 - 6.0 * stop, np.where(time < 25.0 / 6.0, -6.0, 0.0)
-    odd = straight_road(
-        lanes=3, lane_width=3.5, vehicles=2, seconds=0.1 * frames, metres=300.0, fastest=25.0, av_size=(4.6, 1.8)
-    )
+    odd = straight_road(lanes=3, lane_width=3.5, vehicles=2, seconds=0.1 * frames, fastest=25.0, av_size=(4.6, 1.8))
     size = np.array([4.6, 12.0]), np.array([1.8, 2.5])
     return MovingCase("braking", odd, np.array([0, 1], np.int8), *size, poses)
 

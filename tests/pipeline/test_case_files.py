@@ -47,9 +47,7 @@ def braking_leader(name: str = "braking", gap: float = 16.3, av: float = 4.6, la
     poses[:, 0, X], poses[:, 0, SPEED] = 25.0 * time, 25.0
     poses[:, 1, X] = gap + 0.5 * (av + 12.0) + 25.0 * stop - 3.0 * stop**2
     poses[:, 1, SPEED], poses[:, 1, ACCELERATION] = 25.0 - 6.0 * stop, np.where(time < 25.0 / 6.0, -6.0, 0.0)
-    odd = straight_road(
-        lanes=lanes, lane_width=3.5, vehicles=2, seconds=0.1 * frames, metres=300.0, fastest=25.0, av_size=(av, 1.8)
-    )
+    odd = straight_road(lanes=lanes, lane_width=3.5, vehicles=2, seconds=0.1 * frames, fastest=25.0, av_size=(av, 1.8))
     size = np.array([av, 12.0]), np.array([1.8, 2.5])
     return MovingCase(name, odd, np.array([0, 1], np.int8), *size, poses, {"source": "made up"})
 

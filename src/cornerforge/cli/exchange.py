@@ -141,14 +141,15 @@ def cases_from_data(
         str,
         typer.Option(
             metavar="drac|ttc|thw|contact",
-            help="What is critical: deceleration needed, time to collision, time headway, time to contact in the plane.",
+            help="What is critical: deceleration needed, time to collision, time headway, time to a contact.",
             autocompletion=completing("drac", "ttc", "thw", "contact"),
         ),
     ] = "drac",
     before: Annotated[float, typer.Option(help="Seconds before the moment.")] = 5.0,
     after: Annotated[float, typer.Option(help="Seconds after it.")] = 3.0,
     data_format: Annotated[
-        str | None, typer.Option("--format", help="Format of the files; by default their columns tell.", show_default=False)
+        str | None,
+        typer.Option("--format", help="Format of the files; by default their columns tell.", show_default=False),
     ] = None,
     world: World = None,
     seed: Seed = 0,

@@ -76,8 +76,8 @@ class MovingCase:
 
 
 def straight_road(
-    *, lanes: int, lane_width: float, vehicles: int, seconds: float, metres: float, fastest: float,
-    av_size: tuple[float, float], name: str = "imported",
+    *, lanes: int, lane_width: float, vehicles: int, seconds: float, fastest: float,
+    av_size: tuple[float, float], start: float = 0.0, name: str = "imported",
 ) -> Odd:  # fmt: skip
     """Make the road of a moving case.
 
@@ -86,14 +86,14 @@ def straight_road(
         lane_width: [m].
         vehicles: How many vehicles there are, the AV among them.
         seconds: How long it takes at most.
-        metres: How far the AV may get.
         fastest: Speed of the fastest vehicle [m/s].
         av_size: Length and width of the AV [m].
+        start: Where the AV begins along the road [m]; from there the road is longer than any AV can drive.
         name: Name of the ODD.
 
     Raises:
         InputError: The simulator has no such road: more than 6 lanes, lanes below 2.5 m or above 6 m, more than 200
-            vehicles, speeds above 80 m/s, or a size that no vehicle has.
+            vehicles, speeds above 80 m/s, a size that no vehicle has, or more than 100 km.
     """
     if not 1 <= lanes <= MAX_LANES:
         raise InputError(f"The road has {lanes} lanes; roads of 1 to {MAX_LANES} lanes can be driven.")
@@ -106,14 +106,15 @@ def straight_road(
             f"A vehicle drives at {fastest:.6g} m/s; up to {_MOST_SPEED:g} m/s can be driven. Are speeds in m/s?"
         )
     lanes = max(2, lanes)
+    max_speed = min(_MOST_SPEED, max(40.0, 1.25 * fastest))
     return Odd(
         name=name,
         n_lanes=lanes,
         lane_width=lane_width,
         vehicle_length=av_size[0],
         vehicle_width=av_size[1],
-        max_speed=min(_MOST_SPEED, max(40.0, 1.25 * fastest)),
-        test_length=min(1e5, max(400.0, metres)),
+        max_speed=max_speed,
+        test_length=max(400.0, math.ceil(start + max_speed * (seconds + _AFTER_S + 1.0))),
         time_limit=float(math.ceil(seconds) + _AFTER_S),
         av_start=0.0,
         traffic_length=max(50.0, 40.0 * math.ceil(vehicles / lanes)),

@@ -354,7 +354,7 @@ def _cases(windows: Sequence[_Window], measure: str) -> list[MovingCase]:
             lane_width=lane_width,
             vehicles=max(window.vehicles.size for window in of_road),
             seconds=seconds,
-            metres=2.0 * fastest * (seconds + 10.0),
+            start=max(float(window.poses[0, 0, X]) for window in of_road),
             fastest=fastest,
             av_size=(
                 max(float(traffic.length[ego]) for traffic, ego in egos),

@@ -474,20 +474,20 @@ def _make_case(
     if av.recorded and any(o.states[0, 0] < first or o.states[-1, 0] > last for o, _ in there):
         notes.say(av.element, f"Only steps {first:g} to {last:g} are read, in which the AV, {_named(av.element)}, is.")
     everybody = [(av, _motion(av, road, first, frames, step_s, notes)), *there]
-    fastest = max(float(np.nanmax(motion[:, SPEED])) for _, motion in everybody)
+    poses = np.stack([motion for _, motion in everybody], axis=1)
+    if abs(poses[0, 0, X]) > _FAR_OFF:
+        poses[:, :, X] -= poses[0, 0, X]
+    fastest = float(np.nanmax(poses[:, :, SPEED]))
     seconds = FRAME_S * (frames - 1)
     odd = straight_road(
         lanes=road.lanes,
         lane_width=road.width,
         vehicles=len(everybody),
         seconds=seconds,
-        metres=max(40.0, 1.25 * fastest) * (seconds + 5.0),  # more than the AV can drive in that time
         fastest=fastest,
         av_size=(av.length, av.width),
+        start=float(poses[0, 0, X]),
     )
-    poses = np.stack([motion for _, motion in everybody], axis=1)
-    if abs(poses[0, 0, X]) > _FAR_OFF:
-        poses[:, :, X] -= poses[0, 0, X]
     _head_for_lanes(poses, odd)
     return MovingCase(
         name=_name_of(root),

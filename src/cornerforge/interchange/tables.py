@@ -247,15 +247,14 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
     first, last = int(own.min()), int(own.max() if own.size > 1 else frame.max())
     kind, length, width = _bodies(name, columns, vehicle)
     fastest, seconds = float(columns["speed_mps"].max()), FRAME_S * (last - first)
-    odd = straight_road(
-        lanes=lanes, lane_width=lane_width, vehicles=slots.size, seconds=seconds,
-        metres=max(40.0, 1.25 * fastest) * (seconds + 5.0),  # more than the AV can drive in that time
-        fastest=fastest, av_size=(float(length[0]), float(width[0])),
-    )  # fmt: skip
     poses = np.full((int(frame.max()) + 1, slots.size, POSE_NUMBERS), np.nan)
     for column, number in _POSES.items():
         poses[frame, vehicle, number] = columns[column]
     poses = poses[first : last + 1]
+    odd = straight_road(
+        lanes=lanes, lane_width=lane_width, vehicles=slots.size, seconds=seconds, fastest=fastest,
+        av_size=(float(length[0]), float(width[0])), start=float(poses[0, 0, X]),
+    )  # fmt: skip
     for at in range(slots.size):
         poses[:, at, LATERAL_SPEED] = rates(poses[:, at, Y])
     there = np.isfinite(poses[:, :, X]).any(axis=0)

@@ -74,11 +74,9 @@ def make_case(
     whole = np.stack(poses, axis=1)
     if av.unknown:
         whole[1:, 0] = np.nan
-    way = whole[:, 0, X][np.isfinite(whole[:, 0, X])]
     odd = straight_road(
         lanes=len(frame.lanes), lane_width=frame.lane_width, vehicles=len(kept), seconds=FRAME_S * len(frames),
-        metres=float(np.ptp(way)) if not av.unknown else float(whole[0, 0, SPEED]) * FRAME_S * len(frames),
-        fastest=float(np.nanmax(whole[:, :, SPEED])), av_size=(av.length, av.width),
+        fastest=float(np.nanmax(whole[:, :, SPEED])), av_size=(av.length, av.width), start=float(whole[0, 0, X]),
     )  # fmt: skip
     return MovingCase(
         name, odd, np.array([body.kind for body in kept], np.int8),
