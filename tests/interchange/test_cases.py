@@ -68,7 +68,7 @@ def test_a_vehicle_may_have_any_size_that_vehicles_have() -> None:
     # 16.3 - 6.5 = 9.8 = 3 t^2: contact at 1.807 s, seen in frame 19.
     assert (ending.frame, ending.partner) == (19, 1)
     for length, width in ((31.0, 2.5), (12.0, 4.1), (0.4, 0.3)):
-        with pytest.raises(InputError, match="allowed: 0.5 to 30 m long, 0.3 to 4 m wide"):
+        with pytest.raises(InputError, match=r"allowed: 0\.5 to 30 m long, 0\.3 to 4 m wide"):
             driver.drive(script_of(replace(case, length=np.array([4.6, length]), width=np.array([1.8, width]))))
 
 
