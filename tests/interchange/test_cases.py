@@ -55,3 +55,25 @@ def test_nobody_recorded_cannot_drive() -> None:
         driver.drive(script_of(replace(case, poses=unknown)))
     with pytest.raises(InputError, match="no AV that could drive on its own"):
         experiment(av=RECORDED_AV)
+
+
+def test_a_vehicle_may_have_any_size_that_vehicles_have() -> None:
+    """A road train of 25 m in an ODD of cars of 4.6 m: half the sum of the lengths less its rear is 6.5 m nearer."""
+    case = braking_leader()
+    driver = experiment(road=case.odd, av=RECORDED_AV, takes_recorded=True).script_driver()
+    longer = replace(case, length=np.array([4.6, 25.0]))
+    ending = driver.drive(script_of(longer))
+    # 16.3 - 6.5 = 9.8 = 3 t^2: contact at 1.807 s, seen in frame 19.
+    assert (ending.frame, ending.partner) == (19, 1)
+    for length, width in ((31.0, 2.5), (12.0, 4.1), (0.4, 0.3)):
+        with pytest.raises(InputError, match=r"allowed: 0\.5 to 30 m long, 0\.3 to 4 m wide"):
+            driver.drive(script_of(replace(case, length=np.array([4.6, length]), width=np.array([1.8, width]))))
+
+
+def test_a_lane_that_the_road_lacks_is_named() -> None:
+    case = braking_leader()
+    for lane in (-1.0, 3.0, 0.5):
+        poses = case.poses.copy()
+        poses[7, 1, LANE] = lane
+        with pytest.raises(InputError, match=rf"vehicle 1 is in lane {lane:g} in frame 7; the road has lanes 0 to 2"):
+            script_of(replace(case, poses=poses))

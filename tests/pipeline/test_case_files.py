@@ -14,6 +14,8 @@ import cornerforge
 from cornerforge import cli
 from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import FileFormatError, InputError, OutputError
+from cornerforge.explorer import Source
+from cornerforge.explorer.columns import case_table
 from cornerforge.interchange.case_file import CaseFile, Happened, of_moving
 from cornerforge.interchange.cases import MovingCase, straight_road
 from cornerforge.library import CaseLibrary
@@ -142,6 +144,18 @@ def test_what_was_not_recorded_is_no_crash(tmp_path: Path) -> None:
     assert cornerforge.replay(tmp_path / f"{touch + 1}", "all", check=True).identical
 
 
+def test_a_suite_says_whose_case_it_is(swerve_library: Path, tmp_path: Path) -> None:
+    cornerforge.generate(policy="swerve", cases=20, out=tmp_path / "other", av="idm-mobil-d2rl", seed=6)
+    cornerforge.suite_build([swerve_library, tmp_path / "other"], out=tmp_path / "suite", size=4)
+    suite = CaseLibrary.open(tmp_path / "suite")
+    rows = suite.scalars(["case_id", "source_av"]).to_pylist()
+    made = CaseFilesOf(suite)
+    for row in rows:
+        case = made.of(row["case_id"])
+        assert (case.av, case.av_hash) == (row["source_av"], None)
+        assert drive_case(case, av=row["source_av"]).happened.frame == contact_of(case)[0]
+
+
 # Moving cases
 
 
@@ -184,6 +198,9 @@ def test_all_commands_take_it(tmp_path: Path) -> None:
     assert suite.cases > 0
     assert CaseLibrary.open(tmp_path / "suite").on_rails
     assert cornerforge.replay(tmp_path / "suite", "all", check=True).identical
+    # the explorer's own column `source` says from which library a case is, whatever own column the library has
+    source = Source("scripted", "Scripted cases", CaseLibrary.open(tmp_path / "suite"), False, None, "")
+    assert set(case_table([(source, None)]).table["source"].to_pylist()) == {"scripted"}
 
 
 def test_each_road_has_a_library_of_its_own(tmp_path: Path) -> None:

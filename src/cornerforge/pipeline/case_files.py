@@ -29,7 +29,7 @@ from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.record import Scalar
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
-from cornerforge.pipeline.cases import driver_of_cases, experiment_of, is_same
+from cornerforge.pipeline.cases import SEVERAL, driver_of_cases, experiment_of, is_same
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import check_new_folder, code_hash, provenance, version, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -284,7 +284,7 @@ class CaseFilesOf:
 
     def _maker(self) -> Experiment | None:
         """The run that made the library; None if its AV is from outside or not at hand."""
-        if is_foreign(self._av):
+        if is_foreign(self._av) or self._av == SEVERAL:
             return None
         try:
             return experiment_of(self._cases)
@@ -309,12 +309,14 @@ class CaseFilesOf:
         script, happened = self._script(stored)
         licence = self._model.provenance.get("licence")
         on_rails = script.poses is not None
+        # A suite says of each case whose it was.
+        av = stored.scalars.get("source_av") if self._av == SEVERAL else self._av
         known_hash = self._cases.identity.get("av_hash")
         return CaseFile(
             name=case_id.replace(":", "-") if name is None else name,
             odd=self._cases.odd,
             script=script,
-            av=self._av,
+            av=av,
             av_hash=None if known_hash is None else str(known_hash),
             happened=happened,
             recorded=None if on_rails else _of_av(stored.scenario),
