@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from reference.openscenario import (
     AHEAD,
+    apart,
     at,
     car,
     condition,
@@ -25,6 +26,7 @@ from reference.openscenario import (
 
 from cornerforge.drivers.rails import SPEED, X, Y
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
+from cornerforge.interchange import xosc_storyboard
 from cornerforge.interchange.read_opendrive import read_opendrive
 from cornerforge.interchange.read_openscenario import read_openscenario
 
@@ -74,6 +76,38 @@ def test_parameters_that_are_wrong(tmp_path: Path, values: dict[str, str], expre
     text = scenario(init=at("Ego", on_lane(-2, 100), expression) + at("B", on_lane(-2, 130)), parameters=parameters)
     with pytest.raises(DataError, match=message):
         read(tmp_path, text)
+
+
+def test_parameters_that_double_are_no_bomb(tmp_path: Path) -> None:
+    """Each of 45 parameters names the one before twice: to follow all references would take years."""
+    doubles = "".join(
+        f'<ParameterDeclaration name="p{k + 1}" parameterType="double" value="${{$p{k} + $p{k}}}"/>' for k in range(45)
+    )
+    first = '<ParameterDeclaration name="p0" parameterType="double" value="1"/>'
+    parameters = f"<ParameterDeclarations>{doubles}{first}</ParameterDeclarations>"
+    init = at("Ego", on_lane(-2, 100), "$p45") + at("B", on_lane(-2, 130), "$p4")
+    with pytest.raises(DataError, match=f'value of AbsoluteTargetSpeed is "{2**45}"'):
+        read(tmp_path, scenario(init=init, parameters=parameters))
+    case = read(tmp_path, scenario(init=init.replace("$p45", "$p3"), parameters=parameters, stop=1))
+    assert case.poses[0, :, SPEED].tolist() == [8.0, 16.0]
+
+
+def test_more_conditions_than_can_be_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(xosc_storyboard, "_MOST_WORK", 20_000)  # else this would take half a minute
+    many = condition(apart(1, "lessThan"), entity="Ego") * 1000
+    with pytest.raises(DataError, match="too many to wait for"):
+        read(tmp_path, scenario(event("go", speed_action(10), many), stop=None))
+
+
+def test_facts_of_a_file(tmp_path: Path) -> None:
+    properties = '<Properties><Property name="{}" value="{}"/></Properties>'
+    header = f'author="me"><License name="CC0-1.0"/>{properties.format("likelihood", 3)}</FileHeader>'
+    text = scenario(stop=1).replace('author="me"/>', header)
+    text = text.replace(
+        "</BoundingBox></Vehicle>", f"</BoundingBox>{properties.format('source', 'a lie')}</Vehicle>", 1
+    )
+    facts = read(tmp_path, text).facts
+    assert (facts["licence"], facts["likelihood"], facts["source"]) == ("CC0-1.0", "3", "case.xosc")
 
 
 @pytest.mark.parametrize(

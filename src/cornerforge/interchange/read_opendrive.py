@@ -130,10 +130,7 @@ class Road:
         """
         section = self.section(s)
         side = 1 if ident > 0 else -1
-        place = max(0, bisect_right(self.offsets, s, key=lambda p: p[0]) - 1)
-        begin, a, b, c, d = self.offsets[place]
-        u = max(0.0, s - begin)
-        inner = a + u * (b + u * (c + u * d))
+        inner = self._offset(s)
         for k in range(1, abs(ident)):
             inner += side * section.lanes[side * k].width(s - section.s)
         outer = inner + side * section.lanes[ident].width(s - section.s)
@@ -141,11 +138,23 @@ class Road:
 
     def lane_at(self, s: float, t: float) -> int | None:
         """Id of the lane at a place; None: beside all lanes."""
-        for ident in self.section(s).lanes:
-            low, high = self.borders(ident, s)
-            if low <= t <= high:
+        section = self.section(s)
+        way = t - self._offset(s)
+        side = 1 if way > 0.0 else -1
+        border, ident = 0.0, side
+        while ident in section.lanes:
+            border += section.lanes[ident].width(s - section.s)
+            if abs(way) <= border:
                 return ident
+            ident += side
         return None
+
+    def _offset(self, s: float) -> float:
+        """Where the lanes' middle line is beside the reference line [m]."""
+        place = max(0, bisect_right(self.offsets, s, key=lambda p: p[0]) - 1)
+        begin, a, b, c, d = self.offsets[place]
+        u = max(0.0, s - begin)
+        return a + u * (b + u * (c + u * d))
 
 
 @dataclass(frozen=True, slots=True)

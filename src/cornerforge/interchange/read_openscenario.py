@@ -28,6 +28,7 @@ __all__ = ["read_openscenario"]
 _VERSIONS = (0, 1, 2, 3)
 _AV_NAMES = frozenset({"ego", "hero", "host", "egovehicle", "ego_vehicle", "hostvehicle", "av", "sut"})
 _MOST_VEHICLES = 200
+_MOST_FACTS = 100
 _KINDS = {
     "car": CAR, "van": CAR, "truck": TRUCK, "semitrailer": TRUCK, "trailer": TRUCK, "bus": TRUCK, "tram": TRUCK,
     "train": TRUCK, "motorbike": MOTORCYCLE, "bicycle": MOTORCYCLE,
@@ -93,7 +94,7 @@ def read_openscenario(path: Path, *, ego: str | None = None) -> MovingCase:
     notes.update(play.notes)
     return make_case(
         _plain(path.stem), frame, bodies, av, frames, notes,
-        facts=_facts(path, top, version, road_file),
+        facts=_facts(path, top, version, road_file, av),
     )  # fmt: skip
 
 
@@ -300,7 +301,7 @@ def _plain(stem: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-")[:80] or "case"
 
 
-def _facts(path: Path, top: Element, version: str, road_file: Path) -> dict[str, Fact]:
+def _facts(path: Path, top: Element, version: str, road_file: Path, av: Body) -> dict[str, Fact]:
     header = top.need("FileHeader")
     licence = header.child("License")
     facts: dict[str, Fact] = {
@@ -312,4 +313,12 @@ def _facts(path: Path, top: Element, version: str, road_file: Path) -> dict[str,
         "date": header.attributes.get("date"),
         "licence": None if licence is None else licence.attributes.get("name", licence.text or None),
     }
+    for part in _properties(header, av):
+        facts.setdefault(part.string("name"), part.string("value"))
     return {name: fact if fact is None else str(fact)[:2000] for name, fact in facts.items()}
+
+
+def _properties(header: Element, av: Body) -> list[Element]:
+    """What the file says of itself and of the AV besides; our own writer puts there all that is known of a case."""
+    holders = (header.child("Properties"), av.element.child("Vehicle", "Properties"))
+    return [part for holder in holders if holder is not None for part in holder.all("Property")][:_MOST_FACTS]

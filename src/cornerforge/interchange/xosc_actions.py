@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from itertools import pairwise
 
 from cornerforge.interchange.xml_input import Element
 from cornerforge.interchange.xosc_conditions import World
@@ -247,9 +246,7 @@ def _stretched(times: list[float], timing: Element | None, now: float) -> list[f
     offset = timing.number("offset", low=-_LONG, high=_LONG, unit="s")
     scale = timing.number("scale", low=1e-6, high=_LONG)
     begin = offset + (now if timing.string("domainAbsoluteRelative") == "relative" else 0.0)
-    stretched = [begin + scale * time for time in times]
-    # Two vertices at one moment are a leap: the later one holds.
-    return stretched if all(a <= b for a, b in pairwise(stretched)) else sorted(stretched)
+    return [begin + scale * time for time in times]
 
 
 def _shape(element: Element) -> Shape:

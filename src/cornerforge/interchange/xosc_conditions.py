@@ -98,6 +98,8 @@ class Trigger:
         self.groups = [group for group in self.groups if group]
         self.looks_at_vehicles = any(condition.looks_at_vehicles for group in self.groups for condition in group)
         """Does it depend on where vehicles are?"""
+        self.size = sum(map(len, self.groups))
+        """Number of its conditions."""
 
     def holds(self) -> bool:
         """Look whether it holds now; to be asked at every moment while it is waited for."""

@@ -22,6 +22,8 @@ _DEEPEST = 50
 """Parameters that refer to parameters, and brackets in brackets."""
 _LONGEST = 2000
 _MOST_CATALOGS = 50
+_MOST_COPIED = 500_000
+"""Elements taken from catalogs."""
 _TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(\$?[A-Za-z_][\w.\-]*)|(.))")
 _NAME = re.compile(r"\$([A-Za-z_][\w.\-]*)")
 _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
@@ -37,60 +39,72 @@ _FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
 }
 
 
-def put_parameters(
-    element: Element, outer: Mapping[str, str] | None = None, given: Mapping[str, str] | None = None
-) -> None:
+def put_parameters(element: Element, *, given: Mapping[str, str] | None = None, outer: _Scope | None = None) -> None:
     """Replace all references to parameters in an element and below it.
 
     Args:
         element: Its own declarations and those of its parts hold for what stands in them.
-        outer: Parameters that hold around it.
         given: Values given to its own declarations from outside.
+        outer: Parameters that hold around it.
 
     Raises:
         DataError: A parameter is not declared, refers to itself, or an expression cannot be computed.
     """
-    scope = dict(outer or {})
     declared = element.child("ParameterDeclarations")
-    if declared is not None:
-        own = {part.string("name"): part for part in declared.all("ParameterDeclaration")}
-        raw = {name: (given or {}).get(name, part.string("value")) for name, part in own.items()}
-        for name, part in own.items():
-            scope[name] = _value(raw[name], {**(outer or {}), **raw}, part, 0)
+    scope = outer or _Scope(None, {})
+    if declared is not None and declared.children:
+        own = {part.string("name"): part.string("value") for part in declared.all("ParameterDeclaration")}
+        scope = _Scope(outer, {name: (given or {}).get(name, value) for name, value in own.items()})
+        for name in own:
+            scope.value(name, declared)
     for name, text in element.attributes.items():
         if "$" in text:
             try:
-                element.attributes[name] = _value(text, scope, element, 0)
+                element.attributes[name] = scope.put(text, element)
             except DataError:
                 if name != "name":  # what things are called moves nothing
                     raise
     for child in element.children:
         if child is not declared:
-            put_parameters(child, scope)
+            put_parameters(child, outer=scope)
 
 
-def _value(text: str, scope: Mapping[str, str], element: Element, depth: int) -> str:
-    """What a text with references stands for."""
-    text = text.strip()
-    if "$" not in text:
-        return text
-    if depth > _DEEPEST:
-        element.fault(f'parameter "{text[:40]}" refers to itself')
-    if len(text) > _LONGEST:
-        element.fault(f"an expression has {len(text):,} characters; up to {_LONGEST:,} are read")
+class _Scope:
+    """Parameters that hold somewhere, each computed once."""
 
-    def parameter(name: str) -> str:
-        while name not in scope and "." in name:  # "$a.b" is a followed by text
+    def __init__(self, outer: _Scope | None, raw: Mapping[str, str]) -> None:
+        self.outer, self.raw = outer, raw
+        self.known: dict[str, str] = {}
+        self.asked: set[str] = set()
+
+    def value(self, name: str, element: Element) -> str:
+        """Value of a parameter."""
+        while name not in self.raw and self.outer is None and "." in name:  # "$a.b" is a followed by text
             name = name.rpartition(".")[0]
-        if name not in scope:
-            element.fault(f'parameter "{name[:40]}" is not declared')
-        return _value(scope[name], scope, element, depth + 1)
+        if name not in self.raw:
+            if self.outer is None:
+                element.fault(f'parameter "{name[:40]}" is not declared')
+            return self.outer.value(name, element)
+        if name not in self.known:
+            if name in self.asked or len(self.asked) > _DEEPEST:
+                element.fault(f'parameter "{name[:40]}" refers to itself, or through more than {_DEEPEST} others')
+            self.asked.add(name)
+            self.known[name] = self.put(self.raw[name], element)
+            self.asked.remove(name)
+        return self.known[name]
 
-    if text.startswith("${") and text.endswith("}"):
-        return _Expression(text[2:-1], parameter, element).value()
-    if _NAME.fullmatch(text):
-        return parameter(text[1:])
-    return element.fault(f'"{text[:40]}" is neither a parameter ($name) nor an expression (${{...}})')
+    def put(self, text: str, element: Element) -> str:
+        """What a text with references stands for."""
+        text = text.strip()
+        if "$" not in text:
+            return text
+        if len(text) > _LONGEST:
+            element.fault(f"an expression has {len(text):,} characters; up to {_LONGEST:,} are read")
+        if text.startswith("${") and text.endswith("}"):
+            return _Expression(text[2:-1], lambda name: self.value(name, element), element).value()
+        if _NAME.fullmatch(text):
+            return self.value(text[1:], element)
+        return element.fault(f'"{text[:40]}" is neither a parameter ($name) nor an expression (${{...}})')
 
 
 class _Expression:
@@ -254,6 +268,7 @@ class Catalogs:
     def __init__(self, scenario: Path, top: Element) -> None:
         self.scenario, self.top = scenario, top
         self.read: dict[Path, Element | None] = {}
+        self.copied = 0
 
     def entry(self, reference: Element) -> Element:
         """Find the entry that a CatalogReference names, with its parameters put.
@@ -300,6 +315,9 @@ class Catalogs:
         return self.read[file]
 
     def _own(self, found: Element, reference: Element) -> Element:
+        self.copied += found.size
+        if self.copied > _MOST_COPIED:
+            reference.fault("what the scenario takes from catalogs is too much")
         copy = _copied(found)
         assignments = reference.child("ParameterAssignments")
         given = {

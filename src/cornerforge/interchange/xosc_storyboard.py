@@ -24,6 +24,8 @@ _ALONE_S = 20
 """How long vehicles drive for which the file has no storyboard [s]."""
 _STANDBY, _RUNNING, _COMPLETE = "standbyState", "runningState", "completeState"
 _MOST_ELEMENTS = 20_000
+_MOST_WORK = 3_000_000
+"""How often conditions are looked at, all together; real files need up to some hundred thousand looks."""
 
 
 class Moment(NamedTuple):
@@ -52,6 +54,7 @@ class _Node:
     trigger: Trigger | None = None
     stop: Trigger | None = None
     runs: int = 0
+    spent: bool = False
     actors: Sequence[Body] = ()
     going: list[tuple[_Node, list[Running]]] = field(default_factory=list)
 
@@ -83,7 +86,7 @@ class Storyboard:
         self.actions = Actions(self, catalogs)
         self.nodes: dict[tuple[str, str], list[_Node]] = {}
         self.selections: dict[str, list[str]] = {}
-        self.last_change = 0
+        self.last_change = self.work = 0
         self.acts: list[tuple[_Node, _Node]] = []
         self.waiting: list[tuple[_Node, _Node]] = []
         self.running: list[_Node] = []
@@ -258,9 +261,15 @@ class Storyboard:
                 self._begin(top, act)
             if top.state == _RUNNING and all(part.state == _COMPLETE for part in top.parts):
                 top.go(_COMPLETE, "endTransition", self.step)
-        for event, maneuver in list(self.waiting):
-            if (event, maneuver) in self.waiting and (event.trigger is None or event.trigger.holds()):
+        for event, maneuver in self.waiting:
+            if event.spent or event.state != _STANDBY:
+                continue
+            self.work += 1 if event.trigger is None else event.trigger.size
+            if event.trigger is None or event.trigger.holds():
                 self._start(event, maneuver)
+        self.waiting = [(event, maneuver) for event, maneuver in self.waiting if not event.spent]
+        if self.work > _MOST_WORK:
+            self.element.fault(f"its conditions are too many to wait for ({self.work:,} looks in {self.time:.1f} s)")
         return self.stop is not None and self.stop.holds()
 
     def _begin(self, top: _Node, act: _Node) -> None:
@@ -282,10 +291,9 @@ class Storyboard:
         most = event.element.integer("maximumExecutionCount", 1, low=0, high=10**9)
         event.runs += 1
         self.last_change = self.step
-        if event.runs >= most:
-            self.waiting.remove((event, maneuver))
+        event.spent = event.runs >= most
         if priority == "skip" and others:
-            event.go(_COMPLETE if event.runs >= most else _STANDBY, "skipTransition", self.step)
+            event.go(_COMPLETE if event.spent else _STANDBY, "skipTransition", self.step)
             return
         if priority in ("overwrite", "override"):
             for other in others:
@@ -343,8 +351,7 @@ class Storyboard:
         event.going = []
         self.running.remove(event)
         self.last_change = self.step
-        again = any(waiting is event for waiting, _ in self.waiting)
-        event.go(_STANDBY if again else _COMPLETE, transition, self.step)
+        event.go(_COMPLETE if event.spent else _STANDBY, transition, self.step)
 
     def _end_parts(self, act: _Node) -> None:
         for group in act.parts:
@@ -359,10 +366,10 @@ class Storyboard:
             self.last_change = self.step
 
     def _stop(self, act: _Node) -> None:
-        self.waiting = [(event, m) for event, m in self.waiting if not any(m in group.parts for group in act.parts)]
         for group in act.parts:
             for maneuver in group.parts:
                 for event in maneuver.parts:
+                    event.spent = True
                     if event.state == _RUNNING:
                         self._finish(event, "stopTransition")
                     event.state = _COMPLETE

@@ -18,7 +18,7 @@ import pytest
 from crashes_by_hand import mirrored
 from openscenario_read_back import real_crashes
 
-from cornerforge.interchange.cases import OutCase
+from cornerforge.interchange.cases import Fact, OutCase
 from cornerforge.interchange.openscenario import MODES, VERSIONS, write_openscenario
 from cornerforge.types import Scenario
 
@@ -27,7 +27,13 @@ pytestmark = pytest.mark.interchange
 JUDGE = Path(__file__).with_name("asam_judge.py")
 CASES = 3
 """Real crashes of each ODD, in each version and mode, and two that are made of them."""
-FACTS = {"case_id": "0:1", "av": 'a "b" <c> & d', "rate_per_mile": 1.5e-7, "licence": None, "prevented": True}
+FACTS: dict[str, Fact] = {
+    "case_id": "0:1",
+    "av": 'a "b" <c> & d',
+    "rate_per_mile": 1.5e-7,
+    "licence": None,
+    "prevented": True,
+}
 
 
 @pytest.fixture(scope="module")
