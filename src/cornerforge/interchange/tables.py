@@ -92,7 +92,7 @@ def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
     frame, at = np.nonzero(scenario.present[:, order])
     vehicle = order[at]
     classes = [user.name for user in CLASSES]
-    series = (
+    series: tuple[NDArray[Any], ...] = (
         frame, np.round(FRAME_S * frame, 1), scenario.slot[vehicle], scenario.kind[vehicle],
         scenario.length[vehicle], scenario.width[vehicle], scenario.x[frame, vehicle], scenario.y[frame, vehicle],
         scenario.speed[frame, vehicle], scenario.heading[frame, vehicle], scenario.acceleration[frame, vehicle],
