@@ -49,7 +49,7 @@ test: $(SETUP) ## run the default tests and the examples in docstrings: offline,
 	@$(BIN)/python -m pytest -n auto --dist loadfile --durations 25
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
-	@$(BIN)/python -m pytest -m "not gpu and not browser" --seed random --hypothesis-profile slow
+	@$(BIN)/python -m pytest -m "not gpu and not browser and not interchange" --seed random --hypothesis-profile slow
 
 test-browser: $(SETUP) $(WEB) $(BROWSER) ## test the explorer and the pages: their scripts with Vitest, and all of it in Chromium
 	@cd web && npm test --silent
