@@ -375,7 +375,7 @@ def test_what_cannot_be_asked_for(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match=r'No OpenSCENARIO version "2\.0"'):
         write_openscenario(case, tmp_path, version="2.0")
     with pytest.raises(UnknownNameError, match='Did you mean "relative"'):
-        write_openscenario(case, tmp_path, mode="relativ")
+        write_openscenario(case, tmp_path, mode="relative2")
     with pytest.raises(InputError, match="has no name"):
         write_openscenario(case, tmp_path, mode="controller", controller=" ")
     bad = CUT_IN.x.copy()
