@@ -343,6 +343,12 @@ def test_many_may_write_into_one_folder_at_the_same_time(tmp_path: Path) -> None
     assert {path.name for path in (tmp_path / "out").iterdir()} == {name for names in files for name in names}
 
 
+def test_a_date_where_one_is_wanted(tmp_path: Path) -> None:
+    header = written(tmp_path, CUT_IN, date="2026-01-31T12:00:00+01:00").find("FileHeader")
+    assert header is not None
+    assert header.get("date") == "2026-01-31T12:00:00+01:00"
+
+
 def test_the_road_has_our_axes(tmp_path: Path) -> None:
     odd = Odd(n_lanes=4, lane_width=3.5, max_speed=50.0)
     write_road(odd, tmp_path / "road.xodr", first=-100.0, last=900.0)
@@ -378,6 +384,13 @@ def test_what_cannot_be_asked_for(tmp_path: Path) -> None:
         write_openscenario(case, tmp_path, mode="relative2")
     with pytest.raises(InputError, match="has no name"):
         write_openscenario(case, tmp_path, mode="controller", controller=" ")
+    for date in ("today", "2026-01-01", "2026-13-01T00:00:00"):
+        with pytest.raises(InputError, match="is no time"):
+            write_openscenario(case, tmp_path, date=date)
+    late = CUT_IN.present.copy()
+    late[0, 0] = False
+    with pytest.raises(InputError, match="the AV is not there in the first frame"):
+        write_openscenario(OutCase("case", replace(CUT_IN, present=late), {}), tmp_path)
     bad = CUT_IN.x.copy()
     bad[3, 2] = np.nan
     with pytest.raises(InputError, match="Vehicle 2 has no finite place"):
