@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -289,12 +290,12 @@ def test_an_aborted_change_is_two_changes(tmp_path: Path) -> None:
     scenario = aims(scenario, {1: [(0, 1), (10, 0), (22, 1)]})
     root = written(tmp_path, scenario, mode="relative")
     changes = [
-        (lane.get("value"), condition.get("delay"))
+        (lane.get("value"), float(action.get("targetLaneOffset", "")), condition.get("delay"))
         for event in root.iter("Event")
-        for lane in event.iter("AbsoluteTargetLane")
+        for action, lane in zip(event.iter("LaneChangeAction"), event.iter("AbsoluteTargetLane"), strict=True)
         for condition in list(event.iter("Condition"))[:1]
     ]
-    assert changes == [("-3", "0"), ("-2", "1.2")]
+    assert changes == [("-3", 1.5, "0"), ("-2", 0.0, "1.2")]
 
 
 def test_without_a_manoeuvre_all_others_drive_as_recorded(tmp_path: Path) -> None:
@@ -334,6 +335,20 @@ def test_the_same_case_gives_the_same_bytes_and_shares_its_road(tmp_path: Path) 
     assert write_openscenario(OutCase("far", far, {}), tmp_path)[1] == "road-3x4.00_-1000_8000.xodr"
 
 
+def test_many_may_write_into_one_folder_at_the_same_time(tmp_path: Path) -> None:
+    cases = [OutCase(f"case-{number}", replace(CUT_IN, test=number), {}) for number in range(40)]
+    with ThreadPoolExecutor(8) as pool:
+        files = list(pool.map(lambda case: write_openscenario(case, tmp_path / "out"), cases))
+    assert {road for _, road in files} == {"road-3x4.00.xodr"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {name for names in files for name in names}
+
+
+def test_a_date_where_one_is_wanted(tmp_path: Path) -> None:
+    header = written(tmp_path, CUT_IN, date="2026-01-31T12:00:00+01:00").find("FileHeader")
+    assert header is not None
+    assert header.get("date") == "2026-01-31T12:00:00+01:00"
+
+
 def test_the_road_has_our_axes(tmp_path: Path) -> None:
     odd = Odd(n_lanes=4, lane_width=3.5, max_speed=50.0)
     write_road(odd, tmp_path / "road.xodr", first=-100.0, last=900.0)
@@ -366,9 +381,16 @@ def test_what_cannot_be_asked_for(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match=r'No OpenSCENARIO version "2\.0"'):
         write_openscenario(case, tmp_path, version="2.0")
     with pytest.raises(UnknownNameError, match='Did you mean "relative"'):
-        write_openscenario(case, tmp_path, mode="relatve")
+        write_openscenario(case, tmp_path, mode="relative2")
     with pytest.raises(InputError, match="has no name"):
         write_openscenario(case, tmp_path, mode="controller", controller=" ")
+    for date in ("today", "2026-01-01", "2026-13-01T00:00:00"):
+        with pytest.raises(InputError, match="is no time"):
+            write_openscenario(case, tmp_path, date=date)
+    late = CUT_IN.present.copy()
+    late[0, 0] = False
+    with pytest.raises(InputError, match="the AV is not there in the first frame"):
+        write_openscenario(OutCase("case", replace(CUT_IN, present=late), {}), tmp_path)
     bad = CUT_IN.x.copy()
     bad[3, 2] = np.nan
     with pytest.raises(InputError, match="Vehicle 2 has no finite place"):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
-import threading
 from pathlib import Path
 
 from cornerforge._checks import check_number
-from cornerforge._files import reason, writing
+from cornerforge._files import writing
 from cornerforge.errors import OutputError
 from cornerforge.types import Odd
 
@@ -90,20 +88,18 @@ def write_road_once(odd: Odd, folder: Path, first: float, last: float) -> str:
     Raises:
         OutputError: It cannot be written.
     """
-    reach = road_reach(first, last)
-    name = road_name(odd, *reach)
+    first, last = road_reach(first, last)
+    name = road_name(odd, first, last)
     path = folder / name
-    text = _road(odd, *reach)
-    if path.is_file() and path.read_bytes() == text.encode():
-        return name
-    own = folder / f"{os.getpid()}-{threading.get_ident()}-{name}"
-    with writing(own, "the road") as part:
-        part.write_text(text, encoding="utf-8")
-    try:
-        os.replace(own, path)
-    except OSError as error:
-        own.unlink()
-        raise OutputError(f"Cannot write the road {path}: {reason(error)}; choose another place.") from error
+    wanted = _road(odd, first, last).encode()
+    for tries_left in (2, 1, 0):
+        if path.is_file() and path.read_bytes() == wanted:
+            break
+        try:
+            write_road(odd, path, first=first, last=last)
+        except OutputError:  # or another process has just put it there: both write under one name before they rename it
+            if tries_left == 0:
+                raise
     return name
 
 

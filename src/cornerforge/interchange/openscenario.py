@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -159,7 +160,8 @@ def write_openscenario(
         Names of its files: the scenario, and its road, which all cases on the same road share.
 
     Raises:
-        InputError: The version or mode is not known, the case's name is no file name, or a number is not finite.
+        InputError: The version or mode is not known, the case's name is no file name, a number is not finite, the AV is
+            not there in the first frame, or the date is none.
         OutputError: A file cannot be written.
     """
     check_in("OpenSCENARIO version", version, VERSIONS)
@@ -170,6 +172,9 @@ def write_openscenario(
         )
     if not controller.strip():
         raise InputError("The controller of the AV has no name; give it one.")
+    if not case.scenario.present[0, 0]:
+        raise InputError(f"Case {case.name}: the AV is not there in the first frame.")
+    _check_date(date)
     writer = _Writer(case, int(version[2:]), mode, controller, date)
     road = write_road_once(case.scenario.odd, folder, *writer.reach)
     file = f"{case.name}.xosc"
@@ -177,6 +182,15 @@ def write_openscenario(
     with writing(folder / file, "the scenario") as part:
         part.write_text(text, encoding="utf-8", newline="\n")
     return file, road
+
+
+def _check_date(date: str) -> None:
+    try:
+        if len(date) < len("2026-01-01T00:00:00"):
+            raise ValueError
+        datetime.fromisoformat(date)
+    except ValueError:
+        raise InputError(f'date = "{date}" is no time; write it like 2026-01-31T12:00:00.') from None
 
 
 class _Writer:
@@ -360,7 +374,10 @@ description={xosc.quoted(f"Case {self.case.name}")}>{in_header}</FileHeader>
     ) -> Iterable[str]:
         lanes = self.scenario.odd.n_lanes
         parts = [
-            *((part.delay, xosc.lane_change(lane_id(part.lane, lanes), part.duration)) for part in manoeuvre.lanes),
+            *(
+                (part.delay, xosc.lane_change(lane_id(part.lane, lanes), part.offset, part.duration))
+                for part in manoeuvre.lanes
+            ),
             *((part.delay, xosc.speed_change(part.speed, part.duration)) for part in manoeuvre.speeds),
             *((FRAME_S * (frame - manoeuvre.begin), light) for frame, _, light in lights),
         ]
