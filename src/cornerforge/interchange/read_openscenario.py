@@ -204,12 +204,18 @@ def _private(storyboard: Element) -> list[tuple[Element, Element]]:
 
 
 def _starts(storyboard: Element) -> dict[str, Element]:
-    """Where each entity is put at the start."""
-    return {
-        private.string("entityRef"): leaf.need("Position")
-        for private, leaf in _private(storyboard)
-        if leaf.tag == "TeleportAction"
-    }
+    """Where each entity is at the start: where it is put, or else where its trajectory begins."""
+    starts: dict[str, Element] = {}
+    for private, leaf in _private(storyboard):
+        name = private.string("entityRef")
+        if leaf.tag == "TeleportAction":
+            starts[name] = leaf.need("Position")
+        elif leaf.tag == "FollowTrajectoryAction" and name not in starts:
+            for path in (("TrajectoryRef", "Trajectory"), ("Trajectory",)):
+                position = leaf.child(*path, "Shape", "Polyline", "Vertex", "Position")
+                if position is not None:
+                    starts[name] = position
+    return starts
 
 
 def _init(storyboard: Element, play: Storyboard, bodies: Mapping[str, Body]) -> set[str]:
