@@ -89,6 +89,10 @@ def read_openscenario(path: Path, *, ego: str | None = None) -> MovingCase:
             f"{av.element.place}: {av.name} is driven by a controller and told nothing; triggers saw it keep its speed "
             "and lane, and touch nobody"
         )
+    for body in bodies.values():
+        if body.controlled and not body.unknown:
+            place = next(body.element.all("ObjectController"), body.element).place
+            play.note(f"{place}: the controller of {body.name} is left out; it does what the storyboard says")
     _check_carried(storyboard, play)
     notes.update(dict.fromkeys(frame.notes))
     notes.update(play.notes)
