@@ -99,6 +99,32 @@ def test_more_conditions_than_can_be_waited_for(tmp_path: Path, monkeypatch: pyt
         read(tmp_path, scenario(event("go", speed_action(10), many), stop=None))
 
 
+def test_manoeuvres_and_trajectories_of_catalogs(tmp_path: Path) -> None:
+    way = trajectory([(0.0, on_lane(-2, 150)), (2.0, on_lane(-2, 190))]).split("<TrajectoryRef>")[1]
+    way = way.split("</TrajectoryRef>")[0].replace('name="t"', 'name="way"')
+    declared = '<ParameterDeclaration name="to" parameterType="double" value="1"/>'
+    slow = event("slow", speed_action("$to"), time_is(4))
+    maneuver = f"""<Maneuver name="slow"><ParameterDeclarations>{declared}</ParameterDeclarations>{slow}</Maneuver>"""
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "damaged.xosc").write_text("<OpenSCENARIO")
+    for name, entry in (("ways", way), ("turns", maneuver)):
+        (tmp_path / "c" / f"{name}.xosc").write_text(
+            f'<OpenSCENARIO><Catalog name="{name}">{entry}</Catalog></OpenSCENARIO>'
+        )
+    follow = trajectory([(0.0, on_lane(-2, 150)), (2.0, on_lane(-2, 190))], "relative")
+    begin, end = follow.index("<Trajectory "), follow.index("</Trajectory>") + len("</Trajectory>")
+    follow = follow[:begin] + '<CatalogReference catalogName="ways" entryName="way"/>' + follow[end:]
+    reference = """</Maneuver><CatalogReference catalogName="turns" entryName="slow"><ParameterAssignments>
+<ParameterAssignment parameterRef="to" value="7"/></ParameterAssignments></CatalogReference>"""
+    text = scenario(event("go", follow, time_is(1)), stop=6).replace("</Maneuver>", reference)
+    text = text.replace("<CatalogLocations/>", '<CatalogLocations><X><Directory path="c"/></X></CatalogLocations>')
+    case = read(tmp_path, text)
+    assert case.poses[20, 1, X] == pytest.approx(170.0 + AHEAD)
+    assert case.poses[-1, 1, SPEED] == 7.0
+    with pytest.raises(FileFormatError, match=r"damaged\.xosc, line 1: this is no whole XML file"):
+        read(tmp_path, text.replace('catalogName="ways"', 'catalogName="damaged"'))
+
+
 def test_facts_of_a_file(tmp_path: Path) -> None:
     properties = '<Properties><Property name="{}" value="{}"/></Properties>'
     header = f'author="me"><License name="CC0-1.0"/>{properties.format("likelihood", 3)}</FileHeader>'
@@ -190,6 +216,23 @@ def test_lanes_of_several_widths_and_sections(tmp_path: Path) -> None:
         read(tmp_path, scenario(), road(right=[lane(-1)]))
     with pytest.raises(DataError, match="no lane to drive in"):
         read(tmp_path, scenario(), road(right=[lane(-1, "walking"), lane(-2, "biking")]))
+
+
+def test_what_a_road_has_besides_is_said(tmp_path: Path) -> None:
+    besides = """<elevationProfile><elevation s="0" a="5" b="0.01" c="0" d="0"/></elevationProfile>
+<lateralProfile><superelevation s="0" a="0.02" b="0" c="0" d="0"/></lateralProfile><objects><object id="1"/>
+<object id="2"/></objects><signals><signal id="3"/></signals>"""
+    notes = read(tmp_path, scenario(stop=1), road().replace("<lanes>", besides + "<lanes>")).notes
+    told = " ".join(notes)
+    for words in (
+        "it is not level",
+        "it leans",
+        "2 objects beside or on it are left",
+        "1 signal beside or on it is left",
+    ):
+        assert words in told
+    level = road().replace("<lanes>", besides.replace('b="0.01"', 'b="0"').replace("0.02", "0") + "<lanes>")
+    assert "level" not in " ".join(read(tmp_path, scenario(stop=1), level).notes)
 
 
 def test_straight_roads_one_after_the_other(tmp_path: Path) -> None:
@@ -384,7 +427,7 @@ def test_names_with_path_parts(tmp_path: Path) -> None:
 
 
 def test_damaged_files_give_one_clear_error(tmp_path: Path) -> None:
-    """600 files with random damage: read, or refused by an error of ours; nothing else, and never for long."""
+    """400 files with random damage: read, or refused by an error of ours; nothing else, and never for long."""
     draw = random.Random(20)
     good = (DATA / "cut_in.xosc").read_text()
     plain = road().replace('id="1"', 'id="7"').replace("three", "two")
@@ -409,7 +452,7 @@ def test_damaged_files_give_one_clear_error(tmp_path: Path) -> None:
         "é",
     ]
     read_ones = refused = 0
-    for k in range(600):
+    for k in range(400):
         text = list(good)
         for _ in range(draw.randint(1, 3)):
             place = draw.randrange(len(text))
@@ -430,8 +473,8 @@ def test_damaged_files_give_one_clear_error(tmp_path: Path) -> None:
         else:
             assert np.isfinite(case.poses[0, 0]).all()
             read_ones += 1
-    assert read_ones > 20
-    assert refused > 200
+    assert read_ones > 15
+    assert refused > 150
 
 
 def test_half_files(tmp_path: Path) -> None:

@@ -288,7 +288,8 @@ def test_conditions(tmp_path: Path, inner: str, entity: str, edge: str, delay: f
     events = event("go", speed_action(10, "step"), condition(inner, edge, delay, entity))
     case = read(tmp_path, scenario(events, init=EGO_FAST, stop=6))
     assert other_speed(case) == when
-    assert case.notes == ()
+    assert any("this Event does not begin" in note for note in case.notes) == (when == math.inf)
+    assert len(case.notes) == (when == math.inf)
 
 
 def test_collisions_trigger(tmp_path: Path) -> None:
@@ -381,6 +382,7 @@ def test_an_av_with_a_controller_is_known_at_the_start_only(tmp_path: Path) -> N
         scenario(event("go", speed_action(10), time_is(1)), entities=car("Ego", CONTROLLER) + car("B"), actor="Ego"),
     )
     assert told.av_is_recorded
+    assert any("the controller of Ego is left out; it does what the storyboard says" in note for note in told.notes)
 
 
 def test_which_one_is_the_av(tmp_path: Path) -> None:

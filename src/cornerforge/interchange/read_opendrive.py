@@ -104,6 +104,7 @@ class Road:
         pieces: Its reference line, by s.
         sections: Its lanes, by s.
         offsets: Of its lanes from the reference line, as (s, a, b, c, d).
+        besides: What else stands in it and moves nothing here, for notes.
     """
 
     ident: str
@@ -113,6 +114,7 @@ class Road:
     pieces: tuple[_Piece, ...]
     sections: tuple[_Section, ...]
     offsets: tuple[tuple[float, float, float, float, float], ...]
+    besides: tuple[str, ...]
 
     def piece(self, s: float) -> _Piece:
         """The piece of the reference line at s; the first or the last one beyond the ends."""
@@ -342,6 +344,8 @@ def _notes(road: Road, s: float, lanes: list[int], width: float, curved: bool) -
     if curved:
         least = min(piece.radius for piece in road.pieces if piece.gentle)
         yield f"road {road.ident} bends (radius {least:.0f} m or more); it is read as straight, along its line"
+    for words in road.besides:
+        yield f"road {road.ident}: {words}"
     others = [f"{lane.ident} ({lane.kind})" for lane in section.lanes.values() if lane.ident not in lanes]
     if others:
         yield f"lanes of road {road.ident} that are not driven in the AV's direction are left out: {', '.join(others)}"
@@ -374,7 +378,25 @@ def _road(element: Element) -> Road:
         lanes.fault("there is no laneSection")
     offsets = sorted(_polynomial(part, "s") for part in lanes.all("laneOffset")) or [(0.0, 0.0, 0.0, 0.0, 0.0)]
     left = element.attributes.get("rule", "RHT") == "LHT"
-    return Road(element.string("id"), element.line, length, left, tuple(pieces), tuple(sections), tuple(offsets))
+    return Road(
+        element.string("id"), element.line, length, left, tuple(pieces), tuple(sections), tuple(offsets),
+        tuple(_besides(element)),
+    )  # fmt: skip
+
+
+def _besides(element: Element) -> Iterator[str]:
+    for profile, tag, words in (
+        ("elevationProfile", "elevation", "is not level"), ("lateralProfile", "superelevation", "leans"),
+    ):  # fmt: skip
+        holder = element.child(profile)
+        for part in holder.all(tag) if holder is not None else ():
+            if any(_polynomial(part, "s")[2 if tag == "elevation" else 1 :]):
+                yield f"it {words}; it is read as flat"
+                break
+    for holder, tag in ((element.child("objects"), "object"), (element.child("signals"), "signal")):
+        count = sum(1 for _ in holder.all(tag)) if holder is not None else 0
+        if count:
+            yield f"{count:,} {tag}{'s' if count > 1 else ''} beside or on it {'are' if count > 1 else 'is'} left out"
 
 
 def _polynomial(element: Element, begin: str) -> tuple[float, float, float, float, float]:

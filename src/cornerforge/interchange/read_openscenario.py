@@ -89,6 +89,10 @@ def read_openscenario(path: Path, *, ego: str | None = None) -> MovingCase:
             f"{av.element.place}: {av.name} is driven by a controller and told nothing; triggers saw it keep its speed "
             "and lane, and touch nobody"
         )
+    for body in bodies.values():
+        if body.controlled and not body.unknown:
+            place = next(body.element.all("ObjectController"), body.element).place
+            play.note(f"{place}: the controller of {body.name} is left out; it does what the storyboard says")
     _check_carried(storyboard, play)
     notes.update(dict.fromkeys(frame.notes))
     notes.update(play.notes)
@@ -204,12 +208,18 @@ def _private(storyboard: Element) -> list[tuple[Element, Element]]:
 
 
 def _starts(storyboard: Element) -> dict[str, Element]:
-    """Where each entity is put at the start."""
-    return {
-        private.string("entityRef"): leaf.need("Position")
-        for private, leaf in _private(storyboard)
-        if leaf.tag == "TeleportAction"
-    }
+    """Where each entity is at the start: where it is put, or else where its trajectory begins."""
+    starts: dict[str, Element] = {}
+    for private, leaf in _private(storyboard):
+        name = private.string("entityRef")
+        if leaf.tag == "TeleportAction":
+            starts[name] = leaf.need("Position")
+        elif leaf.tag == "FollowTrajectoryAction" and name not in starts:
+            for path in (("TrajectoryRef", "Trajectory"), ("Trajectory",)):
+                position = leaf.child(*path, "Shape", "Polyline", "Vertex", "Position")
+                if position is not None:
+                    starts[name] = position
+    return starts
 
 
 def _init(storyboard: Element, play: Storyboard, bodies: Mapping[str, Body]) -> set[str]:

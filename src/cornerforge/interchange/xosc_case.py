@@ -104,7 +104,7 @@ def _note_leaps(
     there = np.isfinite(motion[:, X])
     for k, (a, b) in enumerate(pairwise(moments)):
         if a is not None and b is not None and a.leaps != b.leaps and there[k] and there[k + 1]:
-            way = math.hypot(b.x - a.x, b.y - a.y)
+            way = math.hypot(b.x - a.x - FRAME_S * a.speed, b.y - a.y)
             notes.setdefault(f"{body.element.place}: {body.name} leaps by {way:.1f} m at {FRAME_S * (k + 1):.1f} s")
 
 

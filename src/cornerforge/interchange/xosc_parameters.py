@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NoReturn
 
@@ -267,7 +267,7 @@ class Catalogs:
 
     def __init__(self, scenario: Path, top: Element) -> None:
         self.scenario, self.top = scenario, top
-        self.read: dict[Path, Element | None] = {}
+        self.read: dict[Path, Element | FileFormatError | None] = {}
         self.copied = 0
 
     def entry(self, reference: Element) -> Element:
@@ -275,6 +275,7 @@ class Catalogs:
 
         Raises:
             DataError: There is none, or its folder lies elsewhere.
+            FileFormatError: The catalog's file is damaged.
         """
         catalog, entry = reference.string("catalogName"), reference.string("entryName")
         locations = self.top.child("CatalogLocations")
@@ -290,28 +291,26 @@ class Catalogs:
                         return self._own(found, reference)
         return reference.fault(f'no entry "{entry[:40]}" in a catalog "{catalog[:40]}" of its CatalogLocations')
 
-    def _catalogs(self, folder: Path, name: str) -> list[Element]:
+    def _catalogs(self, folder: Path, name: str) -> Iterator[Element]:
+        """The catalogs of a name in a folder: first that in the file of the same name, then those in other files."""
         try:
             files = sorted(folder.glob("*.xosc"))[:_MOST_CATALOGS] if folder.is_dir() else []
         except OSError as error:
             raise InputError(f"Cannot read {folder}: {error.strerror}.") from error
-        found = []
         for file in sorted(files, key=lambda file: file.stem != name):
-            catalog = self._read(file, name)
-            if catalog is not None and catalog.attributes.get("name") == name:
-                found.append(catalog)
-        return found
+            found = self._read(file)
+            if isinstance(found, FileFormatError) and file.stem == name:
+                raise found
+            if isinstance(found, Element) and found.attributes.get("name") == name:
+                yield found
 
-    def _read(self, file: Path, name: str) -> Element | None:
+    def _read(self, file: Path) -> Element | FileFormatError | None:
+        """The catalog in a file; None: it holds none; or why it cannot be read, for others may lie there too."""
         if file not in self.read:
             try:
-                top = read_xml(file, root=ROOT, what="an OpenSCENARIO file")
-            except FileFormatError:
-                if file.stem == name:
-                    raise
-                self.read[file] = None  # others may lie there too
-            else:
-                self.read[file] = top.child("Catalog")
+                self.read[file] = read_xml(file, root=ROOT, what="an OpenSCENARIO file").child("Catalog")
+            except FileFormatError as error:
+                self.read[file] = error
         return self.read[file]
 
     def _own(self, found: Element, reference: Element) -> Element:

@@ -213,8 +213,12 @@ class Storyboard:
             if self.step % _STEPS_PER_FRAME == 0:
                 frames.append([_moment(body) for body in bodies])
             if over or self._idle():
-                return frames
+                break
             self._pass_on(bodies)
+        for event in self._events():
+            if event.runs == 0:
+                self.note(f"{event.element.place}: this Event does not begin before the end")
+        return frames
 
     def _pass_on(self, bodies: Sequence[Body]) -> None:
         watched = any(event.trigger is not None and event.trigger.looks_at_vehicles for event, _ in self.waiting)
