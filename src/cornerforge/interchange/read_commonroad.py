@@ -223,8 +223,8 @@ def _read_track(element: Element, most_steps: int, notes: _Notes) -> _Track:
         like = {CAR: "car", TRUCK: "truck", MOTORCYCLE: "motorcycle"}[_KINDS[kind.text]]
         notes.say(kind, f'{_named(element)} is "{kind.text}"; it is taken as a {like} of its size.')
     box = element.need("shape", "rectangle")
-    length = box.need("length").number(None, low=0.5, high=40.0, unit="m")
-    width = box.need("width").number(None, low=0.3, high=5.0, unit="m")
+    length = box.need("length").number(None, low=0.5, high=30.0, unit="m")
+    width = box.need("width").number(None, low=0.3, high=4.0, unit="m")
     states = np.array([_read_state(state, most_steps) for state in _states_of(element)])
     states = states[np.argsort(states[:, 0], kind="stable")]
     if (np.diff(states[:, 0]) == 0).any():

@@ -56,7 +56,7 @@ _MOST_ROWS = 1_000_000
 _MOST_FRAMES = 6_001
 _MOST_SLOT = 9_999
 _LIMITS = {
-    "time_s": (0.0, 600.0), "length_m": (0.5, 40.0), "width_m": (0.3, 5.0), "x_m": (-1e6, 1e6), "y_m": (-1e3, 1e3),
+    "time_s": (0.0, 600.0), "length_m": (0.5, 30.0), "width_m": (0.3, 4.0), "x_m": (-1e6, 1e6), "y_m": (-1e3, 1e3),
     "speed_mps": (0.0, 1e3), "heading_rad": (-math.pi, math.pi), "acceleration_mps2": (-1e3, 1e3),
     "frame": (0, _MOST_FRAMES - 1), "slot": (0, _MOST_SLOT), "lane": (0, MAX_LANES - 1),
 }  # fmt: skip
@@ -92,7 +92,7 @@ def _columns_of(scenario: Scenario) -> dict[str, list[Any]]:
     frame, at = np.nonzero(scenario.present[:, order])
     vehicle = order[at]
     classes = [user.name for user in CLASSES]
-    series = (
+    series: tuple[NDArray[Any], ...] = (
         frame, np.round(FRAME_S * frame, 1), scenario.slot[vehicle], scenario.kind[vehicle],
         scenario.length[vehicle], scenario.width[vehicle], scenario.x[frame, vehicle], scenario.y[frame, vehicle],
         scenario.speed[frame, vehicle], scenario.heading[frame, vehicle], scenario.acceleration[frame, vehicle],
