@@ -21,12 +21,16 @@ WHEEL_TESTS := tests/adversary/test_policy_file.py tests/foreign/test_av_process
 LOWEST := .venv-lowest/.stamp-setup
 LOWEST_TESTS := tests/adversary tests/analysis tests/envs tests/foreign/test_av_process.py tests/foreign/test_network_files.py \
 	tests/library tests/metrics tests/ndd tests/report tests/sim/test_digests.py tests/test_public_api.py
+# Others' checkers and readers of what `cornerforge export` writes: their requirements fight ours and each other's.
+EXTERNAL := tests/interchange/external
+ASAM := .venv-asam/.stamp-setup
+COMMONROAD := .venv-commonroad/.stamp-setup
 TEST_TOOLS := hypothesis mpmath onnx pytest
 MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-slow test-browser check format docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-slow test-browser test-interchange check format docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -50,6 +54,10 @@ test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and 
 test-browser: $(SETUP) $(WEB) $(BROWSER) ## test the explorer and the pages: their scripts with Vitest, and all of it in Chromium
 	@cd web && npm test --silent
 	@$(BIN)/python -m pytest -m browser --durations 5 tests/browser
+
+test-interchange: $(SETUP) $(ASAM) $(COMMONROAD) ## let checkers and readers made by others judge the files of cases that we write
+	@ASAM_PYTHON=$(CURDIR)/.venv-asam/bin/python COMMONROAD_PYTHON=$(CURDIR)/.venv-commonroad/bin/python \
+	  $(BIN)/python -m pytest -m interchange -n auto --dist loadfile --durations 5 $(EXTERNAL)
 
 check: $(SETUP) ## check format, lint, types, layers and spelling; changes nothing
 	@$(BIN)/ruff format --check --quiet --output-format concise $(LINTED) || { echo "Not formatted; format it with: make format"; exit 1; }
@@ -137,6 +145,16 @@ $(DOCS): pyproject.toml constraints.txt
 	@$(call venv,.venv-docs)
 	@.venv-docs/bin/python $(PIP) install -c constraints.txt $$($(PYTHON) -c 'import tomllib; \
 	  print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')
+	@touch $@
+
+$(ASAM): $(EXTERNAL)/requirements-asam.txt
+	@$(call venv,.venv-asam)
+	@.venv-asam/bin/python $(PIP) install -r $<
+	@touch $@
+
+$(COMMONROAD): $(EXTERNAL)/requirements-commonroad.txt
+	@$(call venv,.venv-commonroad)
+	@.venv-commonroad/bin/python $(PIP) install -r $<
 	@touch $@
 
 # Direct requirements in their lowest versions, what these require in its newest; the package is not editable, since the

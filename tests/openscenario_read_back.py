@@ -77,16 +77,13 @@ def contact_frame(root: ET.Element) -> tuple[int, str] | None:
     av = {round(10 * row[0]): row for row in tracks["Ego"]}
     seen = []
     for name, track in tracks.items():
-        if name == "Ego":
-            continue
-        for time, x, y, h in track:
+        for time, x, y, h in track if name != "Ego" else ():
             frame = round(10 * time)
-            if frame in av:
-                _, ax, ay, ah = av[frame]
-                own, other = (Box(*pose, *entities[of][1:3]) for pose, of in (((ax, ay, ah), "Ego"), ((x, y, h), name)))
-                if boxes_overlap(own, other):
-                    seen.append((frame, name))
-                    break
+            _, ax, ay, ah = av.get(frame, (0.0, np.inf, np.inf, 0.0))
+            own, other = (Box(*pose, *entities[of][1:3]) for pose, of in (((ax, ay, ah), "Ego"), ((x, y, h), name)))
+            if boxes_overlap(own, other):
+                seen.append((frame, name))
+                break
     return min(seen, default=None)
 
 

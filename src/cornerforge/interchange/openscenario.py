@@ -360,7 +360,10 @@ description={xosc.quoted(f"Case {self.case.name}")}>{in_header}</FileHeader>
     ) -> Iterable[str]:
         lanes = self.scenario.odd.n_lanes
         parts = [
-            *((part.delay, xosc.lane_change(lane_id(part.lane, lanes), part.duration)) for part in manoeuvre.lanes),
+            *(
+                (part.delay, xosc.lane_change(lane_id(part.lane, lanes), part.offset, part.duration))
+                for part in manoeuvre.lanes
+            ),
             *((part.delay, xosc.speed_change(part.speed, part.duration)) for part in manoeuvre.speeds),
             *((FRAME_S * (frame - manoeuvre.begin), light) for frame, _, light in lights),
         ]

@@ -76,10 +76,13 @@ def speed_change(speed: float, duration: float | None = None) -> str:
     )
 
 
-def lane_change(lane: int, duration: float) -> str:
-    """Write a change to the middle of a lane of the road's file within a duration [s]: half a wave of a cosine."""
+def lane_change(lane: int, offset: float, duration: float) -> str:
+    """Write a change to a lane of the road's file, `offset` [m] left of its middle, within a duration [s].
+
+    It goes like half a wave of a cosine.
+    """
     return private(
-        "<LateralAction><LaneChangeAction>"
+        f'<LateralAction><LaneChangeAction targetLaneOffset="{offset:.6f}">'
         f'<LaneChangeActionDynamics dynamicsShape="sinusoidal" dynamicsDimension="time" value="{duration:.3f}"/>'
         f'<LaneChangeTarget><AbsoluteTargetLane value="{lane}"/></LaneChangeTarget>'
         "</LaneChangeAction></LateralAction>"

@@ -50,10 +50,14 @@ class Trigger:
 
 @dataclass(frozen=True)
 class LaneChange:
-    """Part of a manoeuvre: `delay` after its begin [s], towards the middle of `lane`, for `duration` [s]."""
+    """Part of a manoeuvre: `delay` after its begin [s], to `offset` [m] left of the middle of a lane, for a time [s].
+
+    Only a change that is aborted has an offset: it ends where the vehicle turns around.
+    """
 
     delay: float
     lane: int
+    offset: float
     duration: float
 
 
@@ -75,7 +79,7 @@ class Manoeuvre:
         begin: Frame at which it begins.
         kind: "lane change" or "braking".
         trigger: When it begins, relative to the AV.
-        lanes: Its lane changes; an aborted one is two.
+        lanes: Its lane changes; an aborted one is two: to where it turned around, and back.
         speeds: How its speed changes, at least one.
     """
 
@@ -150,12 +154,23 @@ def _last_braking(scenario: Scenario, column: int) -> int | None:
 
 def _lane_changes(scenario: Scenario, column: int, starts: Sequence[int]) -> tuple[LaneChange, ...]:
     y, width = scenario.y[:, column], scenario.odd.lane_width
-    changes = []
-    for start, end in zip(starts, [*starts[1:], len(y) - 1], strict=True):
-        lane = int(scenario.target_lane[start, column])
-        duration = _duration(y[start : end + 1], (lane + 0.5) * width, float(scenario.change_time[column]))
-        changes.append(LaneChange(FRAME_S * (start - starts[0]), lane, duration))
-    return tuple(changes)
+    usual = float(scenario.change_time[column])
+    lanes = [int(scenario.target_lane[start, column]) for start in starts]
+    now, lane, changes = starts[0], lanes[0], []
+    for (start, until), other in zip(itertools.pairwise([*starts[1:], len(y) - 1]), lanes[1:], strict=True):
+        goal, end, offset = (lane + 0.5) * width, start, 0.0
+        side = np.sign(goal - y[now])
+        if side * ((other + 0.5) * width - y[start]) > 0.0:  # farther to the same side
+            duration = _duration(y[now : start + 1], goal, usual)
+        else:
+            end += int(np.argmax(side * y[start : until + 1]))
+            if end == until:  # told to turn around, it has not done so yet
+                continue
+            offset, duration = float(y[end]) - goal, max(FRAME_S * (end - now), _SHORTEST)
+        changes.append(LaneChange(FRAME_S * (now - starts[0]), lane, offset, duration))
+        now, lane = end, other
+    duration = _duration(y[now:], (lane + 0.5) * width, usual)
+    return (*changes, LaneChange(FRAME_S * (now - starts[0]), lane, 0.0, duration))
 
 
 def _duration(y: NDArray[np.float64], goal: float, usual: float) -> float:
