@@ -443,9 +443,13 @@ def test_ten_thousand_vehicles_are_refused(tmp_path: Path) -> None:
         '<dynamicObstacle id="{}"><type>car</type><shape><rectangle><length>4</length><width>2</width></rectangle>'
         "</shape>" + _STATE.format(at=_POINT.format(y=1.4), way=0) + "</dynamicObstacle>\n"
     )
-    extra = "".join(car.format(1000 + k) for k in range(10_000))
-    with pytest.raises(InputError, match="There are 10,003 vehicles; 1 to 200"):
-        read(tmp_path, scenario_text(turned_by(0.0), extra=extra))
+    for number, message in (
+        (10_000, "there are 10,002 dynamic obstacles; up to 1,000"),
+        (300, "There are 303 vehicles"),
+    ):
+        extra = "".join(car.format(1000 + k) for k in range(number))
+        with pytest.raises(InputError, match=message):
+            read(tmp_path, scenario_text(turned_by(0.0), extra=extra))
 
 
 def test_no_such_file() -> None:
