@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,14 +16,14 @@ from hypothesis import strategies as st
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, SPEED, X, Y
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.interchange.cases import MovingCase, OutCase, script_of
+from cornerforge.interchange.cases import Fact, MovingCase, OutCase, script_of
 from cornerforge.interchange.commonroad import write_commonroad
 from cornerforge.interchange.read_commonroad import read_commonroad
 from cornerforge.pipeline.setting import RECORDED_AV, experiment
 from cornerforge.types import Scenario
 
 SIX_DECIMALS = 6e-7
-FACTS = {"av": "idm-mobil", "rate_per_mile": 1.5e-7, "licence": 'as <is> & "so"; ask', "judge": None}
+FACTS: dict[str, Fact] = {"av": "idm-mobil", "rate_per_mile": 1.5e-7, "licence": 'as <is> & "so"; ask', "judge": None}
 GOAL = "The goal of planningProblem 99 is not carried over."
 
 
@@ -43,8 +42,8 @@ def cut_in() -> Scenario:
     return replace(scenario, present=present, kind=np.array([0, 1, 0, 2], np.int8), length=length, width=width)
 
 
-def written(tmp_path: Path, scenario: Scenario, **options: str) -> Path:
-    [name] = write_commonroad(OutCase("case-1", scenario, FACTS), tmp_path, **options)
+def written(tmp_path: Path, scenario: Scenario, av: str = "both") -> Path:
+    [name] = write_commonroad(OutCase("case-1", scenario, FACTS), tmp_path, av=av)
     return tmp_path / name
 
 
@@ -100,7 +99,9 @@ def test_a_planner_takes_the_place_of_the_av(tmp_path: Path) -> None:
 
 
 def test_the_file_says_what_the_schema_asks_for(tmp_path: Path) -> None:
-    write_commonroad(OutCase("a", cut_in(), FACTS), tmp_path, date=datetime.date(2024, 2, 29))
+    write_commonroad(OutCase("b", cut_in(), FACTS), tmp_path)
+    write_commonroad(OutCase("a", cut_in(), FACTS), tmp_path, date="2024-02-29")
+    assert (tmp_path / "b.xml").read_text().replace("1970-01-01", "2024-02-29") == (tmp_path / "a.xml").read_text()
     root = ElementTree.parse(tmp_path / "a.xml").getroot()
     assert root.attrib == {
         "commonRoadVersion": "2020a",
@@ -241,10 +242,10 @@ def scenario_text(
     )
 
 
-def read(tmp_path: Path, text: str, **options: int) -> MovingCase:
+def read(tmp_path: Path, text: str, ego: int | None = None) -> MovingCase:
     path = tmp_path / "theirs.xml"
     path.write_text(text)
-    return read_commonroad(path, **options)
+    return read_commonroad(path, ego=ego)
 
 
 PLACES = {
@@ -406,7 +407,7 @@ BAD: dict[str, tuple[Callable[[str], str], type[CornerForgeError], str]] = {
     "NaN": (broken("<velocity><exact>20.0", "<velocity><exact>NaN"), DataError, 'line .*exact is "NaN"'),
     "infinite": (broken("<y>", "<y>1e999"), DataError, "line .*y is"),
     "km/h": (lambda text: text.replace("<exact>22.0<", "<exact>792.0<"), InputError, "792 m/s.*in m/s"),
-    "feet": (broken("1.9</width>", "19</width>"), DataError, "allowed: 0.3 to 5 m"),
+    "feet": (broken("1.9</width>", "19</width>"), DataError, "allowed: 0.3 to 4 m"),
     "no step": (broken('timeStepSize="0.1"', 'timeStepSize="0"'), DataError, "timeStepSize"),
     "endless": (broken("<time><exact>40<", "<time><exact>4000000<"), DataError, "allowed: 0 to 6000"),
     "twice": (broken("<time><exact>40<", "<time><exact>39<"), DataError, "two states at one time step"),
@@ -442,9 +443,13 @@ def test_ten_thousand_vehicles_are_refused(tmp_path: Path) -> None:
         '<dynamicObstacle id="{}"><type>car</type><shape><rectangle><length>4</length><width>2</width></rectangle>'
         "</shape>" + _STATE.format(at=_POINT.format(y=1.4), way=0) + "</dynamicObstacle>\n"
     )
-    extra = "".join(car.format(1000 + k) for k in range(10_000))
-    with pytest.raises(InputError, match="There are 10,003 vehicles; 1 to 200"):
-        read(tmp_path, scenario_text(turned_by(0.0), extra=extra))
+    for number, message in (
+        (10_000, "there are 10,002 dynamic obstacles; up to 1,000"),
+        (300, "There are 303 vehicles"),
+    ):
+        extra = "".join(car.format(1000 + k) for k in range(number))
+        with pytest.raises(InputError, match=message):
+            read(tmp_path, scenario_text(turned_by(0.0), extra=extra))
 
 
 def test_no_such_file() -> None:

@@ -14,7 +14,6 @@ keep: "cornerforge; name: value; name: value".
 
 from __future__ import annotations
 
-import datetime
 import json
 import re
 from collections.abc import Iterator
@@ -30,11 +29,13 @@ from cornerforge.errors import InputError
 from cornerforge.interchange.cases import Fact, OutCase
 from cornerforge.types import CLASSES, FRAME_S, Scenario
 
-__all__ = ["AV_WAYS", "facts_of_source", "source_of_facts", "write_commonroad"]
+__all__ = ["AV_WAYS", "NO_DATE", "facts_of_source", "source_of_facts", "write_commonroad"]
 
 AV_WAYS = ("both", "planning")
 """How the AV can be written: recorded, as an obstacle, with a planning problem beside it, or as the problem alone."""
 
+NO_DATE = "1970-01-01"
+"""The schema wants a date. This one says that there is none: the same case gives the same bytes on any day."""
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OBSTACLE = 100
 _PLANNING = 99
@@ -53,9 +54,7 @@ _LATER = f"<state>{_STATE}</state>\n"
 _FIRST = f"<initialState>{_STATE}</initialState>\n"
 
 
-def write_commonroad(
-    case: OutCase, folder: Path, *, av: str = "both", date: datetime.date | None = None
-) -> tuple[str, ...]:
+def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str = NO_DATE) -> tuple[str, ...]:
     """Write a case as NAME.xml.
 
     Positions, speeds and angles have six decimals. Vehicles that were not there in frame 0 get the step at which they
@@ -66,7 +65,7 @@ def write_commonroad(
         folder: Where to write; it is made.
         av: One of `AV_WAYS`. "both": everybody as recorded, the AV too. "planning": the AV is left out, so that a
             planner can take its place; its size then stands among the facts.
-        date: When it was made, for the file; None: today.
+        date: When it was made, year-month-day.
 
     Returns:
         Names of the files written.
@@ -81,7 +80,7 @@ def write_commonroad(
     facts = dict(case.facts)
     if av == "planning":
         facts |= {"av_length_m": float(case.scenario.length[0]), "av_width_m": float(case.scenario.width[0])}
-    text = "".join(_pieces(case.scenario, facts, with_av=av == "both", date=date or datetime.date.today()))
+    text = "".join(_pieces(case.scenario, facts, with_av=av == "both", date=date))
     name = f"{case.name}.xml"
     with writing(folder / name, "the CommonRoad scenario") as part:
         part.write_bytes(text.encode())
@@ -125,13 +124,13 @@ def _value(text: str) -> Fact:
     return value if isinstance(value, (bool, int, float)) else text
 
 
-def _pieces(scenario: Scenario, facts: dict[str, Fact], *, with_av: bool, date: datetime.date) -> Iterator[str]:
+def _pieces(scenario: Scenario, facts: dict[str, Fact], *, with_av: bool, date: str) -> Iterator[str]:
     """Make the file's text, piece by piece, in the order that the schema wants."""
     road = scenario.odd
     changes = np.unique(scenario.target_lane[scenario.present[:, 0], 0]).size > 1
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
-        f'<commonRoad commonRoadVersion="2020a" benchmarkID="{_benchmark_id(scenario)}" date="{date.isoformat()}" '
+        f'<commonRoad commonRoadVersion="2020a" benchmarkID="{_benchmark_id(scenario)}" date={quoteattr(date)} '
         f'author="cornerforge" affiliation="not stated" source={quoteattr(source_of_facts(facts))} '
         f'timeStepSize="{FRAME_S}">\n'
         "<location><geoNameId>-999</geoNameId><gpsLatitude>999</gpsLatitude><gpsLongitude>999</gpsLongitude>"

@@ -44,6 +44,8 @@ _SAME_PLACE = 0.1
 _FARTHEST = 1e7
 _FAR_OFF = 1e4
 _LONGEST_S = 600.0
+_MOST_OBSTACLES = 1_000
+"""Many may be on other roads; how many can be driven, `straight_road` says."""
 _ON_LANE = 3.0
 """How far the AV may start from the middle of its lanelet [m]."""
 _ALIGNED = 0.5
@@ -176,6 +178,12 @@ def _named(element: Element) -> str:
 
 def _read_tracks(root: Element, most_steps: float, notes: _Notes) -> list[_Track]:
     """Read all dynamic obstacles that can be carried over, and note the others."""
+    obstacles = sum(1 for _ in root.all("dynamicObstacle"))
+    if obstacles > _MOST_OBSTACLES:
+        raise InputError(
+            f"{root.file}: there are {obstacles:,} dynamic obstacles; up to {_MOST_OBSTACLES:,} are read. Keep those "
+            "near the AV."
+        )
     tracks = []
     for element in root.all("dynamicObstacle"):
         why_not = _unusable(element)
@@ -223,8 +231,8 @@ def _read_track(element: Element, most_steps: int, notes: _Notes) -> _Track:
         like = {CAR: "car", TRUCK: "truck", MOTORCYCLE: "motorcycle"}[_KINDS[kind.text]]
         notes.say(kind, f'{_named(element)} is "{kind.text}"; it is taken as a {like} of its size.')
     box = element.need("shape", "rectangle")
-    length = box.need("length").number(None, low=0.5, high=40.0, unit="m")
-    width = box.need("width").number(None, low=0.3, high=5.0, unit="m")
+    length = box.need("length").number(None, low=0.5, high=30.0, unit="m")
+    width = box.need("width").number(None, low=0.3, high=4.0, unit="m")
     states = np.array([_read_state(state, most_steps) for state in _states_of(element)])
     states = states[np.argsort(states[:, 0], kind="stable")]
     if (np.diff(states[:, 0]) == 0).any():

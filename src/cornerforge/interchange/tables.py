@@ -56,7 +56,7 @@ _MOST_ROWS = 1_000_000
 _MOST_FRAMES = 6_001
 _MOST_SLOT = 9_999
 _LIMITS = {
-    "time_s": (0.0, 600.0), "length_m": (0.5, 40.0), "width_m": (0.3, 5.0), "x_m": (-1e6, 1e6), "y_m": (-1e3, 1e3),
+    "time_s": (0.0, 600.0), "length_m": (0.5, 30.0), "width_m": (0.3, 4.0), "x_m": (-1e6, 1e6), "y_m": (-1e3, 1e3),
     "speed_mps": (0.0, 1e3), "heading_rad": (-math.pi, math.pi), "acceleration_mps2": (-1e3, 1e3),
     "frame": (0, _MOST_FRAMES - 1), "slot": (0, _MOST_SLOT), "lane": (0, MAX_LANES - 1),
 }  # fmt: skip
