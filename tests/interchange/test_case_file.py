@@ -59,6 +59,7 @@ def acting_case(seed: int = 1) -> CaseFile:
     for name in ("speed", "clock", "duration", "quantile", "habit", "desired_speed", "change_time", "inattention"):
         table[name] = np.abs(table[name]) % 1.0
     table["noise"] = table["noise"] % 1.0
+    table["change_time"] += 0.1
     table["heading"][0], table["lateral_speed"][1] = -0.0, 0.0
     for name, high in (("target_lane", 3), ("signals", 2), ("away", 2)):
         table[name] = rng.integers(0, high, n).astype(np.float64)
@@ -180,6 +181,7 @@ WRONG = [
     (change("vehicles", 1, "length_m", to=True), r"vehicles\[1\].length_m is true; it must be a number"),
     (change("vehicles", 1, "slot", to=0), r"the slots of the vehicles are \[0, 0, 2\]; they must ascend"),
     (change("vehicles", 1, "start", "target_lane", to=4), r"vehicles\[1\].start names a lane that the road"),
+    (change("vehicles", 0, "start", "change_time_s", to=...), r"vehicles\[0\].start.change_time_s is 0; a lane"),
     (change("vehicles", 1, "poses", to=...), r"vehicles\[1\] lacks poses: it is on rails"),
     (change("vehicles", 1, "poses", "lane", to=3), r"vehicles\[1\].poses.lane must be a whole number from 0 to 2"),
     (change("vehicles", 1, "poses", "lane", to=0.5), r"vehicles\[1\].poses.lane must be a whole number from 0 to 2"),

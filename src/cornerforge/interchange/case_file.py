@@ -52,6 +52,7 @@ _WHOLE = ("target_lane", "lanes", "signals", "away")
 _SERIES = ("x_m", "y_m", "speed_mps", "lateral_speed_mps", "heading_rad", "acceleration_mps2", "lane")
 """Names of the columns of a pose, in their order (`drivers.rails`)."""
 _POSE = ("x_m", "y_m", "speed_mps", "heading_rad")
+_LEAST_CHANGE_S = 0.1
 _LINE = 700
 """An object that needs more characters is spread over lines."""
 
@@ -380,6 +381,9 @@ def _vehicle_faults(one: Mapping[str, Any], place: str, content: Mapping[str, An
     start = one["start"]
     if start.get("target_lane", 0) >= lanes or start["lanes"] >= 1 << lanes:
         yield f"{place}.start names a lane that the road does not have: it has {lanes}"
+    change = start.get("change_time_s", 0)
+    if (is_av or not rails) and change < _LEAST_CHANGE_S:
+        yield f"{place}.start.change_time_s is {change:g}; a lane change takes {_LEAST_CHANGE_S:g} s or more"
     if (not rails and not is_av) != ("actions" in one):
         yield f"{place}: actions stand where others act and nowhere else, and not with the AV"
     if rails and not is_av and "poses" not in one:
