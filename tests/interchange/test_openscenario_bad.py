@@ -175,8 +175,8 @@ def test_roads_and_catalogs_beside_the_folder_are_read(tmp_path: Path) -> None:
     [
         ('<arc curvature="0.002"/>', "line 2: road 1 is not straight where the AV starts .arc, radius 500 m"),
         ('<spiral curvStart="0" curvEnd="0.01"/>', "not straight"),
-        ('<paramPoly3 aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0" dV="300" pRange="normalized"/>', None),
-        ('<paramPoly3 aU="0" bU="1" cU="0" dU="0" aV="0" bV="0.5" cV="0" dV="0" pRange="arcLength"/>', "not straight"),
+        ('<paramPoly3 aV="0" bV="0" cV="0" dV="300" pRange="normalized"/>', None),
+        ('<paramPoly3 aV="0" bV="0.5" cV="0" dV="0" pRange="arcLength"/>', "not straight"),
         ('<poly3 a="0" b="0" c="0.002" d="0"/>', "not straight"),
         ('<arc curvature="0.0005"/>', None),
         ('<arc curvature="1e-9"/>', ""),

@@ -119,7 +119,7 @@ def read(tmp_path: Path, text: str, on: str = "", *, ego: str | None = None) -> 
 
 
 def times(case: MovingCase) -> NDArray[np.float64]:
-    return 0.1 * np.arange(len(case.poses))
+    return np.arange(len(case.poses), dtype=np.float64) * 0.1
 
 
 def apart(value: float, rule: str, *, of: str = "B", free: str = "false", kind: str = "longitudinal") -> str:
