@@ -1,7 +1,7 @@
-"""The files that stand beside highD's `XX_tracks.csv`: `XX_recordingMeta.csv` holds the frame rate and lane markings.
+"""The files beside highD's `XX_tracks.csv`: `XX_recordingMeta.csv` (frame rate, lane markings), `XX_tracksMeta.csv`.
 
-Source: Krajewski et al. (2018), and the format description on highD's site. Only the frame rate is used; lane markings
-are looked at for a file in feet.
+Source: Krajewski et al. (2018), and the format description on highD's site. Decisions need the frame rate only; lane
+markings are looked at for a file in feet, and make the road of recorded traffic, as classes make its vehicles.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from cornerforge.errors import DataError
 
-__all__ = ["FRAMES_PER_SECOND", "RecordingMeta", "is_companion", "read_recording_meta"]
+__all__ = ["FRAMES_PER_SECOND", "RecordingMeta", "is_companion", "read_classes", "read_recording_meta"]
 
 FRAMES_PER_SECOND = 25.0
 """Frame rate of every published highD recording; used without a meta file."""
@@ -33,10 +33,14 @@ class RecordingMeta:
     Attributes:
         frames_per_second: Frame rate.
         lane_width: Median over all lanes [m]; NaN where no markings are given.
+        upper, lower: Lane markings of the two directions, as `y` in the tracks, rising [m]; empty: not given. Traffic
+            of the upper ones drives towards falling `x`.
     """
 
     frames_per_second: float = field(metadata={"unit": "1/s"})
     lane_width: float = field(metadata={"unit": "m"})
+    upper: tuple[float, ...] = field(default=(), metadata={"unit": "m"})
+    lower: tuple[float, ...] = field(default=(), metadata={"unit": "m"})
 
     def notes(self, file: str) -> list[str]:
         """Return a note if lanes are too wide to be in metres: 3.5 to 4 m are 11 to 13 ft."""
@@ -61,22 +65,10 @@ def read_recording_meta(tracks: Path) -> RecordingMeta | None:
     Raises:
         DataError: The meta file holds no usable frame rate, or there are two.
     """
-    named = _TRACKS.fullmatch(tracks.name)
-    if named is None:
+    path = _beside(tracks, "recordingMeta")
+    if path is None:
         return None
-    plain = tracks.with_name(f"{named.group(1)}_recordingMeta.csv")
-    found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if path.is_file()]
-    if not found:
-        return None
-    if len(found) == 2:
-        raise DataError(f"{found[0]} stands there twice, plain and packed; remove one of them.")
-    path = found[0]
-    opened = gzip.open if path.suffix == ".gz" else open
-    try:
-        with opened(path, "rt", encoding="utf-8-sig", newline="") as file:
-            row = next(csv.DictReader(file), {})
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
-        raise DataError(f"Recording meta file {path} cannot be read ({error}).") from error
+    row = next(iter(_read_rows(path)), {})
     text = row.get("frameRate") or ""
     try:
         rate = float(text)
@@ -86,15 +78,52 @@ def read_recording_meta(tracks: Path) -> RecordingMeta | None:
         raise DataError(
             f'Recording meta file {path} has frameRate "{text}", line 2; a number from 1 to 1000 is needed.'
         )
-    return RecordingMeta(rate, _lane_width([row.get("upperLaneMarkings"), row.get("lowerLaneMarkings")]))
+    upper, lower = _markings(row.get("upperLaneMarkings")), _markings(row.get("lowerLaneMarkings"))
+    return RecordingMeta(rate, _lane_width([upper, lower]), upper, lower)
 
 
-def _lane_width(markings: list[str | None]) -> float:
-    """Return the median distance of neighbouring markings; each text lists positions across the road, split by ";"."""
-    widths: list[float] = []
-    for text in markings:
-        try:
-            widths += np.diff([float(part) for part in (text or "").split(";") if part.strip()]).tolist()
-        except ValueError:  # the width only serves to check the units
-            continue
-    return float(np.median(np.abs(widths))) if widths else float("nan")
+def read_classes(tracks: Path) -> dict[str, str]:
+    """Read the class of each vehicle, in small letters, from `XX_tracksMeta.csv` beside a tracks file; {}: no such file.
+
+    Raises:
+        DataError: The file cannot be read, or there are two.
+    """
+    path = _beside(tracks, "tracksMeta")
+    if path is None:
+        return {}
+    return {str(row.get("id")).strip(): str(row.get("class")).strip().lower() for row in _read_rows(path)}
+
+
+def _beside(tracks: Path, what: str) -> Path | None:
+    """Find the file of a kind that belongs to a tracks file."""
+    named = _TRACKS.fullmatch(tracks.name)
+    if named is None:
+        return None
+    plain = tracks.with_name(f"{named.group(1)}_{what}.csv")
+    found = [path for path in (plain, plain.with_name(f"{plain.name}.gz")) if path.is_file()]
+    if len(found) == 2:
+        raise DataError(f"{found[0]} stands there twice, plain and packed; remove one of them.")
+    return found[0] if found else None
+
+
+def _read_rows(path: Path) -> list[dict[str, str]]:
+    opened = gzip.open if path.suffix == ".gz" else open
+    try:
+        with opened(path, "rt", encoding="utf-8-sig", newline="") as file:
+            return list(csv.DictReader(file))
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"Recording meta file {path} cannot be read ({error}).") from error
+
+
+def _markings(text: str | None) -> tuple[float, ...]:
+    """Positions across the road, split by ";"; none where one is no number: tracks can be read without."""
+    try:
+        return tuple(sorted(float(part) for part in (text or "").split(";") if part.strip()))
+    except ValueError:
+        return ()
+
+
+def _lane_width(markings: list[tuple[float, ...]]) -> float:
+    """Return the median distance of neighbouring markings."""
+    widths = np.concatenate([np.diff(positions) for positions in markings])
+    return float(np.median(widths)) if widths.size else float("nan")

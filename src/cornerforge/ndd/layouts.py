@@ -17,10 +17,38 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-__all__ = ["DATA_FORMATS", "LAYOUTS", "Layout", "matching_layouts", "required_columns"]
+from cornerforge.types import CAR, MOTORCYCLE, TRUCK
+
+__all__ = ["DATA_FORMATS", "LAYOUTS", "Layout", "Scene", "matching_layouts", "required_columns"]
 
 DATA_FORMATS = ("highd", "ngsim", "pairs", "tgsim", "tracks")
 _FEET = 0.3048
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What else a layout says, for who wants all vehicles on the road and not only decisions (`read_rows`).
+
+    Attributes:
+        left: 1 where the coordinate across the road grows to the left of a vehicle that drives towards growing
+            positions, -1 where it grows to its right.
+        window: Smoothing window of positions [s].
+        across: Column of the position across the road, and its factor to SI; None: `across` of the layout's numbers.
+        width: Column of a vehicle's width, and its factor; None: not given.
+        kind: Column of a vehicle's class; None: not given.
+        kinds: What that column says -> class (`types.CLASSES`); what is not named here is a car.
+        one_road: All recordings of a file are of one road, in the same coordinates.
+        credit: Who publishes such data, and what to heed before passing on what is made of them.
+    """
+
+    left: int
+    window: float = field(metadata={"unit": "s"})
+    across: tuple[str, float] | None = None
+    width: tuple[str, float] | None = None
+    kind: str | None = None
+    kinds: Mapping[str, int] = field(default_factory=dict)
+    one_road: bool = True
+    credit: str = "not known to cornerforge: heed the licence of the source file"
 
 
 @dataclass(frozen=True)
@@ -39,6 +67,7 @@ class Layout:
         front: Positions are of the front bumper; else of the centre.
         corner: Positions are of the box's corner with the smallest coordinate, whatever the direction of travel.
         ordered: Rows of a vehicle usually stand in time's order, so that a file where they do not is worth a note.
+        scene: What it says of all vehicles on the road; None: it does not say where they are.
     """
 
     name: str
@@ -52,8 +81,10 @@ class Layout:
     front: bool = False
     corner: bool = False
     ordered: bool = True
+    scene: Scene | None = None
 
 
+_NGSIM = "NGSIM, US DOT FHWA: open data of the US government"
 LAYOUTS = (
     Layout(
         name="car-following pairs",
@@ -82,6 +113,7 @@ LAYOUTS = (
         optional=("recording", "length"),
         window=4.1,  # 2.1 s leaves so much noise that held-out I-80 and HOV decisions become less likely
         held_out_from=1.0,
+        scene=Scene(left=1, window=2.1, across=("d_m", 1.0), width=("width_m", 1.0)),
     ),
     Layout(
         name="official NGSIM",
@@ -98,6 +130,16 @@ LAYOUTS = (
         window=2.1,
         front=True,
         ordered=False,
+        scene=Scene(
+            left=-1,
+            window=2.1,
+            across=("local_x", _FEET),
+            width=("v_width", _FEET),
+            kind="v_class",
+            kinds={"1": MOTORCYCLE, "2": CAR, "3": TRUCK},
+            one_road=False,
+            credit=_NGSIM,
+        ),
     ),
     Layout(
         name="TGSIM",
@@ -114,6 +156,15 @@ LAYOUTS = (
         optional=("recording", "length"),
         window=1.1,
         ordered=False,
+        scene=Scene(
+            left=-1,  # the origin is the upper left corner of a picture
+            window=1.1,
+            width=("width_smoothed", 1.0),
+            kind="type_most_common",
+            kinds={"large-vehicle": TRUCK, "large_vehicle": TRUCK, "truck": TRUCK, "bus": TRUCK,
+                   "motorcycle": MOTORCYCLE},
+            credit="TGSIM, US DOT FHWA: open data of the US government",
+        ),
     ),
     Layout(
         name="highD tracks",
@@ -128,6 +179,15 @@ LAYOUTS = (
         texts={"vehicle": "id"},
         window=1.1,
         corner=True,
+        scene=Scene(
+            left=-1,  # the origin is the upper left corner of a picture
+            window=1.1,
+            across=("y", 1.0),
+            width=("height", 1.0),
+            kinds={"car": CAR, "truck": TRUCK},  # from XX_tracksMeta.csv
+            credit="highD, RWTH Aachen (Krajewski et al. 2018): it has a licence of its own, and does not let everybody "
+            "pass on what is made of it",
+        ),
     ),
 )
 """Every layout that can be read; the first whose columns are all there is taken."""

@@ -25,8 +25,8 @@ from cornerforge.ndd.decisions import (
     leader_by_name,
     smooth_tracks,
 )
-from cornerforge.ndd.highd import is_companion, read_recording_meta
-from cornerforge.ndd.layouts import DATA_FORMATS, LAYOUTS, Layout, matching_layouts, required_columns
+from cornerforge.ndd.highd import RecordingMeta, is_companion, read_recording_meta
+from cornerforge.ndd.layouts import DATA_FORMATS, LAYOUTS, Layout, Scene, matching_layouts, required_columns
 from cornerforge.ndd.model import GAPS
 from cornerforge.ndd.row_checks import (
     GAP_RANGE,
@@ -40,7 +40,19 @@ from cornerforge.ndd.row_checks import (
 )
 from cornerforge.ndd.tables import BadRows, Table, file_sha256, read_header, read_table
 
-__all__ = ["GAP_RANGE", "Reading", "guess_format", "read_decisions"]
+__all__ = [
+    "GAP_RANGE",
+    "Reading",
+    "Rows",
+    "direction_of_travel",
+    "guess_format",
+    "jumps",
+    "position_along",
+    "read_decisions",
+    "read_rows",
+    "ticks",
+    "with_tracks",
+]
 
 _BACKWARDS = 2.0
 """Faster reversing than this [m/s] is a tracking error; slower reversing is noise of a standing vehicle."""
@@ -96,7 +108,7 @@ def read_decisions(
     data_format = (
         guess_format(paths) if data_format is None else check_in("trajectory format", data_format, DATA_FORMATS)
     )
-    readings = [_read(path, data_format, window_factor) for path in _with_tracks(paths)]
+    readings = [_read(path, data_format, window_factor) for path in with_tracks(paths)]
     for reading in readings:
         for note in reading.notes:
             warnings.warn(note, stacklevel=2)
@@ -116,7 +128,7 @@ def guess_format(paths: Sequence[Path]) -> str:
     if not paths:
         raise InputError("No trajectory file; name at least one.")
     found: dict[str, Path] = {}
-    for path in _with_tracks(paths):
+    for path in with_tracks(paths):
         header = read_header(path)
         fits = matching_layouts(header)
         if not fits:
@@ -139,7 +151,7 @@ def _formats_of(path: Path) -> set[str]:
     return {name for layout in matching_layouts(read_header(path)) for name in layout.formats}
 
 
-def _with_tracks(paths: Sequence[Path]) -> list[Path]:
+def with_tracks(paths: Sequence[Path]) -> list[Path]:
     """Leave out the files that only accompany highD's tracks.
 
     Raises:
@@ -151,16 +163,44 @@ def _with_tracks(paths: Sequence[Path]) -> list[Path]:
     return tracks
 
 
-def _read(path: Path, data_format: str, window_factor: float) -> Reading:
+@dataclass(frozen=True)
+class Rows:
+    """The usable rows of one file, sorted by vehicle and time.
+
+    Attributes:
+        layout: The layout it was recognised as, with the file's own frame rate.
+        table: The rows; those left out are named in it. More may be dropped from it.
+        notes: What is odd about the file as a whole.
+        meta: highD's meta file, if there is one.
+    """
+
+    layout: Layout
+    table: Table
+    notes: list[str]
+    meta: RecordingMeta | None
+
+
+def read_rows(path: Path, data_format: str, *, scene: bool = False) -> Rows:
+    """Read and check the rows of a trajectory file.
+
+    Args:
+        path: The file.
+        data_format: One of `DATA_FORMATS`.
+        scene: Read what `Layout.scene` names, too: `lateral`, `width` (numbers), `kind` (a text).
+
+    Raises:
+        DataError: The file is missing, empty, cut off, has other columns than the format, or no usable row.
+    """
     header = read_header(path)
     layout = _recognise(path, header, data_format)
-    layout = replace(layout, window=layout.window * window_factor)
     notes: list[str] = []
     meta = read_recording_meta(path) if data_format == "highd" else None
     if meta is not None:
         frames = (layout.numbers["time"][0], 1.0 / meta.frames_per_second)
         layout = replace(layout, numbers={**layout.numbers, "time": frames})
         notes += meta.notes(path.name)
+    if scene and layout.scene is not None:
+        layout = _with_scene(layout, layout.scene)
     numbers = {name: column for name, column in layout.numbers.items() if column[0] in header}
     texts = {name: column for name, column in layout.texts.items() if column in header}
     table = read_table(path, numbers, texts)
@@ -168,6 +208,20 @@ def _read(path: Path, data_format: str, window_factor: float) -> Reading:
     if table.line.size == 0:
         hint = f" {notes[0]}" if notes else ""
         raise DataError(f"Trajectory file {path} holds no usable row; first fault: {_first_fault(table.bad)}.{hint}")
+    return Rows(layout, table, notes, meta)
+
+
+def _with_scene(layout: Layout, scene: Scene) -> Layout:
+    """Let the columns of a scene be read like the others."""
+    more = {name: column for name, column in (("lateral", scene.across), ("width", scene.width)) if column is not None}
+    texts = layout.texts if scene.kind is None else {**layout.texts, "kind": scene.kind}
+    return replace(layout, numbers={**layout.numbers, **more}, texts=texts)
+
+
+def _read(path: Path, data_format: str, window_factor: float) -> Reading:
+    rows = read_rows(path, data_format)
+    layout = replace(rows.layout, window=rows.layout.window * window_factor)
+    table, notes = rows.table, rows.notes
     vehicles = int(drivers(table).max()) + 1
     decisions = _pairs(table, layout) if layout.kind == "pairs" else _tracks(table, layout, notes)
     return Reading(path, file_sha256(path), layout, decisions, table.rows_read, table.bad, vehicles, tuple(notes))
@@ -201,7 +255,7 @@ def _first_fault(bad: BadRows) -> str:
     return f"{reason} ({count} row(s), first at line {line})"
 
 
-def _ticks(table: Table, driver: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+def ticks(table: Table, driver: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
     """Time in steps, and the number of steps in a second.
 
     Raises:
@@ -232,7 +286,7 @@ def _held_out(table: Table, layout: Layout, driver: NDArray[np.int64]) -> NDArra
 def _pairs(table: Table, layout: Layout) -> Decisions:
     """Decisions from rows that hold the leader's speed and the gap."""
     driver = drivers(table)
-    tick, per_second = _ticks(table, driver)
+    tick, per_second = ticks(table, driver)
     speed = table.numbers["speed"]
     states = Decisions(
         speed=speed,
@@ -249,10 +303,10 @@ def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
     """Decisions from tracks: smooth, find the leader, take the gap between bumpers; adds to `notes`."""
     along = _along_road(table, layout, drivers(table))
     notes += speed_note(table.name, layout.numbers["position"][0], _raw_speeds(table, along))
-    jump = _jumps(table, along)
+    jump = jumps(table, along)
     table.drop(f"{layout.numbers['position'][0]} jumps (faster than {SPEED_RANGE[1]:g} m/s)", jump)
     along, driver = along[~jump], drivers(table)
-    tick, per_second = _ticks(table, driver)
+    tick, per_second = ticks(table, driver)
     position, speed = smooth_tracks(driver, tick, along, 1.0 / per_second, layout.window)
     length = table.numbers.get("length", np.full(speed.size, MEAN_LENGTH))
     if layout.kind == "leaders":
@@ -278,7 +332,7 @@ def _tracks(table: Table, layout: Layout, notes: list[str]) -> Decisions:
     return decide_each_second(states, tick, partner, usable, per_second)
 
 
-def _jumps(table: Table, along: NDArray[np.float64]) -> NDArray[np.bool_]:
+def jumps(table: Table, along: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell which rows a vehicle cannot have reached from its previous row, shape (n,): smoothing would hide them."""
     driver = drivers(table)
     jump = np.zeros(along.size, dtype=bool)
@@ -295,18 +349,30 @@ def _raw_speeds(table: Table, along: NDArray[np.float64]) -> NDArray[np.float64]
 
 def _along_road(table: Table, layout: Layout, driver: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the position in the direction of travel [m], shape (n,): the longer axis, reversed in opposite lanes."""
+    position, _ = position_along(table, layout)
+    return np.where(direction_of_travel(table, driver, position), position, -position)
+
+
+def position_along(table: Table, layout: Layout) -> tuple[NDArray[np.float64], bool]:
+    """Return the position on the longer axis [m], shape (n,), and whether that is the one called `across`."""
     position = table.numbers["position"]
     if layout.corner:
         position = position + table.numbers["length"] / 2.0
     across = table.numbers.get("across", position)
-    if np.ptp(across) > np.ptp(position):
-        position = across
+    swapped = bool(np.ptp(across) > np.ptp(position))
+    return (across if swapped else position), swapped
+
+
+def direction_of_travel(
+    table: Table, driver: NDArray[np.int64], position: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Tell which rows are in lanes whose vehicles drive towards growing positions, bool (n,); all without lanes."""
     if "lane" not in table.numbers:
-        return position
-    lane = np.unique(table.numbers["lane"], return_inverse=True)[1]
+        return np.ones(position.size, dtype=np.bool_)
+    lane = np.unique(table.numbers["lane"], return_inverse=True)[1].reshape(-1)
     moved = np.where(np.diff(driver) == 0, np.diff(position), 0.0)
     forward = np.bincount(lane[1:], weights=moved, minlength=int(lane.max()) + 1) >= 0.0
-    return np.where(forward[lane], position, -position)
+    return np.asarray(forward[lane])
 
 
 def _leader_driver(table: Table, driver: NDArray[np.int64]) -> NDArray[np.int64]:

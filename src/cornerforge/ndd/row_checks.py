@@ -30,6 +30,7 @@ IMPLAUSIBLE_SPEED = 60.0
 PLAUSIBLE_LENGTH = (2.5, 10.0)
 """The median vehicle length is within this [m]: cars have 4 to 5, which in feet are 13 to 16."""
 _LENGTH_RANGE = (1.0, 40.0)
+_WIDTH_RANGE = (0.3, 4.0)
 _STEP_TOLERANCE = 0.1
 """Two time steps that differ by less than this share are the same."""
 _POSITION_LIMIT = 1e7
@@ -68,10 +69,12 @@ def _check_ranges(table: Table, layout: Layout) -> None:
         "speed": (*SPEED_RANGE, "m/s"),
         "lead_speed": (*SPEED_RANGE, "m/s"),
         "length": (*_LENGTH_RANGE, "m"),
+        "width": (*_WIDTH_RANGE, "m"),
         "gap": (low_gap, high_gap, "m"),
         "spacing": (low_gap + MEAN_LENGTH, high_gap + MEAN_LENGTH, "m"),
         "position": (-_POSITION_LIMIT, _POSITION_LIMIT, "m"),
         "across": (-_POSITION_LIMIT, _POSITION_LIMIT, "m"),
+        "lateral": (-_POSITION_LIMIT, _POSITION_LIMIT, "m"),
         "time": (-_TIME_LIMIT, _TIME_LIMIT, "s"),
         "lane": (0.0, LANE_LIMIT, ""),
     }
