@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from cornerforge.road.straight import along
 from cornerforge.types import Scenario
 
 __all__ = ["contact_time", "lane_ttc", "plane_ttc"]
+
+_Size: TypeAlias = float | NDArray[np.float64]
 
 
 def lane_ttc(scenario: Scenario, partner: int) -> NDArray[np.float64]:
@@ -65,8 +68,8 @@ def contact_time(
     velocity: NDArray[np.float64],
     heading_a: NDArray[np.float64],
     heading_b: NDArray[np.float64],
-    lengths: tuple[float, float],
-    widths: tuple[float, float],
+    lengths: tuple[_Size, _Size],
+    widths: tuple[_Size, _Size],
 ) -> NDArray[np.float64]:
     """Time until two boxes touch if both keep their velocity and heading [s]: TTC in the plane.
 
@@ -78,7 +81,7 @@ def contact_time(
         velocity: Velocity of B minus that of A [m/s], shape (T, 2).
         heading_a: Of A, counter-clockwise [rad], shape (T,).
         heading_b: Of B, shape (T,).
-        lengths, widths: Of A and B [m].
+        lengths, widths: Of A and B [m], numbers or (T,).
 
     Returns:
         Shape (T,), in [0, inf]: 0 where the boxes overlap, +inf where they never touch, NaN where an input is NaN.
@@ -105,6 +108,6 @@ def contact_time(
     return np.where(np.isnan(offset).any(axis=1) | np.isnan(velocity).any(axis=1), np.nan, result)
 
 
-def _half_extent(angle: NDArray[np.float64], length: float, width: float) -> NDArray[np.float64]:
+def _half_extent(angle: NDArray[np.float64], length: _Size, width: _Size) -> NDArray[np.float64]:
     """Half the box's shadow [m] on an axis that stands at `angle` [rad] to the box's length."""
     return 0.5 * (length * np.abs(np.cos(angle)) + width * np.abs(np.sin(angle)))

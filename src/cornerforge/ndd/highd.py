@@ -83,7 +83,7 @@ def read_recording_meta(tracks: Path) -> RecordingMeta | None:
 
 
 def read_classes(tracks: Path) -> dict[str, str]:
-    """Read the class of each vehicle, in small letters, from `XX_tracksMeta.csv` beside a tracks file; {}: no such file.
+    """Read the class of each vehicle, in small letters, from `XX_tracksMeta.csv` beside a tracks file; {} without it.
 
     Raises:
         DataError: The file cannot be read, or there are two.

@@ -161,8 +161,13 @@ LAYOUTS = (
             window=1.1,
             width=("width_smoothed", 1.0),
             kind="type_most_common",
-            kinds={"large-vehicle": TRUCK, "large_vehicle": TRUCK, "truck": TRUCK, "bus": TRUCK,
-                   "motorcycle": MOTORCYCLE},
+            kinds={
+                "large-vehicle": TRUCK,
+                "large_vehicle": TRUCK,
+                "truck": TRUCK,
+                "bus": TRUCK,
+                "motorcycle": MOTORCYCLE,
+            },
             credit="TGSIM, US DOT FHWA: open data of the US government",
         ),
     ),
@@ -185,8 +190,7 @@ LAYOUTS = (
             across=("y", 1.0),
             width=("height", 1.0),
             kinds={"car": CAR, "truck": TRUCK},  # from XX_tracksMeta.csv
-            credit="highD, RWTH Aachen (Krajewski et al. 2018): it has a licence of its own, and does not let everybody "
-            "pass on what is made of it",
+            credit="highD, RWTH Aachen (Krajewski et al. 2018): read its licence before passing on what is made of it",
         ),
     ),
 )

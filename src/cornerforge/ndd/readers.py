@@ -363,9 +363,7 @@ def position_along(table: Table, layout: Layout) -> tuple[NDArray[np.float64], b
     return (across if swapped else position), swapped
 
 
-def direction_of_travel(
-    table: Table, driver: NDArray[np.int64], position: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def direction_of_travel(table: Table, driver: NDArray[np.int64], position: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell which rows are in lanes whose vehicles drive towards growing positions, bool (n,); all without lanes."""
     if "lane" not in table.numbers:
         return np.ones(position.size, dtype=np.bool_)
