@@ -18,7 +18,8 @@ of lengths that are wrong, or of a tracking error, makes no case.
 
 **The others do not react.** They are on rails: whoever drives in the ego's place starts with its recorded place and
 speed, and all others go where they went. An AV that brakes where the recorded driver did not can be struck from behind
-by a vehicle that would have braked; such a crash says little of the AV. Who struck whom tells them apart.
+by a vehicle that would have braked; such a crash says little of the AV. Who struck whom tells them apart. In the last
+frame the ego is alone: what the others did after the window is not known, so nobody is struck there.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -278,6 +279,7 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
         (LATERAL_SPEED, traffic.lateral_speed), (ACCELERATION, traffic.acceleration), (LANE, traffic.lane),
     ):  # fmt: skip
         poses[(*place, number)] = values[rows]
+    poses[-1, 1:] = np.nan
     if _overlaps(poses, traffic.length[vehicles], traffic.width[vehicles]):
         return "the recorded car overlaps another vehicle (smoothing, wrong sizes or a tracking error)"
     return _Window(traffic, event.ego, event.other, first, vehicles, poses)
@@ -300,7 +302,7 @@ def _stretch(traffic: Traffic, row: int) -> Ints:
     """Rows of the same vehicle around a row, without a gap."""
     same = np.flatnonzero(traffic.vehicle == traffic.vehicle[row])
     stretch = traffic.frame[same] - np.arange(same.size)
-    return same[stretch == stretch[np.searchsorted(same, row)]]
+    return np.asarray(same[stretch == stretch[np.searchsorted(same, row)]])
 
 
 def _overlaps(poses: Floats, length: Floats, width: Floats) -> bool:
@@ -400,7 +402,7 @@ def _facts(window: _Window, measure: str) -> dict[str, Fact]:
 
 def _cut(window: _Window) -> tuple[str, ...]:
     """Say how many vehicles are not there for the whole window."""
-    partly = int(np.isnan(window.poses[:, 1:, X]).any(axis=0).sum())
+    partly = int(np.isnan(window.poses[:-1, 1:, X]).any(axis=0).sum())
     if partly == 0:
         return ()
     return (f"{partly} of {window.vehicles.size - 1} other vehicles are there for a part of the window only",)
