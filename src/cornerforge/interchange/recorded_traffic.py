@@ -303,15 +303,15 @@ def _road_of_lanes(path: Path, lane: Ints | None, left: Floats, notes: Sequence[
     steps = np.diff(middle)
     apart = steps[steps > 0.5 * np.median(steps)] if steps.size else steps  # ramps of one place share a middle
     width = float(np.median(apart)) if apart.size else _LONE_LANE
+    if float(np.median(spread)) > _STRAIGHT * min(width, _LANE_WIDTHS[1]):
+        raise DataError(
+            f"Trajectory file {path}: within one lane vehicles are spread over {np.median(spread):.3g} m across the "
+            "road, so the road does not run along an axis of its coordinates. Give positions along and across the road."
+        )
     if not _LANE_WIDTHS[0] <= width <= _LANE_WIDTHS[1]:
         raise DataError(
             f"Trajectory file {path}: lanes are {width:.3g} m apart, where {_LANE_WIDTHS[0]:g} to {_LANE_WIDTHS[1]:g} "
             f"m can be driven. Are positions in metres, and lanes numbered side by side?{hint}"
-        )
-    if float(np.median(spread)) > _STRAIGHT * width:
-        raise DataError(
-            f"Trajectory file {path}: within one lane vehicles are spread over {np.median(spread):.3g} m across the "
-            "road, so the road does not run along an axis of its coordinates. Give positions along and across the road."
         )
     place = np.concatenate([[0], np.cumsum(np.maximum(np.rint(steps / width), 0.0))]).astype(np.int64)
     count = int(place[-1]) + 1
