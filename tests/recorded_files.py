@@ -48,7 +48,7 @@ def motorway() -> list[Track]:
     aside = 0.5 - 0.5 * np.cos(np.pi * np.clip((time - 2.0) / 5.0, 0.0, 1.0))
     changer = Track(6, 4.2, 1.7, "car", 0, 160.0 + 24.0 * time, (1.5 + aside) * LANE_WIDTH)
     return [
-        straight_on(1, 1, 40.0, 22.0),
+        braking(1, 1, 40.0, 22.0, 2.0, 6.0, 14.0),
         braking(2, 1, 85.0, 22.0, 1.5, 3.0, 16.0),
         straight_on(3, 0, 60.0, 20.0, length=16.0, width=2.5, kind="truck"),
         straight_on(4, 0, 20.0, 21.0, length=2.2, width=0.8, kind="motorcycle"),

@@ -194,6 +194,19 @@ def test_feet_taken_for_metres_are_an_error(tmp_path: Path) -> None:
         read_traffic([path])
 
 
+def test_ten_thousand_vehicles_in_one_place_are_an_error(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    place, lane = rng.uniform(0.0, 900.0, 10_000), rng.integers(0, LANES, 10_000)
+    tracks = [straight_on(k, int(lane[k]), float(place[k]), 20.0, seconds=0.5) for k in range(10_000)]
+    with pytest.raises(DataError, match=r"1,\d\d\d vehicles are within 100 m at one time"):
+        read_traffic([clips_file(tmp_path / "a.csv", tracks)])
+
+
+def test_a_single_row_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"a\.csv has 1 row"):
+        read_traffic([clips_file(tmp_path / "a.csv", [straight_on(1, 1, 0.0, 20.0, seconds=0.0)])])
+
+
 @needs_us101
 def test_us101_is_what_its_own_columns_say() -> None:
     """Speeds and lanes of the file itself, which this reader does not look at; every row that has both."""

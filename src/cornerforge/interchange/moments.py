@@ -12,8 +12,8 @@ ego's. The measures:
 | `thw` | time headway [s] | finds who follows closely, whether or not anything happens |
 | `contact` | time to contact in the plane [s] | needs no one in the way: it sees vehicles that come closer sideways, and the noise of positions across the road, too |
 
-Egos are cars, as an AV is. One event of an ego gives one moment, that of the worst value: of moments of one ego that
-are nearer to each other than half a window only the worst counts. Whose recorded boxes overlap, because of smoothing,
+Egos are cars, as an AV is. One event of an ego gives one moment, that of the worst value: none within half a window
+before or after it is worse. Whose recorded boxes overlap, because of smoothing,
 of lengths that are wrong, or of a tracking error, makes no case.
 
 **The others do not react.** They are on rails: whoever drives in the ego's place starts with its recorded place and
@@ -58,8 +58,6 @@ _AHEAD = 100.0
 """How far ahead an ego is looked for others [m]."""
 _BESIDE = 8.0
 """How far across the road [m]."""
-_MOST_AHEAD = 250
-"""More vehicles within `_AHEAD` stand on no road."""
 _KEPT_BEHIND, _KEPT_AHEAD = 150.0, 250.0
 """Others that come so near to the ego within the window are in the case [m]."""
 _MOST_VEHICLES = 200
@@ -129,7 +127,7 @@ def critical_moments(
 
     Raises:
         InputError, UnknownNameError: A number is out of range, or there is no such measure.
-        DataError: Nobody drives behind anybody, or too many vehicles are in one place.
+        DataError: Nobody drives behind anybody.
     """
     check_integer("cases", most, low=1, high=100_000)
     check_number("before", before_s, low=_LEAST_BEFORE, high=60.0, unit="s")
@@ -164,44 +162,57 @@ def _label(traffic: Traffic, row: int) -> str:
 
 
 def _events(number: int, traffic: Traffic, measure: str, apart: int) -> Iterator[_Event]:
-    """Find the worst moment of each event, ego by ego."""
+    """Find the worst moment of each event, ego by ego: no moment of this ego nearer than `apart` frames is worse."""
     pairs = _all_pairs(traffic, measure)
-    order = np.lexsort((traffic.frame[pairs.ego], -pairs.badness, traffic.vehicle[pairs.ego]))
-    ego = traffic.vehicle[pairs.ego][order]
-    bounds = np.flatnonzero(np.diff(ego, prepend=-1, append=-1))
-    for first, end in pairwise(bounds.tolist()):
-        left = order[first:end]  # the worst first
-        while left.size:
-            worst = left[0]
-            frame = traffic.frame[pairs.ego[left]]
-            yield _Event(float(pairs.badness[worst]), number, int(pairs.ego[worst]), int(pairs.other[worst]))
-            left = left[np.abs(frame - frame[0]) >= apart]
+    frame = traffic.frame[pairs.ego]
+    # Of the others at one frame the worst stands first; of two that are equally bad, the first in the traffic's order.
+    order = np.lexsort((pairs.other, -pairs.badness, frame, traffic.vehicle[pairs.ego]))
+    same = (np.diff(pairs.ego[order]) == 0) if order.size else np.zeros(0, dtype=np.bool_)
+    worst = order[np.concatenate([[True], ~same])[: order.size]]
+    for first, end in pairwise(
+        np.flatnonzero(np.diff(traffic.vehicle[pairs.ego[worst]], prepend=-1, append=-1)).tolist()
+    ):
+        of_ego = worst[first:end]
+        for k in _peaks(frame[of_ego], pairs.badness[of_ego], apart):
+            row = of_ego[k]
+            yield _Event(float(pairs.badness[row]), number, int(pairs.ego[row]), int(pairs.other[row]))
+
+
+def _peaks(frame: Ints, badness: Floats, apart: int) -> list[int]:
+    """Find where a value is the largest of all nearer than `apart` frames; the first of equal ones."""
+    from scipy.ndimage import maximum_filter1d
+
+    series = np.full(int(frame[-1] - frame[0]) + 1, -np.inf)
+    series[frame - frame[0]] = badness
+    highest = maximum_filter1d(series, 2 * apart - 1, mode="constant", cval=-np.inf)
+    kept: list[int] = []
+    for k in np.flatnonzero(badness == highest[frame - frame[0]]).tolist():
+        if not kept or frame[k] - frame[kept[-1]] >= apart:
+            kept.append(k)
+    return kept
 
 
 def _all_pairs(traffic: Traffic, measure: str) -> _Pairs:
     """Measure all pairs of a car and one ahead of it that is in its way."""
     order = np.lexsort((traffic.x, traffic.frame))
     steady = _is_steady(traffic)
-    found: list[_Pairs] = []
+    found = [_NO_PAIRS]
     for step in range(1, order.size):
         behind, ahead = order[:-step], order[step:]
         near = traffic.frame[behind] == traffic.frame[ahead]
         near &= traffic.x[ahead] - traffic.x[behind] <= _AHEAD
         if not near.any():
             break
-        if step > _MOST_AHEAD:
-            raise DataError(
-                f"{traffic.file.name}: more than {_MOST_AHEAD} vehicles are within {_AHEAD:g} m at "
-                f"{traffic.began + FRAME_S * traffic.frame[behind[near][0]]:.1f} s, which no road holds; are "
-                "positions in metres, and recordings kept apart?"
-            )
         near &= np.abs(traffic.y[ahead] - traffic.y[behind]) <= _BESIDE
         near &= (traffic.kind[traffic.vehicle[behind]] == CAR) & steady[behind] & steady[ahead]
         ego, other = behind[near], ahead[near]
+        if measure != "contact":
+            in_the_way = _shared(traffic, ego, other) > _IN_THE_WAY
+            ego, other = ego[in_the_way], other[in_the_way]
         badness = _badness(traffic, ego, other, measure)
         worth = np.isfinite(badness)
         found.append(_Pairs(ego[worth], other[worth], badness[worth]))
-    return _Pairs(*(np.concatenate(parts) for parts in zip(*found, strict=True))) if found else _NO_PAIRS
+    return _Pairs(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 _NO_PAIRS = _Pairs(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
@@ -214,40 +225,42 @@ def _is_steady(traffic: Traffic) -> Bools:
     return np.asarray(FRAME_S * np.bincount(stretch)[stretch] >= traffic.file.window)
 
 
+def _shared(traffic: Traffic, ego: Ints, other: Ints) -> Floats:
+    """By how much boxes overlap across the road [m], (n,); negative: they do not."""
+    widths = traffic.width[traffic.vehicle[ego]] + traffic.width[traffic.vehicle[other]]
+    return np.asarray(0.5 * widths - np.abs(traffic.y[other] - traffic.y[ego]))
+
+
+def _gap(traffic: Traffic, ego: Ints, other: Ints) -> Floats:
+    """Distance between bumpers [m], (n,)."""
+    lengths = traffic.length[traffic.vehicle[ego]], traffic.length[traffic.vehicle[other]]
+    return bbd(traffic.x[ego], traffic.x[other], *lengths)
+
+
 def _badness(traffic: Traffic, ego: Ints, other: Ints, measure: str) -> Floats:
-    """Return how bad the measure is; -inf where it does not apply, inf never."""
-    values = _values(traffic, ego, other)
-    value = values[measure]
-    bad = value if measure == "drac" else -value
-    applies = (values["gap"] > 0.0) & (value > 0.0) & np.isfinite(value)
-    if measure != "contact":
-        applies &= values["in_the_way"] > 0.0
-    return np.where(applies, bad, -np.inf)
+    """Return how bad the measure is, (n,); -inf where it does not apply, inf never."""
+    value = _value(traffic, ego, other, measure)
+    applies = (_gap(traffic, ego, other) > 0.0) & (value > 0.0) & np.isfinite(value)
+    return np.where(applies, value if measure == "drac" else -value, -np.inf)
 
 
-def _values(traffic: Traffic, ego: Ints, other: Ints) -> dict[str, Floats]:
-    """Compute all measures of pairs of rows, each (n,), the gap [m] and whether the other is in the way (0 or 1)."""
-    mine, theirs = traffic.vehicle[ego], traffic.vehicle[other]
-    gap = bbd(traffic.x[ego], traffic.x[other], traffic.length[mine], traffic.length[theirs])
+def _value(traffic: Traffic, ego: Ints, other: Ints, measure: str) -> Floats:
+    """Compute a measure of pairs of rows, (n,)."""
     rate = traffic.speed[other] - traffic.speed[ego]
-    aside = np.abs(traffic.y[other] - traffic.y[ego])
-    shared = 0.5 * (traffic.width[mine] + traffic.width[theirs]) - aside
-    contact = contact_time(
-        np.stack([traffic.x[other] - traffic.x[ego], traffic.y[other] - traffic.y[ego]], axis=1),
-        np.stack([rate, traffic.lateral_speed[other] - traffic.lateral_speed[ego]], axis=1),
-        traffic.heading[ego],
-        traffic.heading[other],
-        (traffic.length[mine], traffic.length[theirs]),
-        (traffic.width[mine], traffic.width[theirs]),
-    )
-    return {
-        "gap": gap,
-        "in_the_way": np.where(shared > _IN_THE_WAY, 1.0, 0.0),
-        "drac": drac(gap, rate),
-        "ttc": ttc(gap, rate),
-        "thw": thw(gap, traffic.speed[ego]),
-        "contact": contact,
-    }
+    if measure == "contact":
+        mine, theirs = traffic.vehicle[ego], traffic.vehicle[other]
+        return contact_time(
+            np.stack([traffic.x[other] - traffic.x[ego], traffic.y[other] - traffic.y[ego]], axis=1),
+            np.stack([rate, traffic.lateral_speed[other] - traffic.lateral_speed[ego]], axis=1),
+            traffic.heading[ego],
+            traffic.heading[other],
+            (traffic.length[mine], traffic.length[theirs]),
+            (traffic.width[mine], traffic.width[theirs]),
+        )
+    gap = _gap(traffic, ego, other)
+    if measure == "thw":
+        return thw(gap, traffic.speed[ego])
+    return drac(gap, rate) if measure == "drac" else ttc(gap, rate)
 
 
 def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) -> _Window | str:
@@ -368,12 +381,10 @@ def _plain(window: _Window) -> str:
 
 def _facts(window: _Window, measure: str) -> dict[str, Fact]:
     traffic, file = window.traffic, window.traffic.file
-    values = {
-        name: float(value[0])
-        for name, value in _values(traffic, np.array([window.ego_row]), np.array([window.other_row])).items()
-    }
-    moment = int(traffic.frame[window.ego_row])
+    ego, other = np.array([window.ego_row]), np.array([window.other_row])
+    values = {name: float(_value(traffic, ego, other, name)[0]) for name in MEASURES}
     known = {name: value if np.isfinite(value) else None for name, value in values.items()}
+    moment = int(traffic.frame[window.ego_row])
     return {
         "source": file.name,
         "source_sha256": file.sha256,
@@ -388,7 +399,7 @@ def _facts(window: _Window, measure: str) -> dict[str, Fact]:
         "moment_s": round(FRAME_S * (moment - window.first), 3),
         "measure": measure,
         f"measure_{_UNITS[measure]}": known[measure],
-        "gap_m": known["gap"],
+        "gap_m": float(_gap(traffic, ego, other)[0]),
         "drac_mps2": known["drac"],
         "ttc_s": known["ttc"],
         "thw_s": known["thw"],

@@ -60,6 +60,8 @@ _LONE_LANE = 3.6
 """Width of the lane of a road on which one lane only was recorded [m]."""
 _STRAIGHT = 1.25
 """Within a lane nine in ten positions lie within this many lane widths; else the road does not run along an axis."""
+_ROOM, _MOST_IN_ROOM = 100.0, 250
+"""More vehicles than this within so many metres stand on no road [m]."""
 _USUAL_WIDTH = {CAR: 1.9, TRUCK: 2.5, MOTORCYCLE: CLASSES[MOTORCYCLE].width}
 _TRUCK_FROM, _MOTORCYCLE_UP_TO = 8.0, (3.2, 1.3)
 """Where a file names no classes: length of the shortest truck [m]; length and width of the largest motorcycle [m]."""
@@ -167,8 +169,9 @@ def read_traffic(paths: Sequence[Path], data_format: str | None = None) -> list[
 
     Raises:
         UnknownNameError, InputError: No such format, or the columns leave it open.
-        DataError: A file is missing, empty, cut off, has other columns, has no position across the road or no usable
-            row, or its road cannot be driven: lanes below 2.5 m or above 6 m (feet taken for metres?), a bend.
+        DataError: A file is missing, empty, cut off, has other columns, has no position across the road, less than 5
+            rows a second, more vehicles than fit onto a road or no usable stretch, or its road cannot be driven: lanes
+            below 2.5 m or above 6 m (feet taken for metres?), a bend.
     """
     data_format = (
         guess_format(paths) if data_format is None else check_in("trajectory format", data_format, DATA_FORMATS)
@@ -197,17 +200,46 @@ def _read_file(path: Path, data_format: str) -> list[Traffic]:
             "more are needed to tell how critical a moment is."
         )
     recording = table.texts.get("recording", np.zeros_like(driver))
+    _check_room(path, table, 2 * recording + forward, tick, along)
     groups = list(zip(*np.unique(np.stack([recording, ~forward]), axis=1).tolist(), strict=True))
     roads = _roads(path, rows, scene, groups, recording, forward, left)
     parts = []
     for number, back in groups:
         group = _Group(path, rows, scene, int(number), not back, (recording == number) & (forward != bool(back)))
         parts.append(_traffic(group, roads[int(number), not back], driver, tick, per_second, along, left))
+    if not any(part is not None for part in parts):
+        reasons = "; ".join(f"{reason} ({count})" for reason, (count, _) in table.bad.reasons.items())
+        raise DataError(f"Trajectory file {path} holds no stretch of {_SHORT_WINDOW:g} s on the road: {reasons}.")
     file = TrafficFile(
         name=path.name, sha256=file_sha256(path), layout=layout.name, credit=scene.credit, window=scene.window,
         rows_read=table.rows_read, left_out=dict(table.bad.reasons), notes=(*rows.notes, *_sizes_note(table)),
     )  # fmt: skip
     return [replace(part, file=file) for part in parts if part is not None]
+
+
+def _check_room(path: Path, table: Table, road: Ints, tick: Ints, along: Floats) -> None:
+    """Refuse more vehicles in one place than a road holds.
+
+    Args:
+        path: For the message.
+        table: The rows.
+        road: Recording and direction, as one number, (n,).
+        tick: When, (n,).
+        along: Where [m], (n,).
+
+    Raises:
+        DataError: There are.
+    """
+    order = np.lexsort((along, tick, road))
+    place, moment = along[order], np.cumsum(np.diff(tick[order], prepend=0) != 0)
+    key = moment * (float(np.ptp(place)) + 2.0 * _ROOM) + place - place.min()
+    ahead = np.searchsorted(key, key + _ROOM, side="right") - np.arange(key.size)
+    worst = int(np.argmax(ahead))
+    if ahead[worst] > _MOST_IN_ROOM:
+        raise DataError(
+            f"Trajectory file {path}: {ahead[worst]:,} vehicles are within {_ROOM:g} m at one time (first at line "
+            f"{table.line[order[worst]]}), which no road holds. Are positions in metres, and recordings kept apart?"
+        )
 
 
 def _directed(table: Table, layout: Layout, scene: Scene) -> tuple[Bools, Floats, Floats]:
