@@ -54,6 +54,8 @@ _BACKWARDS = 2.0
 """Faster reversing than this [m/s] is a tracking error, as in `ndd.readers`."""
 _STEADY_SPEED = 3.0
 """Below it a heading is that of the same lateral speed at this speed [m/s]: noise does not turn a standing vehicle."""
+_SIDEWAYS = 0.2
+"""Slower than this nobody changes lanes [m/s]: within a lane vehicles of US-101 wander at 0.2 m/s."""
 _LANE_WIDTHS = (2.5, 6.0)
 """Lane widths that can be driven [m]."""
 _LONE_LANE = 3.6
@@ -116,7 +118,8 @@ class Traffic:
         lateral_speed: To the left positive [m/s], (n,).
         heading: Counter-clockwise from the road's direction [rad], (n,).
         acceleration: Along the road [m/s2], (n,).
-        lane: Lane of the centre, 0 = rightmost, int64 (n,).
+        lane: Lane that it keeps or goes to, 0 = rightmost, int64 (n,): that of the centre, but while it is moving
+            over to another lane, and does cross the marking, already that one.
     """
 
     file: TrafficFile
@@ -404,7 +407,7 @@ def _traffic(
         lateral_speed=moving["lateral_speed"],
         heading=np.arctan2(moving["lateral_speed"], np.maximum(speed, _STEADY_SPEED)),
         acceleration=_slope(speed, start),
-        lane=np.clip(np.floor(moving["y"] / road.lane_width), 0, road.lanes - 1).astype(np.int64),
+        lane=_lanes(moving["y"], moving["lateral_speed"], start, road),
     )  # fmt: skip
 
 
@@ -498,6 +501,24 @@ def _slope(speed: Floats, starts: Ints) -> Floats:
         if end - first > 1:
             made[first:end] = np.gradient(speed[first:end], FRAME_S)
     return made
+
+
+def _lanes(y: Floats, lateral_speed: Floats, starts: Ints, road: _Road) -> Ints:
+    """Find the lane that each vehicle keeps or goes to, (n,).
+
+    It is the lane of the centre; before the centre crosses a marking, the one that it goes to, as long as it has been
+    moving there.
+    """
+    own = np.clip(np.floor(y / road.lane_width), 0, road.lanes - 1).astype(np.int64)
+    lane = own.copy()
+    for first, end in zip(starts, np.append(starts[1:], y.size), strict=True):
+        for crossed in first + 1 + np.flatnonzero(np.diff(own[first:end])):
+            side = np.sign(own[crossed] - own[crossed - 1])
+            row = crossed - 1
+            while row >= first and side * lateral_speed[row] > _SIDEWAYS and own[row] == own[crossed - 1]:
+                lane[row] = own[crossed]
+                row -= 1
+    return lane
 
 
 def _sizes(group: _Group, vehicle: Ints, count: int, names: Sequence[str]) -> tuple[Floats, Floats, NDArray[np.int8]]:
