@@ -75,10 +75,10 @@ def test_an_av_that_brakes_late_strikes_and_one_that_brakes_early_is_struck(tmp_
     assert (late.crashes, late.strikers) == (1, {"av": 1, "bv": 0, "mutual": 0})
     (row,) = late.cases
     assert (row.ego, row.other, row.outcome, row.striker) == ("1", "2", "crash", "av")
-    good = cases_from_data(path, out=tmp_path / "good", av="idm-mobil", cases=1)
+    good = cases_from_data(path, out=tmp_path / "good", av="cc-human", cases=1)
     assert (good.crashes, good.libraries) == (0, ())
     followed = clips_file(tmp_path / "b.csv", queue(behind=9.0))
-    struck = cases_from_data(followed, out=tmp_path / "struck", av="idm-mobil", cases=1)
+    struck = cases_from_data(followed, out=tmp_path / "struck", av="cc-human", cases=1)
     assert (struck.crashes, struck.strikers) == (1, {"av": 0, "bv": 1, "mutual": 0})
     library = CaseLibrary.open(Path(struck.libraries[0]))
     assert library.scalars(["case_id"])["case_id"].to_pylist() == [struck.cases[0].case_id]

@@ -63,6 +63,10 @@ _KEPT_BEHIND, _KEPT_AHEAD = 150.0, 250.0
 _MOST_VEHICLES = 200
 _LEAST_BEFORE, _LEAST_AFTER = 2.0, 1.0
 """Shortest part of a window before and after the moment, where a track begins late or ends early [s]."""
+_SIDEWAYS = 0.2
+"""Who moves sideways more slowly keeps its lane: it has no lateral speed and no heading in a case [m/s]. An AV sees
+whoever has one as it sees a lane change, and the wandering and the noise of recorded vehicles are as fast as this. Its
+place stays the recorded one."""
 _SAME = 0.2
 """Places and speeds of two moments that differ by less are the same, smoothed with other neighbours [m, m/s]."""
 _AV_LENGTHS, _AV_WIDTHS = (2.0, 20.0), (1.0, 2.6)
@@ -292,6 +296,8 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
         (LATERAL_SPEED, traffic.lateral_speed), (ACCELERATION, traffic.acceleration), (LANE, traffic.lane),
     ):  # fmt: skip
         poses[(*place, number)] = values[rows]
+    straight = np.abs(poses[..., LATERAL_SPEED]) < _SIDEWAYS
+    poses[straight, LATERAL_SPEED] = poses[straight, HEADING] = 0.0
     poses[-1, 1:] = np.nan
     if _overlaps(poses, traffic.length[vehicles], traffic.width[vehicles]):
         return "the recorded car overlaps another vehicle (smoothing, wrong sizes or a tracking error)"
