@@ -214,8 +214,9 @@ def test_a_single_row_is_an_error(tmp_path: Path) -> None:
 @needs_us101
 def test_us101_is_what_its_own_columns_say() -> None:
     """Speeds and lanes of the file itself, which this reader does not look at; every row that has both."""
-    traffic = read_traffic([US101])
+    traffic = read_traffic([US101], "ngsim")
     assert len(traffic) == 27
+    assert traffic[0].file.credit.startswith("NGSIM, US DOT FHWA")
     with gzip.open(US101, "rt", newline="") as file:
         said = {
             (row["scenario"], row["veh_id"], round(10 * float(row["t_s"]))): (float(row["speed_mps"]), int(row["lane"]))

@@ -24,7 +24,7 @@ from cornerforge._checks import check_in
 from cornerforge.errors import DataError
 from cornerforge.ndd.decisions import smooth_tracks
 from cornerforge.ndd.highd import RecordingMeta, read_classes
-from cornerforge.ndd.layouts import DATA_FORMATS, Layout, Scene
+from cornerforge.ndd.layouts import CREDITS, DATA_FORMATS, Layout, Scene
 from cornerforge.ndd.readers import (
     Rows,
     direction_of_travel,
@@ -45,6 +45,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+_UNKNOWN_CREDIT = "not known to cornerforge: heed the licence of the source file"
 _LEAST_ROWS_A_SECOND = 5
 _BRIDGED = 0.5
 """Gaps in a track up to this long are bridged by a straight line before smoothing [s]; longer ones split it."""
@@ -214,7 +215,7 @@ def _read_file(path: Path, data_format: str) -> list[Traffic]:
         reasons = "; ".join(f"{reason} ({count})" for reason, (count, _) in table.bad.reasons.items())
         raise DataError(f"Trajectory file {path} holds no stretch of {_SHORT_WINDOW:g} s on the road: {reasons}.")
     file = TrafficFile(
-        name=path.name, sha256=file_sha256(path), layout=layout.name, credit=scene.credit, window=scene.window,
+        name=path.name, sha256=file_sha256(path), layout=layout.name, credit=CREDITS.get(data_format, _UNKNOWN_CREDIT), window=scene.window,
         rows_read=table.rows_read, left_out=dict(table.bad.reasons), notes=(*rows.notes, *_sizes_note(table)),
     )  # fmt: skip
     return [replace(part, file=file) for part in parts if part is not None]

@@ -19,9 +19,15 @@ from typing import Literal
 
 from cornerforge.types import CAR, MOTORCYCLE, TRUCK
 
-__all__ = ["DATA_FORMATS", "LAYOUTS", "Layout", "Scene", "matching_layouts", "required_columns"]
+__all__ = ["CREDITS", "DATA_FORMATS", "LAYOUTS", "Layout", "Scene", "matching_layouts", "required_columns"]
 
 DATA_FORMATS = ("highd", "ngsim", "pairs", "tgsim", "tracks")
+CREDITS = {
+    "ngsim": "NGSIM, US DOT FHWA: open data of the US government",
+    "tgsim": "TGSIM, US DOT FHWA: open data of the US government",
+    "highd": "highD, RWTH Aachen (Krajewski et al. 2018): read its licence before passing on what is made of it",
+}
+"""Format -> who publishes such data, and what to heed before passing on what is made of them; of others not known."""
 _FEET = 0.3048
 
 
@@ -38,7 +44,6 @@ class Scene:
         kind: Column of a vehicle's class; None: not given.
         kinds: What that column says -> class (`types.CLASSES`); what is not named here is a car.
         one_road: All recordings of a file are of one road, in the same coordinates.
-        credit: Who publishes such data, and what to heed before passing on what is made of them.
     """
 
     left: int
@@ -48,7 +53,6 @@ class Scene:
     kind: str | None = None
     kinds: Mapping[str, int] = field(default_factory=dict)
     one_road: bool = True
-    credit: str = "not known to cornerforge: heed the licence of the source file"
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,6 @@ class Layout:
     scene: Scene | None = None
 
 
-_NGSIM = "NGSIM, US DOT FHWA: open data of the US government"
 LAYOUTS = (
     Layout(
         name="car-following pairs",
@@ -138,7 +141,6 @@ LAYOUTS = (
             kind="v_class",
             kinds={"1": MOTORCYCLE, "2": CAR, "3": TRUCK},
             one_road=False,
-            credit=_NGSIM,
         ),
     ),
     Layout(
@@ -168,7 +170,6 @@ LAYOUTS = (
                 "bus": TRUCK,
                 "motorcycle": MOTORCYCLE,
             },
-            credit="TGSIM, US DOT FHWA: open data of the US government",
         ),
     ),
     Layout(
@@ -190,7 +191,6 @@ LAYOUTS = (
             across=("y", 1.0),
             width=("height", 1.0),
             kinds={"car": CAR, "truck": TRUCK},  # from XX_tracksMeta.csv
-            credit="highD, RWTH Aachen (Krajewski et al. 2018): read its licence before passing on what is made of it",
         ),
     ),
 )
