@@ -148,6 +148,13 @@ def test_boxes_that_overlap_make_no_case(tmp_path: Path) -> None:
     assert "1" not in [case.facts["ego_vehicle"] for case in found.cases]
 
 
+def test_a_vehicle_that_nobody_can_drive_makes_no_case(tmp_path: Path) -> None:
+    road_train = straight_on(9, 0, 40.0, 20.0, length=38.0, width=2.5)
+    found = moments_of(tmp_path, [*closing(), road_train])
+    assert found.cases == []
+    assert found.left_out == {"a vehicle near is longer than 30 m or narrower than 0.3 m": 1}
+
+
 def test_a_moment_at_the_end_of_a_track_makes_no_case(tmp_path: Path) -> None:
     tracks = [straight_on(1, 1, 0.0, 25.0), *closing()[1:]]  # closes until the last row
     found = moments_of(tmp_path, tracks)

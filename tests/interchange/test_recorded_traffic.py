@@ -96,6 +96,18 @@ def test_both_directions_of_highd_drive_to_growing_x_with_the_left_on_the_left(t
         np.testing.assert_allclose(there.lateral_speed[mine], back.lateral_speed[theirs], atol=1e-3)
 
 
+def test_highd_without_its_meta_files_has_the_same_road(tmp_path: Path) -> None:
+    tracks = [t for t in motorway() if t.kind == "car"]
+    path = highd_files(tmp_path, tracks, [replace(t, name=t.name + 100) for t in tracks])
+    for name in ("01_recordingMeta.csv", "01_tracksMeta.csv"):
+        (tmp_path / name).unlink()
+    there, back = read_traffic([path])
+    for traffic in (there, back):
+        assert traffic.lanes == 2  # lane 0 has trucks and motorcycles only
+        assert traffic.lane_width == pytest.approx(LANE_WIDTH, abs=0.01)
+        assert (traffic.kind == CAR).all()
+
+
 def test_a_change_to_the_left_is_one(tmp_path: Path) -> None:
     traffic = one(ngsim_file(tmp_path / "a.csv", motorway()))
     rows = rows_of(traffic, 6)

@@ -60,7 +60,8 @@ _BESIDE = 8.0
 """How far across the road [m]."""
 _KEPT_BEHIND, _KEPT_AHEAD = 150.0, 250.0
 """Others that come so near to the ego within the window are in the case [m]."""
-_MOST_VEHICLES = 200
+_MOST_VEHICLES, _LONGEST, _NARROWEST = 200, 30.0, 0.3
+"""What the simulator can have on rails: vehicles, length and width of each [m]."""
 _LEAST_BEFORE, _LEAST_AFTER = 2.0, 1.0
 """Shortest part of a window before and after the moment, where a track begins late or ends early [s]."""
 _SIDEWAYS = 0.2
@@ -147,6 +148,7 @@ def critical_moments(
         )
     events.sort(key=lambda e: (-e.badness, e.traffic, _label(traffic[e.traffic], e.ego), e.ego))
     windows: list[_Window] = []
+    seen: dict[tuple[str, ...], list[_Window]] = {}
     left_out: Counter[str] = Counter()
     for event in events:
         if len(windows) == most:
@@ -154,10 +156,13 @@ def critical_moments(
         window = _window(traffic[event.traffic], event, before_s, after_s)
         if isinstance(window, str):
             left_out[window] += 1
-        elif any(_is_same(window, one) for one in windows):
+            continue
+        of_pair = seen.setdefault(_pair_of(window), [])
+        if any(_is_same(window, one) for one in of_pair):
             left_out["the same moment stands in another clip of the file"] += 1
-        else:
-            windows.append(window)
+            continue
+        of_pair.append(window)
+        windows.append(window)
     return Moments(_cases(windows, measure), len(events), dict(left_out))
 
 
@@ -286,6 +291,8 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
     vehicles = np.concatenate([[ego], near[near != ego]])
     if vehicles.size > _MOST_VEHICLES:
         return f"more than {_MOST_VEHICLES} vehicles are near"
+    if (traffic.length[vehicles] > _LONGEST).any() or (traffic.width[vehicles] < _NARROWEST).any():
+        return f"a vehicle near is longer than {_LONGEST:g} m or narrower than {_NARROWEST:g} m"
     poses = np.full((last - first + 1, vehicles.size, POSE_NUMBERS), np.nan)
     column = np.full(len(traffic.names), -1, dtype=np.int64)
     column[vehicles] = np.arange(vehicles.size)
@@ -304,17 +311,20 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
     return _Window(traffic, event.ego, event.other, first, vehicles, poses)
 
 
+def _pair_of(window: _Window) -> tuple[str, ...]:
+    """Name the two vehicles of a moment, whatever the recording."""
+    traffic = window.traffic
+    return traffic.file.sha256, _label(traffic, window.ego_row), _label(traffic, window.other_row)
+
+
 def _is_same(a: _Window, b: _Window) -> bool:
-    """Is it one moment, in two recordings of a file that overlap in time?"""
+    """Is it one moment of the same two vehicles, in two recordings of a file that overlap in time?"""
 
-    def seen(window: _Window) -> tuple[object, Floats]:
+    def seen(window: _Window) -> Floats:
         traffic, rows = window.traffic, [window.ego_row, window.other_row]
-        names = traffic.file.sha256, *(_label(traffic, row) for row in rows)
-        return names, np.concatenate([np.diff(traffic.x[rows]), traffic.y[rows], traffic.speed[rows]])
+        return np.concatenate([np.diff(traffic.x[rows]), traffic.y[rows], traffic.speed[rows]])
 
-    (names_a, values_a), (names_b, values_b) = seen(a), seen(b)
-    apart = a.traffic.recording != b.traffic.recording
-    return apart and names_a == names_b and bool((np.abs(values_a - values_b) < _SAME).all())
+    return a.traffic.recording != b.traffic.recording and bool((np.abs(seen(a) - seen(b)) < _SAME).all())
 
 
 def _stretch(traffic: Traffic, row: int) -> Ints:

@@ -215,7 +215,8 @@ def _read_file(path: Path, data_format: str) -> list[Traffic]:
         reasons = "; ".join(f"{reason} ({count})" for reason, (count, _) in table.bad.reasons.items())
         raise DataError(f"Trajectory file {path} holds no stretch of {_SHORT_WINDOW:g} s on the road: {reasons}.")
     file = TrafficFile(
-        name=path.name, sha256=file_sha256(path), layout=layout.name, credit=CREDITS.get(data_format, _UNKNOWN_CREDIT), window=scene.window,
+        name=path.name, sha256=file_sha256(path), layout=layout.name,
+        credit=CREDITS.get(data_format, _UNKNOWN_CREDIT), window=scene.window,
         rows_read=table.rows_read, left_out=dict(table.bad.reasons), notes=(*rows.notes, *_sizes_note(table)),
     )  # fmt: skip
     return [replace(part, file=file) for part in parts if part is not None]
