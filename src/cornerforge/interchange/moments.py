@@ -41,6 +41,7 @@ from cornerforge.interchange.cases import Fact, MovingCase, straight_road
 from cornerforge.interchange.recorded_traffic import Traffic
 from cornerforge.metrics import bbd, drac, thw, ttc
 from cornerforge.metrics.risk import contact_time
+from cornerforge.road.straight import along
 from cornerforge.types import CAR, FRAME_S
 
 __all__ = ["MEASURES", "Moments", "critical_moments"]
@@ -209,7 +210,7 @@ def _all_pairs(traffic: Traffic, measure: str) -> _Pairs:
     for step in range(1, order.size):
         behind, ahead = order[:-step], order[step:]
         near = traffic.frame[behind] == traffic.frame[ahead]
-        near &= traffic.x[ahead] - traffic.x[behind] <= _AHEAD
+        near &= along(traffic.x[behind], traffic.x[ahead]) <= _AHEAD
         if not near.any():
             break
         near &= np.abs(traffic.y[ahead] - traffic.y[behind]) <= _BESIDE
@@ -259,7 +260,7 @@ def _value(traffic: Traffic, ego: Ints, other: Ints, measure: str) -> Floats:
     if measure == "contact":
         mine, theirs = traffic.vehicle[ego], traffic.vehicle[other]
         return contact_time(
-            np.stack([traffic.x[other] - traffic.x[ego], traffic.y[other] - traffic.y[ego]], axis=1),
+            np.stack([along(traffic.x[ego], traffic.x[other]), traffic.y[other] - traffic.y[ego]], axis=1),
             np.stack([rate, traffic.lateral_speed[other] - traffic.lateral_speed[ego]], axis=1),
             traffic.heading[ego],
             traffic.heading[other],
@@ -286,7 +287,7 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
         return f"the car was seen for less than {_LEAST_BEFORE:g} s before or {_LEAST_AFTER:g} s after it"
     own = own[(traffic.frame[own] >= first) & (traffic.frame[own] <= last)]
     inside = np.flatnonzero((traffic.frame >= first) & (traffic.frame <= last))
-    away = traffic.x[inside] - traffic.x[own][traffic.frame[inside] - first]
+    away = along(traffic.x[own][traffic.frame[inside] - first], traffic.x[inside])
     near = np.unique(traffic.vehicle[inside[(away >= -_KEPT_BEHIND) & (away <= _KEPT_AHEAD)]])
     vehicles = np.concatenate([[ego], near[near != ego]])
     if vehicles.size > _MOST_VEHICLES:
@@ -299,7 +300,7 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
     rows = inside[column[traffic.vehicle[inside]] >= 0]
     place = traffic.frame[rows] - first, column[traffic.vehicle[rows]]
     for number, values in (
-        (X, traffic.x - traffic.x[own[0]]), (Y, traffic.y), (SPEED, traffic.speed), (HEADING, traffic.heading),
+        (X, along(traffic.x[own[0]], traffic.x)), (Y, traffic.y), (SPEED, traffic.speed), (HEADING, traffic.heading),
         (LATERAL_SPEED, traffic.lateral_speed), (ACCELERATION, traffic.acceleration), (LANE, traffic.lane),
     ):  # fmt: skip
         poses[(*place, number)] = values[rows]
@@ -339,7 +340,7 @@ def _overlaps(poses: Floats, length: Floats, width: Floats) -> bool:
     mine, others = poses[:, :1], poses[:, 1:]
     reach = 0.5 * (np.hypot(length[0], width[0]) + np.hypot(length[1:], width[1:]))
     with np.errstate(invalid="ignore"):
-        near = np.abs(others[..., X] - mine[..., X]) < reach
+        near = np.abs(along(mine[..., X], others[..., X])) < reach
         near &= np.abs(others[..., Y] - mine[..., Y]) < reach
 
     def box(frame: int, slot: int) -> Box:
