@@ -184,7 +184,7 @@ def _result(
                 other=str(facts["other_vehicle"]),
                 recording_time_s=float(facts["recording_time_s"] or 0.0),
                 moment_s=float(facts["moment_s"] or 0.0),
-                drac_mps2=_number(facts, "drac_mps2"),
+                drac_mps2=float(facts["drac_mps2"] or 0.0),
                 ttc_s=_number(facts, "ttc_s"),
                 thw_s=_number(facts, "thw_s"),
                 contact_s=_number(facts, "contact_s"),
