@@ -226,7 +226,10 @@ def replay(
 )
 @takes_world("av", "av_timeout", "av_batch", "av_processes", "av_python")
 def retest(
-    library: Library,
+    library: Annotated[
+        Path,
+        typer.Argument(metavar="LIB|CASES", help="A library, a case file, or a folder of such.", show_default=False),
+    ],
     world: World = None,
     baseline: Annotated[
         str | None,

@@ -13,13 +13,16 @@ ego's. The measures:
 | `contact` | time to contact in the plane [s] | needs no one in the way: it sees vehicles that come closer sideways, and the noise of positions across the road, too |
 
 Egos are cars, as an AV is. One event of an ego gives one moment, that of the worst value: none within half a window
-before or after it is worse. Whose recorded boxes overlap, because of smoothing,
-of lengths that are wrong, or of a tracking error, makes no case.
+before or after it is worse. Whose recorded boxes overlap, because of smoothing, of lengths that are wrong, or of a
+tracking error, makes no case.
 
 **The others do not react.** They are on rails: whoever drives in the ego's place starts with its recorded place and
 speed, and all others go where they went. An AV that brakes where the recorded driver did not can be struck from behind
 by a vehicle that would have braked; such a crash says little of the AV. Who struck whom tells them apart. In the last
 frame the ego is alone: what the others did after the window is not known, so nobody is struck there.
+
+How much is noise: of the 50 moments of NGSIM's US-101 clips with the largest `drac`, smoothed over 2.1 s, 35 are among
+the 50 smoothed over 1.1 s, and 33 among those smoothed over 3.1 s.
 """  # noqa: E501
 
 from __future__ import annotations

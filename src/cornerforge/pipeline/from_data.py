@@ -23,7 +23,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment
 from cornerforge.results.from_data import CasesFromData, DataFileRead, MomentOfData
 from cornerforge.types import Odd
-from cornerforge.world_options import AvAskedKeywords, WorldOptions
+from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = ["cases_from_data", "from_data_text"]
 
@@ -40,10 +40,9 @@ def cases_from_data(
     measure: str = "drac",
     before: float = 5.0,
     after: float = 3.0,
-    av: str = RECORDED_AV,
     seed: int = 0,
     progress: Progress = NO_PROGRESS,
-    **asked: Unpack[AvAskedKeywords],
+    **world: Unpack[AvAloneKeywords],
 ) -> CasesFromData:
     """Make cases of the most critical moments of recorded traffic, and drive an AV through them.
 
@@ -59,10 +58,10 @@ def cases_from_data(
         cases: How many at most.
         measure: What is ranked by: "drac", "ttc", "thw" or "contact" (`interchange.moments.MEASURES`).
         before, after: The window around the moment [s]; 2 and 1 at least.
-        av: The AV in the ego's seat; "recorded": the recorded driver.
         seed: Of the library, and told to an AV from outside.
         progress: Told how far it is.
-        asked: How an AV from outside is asked.
+        world: `av`, the AV in the ego's seat, and how it is asked if it is from outside; without `av` it is "recorded":
+            the recorded driver.
 
     Returns:
         What `cornerforge cases from-data --json` prints.
@@ -73,7 +72,9 @@ def cases_from_data(
     began = time.perf_counter()
     place = Path(out)
     check_new_folder(place)
-    _check_av(av, asked)
+    options = replace(WorldOptions(av=RECORDED_AV), **world)
+    av = options.av
+    experiment(options, takes_foreign=True, takes_recorded=True).rest()  # is there such an AV? before long work
     paths = [Path(file) for file in ([files] if isinstance(files, (str, Path)) else files)]
     progress("files", 0, 1)
     traffic = read_traffic(paths, data_format)
@@ -90,19 +91,10 @@ def cases_from_data(
     written = _write(found.cases, place / "cases")
     driven = CasesDriven(av, (), tuple(CaseOutcome(case.name, NO_CRASH, "as recorded") for case in found.cases))
     if av != RECORDED_AV:
-        driven = library_of(found.cases, place / "library", av=av, seed=seed, progress=progress, **asked)
+        driven = library_of(found.cases, place / "library", seed=seed, progress=progress, **world)
     result = _result(traffic, found, written, driven, measure, place, time.perf_counter() - began)
     write_json(place / "provenance.json", provenance(stated, result.seconds))
     return result
-
-
-def _check_av(av: str, asked: AvAskedKeywords) -> None:
-    """Find out before long work whether there is such an AV.
-
-    Raises:
-        CornerForgeError: There is none, or it fails at once.
-    """
-    experiment(WorldOptions(av=av, **asked), takes_foreign=True, takes_recorded=True).rest()
 
 
 def _without_contact(found: Moments) -> Moments:
@@ -185,7 +177,7 @@ def _result(
                 other=str(facts["other_vehicle"]),
                 recording_time_s=float(facts["recording_time_s"] or 0.0),
                 moment_s=float(facts["moment_s"] or 0.0),
-                drac_mps2=_number(facts, "drac_mps2"),
+                drac_mps2=float(facts["drac_mps2"] or 0.0),
                 ttc_s=_number(facts, "ttc_s"),
                 thw_s=_number(facts, "thw_s"),
                 contact_s=_number(facts, "contact_s"),

@@ -20,7 +20,7 @@ from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, experiment
 from cornerforge.results.imported import ImportedCase, ImportedCases, Refused
 from cornerforge.types import FRAME_S
-from cornerforge.world_options import AvAskedKeywords, WorldOptions
+from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = ["IMPORTS", "import_cases", "import_text"]
 
@@ -60,10 +60,9 @@ def import_cases(
     *,
     out: Path | str,
     ego: str | None = None,
-    av: str = RECORDED_AV,
     seed: int = 0,
     progress: Progress = NO_PROGRESS,
-    **asked: Unpack[AvAskedKeywords],
+    **world: Unpack[AvAloneKeywords],
 ) -> ImportedCases:
     """Read scenarios of other tools, write a case file of each, and drive the AV through them.
 
@@ -74,10 +73,10 @@ def import_cases(
         files: OpenSCENARIO (.xosc), CommonRoad (.xml), or tables that `export` wrote (.csv, .parquet).
         out: New or empty folder: case files in `cases/`, and in `library/` those in which the AV crashes.
         ego: Name of the vehicle in the AV's seat; None: as the readers tell.
-        av: The AV that drives; "recorded": whatever is in its seat moves as its file says.
         seed: Of the library, and told to an AV from outside.
         progress: Told how far it is.
-        asked: How an AV from outside is asked.
+        world: `av`, the AV that drives, and how it is asked if it is from outside; without `av` it is "recorded":
+            whatever is in its seat moves as its file says.
 
     Returns:
         What `cornerforge import --json` prints.
@@ -88,7 +87,8 @@ def import_cases(
     began = time.perf_counter()
     place = Path(out)
     check_new_folder(place)
-    experiment(WorldOptions(av=av, **asked), takes_foreign=True, takes_recorded=True).rest()  # fails before long work
+    options = replace(WorldOptions(av=RECORDED_AV), **world)
+    experiment(options, takes_foreign=True, takes_recorded=True).rest()  # is there such an AV? before long work
     paths = [Path(file) for file in ([files] if isinstance(files, (str, Path)) else files)]
     if not paths:
         raise InputError("There is no file to import; name at least one.")
@@ -107,9 +107,9 @@ def import_cases(
         if len(refused) == 1:
             raise DataError(refused[0].why)
         raise DataError(f"None of {len(paths):,} files can be read; the first: {refused[0].why}")
-    stated = {"files": [_sha256(path) for path in sources], "ego": ego, "av": av, "seed": seed}
+    stated = {"files": [_sha256(path) for path in sources], "ego": ego, "av": options.av, "seed": seed}
     open_output(place, stated, resume=False)
-    driven = library_of(cases, place / "library", av=av, seed=seed, progress=progress, **asked)
+    driven = library_of(cases, place / "library", seed=seed, progress=progress, **world)
     result = _result(sources, cases, _write(cases, place / "cases", driven), refused, driven, place, began)
     write_json(place / "provenance.json", provenance(stated, result.seconds))
     return result

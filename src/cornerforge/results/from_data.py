@@ -39,7 +39,7 @@ class MomentOfData:
     other: str = field(metadata=meant("Vehicle in its way, as the file calls it."))
     recording_time_s: float = field(metadata=meant("When the moment is, in the file's time.", "s"))
     moment_s: float = field(metadata=meant("When it is in the case.", "s"))
-    drac_mps2: float | None = field(
+    drac_mps2: float = field(
         metadata=meant("Deceleration that the ego needs there if the other keeps its speed.", "m/s2")
     )
     ttc_s: float | None = field(metadata=meant("Time to collision there; null: the gap does not close.", "s"))
