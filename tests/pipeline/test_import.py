@@ -1,0 +1,96 @@
+"""`import` takes in what `export` wrote and what others wrote, and says what became of each file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cornerforge
+from cornerforge.cli import main
+from cornerforge.errors import DataError, InputError, OutputError, UnknownNameError
+from cornerforge.interchange.case_file import read_case_file
+from cornerforge.library import CaseLibrary
+from cornerforge.results.imported import ImportedCases
+
+
+@pytest.fixture(scope="module")
+def there_and_back(swerve_library: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], ImportedCases]:
+    """Some cases written as OpenSCENARIO and CommonRoad, and read in again; read only."""
+    place = tmp_path_factory.mktemp("exchange")
+    ids = CaseLibrary.open(swerve_library).scalars(["case_id"])["case_id"].to_pylist()[:4]
+    for to in ("openscenario", "commonroad"):
+        cornerforge.export(swerve_library, ids, to=to, out=place / to)
+    files = [*sorted((place / "openscenario").glob("*.xosc")), *sorted((place / "commonroad").glob("*.xml"))]
+    return ids, cornerforge.import_cases(files, out=place / "in")
+
+
+def test_every_case_ends_as_it_did(swerve_library: Path, there_and_back: tuple[list[str], ImportedCases]) -> None:
+    """In both formats the same step. Speeds of OpenSCENARIO are differences: at 8 m/s2 0.4 m/s off."""
+    ids, done = there_and_back
+    library = CaseLibrary.open(swerve_library)
+    assert done.crashes == len(done.cases) == 2 * len(ids)
+    assert not done.refused
+    for case in done.cases:
+        scalars = library.scenario(next(i for i in ids if f"case-{i.replace(':', '-')}." in case.source)).scalars
+        happened = read_case_file(case.file).happened
+        assert happened is not None
+        assert happened.pose is not None
+        assert happened.frame == round(10 * scalars["crash_time_s"])
+        speeds = scalars["av_speed_mps"], scalars["bv_speed_mps"]
+        np.testing.assert_allclose(happened.pose[:, 2], speeds, atol=0.4 if case.source.endswith(".xosc") else 1e-4)
+
+
+def test_libraries_of_imported_cases_are_as_others(
+    there_and_back: tuple[list[str], ImportedCases], tmp_path: Path
+) -> None:
+    _, done = there_and_back
+    for number, library in enumerate(done.libraries):
+        assert cornerforge.replay(library, "all", check=True).identical
+        assert cornerforge.analyse(library, out=tmp_path / str(number), avoidability="none").cases > 0
+        assert cornerforge.retest(library, av="recorded", baseline="idm-mobil").cases > 0
+    cases = cornerforge.retest(Path(done.out) / "cases", av="idm-mobil")
+    assert cases.cases == len(done.cases)
+    assert cases.recorded.baseline_crashes == done.crashes
+
+
+def test_a_bad_file_does_not_keep_the_others_out(
+    swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (good,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    half = tmp_path / "half.xosc"
+    half.write_text('<?xml version="1.0"?><OpenSCENARIO><FileHeader', encoding="utf-8")
+    words = ["import", str(half), str(tmp_path / "good" / good), str(tmp_path / "none.xml"), str(tmp_path / "x.txt")]
+    assert main([*words, "--out", str(tmp_path / "in"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [Path(case["source"]).name for case in told["cases"]] == [good]
+    assert [Path(one["source"]).name for one in told["refused"]] == ["half.xosc", "none.xml", "x.txt"]
+    assert main(["import", str(half), "--out", str(tmp_path / "no")]) == 2
+    assert "half.xosc" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_bad_input(swerve_library: Path, tmp_path: Path) -> None:
+    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    file = tmp_path / "good" / name
+    with pytest.raises(InputError, match="no file to import"):
+        cornerforge.import_cases([], out=tmp_path / "a")
+    with pytest.raises(DataError, match="leave out ego"):
+        cornerforge.import_cases(file, out=tmp_path / "a", ego="Ego")
+    with pytest.raises(UnknownNameError, match="idm-mobi"):
+        cornerforge.import_cases(file, out=tmp_path / "a", av="idm-mobi")
+    with pytest.raises(OutputError, match="not empty"):
+        cornerforge.import_cases(file, out=tmp_path / "good")
+    assert not (tmp_path / "a").exists()
+
+
+def test_two_files_of_one_name_are_two_cases(swerve_library: Path, tmp_path: Path) -> None:
+    files = []
+    for number in range(2):
+        (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / str(number)).files
+        files.append(tmp_path / str(number) / name)
+    done = cornerforge.import_cases(files, out=tmp_path / "in", av="idm-mobil")
+    assert len({case.case for case in done.cases}) == 2
+    assert len(list((tmp_path / "in" / "cases").glob("*.json"))) == 2
