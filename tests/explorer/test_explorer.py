@@ -221,7 +221,9 @@ def test_a_case_can_be_taken_to_other_tools(server: Running, tmp_path: Path) -> 
     assert logic.get("filepath") == road
     with urlopen(server.url + "api/case/adversary/3:0/download/json") as answer:
         (tmp_path / "case.json").write_bytes(answer.read())
-    assert drive_case(tmp_path / "case.json", av=read_case_file(tmp_path / "case.json").av).crashed
+    av = read_case_file(tmp_path / "case.json").av
+    assert av is not None
+    assert drive_case(tmp_path / "case.json", av=av).crashed
 
 
 def test_a_video_can_be_taken_away(server: Running) -> None:

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_files import LANE_WIDTH, US101, Track, braking, clips_file, motorway, straight_on, written
 
 from cornerforge.drivers.rails import LANE, LATERAL_SPEED, SPEED, X, Y
 from cornerforge.errors import DataError, InputError
 from cornerforge.interchange.moments import MEASURES, Moments, critical_moments
 from cornerforge.interchange.recorded_traffic import read_traffic
-from tests.recorded_files import LANE_WIDTH, US101, Track, braking, clips_file, motorway, straight_on, written
 
 needs_us101 = pytest.mark.skipif(not US101.exists(), reason="NGSIM's clips are not at hand")
 
@@ -177,7 +177,7 @@ def test_what_cannot_be_is_named(tmp_path: Path) -> None:
     traffic = read_traffic([clips_file(tmp_path / "a.csv", motorway())])
     for wrong in ({"most": 0}, {"before_s": 1.0}, {"after_s": 0.5}, {"measure": "pet"}):
         with pytest.raises(InputError):
-            critical_moments(traffic, **wrong)  # type: ignore[arg-type]
+            critical_moments(traffic, **wrong)
 
 
 @needs_us101

@@ -10,11 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from cornerforge.errors import DataError
-from cornerforge.interchange.recorded_traffic import Traffic, read_traffic
-from cornerforge.types import CAR, MOTORCYCLE, TRUCK
-from tests.recorded_files import (
+from recorded_files import (
     FEET,
     LANE_WIDTH,
     LANES,
@@ -28,6 +24,10 @@ from tests.recorded_files import (
     tgsim_file,
     written,
 )
+
+from cornerforge.errors import DataError
+from cornerforge.interchange.recorded_traffic import Traffic, read_traffic
+from cornerforge.types import CAR, MOTORCYCLE, TRUCK
 
 needs_us101 = pytest.mark.skipif(not US101.exists(), reason="NGSIM's clips are not at hand")
 

@@ -112,7 +112,7 @@ def test_what_was_ended_is_gone_on_with(swerve_library: Path, tmp_path: Path, mo
     whole = cornerforge.export(swerve_library, "all", to="csv", out=tmp_path / "whole")
     place = tmp_path / "ended"
 
-    def stop(_: str, done: float, __: float) -> None:
+    def stop(stage: str, done: float, total: float) -> None:  # noqa: ARG001
         if done:
             raise KeyboardInterrupt
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_files import US101, Track, braking, clips_file, motorway, straight_on
 
 from cornerforge.drivers.rails import HEADING, SPEED, X, Y
 from cornerforge.errors import DataError, OutputError, UnknownNameError
@@ -20,7 +21,6 @@ from cornerforge.pipeline.from_data import cases_from_data
 from cornerforge.pipeline.setting import RECORDED_AV, experiment
 from cornerforge.results import as_json, from_json
 from cornerforge.results.from_data import CasesFromData
-from tests.recorded_files import US101, Track, braking, clips_file, motorway, straight_on
 
 
 def queue(*, behind: float | None = None) -> list[Track]:
