@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from crashes_by_hand import LEFT, MIDDLE, RIGHT, Car, Turn, crash, mirrored
 from openscenario_read_back import real_crashes
+from reference.openscenario import as_in_file
 
 from cornerforge.drivers.rails import HEADING, LANE, SPEED, X, Y
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.interchange.cases import MovingCase, OutCase
+from cornerforge.interchange.cases import MovingCase, OutCase, script_of
 from cornerforge.interchange.openscenario import VERSIONS, write_openscenario
 from cornerforge.interchange.read_openscenario import read_openscenario
+from cornerforge.pipeline.setting import RECORDED_AV, experiment
 from cornerforge.types import ODDS, Scenario
 
 SOME = 10
@@ -22,7 +25,7 @@ SOME = 10
 
 def back(folder: Path, scenario: Scenario, *, version: str = "1.2", mode: str = "recorded") -> MovingCase:
     file, _ = write_openscenario(OutCase("case", scenario, {"case_id": "0:1"}), folder, version=version, mode=mode)
-    return read_openscenario(folder / file)
+    return as_in_file(read_openscenario(folder / file))
 
 
 def contact(case: MovingCase) -> tuple[int, int] | None:
@@ -91,3 +94,17 @@ def test_an_av_of_the_users(mode: str, tmp_path: Path) -> None:
             others = scenario.present[:, 1:]
             off = np.abs(case.poses[: len(others), 1:, X] - scenario.x[:, 1:])
             assert off[others].max() < 1e-5
+
+
+def test_what_is_read_drives_to_the_same_contact(tmp_path: Path) -> None:
+    """The simulator drives what was read as it was recorded, far along the road too, and sees the crash when it was."""
+    for number, scenario in enumerate(real_crashes("default")[:SOME]):
+        far = replace(scenario, x=scenario.x + 700.0 * number)
+        file, _ = write_openscenario(OutCase("case", far, {}), tmp_path)
+        case = read_openscenario(tmp_path / file)
+        driver = experiment(road=case.odd, av=RECORDED_AV, takes_recorded=True).script_driver()
+        found, wanted = driver.record(script_of(case))[0].crash, scenario.crash
+        assert found is not None
+        assert wanted is not None
+        assert found.time == pytest.approx(wanted.time)
+        assert scenario.slot[found.slot_b] == wanted.slot_b

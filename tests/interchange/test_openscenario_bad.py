@@ -247,7 +247,7 @@ def test_straight_roads_one_after_the_other(tmp_path: Path) -> None:
         scenario(init=init.replace('roadId="2" laneId="-2" s="30"', 'roadId="1" laneId="-2" s="2950"'), stop=2),
     )
     assert any(
-        "Ego is beyond the straight stretch of the road (x = 0 to 3000 m) at 0.5 s" in note for note in past.notes
+        "Ego is beyond the straight stretch of the road (x = -2991 to 9 m) at 0.5 s" in note for note in past.notes
     )
 
 

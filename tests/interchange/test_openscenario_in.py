@@ -11,6 +11,7 @@ from reference.openscenario import (
     AHEAD,
     CONTROLLER,
     apart,
+    as_in_file,
     at,
     car,
     condition,
@@ -41,6 +42,8 @@ DATA = Path(__file__).parent / "data"
 
 def test_a_cut_in_is_played_as_it_is_written() -> None:
     case = read_openscenario(DATA / "cut_in.xosc")
+    assert case.poses[0, 0, X] == 0.0
+    case = as_in_file(case)
     t = times(case)
     ego, other = case.poses[:, 0], case.poses[:, 1]
     assert case.name == "cut_in"

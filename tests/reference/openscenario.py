@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge.drivers.rails import X
 from cornerforge.interchange.cases import MovingCase
 from cornerforge.interchange.read_openscenario import read_openscenario
 
@@ -113,9 +115,18 @@ date="2026-11-25T00:00:00" description="a test" author="me"/>{parameters}<Catalo
 
 
 def read(tmp_path: Path, text: str, on: str = "", *, ego: str | None = None) -> MovingCase:
+    """Read a case, with the x of its file."""
     (tmp_path / "road.xodr").write_text(on or road())
     (tmp_path / "case.xosc").write_text(text)
-    return read_openscenario(tmp_path / "case.xosc", ego=ego)
+    return as_in_file(read_openscenario(tmp_path / "case.xosc", ego=ego))
+
+
+def as_in_file(case: MovingCase) -> MovingCase:
+    start = case.facts["start_x_m"]
+    assert isinstance(start, float)
+    poses = case.poses.copy()
+    poses[:, :, X] += start
+    return replace(case, poses=poses)
 
 
 def times(case: MovingCase) -> NDArray[np.float64]:

@@ -1,8 +1,9 @@
 """Concrete OpenSCENARIO XML files (1.0 to 1.3) of straight multi-lane roads as moving cases.
 
 The file's storyboard is played: init, acts, manoeuvres and events with their triggers, in steps of 0.01 s; who is where
-at every tenth of a second is the case. Its x is the s of the road along the travel, or the x of the world, if the road
-is laid along that. What is not carried over is listed by name and line.
+at every tenth of a second is the case. Its x begins where the AV starts; the fact `start_x_m` says where that is: the s
+of the road along the travel, or the x of the world, if the road is laid along that. What is not carried over is listed
+by name and line.
 """
 
 from __future__ import annotations

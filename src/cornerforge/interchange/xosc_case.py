@@ -32,7 +32,7 @@ def make_case(
     name: str, frame: Frame, bodies: Mapping[str, Body], av: Body, frames: Sequence[Sequence[Moment | None]],
     notes: dict[str, None], facts: Mapping[str, Fact],
 ) -> MovingCase:  # fmt: skip
-    """Make the case of a play.
+    """Make the case of a play, in which the AV starts at x = 0; the fact `start_x_m` says where that is on the road.
 
     Args:
         name: Of the case.
@@ -49,6 +49,8 @@ def make_case(
     """
     order = [av, *(body for body in bodies.values() if body is not av)]
     column = {name: k for k, name in enumerate(bodies)}
+    first = frames[0][column[av.name]]
+    start = first.x if first is not None else 0.0
     kept: list[Body] = []
     poses: list[NDArray[np.float64]] = []
     for body in order:
@@ -65,13 +67,14 @@ def make_case(
         elif there.size == 0:
             notes.setdefault(f"{body.element.place}: {body.name} is nowhere on the road; it is left out")
         if there.size:
-            _note_motion(body, motion, frame, notes)
+            _note_motion(body, motion, frame, start, notes)
             _note_leaps(body, moments, motion, notes)
             kept.append(body)
             poses.append(motion)
     if not kept or kept[0] is not av or not np.isfinite(poses[0][0, X]):
         av.element.fault(f"{av.name} is not there at the start")
     whole = np.stack(poses, axis=1)
+    whole[:, :, X] -= start
     if av.unknown:
         whole[1:, 0] = np.nan
     odd = straight_road(
@@ -81,17 +84,18 @@ def make_case(
     return MovingCase(
         name, odd, np.array([body.kind for body in kept], np.int8),
         np.array([body.length for body in kept]), np.array([body.width for body in kept]), whole,
-        {**facts, "vehicles": ", ".join(body.name for body in kept)[:2000]}, _merged(notes),
+        {**facts, "start_x_m": start, "vehicles": ", ".join(body.name for body in kept)[:2000]}, _merged(notes),
     )  # fmt: skip
 
 
-def _note_motion(body: Body, motion: NDArray[np.float64], frame: Frame, notes: dict[str, None]) -> None:
+def _note_motion(body: Body, motion: NDArray[np.float64], frame: Frame, start: float, notes: dict[str, None]) -> None:
     beyond = (motion[:, X] < frame.begin - 1.0) | (motion[:, X] > frame.end + 1.0)
     if beyond.any():
         when = FRAME_S * int(np.argmax(beyond))
         notes.setdefault(
-            f"{body.element.place}: {body.name} is beyond the straight stretch of the road (x = {frame.begin:.0f} to "
-            f"{frame.end:.0f} m) at {when:.1f} s; the road goes on straight here"
+            f"{body.element.place}: {body.name} is beyond the straight stretch of the road "
+            f"(x = {frame.begin - start:.0f} to {frame.end - start:.0f} m) at {when:.1f} s; the road goes on straight "
+            "here"
         )
     if np.nanmin(motion[:, SPEED]) < _BACKWARDS:
         notes.setdefault(f"{body.element.place}: {body.name} drives backwards for a while; its speed counts as 0 then")
