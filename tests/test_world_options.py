@@ -31,7 +31,8 @@ VERBS = {
     "simulate": WorldKeywords, "generate": WorldKeywords, "train": WorldKeywords, "variety": WorldKeywords,
     "rate": AvKeywords, "run": AvKeywords, "r157": AvKeywords, "plausibility": AvKeywords, "check_av": AvKeywords,
     "train_av": RoadKeywords, "reproduce": RoadKeywords, "retest": AvAloneKeywords,
-    "drive_case": AvAloneKeywords, "suite_build": AvAskedKeywords,
+    "drive_case": AvAloneKeywords, "import_cases": AvAloneKeywords, "cases_from_data": AvAloneKeywords,
+    "suite_build": AvAskedKeywords,
 }  # fmt: skip
 # `budget` of run and reproduce is an old name of effort too; replay and shrink know their world from the library.
 # The model of `ndd` is what they show, check or fill.
@@ -42,6 +43,8 @@ OWN = {
     "shrink": {"av_timeout", "av_python"},
 } | {f"ndd_{name}": {"model"} for name in ("import", "show", "validate")}
 OF_COMMANDS = {"run": {"budget"}, "reproduce": {"budget"}, "plausibility": {"budget"}}
+# Here nobody need drive: the AV is "recorded" unless one is named.
+OF_COMMANDS |= {"import-cases": {"av"}, "cases-from-data": {"av"}}
 
 
 def test_keywords_are_the_options() -> None:
@@ -78,8 +81,12 @@ def test_an_option_has_one_type() -> None:
 
 def commands() -> dict[str, Any]:
     program: Any = typer.main.get_command(app)
-    found = {name: command for name, command in program.commands.items() if name not in ("ndd", "suite")}
-    return found | {"suite-build": program.commands["suite"].commands["build"]}
+    found = {name: command for name, command in program.commands.items() if name not in ("ndd", "suite", "cases")}
+    found["import-cases"] = found.pop("import")
+    return found | {
+        "suite-build": program.commands["suite"].commands["build"],
+        "cases-from-data": program.commands["cases"].commands["from-data"],
+    }
 
 
 def test_every_command_has_the_defaults_and_the_help_of_the_options() -> None:
@@ -99,6 +106,7 @@ def test_every_command_has_the_defaults_and_the_help_of_the_options() -> None:
         command = name.replace("_", "-")
         missing = set(keywords.__annotations__) - {option for command_, option in seen if command_ == command}
         allowed = {"check-av": {"av", "model"}, "variety": {"bounded"}, "r157": {"model"}}
+        allowed |= {"import-cases": {"av"}, "cases-from-data": {"av"}}
         assert missing == allowed.get(command, set()), command
 
 
