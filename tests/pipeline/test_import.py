@@ -56,6 +56,26 @@ def test_libraries_of_imported_cases_are_as_others(
     assert cases.recorded.baseline_crashes == done.crashes
 
 
+def test_imported_cases_shrink(there_and_back: tuple[list[str], ImportedCases], tmp_path: Path) -> None:
+    """Vehicles go, the window gets shorter; the crash is the same, and the motion is still that of the rails."""
+    _, done = there_and_back
+    whole = CaseLibrary.open(Path(done.libraries[0]))
+    said = cornerforge.shrink(whole.path, "all", out=tmp_path / "small")
+    small = CaseLibrary.open(tmp_path / "small")
+    assert small.on_rails
+    assert cornerforge.replay(small.path, "all", check=True).identical
+    assert said.median.after.vehicles < said.median.before.vehicles
+    for case in said.cases:
+        before, after = whole.scenario(case.case), small.scenario(case.case)
+        assert after.scalars["impact_speed_difference_mps"] == before.scalars["impact_speed_difference_mps"]
+        assert case.after.seconds <= case.before.seconds
+        assert case.after.deviating_actions == 0
+        there, was = after.scenario, before.scenario
+        later = len(was.x) - len(there.x)
+        columns = np.searchsorted(was.slot, there.slot)
+        np.testing.assert_array_equal(there.x, was.x[later:, columns])
+
+
 def test_a_bad_file_does_not_keep_the_others_out(
     swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

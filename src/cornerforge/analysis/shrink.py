@@ -78,7 +78,8 @@ class Reproducer:
     The AV crashes with the same BV, with the same type and striker, no later than in the case, and no more BVs crash
     into each other. At the start no vehicle moves across the road, as at the start of every test, and the start is
     not lost: with natural drivers the AV would not crash. Without this the shortest window of every crash would be the
-    instant before contact, which shows nothing of how the crash came about.
+    instant before contact, which shows nothing of how the crash came about. On rails the others cannot drive otherwise,
+    and may move across the road at the start: a recording begins anywhere. So there the cause is AV or NOBODY.
 
     Args:
         driver: Drives scripts.
@@ -102,7 +103,7 @@ class Reproducer:
         if kind is None:
             raise InputError("This does not end in a crash of the AV; only such cases can be made smaller.")
         self.kind = kind
-        for self.cause in CAUSES:
+        for self.cause in CAUSES if script.poses is None else (AV, NOBODY):
             if not self.is_lost(script):
                 break
 
@@ -129,6 +130,8 @@ class Reproducer:
         if self.cause == NOBODY:
             return False
         decisions = min(len(script.action) + AFTERMATH_S, self._most)
+        if script.poses is not None:
+            decisions = min(decisions, (len(script.poses) - 1) // _DECISION_FRAMES)
         natural = np.full((decisions, script.slot.size), NATURAL, dtype=np.int8)
         ending = self._driver.drive(replace(script, action=natural), av_is_natural=self.cause == AV)
         return ending.failed or ending.pose is not None
@@ -139,7 +142,7 @@ class Reproducer:
         across = np.abs(script.start["lateral_speed"])
         if self._driver.av_steers:  # it is never exactly parallel to the road
             across[0] = max(across[0] - STEERS_M_PER_S, 0.0)
-        is_settled = not across.any()
+        is_settled = script.poses is not None or not across.any()
         return is_settled and self.crashes_alike(script) and not self.is_lost(script)
 
 
@@ -149,6 +152,7 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
     In turn, until nothing changes: leave out vehicles; start later; replace actions of BVs by the naturalistic
     model's likeliest; replace actions that still deviate by likelier ones. After every step `Reproducer` still accepts
     the script. At the end both the vehicles and the deviating actions are 1-minimal, and no later start is accepted.
+    Where the others are on rails only vehicles and the start can change.
 
     Args:
         driver: Drives scripts.
@@ -164,6 +168,12 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
     small = _cut(script, case.ending.frame)
     while True:
         before = small
+        if small.poses is not None:
+            small = search.latest_start(search.fewest_vehicles(small))
+            small = _cut(small, driver.drive(small).frame)
+            if _equal(before, small):
+                break
+            continue
         # Who is left goes on as it did, or else as is natural without the others: one may do where the other does not.
         small = search.fewest_vehicles(search.named(small))
         small = search.fewest_vehicles(search.naturally(small))
@@ -173,6 +183,8 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
         if _equal(before, small):
             break
     scenario, small_chances = driver.record(small)
+    if small.poses is not None:
+        chances = small_chances = None
     _, code, striker = case.kind
     return Shrunk(
         script=replace(small, action=scenario.action),
@@ -267,13 +279,14 @@ def _deviations(scenario: Scenario, chances: NDArray[np.float64]) -> NDArray[np.
     return np.asarray(decided & (scenario.action != likeliest), np.bool_)
 
 
-def _size(scenario: Scenario, chances: NDArray[np.float64]) -> Size:
+def _size(scenario: Scenario, chances: NDArray[np.float64] | None) -> Size:
+    """Say how large a case is; without chances, on rails, nobody decides."""
     assert scenario.crash is not None  # `Reproducer` has looked
     return Size(
         vehicles=scenario.slot.size,
         decisions=len(scenario.action),
         seconds=scenario.crash.time,
-        deviating_actions=int(_deviations(scenario, chances).sum()),
+        deviating_actions=0 if chances is None else int(_deviations(scenario, chances).sum()),
         log_prob_nde=float(scenario.log_prob_nde.sum()),
     )
 

@@ -16,7 +16,7 @@ from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
 from cornerforge.foreign.process import DEFAULT_TIMEOUT
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
-from cornerforge.library.schema import SCRIPTED
+from cornerforge.library.schema import ON_RAILS, SCRIPTED
 from cornerforge.ndd.model import save_model
 from cornerforge.pipeline.cases import driver_of_cases, experiment_of, is_same
 from cornerforge.pipeline.generate import MODEL_FILE
@@ -55,6 +55,8 @@ def shrink(
 ) -> ShrunkLibrary:
     """Make cases as small as possible: fewest vehicles, shortest window, most natural actions, the same crash.
 
+    Where the other vehicles are on rails, as in imported cases, only vehicles and the window can become fewer.
+
     Args:
         library: The library's folder; its cases may be shrunk already.
         cases: Case ids, in any order, or "all".
@@ -74,11 +76,6 @@ def shrink(
     """
     began = time.perf_counter()
     source = CaseLibrary.open(Path(library))
-    if source.on_rails:
-        raise InputError(
-            f"The other vehicles of the cases in {library} move as they are told and decide nothing, so there is "
-            "nothing to leave out; shrink takes cases in which they drive."
-        )
     ids = _ids(source, [cases] if isinstance(cases, str) else cases)
     place = _place(Path(library), ids) if out is None else Path(out)
     run = experiment_of(source, av_timeout, av_python)
@@ -129,6 +126,7 @@ def _open(source: CaseLibrary, run: Experiment, place: Path, *, resume: bool) ->
     identity = {
         **natural.identity(seed),
         SCRIPTED: True,
+        **({ON_RAILS: True} if source.on_rails else {}),
         "source_bv": source.identity["bv"],
         "source": config_hash(origin),
         "cornerforge": version(),
@@ -218,6 +216,7 @@ def _record(small: Shrunk) -> CaseRecord:
     return case_record(
         small.scenario,
         start=small.script.start,
+        poses=small.script.poses,
         extra={
             "crash_type": small.crash_type,
             "striker": small.striker,
