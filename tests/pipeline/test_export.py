@@ -63,6 +63,16 @@ def test_what_is_written_is_what_is_stored(swerve_library: Path, tmp_path: Path)
                                    stored.x[there] - stored.x[0, 0], atol=1e-3)  # fmt: skip
 
 
+def test_the_av_can_be_left_to_the_user(swerve_library: Path, tmp_path: Path) -> None:
+    """In CommonRoad it is a planning problem then: nobody knows what it does, and an AV can take its seat."""
+    case = ids_of(swerve_library)[0]
+    done = cornerforge.export(swerve_library, [case], to="commonroad", mode="controller", out=tmp_path / "out")
+    back = read_commonroad(tmp_path / "out" / done.files[0])
+    assert not back.av_is_recorded
+    said = cornerforge.import_cases(tmp_path / "out" / done.files[0], out=tmp_path / "in", av="idm-mobil")
+    assert {one.outcome for one in said.cases} <= {"crash", "no crash"}
+
+
 def test_a_case_file_drives_to_the_same_contact(swerve_library: Path, tmp_path: Path) -> None:
     case = ids_of(swerve_library)[0]
     (file,) = cornerforge.export(swerve_library, [case], to="json", out=tmp_path / "out").files
@@ -91,8 +101,10 @@ def test_the_analysis_beside_is_told(swerve_library: Path, tmp_path: Path) -> No
 def test_bad_input(swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(UnknownNameError, match='No format "carla"'):
         cornerforge.export(swerve_library, "all", to="carla", out=tmp_path / "a")
-    with pytest.raises(InputError, match="leave them out for csv"):
+    with pytest.raises(InputError, match="csv has no mode controller"):
         cornerforge.export(swerve_library, "all", to="csv", mode="controller", out=tmp_path / "a")
+    with pytest.raises(InputError, match="leave it out for commonroad"):
+        cornerforge.export(swerve_library, "all", to="commonroad", version="1.0", out=tmp_path / "a")
     with pytest.raises(InputError, match="no case to export"):
         cornerforge.export(swerve_library, [], to="csv", out=tmp_path / "a")
     if not has_rerun():

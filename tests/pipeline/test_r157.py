@@ -15,7 +15,7 @@ import pytest
 import cornerforge
 from cornerforge import cli
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, crashes_at_cut_ins, drives_into
-from cornerforge.errors import InputError, OutputError, UnknownNameError
+from cornerforge.errors import OutputError, UnknownNameError
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline import r157 as module
 from cornerforge.pipeline.r157_roads import closing_at_least, cut_in_density

@@ -51,8 +51,8 @@ def export(
         str,
         typer.Option(
             metavar="recorded|controller|relative",
-            help="Of OpenSCENARIO. recorded: all move as recorded; controller: a controller of yours drives the AV, "
-            "the others as recorded; relative: the partner's manoeuvre begins at the recorded time gap to the AV.",
+            help="recorded: all move as recorded; controller: yours drives the AV (in CommonRoad a planning problem), "
+            "the others as recorded; relative (OpenSCENARIO): the partner's manoeuvre begins at the recorded time gap.",
             autocompletion=completing("recorded", "controller", "relative"),
         ),
     ] = "recorded",

@@ -26,11 +26,12 @@ _AFTER = 50
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """How OpenSCENARIO is written (`interchange.openscenario.write_openscenario`).
+    """How cases are written.
 
     Attributes:
-        version: 1.0, 1.1, 1.2 or 1.3.
-        mode: recorded, controller or relative.
+        version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
+        mode: recorded: all move as recorded. controller: the AV is left to the user, in OpenSCENARIO to a controller,
+            in CommonRoad as a planning problem. relative, of OpenSCENARIO: see `interchange.openscenario`.
     """
 
     version: str = "1.2"
@@ -48,19 +49,23 @@ class CaseWriter:
     Args:
         cases: The library; its path must have a name.
         to: A name of `EXPORTS`.
-        options: Of OpenSCENARIO.
+        options: How; None: as recorded.
 
     Raises:
         UnknownNameError: There is no such format.
-        InputError: Another format has no such options.
+        InputError: The format has no such mode or version.
         MissingExtraError: The format's library is not installed.
     """
 
     def __init__(self, cases: CaseLibrary, to: str, options: ExportOptions | None = None) -> None:
         check_in("format", to, tuple(EXPORTS))
         self._to, self._options = to, options or ExportOptions()
-        if to != "openscenario" and self._options != ExportOptions():
-            raise InputError(f"Version and mode are those of openscenario; leave them out for {to}.")
+        if self._options.mode not in _MODES.get(to, ("recorded",)):
+            raise InputError(
+                f"{to} has no mode {self._options.mode}; it has: {', '.join(_MODES.get(to, ('recorded',)))}."
+            )
+        if to != "openscenario" and self._options.version != ExportOptions().version:
+            raise InputError(f"The version is that of openscenario; leave it out for {to}.")
         if to == "rerun" and not has_rerun():
             raise MissingExtraError("rerun-sdk", "rerun")
         self._facts = CaseFacts(cases)
@@ -76,7 +81,7 @@ class CaseWriter:
         if self._to == "commonroad":
             from cornerforge.interchange.commonroad import write_commonroad
 
-            return write_commonroad(case, folder)
+            return write_commonroad(case, folder, av="planning" if self._options.mode == "controller" else "both")
         name = f"{case.name}.{_ENDINGS[self._to]}"
         if self._to == "rerun":
             from cornerforge.interchange.rerun_file import write_rerun
@@ -101,6 +106,7 @@ EXPORTS: Mapping[str, str] = {
     "json": "case file (JSON), for retest and pytest",
 }
 """The formats, each with what people read."""
+_MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": ("recorded", "controller")}
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
 
 
@@ -123,7 +129,7 @@ def export(
         to: A name of `EXPORTS`.
         out: Folder for the files, new or empty.
         version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
-        mode: Of OpenSCENARIO (`interchange.openscenario.write_openscenario`): recorded, controller or relative.
+        mode: recorded, controller or relative (`ExportOptions`).
         resume: Go on with what an earlier call that was ended left.
         progress: Told how far it is.
 
