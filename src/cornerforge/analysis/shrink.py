@@ -183,8 +183,7 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
         if _equal(before, small):
             break
     scenario, small_chances = driver.record(small)
-    if small.poses is not None:
-        chances = small_chances = None
+    decides = small.poses is None
     _, code, striker = case.kind
     return Shrunk(
         script=replace(small, action=scenario.action),
@@ -192,8 +191,8 @@ def shrink(driver: ScriptDriver, script: Script) -> Shrunk:
         crash_type=CRASH_TYPES[code],
         striker=STRIKERS[striker],
         cause=case.cause,
-        before=_size(whole, chances),
-        after=_size(scenario, small_chances),
+        before=_size(whole, chances if decides else None),
+        after=_size(scenario, small_chances if decides else None),
         drives=driver.drives - first,
     )
 

@@ -179,9 +179,10 @@ def import_text(r: ImportedCases) -> str:
     """Tell the result in text."""
     lines = []
     for case in r.cases:
-        lines.append(f"{case.source}: {case.vehicles} vehicles, {case.seconds} s; {case.words}")
+        vehicles = f"{case.vehicles} vehicle{'' if case.vehicles == 1 else 's'}"
+        lines.append(f"{case.source}: {vehicles}, {case.seconds} s; {case.words}")
         lines += [f"  left out: {note}" for note in case.notes]
-    lines += [f"Not read: {one.why}" for one in r.refused]
+    lines += [f"Not read: {one.source}: {one.why}" for one in r.refused]
     unknown = sum(case.outcome == UNKNOWN for case in r.cases)
     said = f"{len(r.cases):,} cases in {r.out}/cases; {r.av} crashes in {r.crashes:,}"
     lines.append(said + (f"; in {unknown:,} what it does is not known" if unknown else ""))
