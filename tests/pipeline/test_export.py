@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,10 +13,18 @@ import pytest
 
 import cornerforge
 from cornerforge.cli import main
-from cornerforge.errors import InputError, MissingExtraError, OutputError, UnknownCaseError, UnknownNameError
+from cornerforge.errors import (
+    FileFormatError,
+    InputError,
+    MissingExtraError,
+    OutputError,
+    UnknownCaseError,
+    UnknownNameError,
+)
 from cornerforge.interchange.read_commonroad import read_commonroad
 from cornerforge.interchange.tables import read_table
 from cornerforge.library import CaseLibrary
+from cornerforge.pipeline.case_facts import CaseFacts
 from cornerforge.pipeline.case_files import drive_case
 from cornerforge.pipeline.export import has_rerun
 
@@ -98,6 +107,27 @@ def test_the_analysis_beside_is_told(swerve_library: Path, tmp_path: Path) -> No
     assert facts["licence_of_the_model"]
 
 
+def test_a_damaged_analysis_is_named(swerve_library: Path, tmp_path: Path) -> None:
+    shutil.copytree(swerve_library, tmp_path / "run" / "library")
+    cornerforge.analyse(tmp_path / "run" / "library", out=tmp_path / "run" / "analysis", avoidability="none")
+    whole = (tmp_path / "run" / "analysis" / "cases.parquet").read_bytes()
+    (tmp_path / "run" / "analysis" / "cases.parquet").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FileFormatError, match=r"analysis.*damaged"):
+        cornerforge.export(tmp_path / "run" / "library", "all", to="csv", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_rates_of_cases_add_up_to_the_natural_rate(tmp_path: Path) -> None:
+    """What cases stand for, summed, is the rate per mile that `rate` says, of the library that it leaves."""
+    said = cornerforge.rate(av="flawed-brakes-late", method="mc", max_tests=2_000, out=tmp_path / "natural")
+    assert said.crashes_per_mile is not None
+    cases = CaseLibrary.open(tmp_path / "natural" / "library")
+    facts = CaseFacts(cases)
+    each = [facts.of(str(one.scalars["case_id"]), one) for one in cases.scenarios(ids_of(cases.path))]
+    often = sum(float(one["crashes_per_billion_miles_it_stands_for"] or 0.0) for one in each)
+    assert often == pytest.approx(1e9 * said.crashes_per_mile, rel=1e-9)
+
+
 def test_bad_input(swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(UnknownNameError, match='No format "carla"'):
         cornerforge.export(swerve_library, "all", to="carla", out=tmp_path / "a")
@@ -105,6 +135,12 @@ def test_bad_input(swerve_library: Path, tmp_path: Path, capsys: pytest.CaptureF
         cornerforge.export(swerve_library, "all", to="csv", mode="controller", out=tmp_path / "a")
     with pytest.raises(InputError, match="leave it out for commonroad"):
         cornerforge.export(swerve_library, "all", to="commonroad", version="1.0", out=tmp_path / "a")
+    with pytest.raises(UnknownCaseError, match="0:99999999"):
+        cornerforge.export(swerve_library, ["0:99999999"], to="csv", out=tmp_path / "a")
+    with pytest.raises(InputError, match="stands for every case"):
+        cornerforge.export(swerve_library, ["5:0", "all"], to="csv", out=tmp_path / "a")
+    with pytest.raises(UnknownNameError, match="version"):
+        cornerforge.export(swerve_library, ["5:0"], to="openscenario", version="2.0", out=tmp_path / "a")
     with pytest.raises(InputError, match="no case to export"):
         cornerforge.export(swerve_library, [], to="csv", out=tmp_path / "a")
     if not has_rerun():

@@ -18,7 +18,8 @@ from cornerforge.errors import InputError
 from cornerforge.explorer.sources import Analysis, Source
 from cornerforge.explorer.words import VALUES, label_of
 from cornerforge.fields import HISTORY_SHAPE
-from cornerforge.types import CLASSES, METRES_PER_MILE
+from cornerforge.report.artefacts import per_billion_miles
+from cornerforge.types import CLASSES
 
 __all__ = ["CaseTable", "Column", "case_table"]
 
@@ -195,7 +196,7 @@ def _derived(source: Source, analysis: Analysis | None, table: pa.Table, part: _
     n = table.num_rows
     made: dict[str, pa.Array] = {"source": pa.array([source.name] * n, pa.string())}
     if source.weights is not None:
-        per_mile = 1e9 * METRES_PER_MILE / source.cases.odd.test_length
+        per_mile = per_billion_miles(source.cases)
         weights = [source.weights.get(case) for case in table["case_id"].to_pylist()]
         made["often"] = pa.array([None if w is None else w * per_mile for w in weights], pa.float64())
     made |= _cells(source, table)

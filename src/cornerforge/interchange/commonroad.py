@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -44,6 +45,8 @@ _AGAIN = 1000
 _BEHIND, _AHEAD = 50.0, 250.0
 """How far the road goes on behind and ahead of all vehicles [m]."""
 _SOURCE = "cornerforge"
+_AFTER = 30
+"""Frames for which the others go on after the record, where another AV drives."""
 
 _STATE = (
     "<position><point><x>%.6f</x><y>%.6f</y></point></position><orientation><exact>%.6f</exact></orientation>"
@@ -64,7 +67,8 @@ def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str
         case: The case; its name becomes that of the file.
         folder: Where to write; it is made.
         av: One of `AV_WAYS`. "both": everybody as recorded, the AV too. "planning": the AV is left out, so that a
-            planner can take its place; its size then stands among the facts.
+            planner can take its place; its size then stands among the facts, and the others go straight on for 3 s
+            after the record; the goal is at the end of that.
         date: When it was made, year-month-day.
 
     Returns:
@@ -80,7 +84,8 @@ def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str
     facts = dict(case.facts)
     if av == "planning":
         facts |= {"av_length_m": float(case.scenario.length[0]), "av_width_m": float(case.scenario.width[0])}
-    text = "".join(_pieces(case.scenario, facts, with_av=av == "both", date=date))
+    scenario = case.scenario if av == "both" else _prolonged(case.scenario)
+    text = "".join(_pieces(scenario, facts, with_av=av == "both", date=date))
     name = f"{case.name}.xml"
     with writing(folder / name, "the CommonRoad scenario") as part:
         part.write_bytes(text.encode())
@@ -122,6 +127,16 @@ def _value(text: str) -> Fact:
     except ValueError:
         return text
     return value if isinstance(value, (bool, int, float)) else text
+
+
+def _prolonged(scenario: Scenario) -> Scenario:
+    """Let all who are there at the end go straight on for some time: another AV may not be over yet."""
+    after = FRAME_S * np.arange(1, _AFTER + 1)[:, None]
+    last = {name: getattr(scenario, name)[-1:] for name in ("x", "y", "speed", "target_lane", "present")}
+    more = {name: np.repeat(values, _AFTER, axis=0) for name, values in last.items()}
+    more["x"] = more["x"] + more["speed"] * after
+    more["heading"] = more["acceleration"] = np.zeros_like(more["x"])
+    return replace(scenario, **{name: np.concatenate([getattr(scenario, name), more[name]]) for name in more})
 
 
 def _pieces(scenario: Scenario, facts: dict[str, Fact], *, with_av: bool, date: str) -> Iterator[str]:

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow.fs import LocalFileSystem
 
-from cornerforge.errors import CornerForgeError
+from cornerforge.errors import CornerForgeError, FileFormatError
 from cornerforge.interchange.cases import Fact, OutCase
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.library.natural import natural_weights
@@ -18,7 +19,7 @@ from cornerforge.ndd.model import load_model
 from cornerforge.pipeline.beside import analysis_beside
 from cornerforge.pipeline.generate import MODEL_FILE
 from cornerforge.pipeline.output import config_hash, version
-from cornerforge.types import METRES_PER_MILE
+from cornerforge.report.artefacts import per_billion_miles
 
 __all__ = ["CaseFacts"]
 
@@ -28,7 +29,6 @@ _ANALYSED = (
     "crash_type", "prevented_by", "held_speed_prevents", "fault", "fault_rule", "conduct", "avoidability",
     "impact_speed_mps", "av_injury_probability", "value",
 )  # fmt: skip
-_BILLION = 1e9
 
 
 class CaseFacts:
@@ -47,7 +47,7 @@ class CaseFacts:
         }
         self._analysed = _analysed(analysis_beside(cases))
         weights = natural_weights(cases) or {}
-        per_billion = _BILLION * METRES_PER_MILE / cases.odd.test_length
+        per_billion = per_billion_miles(cases)
         self._often = {case: weight * per_billion for case, weight in weights.items()}
 
     def of(self, case_id: str, stored: StoredCase) -> dict[str, Fact]:
@@ -84,6 +84,11 @@ def _analysed(folder: Path | None) -> Mapping[str, dict[str, Any]]:
     """Read what an analysis says of each case; nothing without one."""
     if folder is None:
         return {}
-    file = pq.ParquetFile(LocalFileSystem().open_input_file(str((folder / "cases.parquet").absolute())))
-    columns = [name for name in ("case_id", *_ANALYSED) if name in file.schema_arrow.names]
-    return {row.pop("case_id"): row for row in file.read(columns).to_pylist()}
+    try:
+        file = pq.ParquetFile(LocalFileSystem().open_input_file(str((folder / "cases.parquet").absolute())))
+        columns = [name for name in ("case_id", *_ANALYSED) if name in file.schema_arrow.names]
+        return {row.pop("case_id"): row for row in file.read(columns).to_pylist()}
+    except (pa.ArrowException, OSError) as error:
+        raise FileFormatError(
+            f"The analysis {folder} is damaged ({error}); make it again, or move it away: cases then lack what it says."
+        ) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from pathlib import Path
 from cornerforge._checks import check_in
 from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.interchange.case_file import write_case_file
+from cornerforge.interchange.openscenario import VERSIONS, write_openscenario
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.case_facts import CaseFacts
 from cornerforge.pipeline.case_files import CaseFilesOf
@@ -59,6 +61,7 @@ class CaseWriter:
 
     def __init__(self, cases: CaseLibrary, to: str, options: ExportOptions | None = None) -> None:
         check_in("format", to, tuple(EXPORTS))
+        check_in("OpenSCENARIO version", (options or ExportOptions()).version, VERSIONS)
         self._to, self._options = to, options or ExportOptions()
         if self._options.mode not in _MODES.get(to, ("recorded",)):
             raise InputError(
@@ -75,8 +78,6 @@ class CaseWriter:
         """Write a case into a folder; returns the names of its files."""
         case = self._facts.out_case(case_id, stored)
         if self._to == "openscenario":
-            from cornerforge.interchange.openscenario import write_openscenario
-
             return write_openscenario(case, folder, version=self._options.version, mode=self._options.mode)
         if self._to == "commonroad":
             from cornerforge.interchange.commonroad import write_commonroad
@@ -130,7 +131,7 @@ def export(
         out: Folder for the files, new or empty.
         version: Of OpenSCENARIO: 1.0, 1.1, 1.2 or 1.3.
         mode: recorded, controller or relative (`ExportOptions`).
-        resume: Go on with what an earlier call that was ended left.
+        resume: Write all files anew into the folder of an earlier call with the same arguments, finished or not.
         progress: Told how far it is.
 
     Returns:
@@ -150,9 +151,11 @@ def export(
         "cases": config_hash({"": ids}),
     }  # fmt: skip
     writer = CaseWriter(source, to, ExportOptions(version, mode))
+    found = source.scenarios(ids)
+    first = next(found)  # a name that the library lacks is an error before the folder is claimed
     open_output(place, identity, resume=resume)
     files: dict[str, None] = {}
-    for done, stored in enumerate(source.scenarios(ids), 1):
+    for done, stored in enumerate(itertools.chain([first], found), 1):
         case_id = str(stored.scalars["case_id"])
         files.update(dict.fromkeys(writer.write(case_id, stored, place)))
         if done % _AFTER == 0 or done == len(ids):
@@ -172,4 +175,6 @@ def _ids(source: CaseLibrary, wanted: Sequence[str]) -> list[str]:
     ids = source.scalars(["case_id"])["case_id"].to_pylist() if every else list(dict.fromkeys(wanted))
     if not ids:
         raise InputError(f"There is no case to export; name some of the library {source.path}, or all.")
+    if "all" in ids:
+        raise InputError('"all" stands for every case; leave out the others, or leave it out.')
     return ids

@@ -19,6 +19,7 @@ from cornerforge.results.learning import TrainingCurve
 from cornerforge.results.rates import INTERVAL95, PER_TEST, TESTS, Interval
 from cornerforge.results.reading import JsonFile, open_json
 from cornerforge.results.whole import Exposed, Exposure, Spending
+from cornerforge.types import METRES_PER_MILE
 
 if TYPE_CHECKING:
     from cornerforge.library import CaseLibrary
@@ -33,10 +34,13 @@ __all__ = [
     "Summary",
     "analyse_command",
     "library_artefacts",
+    "per_billion_miles",
     "rate_beside",
     "read_artefacts",
     "read_emptiness",
 ]
+
+_BILLION = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,6 +289,17 @@ def rate_beside(library: Path) -> OnRoads | None:
     rate = replace(made.read(OnRoads), name="natural traffic")
     check_interval(made, "interval95", rate.interval95, "crashes_per_test", rate.crashes_per_test)
     return rate
+
+
+def per_billion_miles(cases: CaseLibrary) -> float:
+    """Give the crashes per billion miles that one crash per test stands for, as the natural rate beside a library says.
+
+    Without one it is by the length of a test, which is more than an AV drives that crashes on the way.
+    """
+    rate = rate_beside(cases.path)
+    if rate is not None and rate.crashes_per_mile and rate.crashes_per_test:
+        return _BILLION * rate.crashes_per_mile / rate.crashes_per_test
+    return _BILLION * METRES_PER_MILE / cases.odd.test_length
 
 
 def _filled_rate(cases: CaseLibrary) -> FilledRate | None:
