@@ -104,7 +104,7 @@ class Call:
             InputError: A module of that name would be found elsewhere first.
         """
         av = self.given.get("av", "") if self._from_file("av") else ""
-        if self.file is None or ":" not in av:
+        if self.file is None or ":" not in av or _names_file(av):
             yield
             return
         folder = self.file.parent.resolve()
@@ -286,6 +286,12 @@ def _one(name: str, value: Any, kind: Any, file: Path) -> Any:
         return _av_beside(text, file.parent)
     names_file = kind is Path or (name in _MAY_NAME_FILES and ":" not in text and text.endswith(_ENDINGS))
     return str(file.parent / text) if names_file else text
+
+
+def _names_file(av: str) -> bool:
+    from cornerforge.foreign.loaders import split_file
+
+    return split_file(av)[0] != ""
 
 
 def _av_beside(av: str, folder: Path) -> str:

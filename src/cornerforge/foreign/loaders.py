@@ -15,7 +15,7 @@ from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.foreign.drivers import Driver, driver_of
 from cornerforge.foreign.programs import Program, ProgramDriver, is_program
 
-__all__ = ["from_folder", "is_foreign", "load_av", "source_hash"]
+__all__ = ["from_folder", "is_foreign", "load_av", "source_hash", "split_file"]
 
 FILE_KINDS = (".onnx", ".zip")
 _BUILT_IN_FILES = (".safetensors",)
@@ -31,10 +31,10 @@ def is_foreign(spec: str) -> bool:
     return ":" in spec or spec.lower().endswith(FILE_KINDS)
 
 
-def _split(spec: str) -> tuple[str, str]:
+def split_file(spec: str) -> tuple[str, str]:
     """Split the name of an AV into its file, "" if it names none, and the rest.
 
-    >>> _split("avs/my_av.py:MyAv"), _split("net.onnx"), _split("my_av:MyAv")
+    >>> split_file("avs/my_av.py:MyAv"), split_file("net.onnx"), split_file("my_av:MyAv")
     (('avs/my_av.py', ':MyAv'), ('net.onnx', ''), ('', 'my_av:MyAv'))
     """
     if is_program(spec):
@@ -52,7 +52,7 @@ def from_folder(spec: str, folder: Path) -> str:
     >>> from_folder("my_av.py:MyAv", Path("/avs")), from_folder("my_av:MyAv", Path("/avs"))
     ('/avs/my_av.py:MyAv', 'my_av:MyAv')
     """
-    file, rest = _split(spec)
+    file, rest = split_file(spec)
     return f"{folder / file}{rest}" if file else spec
 
 
@@ -89,7 +89,7 @@ def load_av(spec: str) -> tuple[Driver, dict[str, str]]:
 
 
 def _load_class(spec: str) -> tuple[Driver, dict[str, str]]:
-    file, rest = _split(spec)
+    file, rest = split_file(spec)
     if file:
         return _class_of(spec, _import_file(spec, Path(file)), Path(file).name, rest[1:])
     name, _, attribute = spec.partition(":")
