@@ -31,6 +31,20 @@ class Heedless:
 class Coward:
     def act(self, view):
         return np.tile([-8.0, 0.0], (len(view), 1))
+
+
+class Fails:
+    def __init__(self):
+        self.asked = 0
+
+    def reset(self, worlds, seeds):
+        self.asked = 0
+
+    def act(self, view):
+        self.asked += 1
+        if self.asked > 5:
+            raise RuntimeError("lost my way")
+        return np.zeros((len(view), 2))
 """
 TESTS = """
 import pytest
@@ -100,11 +114,11 @@ def test_a_test_of_ones_own_av(project: Path) -> None:
     assert "FAILED tests/test_mine.py::test_heedless[cases/near]" in told
     # 50 m at 20 m/s: 2.5 s, seen at the next tenth.
     assert (
-        "Case tests/cases/near.json, AV mine:Heedless: crash after 2.6 s: the AV, at 20.0 m/s, strikes the truck"
-        in told
+        "Case tests/cases/near.json, AV tests/avs/mine.py:Heedless: crash after 2.6 s: the AV, at 20.0 m/s, strikes "
+        "the truck" in told
     )
     assert "As the file says, old did not crash." in told
-    seen = "PYTHONPATH=tests/avs cornerforge retest tests/cases/near.json --av mine:Heedless --page seen.html"
+    seen = "cornerforge retest tests/cases/near.json --av tests/avs/mine.py:Heedless --page seen.html"
     assert f"To see it: {seen}" in told
     assert "PASSED tests/test_mine.py::TestCoward::test_stops[cases/far]" in told
 
@@ -115,7 +129,9 @@ def test_a_failed_assert_says_what_happened(project: Path) -> None:
     status, told = pytest_in(project, "tests", "-k", "stops and near")
     assert status == 1
     assert "1 failed, 6 deselected" in told
-    assert "<case near, AV mine:Heedless: crash after 2.6 s: the AV, at 20.0 m/s, strikes the truck" in told
+    assert (
+        "<case near, AV tests/avs/mine.py:Heedless: crash after 2.6 s: the AV, at 20.0 m/s, strikes the truck" in told
+    )
 
 
 def test_it_works_with_xdist(project: Path) -> None:
@@ -134,6 +150,9 @@ WRONG = [
     ('"cases/near.json"', "case", "Name the AV: @pytest.mark.cornerforge"),
     ('"cases/near.json", av="idm-mobl"', "case", 'No AV "idm-mobl". Did you mean "idm-mobil"?'),
     ('"avs/mine.py", av="idm-mobil"', "case", "mine.py is no case file"),
+    ('"cases/near.json", av="avs/mine.py:Fails"', "case", "raised RuntimeError(lost my way)"),
+    ('"cases/near.json", av="avs/gone.py:Fails"', "case", "No AV file "),
+    ('"cases/near.json", av="avs/mine.py:Fail"', "case", 'No class in mine.py "Fail". Did you mean "Fails"?'),
 ]
 
 
@@ -147,6 +166,30 @@ def test_what_is_wrong_with_a_marker_is_told(project: Path) -> None:
     assert "passed" not in told
     for _, _, message in WRONG:
         assert message in told
+    assert "Traceback" not in told
+    assert "src/cornerforge" not in told
+    assert len(told.splitlines()) < 8 * len(WRONG)
+
+
+def test_who_strikes_may_decide(project: Path) -> None:
+    case = of_moving(stopped_truck("near", 50.0))
+    poses = np.array(case.script.poses)
+    poses[:, 1, X], poses[:, 1, SPEED] = 2.0 * np.arange(len(poses)) - 14.0, 20.0
+    start = case.script.start.copy()
+    start["x"][1], start["speed"][1] = -14.0, 20.0
+    behind = replace(case, name="behind", script=replace(case.script, poses=poses, start=start))
+    cornerforge.write_case_file(behind, project / "tests" / "behind" / "behind.json")
+    text = "\n\n".join(
+        f"def test_{name}(case):\n    case.check({words})" for name, words in (("any", ""), ("av", "count='av'"))
+    )
+    mark = 'pytestmark = pytest.mark.cornerforge("behind/*.json", av="avs/mine.py:Coward")'
+    (project / "tests" / "test_behind.py").write_text(f"import pytest\n\n{mark}\n\n{text}\n", encoding="utf-8")
+    (project / "tests" / "behind" / "provenance.json").write_text("{}", encoding="utf-8")  # as `export` leaves it
+    status, told = pytest_in(project, "tests/test_behind.py")
+    assert status == 1
+    assert "1 failed, 1 passed" in told
+    assert "PASSED tests/test_behind.py::test_av[behind/behind]" in told
+    assert "strikes the AV, at" in told
 
 
 OTHER = """

@@ -61,51 +61,47 @@ class MarkedCase:
         return self.path.stem
 
     def read(self) -> CaseFile:
-        """Read the file.
-
-        Raises:
-            FileFormatError: It is no case file, or something in it is wrong.
-        """
+        """Read the file; the test fails if it is no case file, or something in it is wrong."""
         from cornerforge.interchange.case_file import read_case_file
 
-        return read_case_file(self.path)
+        with _failing():
+            return read_case_file(self.path)
 
     def drive(self, av: str | None = None) -> DrivenCase:
-        """Drive the case.
+        """Drive the case; the test fails if the file is wrong, there is no such AV, or it gives no usable answer.
 
         Args:
             av: Another AV than that of the marker; "recorded": whatever was in the AV's seat.
-
-        Raises:
-            CornerForgeError: The file is wrong, or there is no such AV, or it gives no usable answer.
         """
-        from cornerforge.errors import InputError
+        return self._drive(av or self.av, "any")
 
-        wanted = av or self.av
-        if wanted is None:
-            raise InputError(f'Name the AV: @pytest.mark.{MARKER}("cases/*.json", av="my_av.py:MyAv").')
-        spec, place = _spec_of(wanted, self.folder)
-        with _looking_in(place):
-            return self._drive(spec, place)
-
-    def _drive(self, spec: str, place: Path) -> DrivenCase:
+    def _drive(self, av: str | None, count: str) -> DrivenCase:
         from dataclasses import replace
 
-        from cornerforge.pipeline.case_files import driven_with
+        from cornerforge.errors import InputError
+        from cornerforge.foreign.loaders import from_folder
+        from cornerforge.pipeline.case_files import check_count, driven_with
 
-        driver = _driver_of(spec, place, self.path.parent, self.asked)
-        return replace(driven_with(driver, self.read(), spec), seen=self._command(spec, place))
+        with _failing(), _looking_in(self.folder):
+            check_count(count)
+            if av is None:
+                raise InputError(f'Name the AV: @pytest.mark.{MARKER}("cases/*.json", av="my_av.py:MyAv").')
+            spec = from_folder(av, self.folder)
+            driver = _driver_of(spec, self.folder, self.path.parent, self.asked)
+            shown = spec if spec == av else from_folder(av, _below_here(self.folder))
+            return replace(driven_with(driver, self.read(), shown), seen=self._command(shown, spec == av))
 
-    def check(self, av: str | None = None) -> DrivenCase:
+    def check(self, av: str | None = None, *, count: str = "any") -> DrivenCase:
         """Drive the case, and let the test fail if the AV crashes.
 
         Args:
             av: As for `drive`.
+            count: Which crashes count: "any", or "av": those in which the AV strikes, alone or as the other does.
         """
         import pytest
 
-        driven = self.drive(av)
-        if driven.crashed:
+        driven = self._drive(av or self.av, count)
+        if driven.counts(count):
             said = self.read()
             before = "" if said.happened is None else f"\nAs the file says, {said.av or 'the AV'} {_said(said)}."
             pytest.fail(
@@ -114,8 +110,9 @@ class MarkedCase:
             )
         return driven
 
-    def _command(self, spec: str, place: Path) -> str:
-        found = "" if place == Path.cwd() else f"PYTHONPATH={shlex.quote(_short(place))} "
+    def _command(self, spec: str, is_module: bool) -> str:
+        is_far = is_module and ":" in spec and self.folder != Path.cwd()
+        found = f"PYTHONPATH={shlex.quote(_short(self.folder))} " if is_far else ""
         return f"{found}cornerforge retest {shlex.quote(_short(self.path))} --av {shlex.quote(spec)} --page seen.html"
 
 
@@ -124,20 +121,29 @@ def _said(case: CaseFile) -> str:
     return "did not crash" if frame is None else f"crashed after {frame / 10:.1f} s"
 
 
+def _below_here(path: Path) -> Path:
+    """The path from here, if it is below."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
 def _short(path: Path) -> str:
-    """The path from here, if the file is below."""
-    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
+    return str(_below_here(path))
 
 
-def _spec_of(av: str, folder: Path) -> tuple[str, Path]:
-    """Find an AV from a test's folder: what cornerforge calls it, and the folder in which its module is."""
-    file, colon, name = av.partition(":")
-    if colon and file.endswith(".py"):
-        path = (folder / file).resolve()
-        return f"{path.stem}:{name}", path.parent
-    if not colon and Path(av).suffix in (".onnx", ".zip", ".safetensors") and (folder / av).is_file():
-        return str((folder / av).resolve()), folder
-    return av, folder
+@contextlib.contextmanager
+def _failing() -> Iterator[None]:
+    """Let the test fail in a line or a few where what the user gave is wrong, or the AV fails."""
+    import pytest
+
+    from cornerforge.errors import CornerForgeError
+
+    try:
+        yield
+    except CornerForgeError as error:
+        said = str(error)
+    else:
+        return
+    pytest.fail(said, pytrace=False)
 
 
 @contextlib.contextmanager
@@ -198,15 +204,19 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def _files(folder: Path, patterns: Sequence[Any]) -> list[Path] | str:
-    """Find files; or say what is wrong with the patterns."""
+    """Find case files; or say what is wrong with the patterns."""
     if not patterns or not all(isinstance(pattern, str) and pattern for pattern in patterns):
         return 'name case files, such as "cases/*.json".'
+    from cornerforge.pipeline.output import IDENTITY
+
     found: set[Path] = set()
     for pattern in patterns:
         whole = Path(pattern)
         start = Path(whole.anchor) if whole.is_absolute() else folder
         rest = str(whole.relative_to(whole.anchor)) if whole.is_absolute() else pattern
         here = {Path(os.path.abspath(path)) for path in start.glob(rest) if path.is_file()}
+        if whole.name != IDENTITY:  # what `export` says of its folder
+            here = {path for path in here if path.name != IDENTITY}
         if not here:
             return f"no file {pattern} (looked in {folder})."
         found |= here

@@ -37,8 +37,8 @@ class WorldOptions:
     """The options for the world of a test, as the user gives them; `pipeline.setting.experiment` checks them.
 
     Attributes:
-        av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`, an
-            `.onnx` or a Stable-Baselines3 `.zip` file, or `cmd: PROGRAM ARGUMENTS`.
+        av: The AV under test: a built-in name, a file that `train-av` made, or an AV from outside: `module:Class`,
+            `path/to/file.py:Class`, an `.onnx` or a Stable-Baselines3 `.zip` file, or `cmd: PROGRAM ARGUMENTS`.
         odd: "default", "swift", "paper" or "mixed".
         lanes: 2 to 6; None for the ODD's own.
         model: Naturalistic model, or its file; None for the one that ships with the package.
@@ -56,8 +56,8 @@ class WorldOptions:
     av: str = field(
         default="idm-mobil",
         metadata={
-            "help": 'AV under test: a name (`cornerforge avs` lists them), module:Class, "cmd: ./program", or an .onnx '
-            "or SB3 .zip file."
+            "help": "AV under test: a name (`cornerforge avs` lists them), module:Class, file.py:Class, "
+            '"cmd: ./program", or an .onnx or SB3 .zip file.'
         },
     )
     odd: str = field(

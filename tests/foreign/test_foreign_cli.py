@@ -250,3 +250,58 @@ def test_long_jobs_are_announced_with_what_was_measured(
 
 
 TIMES = ("seconds", "tests_per_second", "world_steps_per_second")
+
+
+IN_A_FILE = """
+from beside import REST
+
+
+class Mine:
+    def act(self, view):
+        return REST.repeat(len(view), axis=0)
+
+
+class Wreck:
+    def act(self, view):
+        return missing_name
+"""
+
+
+@pytest.fixture
+def av_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file of AVs below the current folder, with a module beside it, called like one of Python's own."""
+    place = tmp_path / "my avs"
+    place.mkdir()
+    (place / "json.py").write_text(IN_A_FILE, encoding="utf-8")
+    (place / "beside.py").write_text("import numpy\n\nREST = numpy.zeros((1, 2))\n", encoding="utf-8")
+    (place / "none.py").write_text("HERE = 3\n", encoding="utf-8")
+    (place / "broken.py").write_text("import no_such_thing\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return place
+
+
+def test_an_av_is_named_by_its_file(av_files: Path, capsys: Capture) -> None:
+    for spec in ("my avs/json.py:Mine", f"{av_files}/json.py:Mine"):
+        status, found, err = call(capsys, "simulate", "--av", spec, "--tests", 4)
+        assert (status, found["tests"], found["av_faults"], err) == (0, 4, 0, "")
+    (av_files / "c.toml").write_text('av = "json.py:Mine"\n', encoding="utf-8")
+    status, found, _ = call(capsys, "simulate", "--config", "my avs/c.toml", "--tests", 4)
+    assert (status, found["tests"], found["av_faults"]) == (0, 4, 0)
+
+
+WRONG_FILES = {
+    "my avs/gone.py:Mine": "No AV file my avs/gone.py for the AV my avs/gone.py:Mine (looked in /",
+    "my avs/json.py:Min": 'No class in json.py "Min". Did you mean "Mine"?',
+    "my avs/json.py:": 'No class in json.py "". Known: Mine, Wreck.',
+    "my avs/none.py:Mine": 'No class "Mine" in none.py, which has none.',
+    "my avs/broken.py:Mine": "Importing my avs/broken.py for the AV my avs/broken.py:Mine failed: ModuleNotFoundError",
+    "my avs/json.py:REST": "my avs/json.py:REST is a ndarray, not a class",
+}
+
+
+@pytest.mark.parametrize("spec", WRONG_FILES)
+def test_a_wrong_file_of_an_av_is_told(av_files: Path, capsys: Capture, spec: str) -> None:  # noqa: ARG001
+    status, _, err = call(capsys, "simulate", "--av", spec, "--tests", 4)
+    assert status == 2
+    assert WRONG_FILES[spec] in err
+    assert len(err.strip().splitlines()) == 1

@@ -28,6 +28,7 @@ from cornerforge.pipeline.case_files import (
     drive_case,
     library_of,
 )
+from cornerforge.pipeline.retest import retest_text
 from cornerforge.world_options import WorldOptions
 
 HEEDLESS = """
@@ -35,6 +36,25 @@ import numpy as np
 
 class Heedless:
     def act(self, view):
+        return np.zeros((len(view), 2))
+
+
+class Coward:
+    def act(self, view):
+        return np.tile([-8.0, 0.0], (len(view), 1))
+
+
+class Fails:
+    def __init__(self):
+        self.asked = 0
+
+    def reset(self, worlds, seeds):
+        self.asked = 0
+
+    def act(self, view):
+        self.asked += 1
+        if self.asked > 5:
+            raise RuntimeError("lost my way")
         return np.zeros((len(view), 2))
 """
 
@@ -276,10 +296,104 @@ def test_what_retest_cannot_do_with_case_files(tmp_path: Path, files: Path) -> N
         cornerforge.retest(files, av="idm-mobil-d2rl", natural_tests=10)
     (tmp_path / "a" / "other.json").write_text("{}", encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"other\.json is no case file"):
-        cornerforge.retest(tmp_path / "a", av="idm-mobil")
+        cornerforge.retest(tmp_path / "a" / "other.json", av="idm-mobil")
+    said = cornerforge.retest(tmp_path / "a", av="idm-mobil", baseline="recorded")
+    assert (said.cases, said.note) == (1, "Left out: other.json is no case file.")
+    assert "Left out: other.json" in retest_text(said)
+    damaged = (tmp_path / "a" / "open.json").read_text(encoding="utf-8")[:-100]
+    (tmp_path / "a" / "damaged.json").write_text(damaged, encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"damaged\.json is no case file"):
+        cornerforge.retest(tmp_path / "a", av="idm-mobil", baseline="recorded")
     with pytest.raises(FileFormatError, match=r"none\.json: No such file"):
         cornerforge.retest(tmp_path / "none.json", av="idm-mobil")
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "notes.json").write_text("{}", encoding="utf-8")
     with pytest.raises(FileFormatError, match="is no case library"):
         cornerforge.retest(tmp_path / "b", av="idm-mobil")
+
+
+def test_what_export_writes_is_what_retest_takes(swerve_library: Path, tmp_path: Path) -> None:
+    """The pair that docs/interchange.md names: the folder holds provenance.json too."""
+    assert cli.main(["export", str(swerve_library), "all", "--to", "json", "--out", str(tmp_path / "cases")]) == 0
+    assert (tmp_path / "cases" / "provenance.json").exists()
+    assert cli.main(["retest", str(tmp_path / "cases"), "--av", "idm-mobil"]) == 0
+    said = cornerforge.retest(tmp_path / "cases", av="idm-mobil")
+    assert (said.cases, said.still_crashing, said.note) == (60, 60, None)
+    with pytest.raises(FileFormatError, match=r"provenance\.json is no case file"):
+        cornerforge.retest(tmp_path / "cases" / "provenance.json", av="idm-mobil")
+
+
+def tailgated(name: str = "tailgated") -> MovingCase:
+    """A truck on rails follows the AV, 10 m behind, both at 25 m/s."""
+    poses = np.zeros((58, 2, POSE_NUMBERS))
+    poses[:, :, Y], poses[:, :, LANE], poses[:, :, SPEED] = 1.75, 0, 25.0
+    poses[:, :, X] = 2.5 * np.arange(58)[:, None] + [0.0, -18.3]
+    odd = straight_road(lanes=2, lane_width=3.5, vehicles=2, seconds=5.8, fastest=25.0, av_size=(4.6, 1.8))
+    return MovingCase(name, odd, np.array([0, 1], np.int8), np.array([4.6, 12.0]), np.array([1.8, 2.5]), poses)
+
+
+@pytest.fixture
+def struck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """AVs from outside, and two cases that the old AV survived: one brakes ahead, one follows."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "avs.py").write_text(HEEDLESS, encoding="utf-8")
+    for moving in (braking_leader(), tailgated()):
+        case = replace(of_moving(moving), av="idm-mobil", happened=Happened())
+        cornerforge.write_case_file(case, tmp_path / "cases" / f"{moving.name}.json")
+    return tmp_path / "cases"
+
+
+def test_who_strikes_is_told_and_may_decide(struck: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["retest", "cases", "--av", "avs.py:Coward"]) == 1
+    told = capsys.readouterr().out
+    # 10 m = 0.533 m while braking grows at 12.65 m/s3 to 8 m/s2, then 2.53 t + 4 t^2: 0.63 s and 1.25 s.
+    found = "tailgated: crash after 1.9 s: the truck in slot 1, at 25.0 m/s, strikes the AV, at"
+    assert f"  New crashes in 1 case:\n    {found}" in told
+    assert "In 1 of 1 another vehicle strikes the AV; --count av leaves such out." in told
+    assert cli.main(["retest", "cases", "--av", "avs.py:Coward", "--count", "av"]) == 0
+    told = capsys.readouterr().out
+    assert "Not counted, as another vehicle strikes the AV in 1 case:\n    tailgated: crash after" in told
+    each = cornerforge.retest(struck, av="avs.py:Heedless", count="av").each
+    assert [(one.case, one.recorded, one.striker) for one in each] == [
+        ("braking", "new", "av"), ("tailgated", "never", None)
+    ]  # fmt: skip
+    assert str(each[1].words).startswith("no crash of the AV in ")
+    # What the old AV did counts by the same rule.
+    case = cornerforge.read_case_file(struck / "tailgated.json")
+    happened = drive_case(case, av="avs.py:Coward").happened
+    cornerforge.write_case_file(replace(case, happened=happened), struck / "tailgated.json", overwrite=True)
+    for count, kind in (("any", "fixed"), ("av", "never")):
+        assert cornerforge.retest(struck, av="avs.py:Heedless", count=count).each[1].recorded == kind
+    with pytest.raises(InputError, match='No way to count crashes "bv"'):
+        cornerforge.retest(struck, av="idm-mobil", count="bv")
+
+
+def test_an_av_that_fails_in_a_case_file_fails_the_command(struck: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["retest", str(struck), "--av", "avs.py:Fails"]
+    assert cli.main([*words, "--junit", "found.xml"]) == 1
+    told = capsys.readouterr().out
+    assert "The AV failed in 2 cases:\n    braking: The AV avs.py:Fails raised RuntimeError(lost my way)" in told
+    assert "It got WORSE." in told
+    suite = ElementTree.parse("found.xml").getroot()
+    assert (suite.get("tests"), suite.get("errors"), suite.get("failures")) == ("2", "2", "0")
+    error = suite.find("testcase/error")
+    assert error is not None
+    assert "lost my way" in str(error.get("message"))
+    # A baseline that fails tells nothing of the AV.
+    said = cornerforge.retest(struck, av="idm-mobil", baseline="avs.py:Fails")
+    assert (said.got_worse, said.recorded.left_out, said.each[0].failure) == (False, 2, None)
+
+
+def test_errors_of_a_drive_name_the_case() -> None:
+    case = of_moving(braking_leader("crowded"))
+    script = replace(case.script, start=case.script.start.copy())
+    script.start["length"][1] = 99.0
+    with CaseDriver(WorldOptions(av="idm-mobil")) as driver:
+        for drive in (driver.drive, driver.record):
+            with pytest.raises(InputError, match=r"^Case crowded: Vehicle 1 of the script is 99 m long"):
+                drive(replace(case, script=script))
+
+
+def test_which_crashes_count_is_for_case_files(swerve_library: Path) -> None:
+    with pytest.raises(InputError, match="count = 'av' is for case files"):
+        cornerforge.retest(swerve_library, av="idm-mobil", count="av")

@@ -249,6 +249,13 @@ def retest(
         Path | None,
         typer.Option(help="New file, .html: both versions side by side in the same cases.", show_default=False),
     ] = None,
+    count: Annotated[
+        str,
+        typer.Option(
+            help="Crashes that count in case files: any, or av: those in which the AV strikes.",
+            autocompletion=completing("any", "av"),
+        ),
+    ] = "any",
     seed: Seed = 0,
     threads: Threads = None,
     out: JsonFile = None,
@@ -262,7 +269,7 @@ def retest(
     result = run_command(
         lambda bars: cornerforge.retest(
             library, baseline=baseline, natural_tests=natural_tests, junit=junit, sarif=sarif, page=page,
-            seed=seed, threads=threads, progress=bars, **world,
+            count=count, seed=seed, threads=threads, progress=bars, **world,
         ),
         retest_text, as_json=as_json, quiet=quiet, out=out,
     )  # fmt: skip

@@ -34,7 +34,7 @@ _SHARED = {"seed", "threads", *(one.name.replace("_", "-") for one in fields(Wor
 """Options that may stand at the top for other commands than the one that reads the file."""
 _NUMBER_OR_WORD = {"avoidability", "budget"}
 """Options of text in which a number is usual."""
-_MAY_NAME_FILES, _ENDINGS = {"av", "bv", "policy"}, (".onnx", ".safetensors", ".zip")
+_MAY_NAME_FILES, _ENDINGS = {"bv", "policy"}, (".onnx", ".safetensors", ".zip")
 """Options of text that name a file where the text has such an ending."""
 _WORDS = {
     int: "a whole number",
@@ -104,7 +104,7 @@ class Call:
             InputError: A module of that name would be found elsewhere first.
         """
         av = self.given.get("av", "") if self._from_file("av") else ""
-        if self.file is None or ":" not in av:
+        if self.file is None or ":" not in av or _names_file(av):
             yield
             return
         folder = self.file.parent.resolve()
@@ -282,8 +282,22 @@ def _one(name: str, value: Any, kind: Any, file: Path) -> Any:
     if kind not in (str, Path):
         return value
     text = str(value)
+    if name == "av":
+        return _av_beside(text, file.parent)
     names_file = kind is Path or (name in _MAY_NAME_FILES and ":" not in text and text.endswith(_ENDINGS))
     return str(file.parent / text) if names_file else text
+
+
+def _names_file(av: str) -> bool:
+    from cornerforge.foreign.loaders import split_file
+
+    return split_file(av)[0] != ""
+
+
+def _av_beside(av: str, folder: Path) -> str:
+    from cornerforge.foreign.loaders import from_folder
+
+    return from_folder(av, folder)
 
 
 def _spoken(value: Any) -> str:

@@ -182,7 +182,9 @@ def check_av(
     av: Annotated[
         str,
         typer.Argument(
-            metavar="AV", help='module:Class, "cmd: ./program", or an .onnx or SB3 .zip file.', show_default=False
+            metavar="AV",
+            help='module:Class, file.py:Class, "cmd: ./program", or an .onnx or SB3 .zip file.',
+            show_default=False,
         ),
     ],
     world: World = None,

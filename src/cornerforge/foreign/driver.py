@@ -101,7 +101,7 @@ class ForeignAv:
     own test only. A test that fails is a fault: it is listed in `faults` and does not count as a test.
 
     Args:
-        spec: `module:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file.
+        spec: `module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file.
         odd: The ODD.
         seed: Seed of the run, told to the AV.
         timeout: Time for the answer in one world [s], 0.01 to 3600; the first answer of a process has `first_timeout`,

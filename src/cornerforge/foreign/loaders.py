@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import importlib.util
 import inspect
 import sys
 import traceback
@@ -14,19 +15,45 @@ from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.foreign.drivers import Driver, driver_of
 from cornerforge.foreign.programs import Program, ProgramDriver, is_program
 
-__all__ = ["is_foreign", "load_av", "source_hash"]
+__all__ = ["from_folder", "is_foreign", "load_av", "source_hash", "split_file"]
 
 FILE_KINDS = (".onnx", ".zip")
+_BUILT_IN_FILES = (".safetensors",)
 _METHODS = "act(view), plan(scene) or predict(observation)"
 
 
 def is_foreign(spec: str) -> bool:
-    """Does this name an AV that is not built in: `module:Class`, `cmd: PROGRAM`, or an `.onnx` or `.zip` file?
+    """Does this name an AV from outside: `module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or `.zip` file?
 
     >>> is_foreign("my_av:MyAv"), is_foreign("cmd: ./planner"), is_foreign("net.onnx"), is_foreign("idm-mobil")
     (True, True, True, False)
     """
     return ":" in spec or spec.lower().endswith(FILE_KINDS)
+
+
+def split_file(spec: str) -> tuple[str, str]:
+    """Split the name of an AV into its file, "" if it names none, and the rest.
+
+    >>> split_file("avs/my_av.py:MyAv"), split_file("net.onnx"), split_file("my_av:MyAv")
+    (('avs/my_av.py', ':MyAv'), ('net.onnx', ''), ('', 'my_av:MyAv'))
+    """
+    if is_program(spec):
+        return "", spec
+    file, colon, name = spec.rpartition(":")
+    if colon and file.lower().endswith(".py"):
+        return file, f":{name}"
+    is_file = not colon and spec.lower().endswith((*FILE_KINDS, *_BUILT_IN_FILES))
+    return (spec, "") if is_file else ("", spec)
+
+
+def from_folder(spec: str, folder: Path) -> str:
+    """Name an AV as seen from here that is named as seen from a folder: only names of files differ.
+
+    >>> from_folder("my_av.py:MyAv", Path("/avs")), from_folder("my_av:MyAv", Path("/avs"))
+    ('/avs/my_av.py:MyAv', 'my_av:MyAv')
+    """
+    file, rest = split_file(spec)
+    return f"{folder / file}{rest}" if file else spec
 
 
 def source_hash(*parts: bytes) -> str:
@@ -62,13 +89,24 @@ def load_av(spec: str) -> tuple[Driver, dict[str, str]]:
 
 
 def _load_class(spec: str) -> tuple[Driver, dict[str, str]]:
+    file, rest = split_file(spec)
+    if file:
+        return _class_of(spec, _import_file(spec, Path(file)), Path(file).name, rest[1:])
     name, _, attribute = spec.partition(":")
     if not name or not all(part.isidentifier() for part in name.split(".")) or not attribute.isidentifier():
-        raise InputError(f'"{spec}" names no AV; write it as package.module:Class, such as my_av:MyAv.')
-    module = _import(spec, name)
+        raise InputError(
+            f'"{spec}" names no AV; write it as package.module:Class, such as my_av:MyAv, or my_av.py:MyAv.'
+        )
+    return _class_of(spec, _import(spec, name), f"module {name}", attribute)
+
+
+def _class_of(spec: str, module: Any, place: str, attribute: str) -> tuple[Driver, dict[str, str]]:
     if attribute not in vars(module):
-        known = [key for key, value in vars(module).items() if inspect.isclass(value) and not key.startswith("_")]
-        raise UnknownNameError(f"class in module {name}", attribute, known)
+        own = {key: value for key, value in vars(module).items() if inspect.isclass(value) and not key.startswith("_")}
+        known = [key for key, value in own.items() if value.__module__ == module.__name__] or list(own)
+        if not known:
+            raise InputError(f'No class "{attribute}" in {place}, which has none.')
+        raise UnknownNameError(f"class in {place}", attribute, known)
     made = vars(module)[attribute]
     if not callable(made):
         raise InputError(
@@ -110,6 +148,31 @@ def _import(spec: str, name: str) -> Any:
     except Exception as error:  # see above
         what = f"{type(error).__name__}({' '.join(str(error).split())})"
         raise InputError(f"Importing {name} for the AV {spec} failed: {what}{_place(error)}.") from error
+
+
+def _import_file(spec: str, file: Path) -> Any:
+    """Import a file, whatever other modules are called; what lies beside it is found.
+
+    Raises:
+        FileFormatError: There is none.
+        InputError: It cannot be imported.
+    """
+    if not file.is_file():
+        raise FileFormatError(f"No AV file {file} for the AV {spec} (looked in {Path.cwd()}).")
+    path = file.resolve()
+    name = path.stem if path.stem not in sys.modules else f"av_file_{path.stem}"
+    made = importlib.util.spec_from_file_location(name, path)
+    if made is None or made.loader is None:
+        raise InputError(f"{file} is no Python file, so it holds no AV {spec}.")
+    sys.path.insert(0, str(path.parent))
+    module = importlib.util.module_from_spec(made)
+    sys.modules[name] = module
+    try:
+        made.loader.exec_module(module)
+    except Exception as error:  # see above
+        what = f"{type(error).__name__}({' '.join(str(error).split())})"
+        raise InputError(f"Importing {file} for the AV {spec} failed: {what}{_place(error)}.") from error
+    return module
 
 
 def _place(error: BaseException) -> str:

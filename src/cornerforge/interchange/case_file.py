@@ -34,6 +34,7 @@ __all__ = [
     "Happened",
     "case_schema",
     "case_text",
+    "is_case_file",
     "of_moving",
     "read_case_file",
     "write_case_file",
@@ -210,6 +211,19 @@ def read_case_file(path: Path | str) -> CaseFile:
         return _case_of(parsed)
     except CornerForgeError as error:
         raise FileFormatError(f"{path}: {error}") from error
+
+
+def is_case_file(path: Path) -> bool:
+    """Is this a case file by its field `format`? One that is damaged or cannot be read is still taken for one."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        found = json.loads(content)
+    except OSError:
+        return True
+    except (ValueError, RecursionError):
+        return FORMAT.encode() in content
+    return isinstance(found, dict) and found.get("format") == FORMAT
 
 
 def _check_kind(parsed: Any, path: Path) -> None:

@@ -7,7 +7,8 @@ import hashlib
 import json
 import math
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
@@ -16,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
-from cornerforge.analysis.crash_types import STRIKERS
+from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, POSE_NUMBERS, SPEED, X, Y
-from cornerforge.errors import AvFaultError, CornerForgeError, InputError
+from cornerforge.errors import AvFaultError, CornerForgeError, InputError, UnknownNameError
 from cornerforge.fields import SERIES
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile, Happened, read_case_file
@@ -40,12 +41,14 @@ from cornerforge.types import CLASSES, FRAME_S, Odd, Scenario
 from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = [
-    "CRASH", "NO_CRASH", "UNKNOWN", "CaseDriver", "CaseFilesOf", "CaseOutcome", "CasesDriven", "DrivenCase",
-    "crash_in_words", "drive_case", "driven_with", "library_of",
+    "COUNTS", "CRASH", "NO_CRASH", "UNKNOWN", "CaseDriver", "CaseFilesOf", "CaseOutcome", "CasesDriven", "DrivenCase",
+    "check_count", "crash_in_words", "drive_case", "driven_with", "library_of", "striker_of_file", "strikes",
 ]  # fmt: skip
 
 CRASH, NO_CRASH, UNKNOWN = "crash", "no crash", "unknown"
 """What became of a case. UNKNOWN: the AV gave no usable answer, or what it did was not recorded."""
+COUNTS = ("any", "av")
+"""Which crashes count: any, or those in which the AV strikes, alone or as the other does."""
 _AFTER_S = 3
 _SHARD_CASES = 1000
 _RUNS = 2
@@ -68,6 +71,7 @@ class DrivenCase:
         words: What happened, in words.
         scenario: All of the motion, up to the contact or to the end.
         seen: How to see it; "": not told.
+        striker: Who strikes: "av", "bv" or "mutual"; None: no crash.
     """
 
     case: str
@@ -76,11 +80,23 @@ class DrivenCase:
     words: str
     scenario: Scenario
     seen: str = ""
+    striker: str | None = None
 
     @property
     def crashed(self) -> bool:
         """Did the AV touch another vehicle, or was it touched?"""
         return self.happened.crashed
+
+    def counts(self, count: str = "any") -> bool:
+        """Is there a crash that counts?
+
+        Args:
+            count: "any", or "av": only if the AV strikes, alone or as the other does.
+
+        Raises:
+            UnknownNameError: `count` is another word.
+        """
+        return strikes(self.striker, check_count(count))
 
     def __repr__(self) -> str:
         told = f"case {self.case}, AV {self.av}: {self.words}"
@@ -150,10 +166,11 @@ class CaseDriver:
             CornerForgeError: See `run`.
         """
         driver = self.run(case).script_driver()
-        if self._options.av != RECORDED_AV:
-            return driver.drive(case.script)
-        script, frames = _as_recorded(case.script)
-        ending = driver.drive(script)
+        with _saying(case):
+            if self._options.av != RECORDED_AV:
+                return driver.drive(case.script)
+            script, frames = _as_recorded(case.script)
+            ending = driver.drive(script)
         return ending if ending.frame < frames else Ending(None, -1, 0, ending.bv_crashes)
 
     def record(self, case: CaseFile) -> Scenario:
@@ -163,7 +180,19 @@ class CaseDriver:
             AvFaultError: The AV gives no usable answer.
             CornerForgeError: See `run`.
         """
-        return _record(self.run(case), case.script)
+        run = self.run(case)
+        with _saying(case):
+            return _record(run, case.script)
+
+
+@contextmanager
+def _saying(case: CaseFile) -> Iterator[None]:
+    """Let errors of a drive begin with the case."""
+    try:
+        yield
+    except (InputError, AvFaultError) as error:
+        error.args = (f"Case {case.name}: {error}",)
+        raise
 
 
 @functools.cache
@@ -236,7 +265,50 @@ def drive_case(case: CaseFile | Path | str, **world: Unpack[AvAloneKeywords]) ->
 def driven_with(driver: CaseDriver, case: CaseFile, av: str) -> DrivenCase:
     """Drive a case with the AV of a driver, and say what happened."""
     scenario = driver.record(case)
-    return DrivenCase(case.name, av, _happened(scenario), crash_in_words(scenario), scenario)
+    happened, striker = _happened(scenario), _striker(scenario)
+    return DrivenCase(case.name, av, happened, crash_in_words(scenario), scenario, striker=striker)
+
+
+def check_count(count: str) -> str:
+    """Check which crashes count.
+
+    Raises:
+        UnknownNameError: It is none of COUNTS.
+    """
+    if count not in COUNTS:
+        raise UnknownNameError("way to count crashes", count, COUNTS)
+    return count
+
+
+def strikes(striker: str | None, count: str) -> bool:
+    """Does a crash count, by who strikes?
+
+    >>> strikes("bv", "any"), strikes("bv", "av"), strikes("mutual", "av"), strikes(None, "any")
+    (True, False, True, False)
+    """
+    return striker is not None and (count == "any" or striker != "bv")
+
+
+def striker_of_file(case: CaseFile) -> str | None:
+    """Say who struck in the crash that a case file tells of; None: it tells of none.
+
+    Raises:
+        InputError: What the file says is no contact.
+    """
+    happened = case.happened
+    if happened is None or happened.pose is None:
+        return None
+    pair = [0, int(np.flatnonzero(case.script.slot == happened.partner)[0])]
+    length, width = (case.script.start[name][pair].astype(np.float64)[None] for name in ("length", "width"))
+    with _saying(case):
+        return STRIKERS[int(classify_crashes(happened.pose[None], length, width).striker[0])]
+
+
+def _striker(scenario: Scenario) -> str | None:
+    """Say who strikes; None: no crash of the AV."""
+    if not _happened(scenario).crashed:
+        return None
+    return STRIKERS[int(crash_types_of([scenario]).striker[0])]
 
 
 def _happened(scenario: Scenario) -> Happened:
@@ -254,12 +326,11 @@ def crash_in_words(scenario: Scenario) -> str:
     frame, column = crash_frame(scenario)
     other = f"the {CLASSES[int(scenario.kind[column])].name} in slot {happened.partner}"
     speeds = happened.pose[:, 2]
-    types = crash_types_of([scenario])
     struck = {
         "av": f"the AV, at {speeds[0]:.1f} m/s, strikes {other}, at {speeds[1]:.1f} m/s",
         "bv": f"{other}, at {speeds[1]:.1f} m/s, strikes the AV, at {speeds[0]:.1f} m/s",
         "mutual": f"the AV, at {speeds[0]:.1f} m/s, and {other}, at {speeds[1]:.1f} m/s, strike each other",
-    }[STRIKERS[int(types.striker[0])]]
+    }[str(_striker(scenario))]
     return f"crash after {FRAME_S * frame:.1f} s: {struck} ({what_happened(scenario)})"
 
 

@@ -165,8 +165,8 @@ def check_av(
         seed: Seed of tests and views.
         threads: None for all cores; changes only what is said of the time that jobs will take.
         progress: Told how far it is.
-        world: The AV (`module:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3 `.zip` file) and its world,
-            keyword by keyword; see `WorldOptions`.
+        world: The AV (`module:Class`, `file.py:Class`, `cmd: PROGRAM`, an `.onnx` or a Stable-Baselines3
+            `.zip` file) and its world, keyword by keyword; see `WorldOptions`.
 
     Returns:
         What `cornerforge check-av --json` prints: what each trial found, and the AV's speed.
@@ -182,7 +182,8 @@ def check_av(
     check_av_options(options)
     if not is_foreign(av):
         raise InputError(
-            f'"{av}" is a built-in name or none; check-av tries module:Class, "cmd: PROGRAM", .onnx and .zip files.'
+            f'"{av}" is a built-in name or none; check-av tries module:Class, file.py:Class, "cmd: PROGRAM", '
+            ".onnx and .zip files."
         )
     road = road_of(options)
     bench = _Bench(av, road, seed, av_timeout, options.av_python)

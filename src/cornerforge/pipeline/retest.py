@@ -6,7 +6,7 @@ import contextlib
 import shlex
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Unpack
 
@@ -18,7 +18,7 @@ from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.case_files import CaseDriver
+from cornerforge.pipeline.case_files import CaseDriver, check_count, driven_with, strikes
 from cornerforge.pipeline.cases import SEVERAL
 from cornerforge.pipeline.forecast import forecast
 from cornerforge.pipeline.output import config_hash, provenance
@@ -48,6 +48,8 @@ from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = ["retest", "retest_text"]
 
+_LISTED = 10
+"""Cases that the text names, at most."""
 _BLOCK = 2_048
 """Natural tests between two looks at the verdict."""
 FIXED, STILL, NEW, NEVER, FAILED = "fixed", "still crashing", "new", "never", "failed"
@@ -64,6 +66,7 @@ def retest(
     junit: Path | str | None = None,
     sarif: Path | str | None = None,
     page: Path | str | None = None,
+    count: str = "any",
     seed: int = 0,
     threads: int | None = None,
     progress: Progress = NO_PROGRESS,
@@ -81,6 +84,8 @@ def retest(
         natural_tests: Natural tests that both drive, for their natural rates; None: 10,000 with a baseline, else none.
         junit, sarif: New files for machines that run tests: JUnit XML, SARIF 2.1.0.
         page: New file, .html: the answer, and both versions side by side in the same cases (extra `report`).
+        count: Which crashes count in case files: "any", or "av": those in which the AV strikes, alone or as the other
+            does.
         seed: Of the natural tests.
         threads: None for all cores; does not change the result.
         progress: Told how far it is.
@@ -88,13 +93,14 @@ def retest(
 
     Returns:
         What `cornerforge retest --json` prints. `got_worse` is True if a sequential test says that it crashes more
-        often (`rates.paired`), or if it has a new crash in a case file.
+        often (`rates.paired`), or if in a case file it has a new crash or fails.
 
     Raises:
         CornerForgeError: The library, an AV or a file cannot be read or written, or an AV fails too often.
     """
     began = time.perf_counter()
     check_integer("seed", seed, low=0, high=2**63 - 1)
+    check_count(count)
     files = [Path(file) for file in (junit, sarif, page) if file is not None]
     for index, file in enumerate(files):
         if file.absolute() in [other.absolute() for other in files[:index]]:
@@ -110,13 +116,15 @@ def retest(
         raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
     if is_of_files:
         check_threads(threads)
-        result, pairs = _retest_files(place, options, baseline, page is not None, progress)
+        result, pairs = _retest_files(place, options, baseline, count, page is not None, progress)
         result = replace(result, seconds=round(time.perf_counter() - began, 3))
         _write_for_machines(result, junit, sarif)
         if page is not None:
             made = provenance({"cases": str(library), "av": options.av, "seed": seed}, result.seconds)
             write_comparison(Path(page), result, pairs, FILES_RULE, made)
         return result
+    if count != "any":
+        raise InputError(f"count = {count!r} is for case files; {place} is a library. Leave it out.")
     cases = _opened(place, baseline)
     n_threads = check_threads(threads)
     new = run_with(cases, options, options.av)
@@ -192,24 +200,26 @@ def _write_for_machines(result: Retested, junit: Path | str | None, sarif: Path 
 
 
 def _retest_files(
-    place: Path, options: WorldOptions, baseline: str | None, with_pairs: bool, progress: Progress
+    place: Path, options: WorldOptions, baseline: str | None, count: str, with_pairs: bool, progress: Progress
 ) -> tuple[Retested, list[Pair]]:
     """Drive the AV, and the baseline if there is one, through case files; record pairs for the page if wanted."""
-    files = read_case_files(place)
+    files, note = read_case_files(place)
     options_of_old = None if baseline is None else _options_of(options, baseline)
     models = [place if place.is_dir() else place.parent]
     with contextlib.ExitStack() as stack:
         new = stack.enter_context(CaseDriver(options, models))
         old = None if options_of_old is None else stack.enter_context(CaseDriver(options_of_old, models))
-        crashed = _in_files(new, files, progress, "case files")
+        ends = _in_files(new, files, progress, "case files")
+        crashed = np.array([end.crashed(count) for end in ends], np.int64)
         if old is None:
-            was = np.array([_YES if file_says(name, case) else _NO for name, case in files.items()], np.int64)
+            was = np.array([_YES if file_says(name, case, count) else _NO for name, case in files.items()], np.int64)
         else:
-            was = _in_files(old, files, progress, "case files, baseline")
+            before = _in_files(old, files, progress, "case files, baseline")
+            was = np.array([end.crashed(count) for end in before], np.int64)
         both = _Both(crashed, was, picked=True)
         kinds = both.by_case(list(files))
         pairs = pairs_of_files(files, kinds, new, old, options, models) if with_pairs else []
-    compared = both.compared()
+    compared = both.compared(may_be_none=True)
     makers = sorted({case.av or "not known" for case in files.values()})
     result = Retested(
         **{one.name: getattr(compared, one.name) for one in fields(Difference)},
@@ -217,25 +227,51 @@ def _retest_files(
         av=options.av,
         baseline=baseline or (makers[0] if len(makers) == 1 else SEVERAL),
         cases=len(files),
-        got_worse=compared.new_crashes > 0,
-        note=None,
+        got_worse=compared.new_crashes > 0 or bool((crashed == _UNKNOWN).any()),
+        note=note,
         recorded=compared,
         reacting=None,
         natural=None,
-        each=tuple(RetestedCase(case=case, recorded=kind, reacting=None) for case, kind in kinds.items()),
+        each=tuple(
+            RetestedCase(
+                case=case, recorded=kind, reacting=None, striker=end.striker, words=end.words, failure=end.failure
+            )
+            for (case, kind), end in zip(kinds.items(), ends, strict=True)
+        ),
         seconds=0.0,
     )
     return result, pairs
 
 
-def _in_files(driver: CaseDriver, files: Mapping[str, CaseFile], progress: Progress, what: str) -> NDArray[np.int64]:
-    """Drive case files, and say in which the AV crashed."""
+@dataclass(frozen=True)
+class _End:
+    """How a case file ended.
+
+    Attributes:
+        striker, words, failure: As in `RetestedCase`.
+    """
+
+    striker: str | None
+    words: str | None
+    failure: str | None
+
+    def crashed(self, count: str) -> int:
+        """Is there a crash that counts?"""
+        return _UNKNOWN if self.failure is not None else _YES if strikes(self.striker, count) else _NO
+
+
+def _in_files(driver: CaseDriver, files: Mapping[str, CaseFile], progress: Progress, what: str) -> list[_End]:
+    """Drive case files, and say how each ends."""
     found = []
     for done, case in enumerate(files.values()):
-        end = driver.drive(case)
-        found.append(_UNKNOWN if end.failed else _NO if end.pose is None else _YES)
+        driver.run(case)  # an AV that cannot be had is no failure in a case
+        try:
+            driven = driven_with(driver, case, "")
+            found.append(_End(driven.striker, driven.words, None))
+        except AvFaultError as error:
+            found.append(_End(None, None, str(error).removeprefix(f"Case {case.name}: ")))
         progress(what, done + 1, len(files))
-    return np.array(found, np.int64)
+    return found
 
 
 def _options_of(options: WorldOptions, av: str) -> WorldOptions:
@@ -280,7 +316,14 @@ def _each(cases: CaseLibrary, recorded: _Both, reacting: _Both | None) -> tuple[
     ids = cases.scalars(["case_id", "test"])
     now = None if reacting is None else reacting.kinds()
     return tuple(
-        RetestedCase(case=case, recorded=kind, reacting=None if now is None else now[test])
+        RetestedCase(
+            case=case,
+            recorded=kind,
+            reacting=None if now is None else now[test],
+            striker=None,
+            words=None,
+            failure=None,
+        )
         for case, test, kind in zip(ids["case_id"].to_pylist(), ids["test"].to_pylist(), recorded.kinds(), strict=True)
     )
 
@@ -313,14 +356,17 @@ class _Both:
         """Say what became of each, by the case id that a test of its number has."""
         return {f"{seed}:{test}": kind for test, kind in enumerate(self.kinds())}
 
-    def compared(self) -> Compared:
+    def compared(self, *, may_be_none: bool = False) -> Compared:
         """Sum up.
+
+        Args:
+            may_be_none: There may be no test in which no AV failed.
 
         Raises:
             AvFaultError: An AV failed in all of them.
         """
         new, old = self._new[self._known], self._old[self._known]
-        if new.size == 0:
+        if new.size == 0 and not may_be_none:
             raise AvFaultError(f"An AV failed in all of {self._known.size:,} tests, so there is nothing to compare.")
         new_only, old_only = int((new & ~old).sum()), int((old & ~new).sum())
         verdict = sequential_verdict(new, old)
@@ -425,13 +471,33 @@ def retest_text(r: Retested) -> str:
             told += f"; difference {part.rate_difference:+.4g} per test ({low:+.4g} to {high:+.4g}); "
             told += _WORDS[part.verdict]
         lines.append(told)
-    fresh = [one.case for one in r.each if NEW in (one.recorded, one.reacting)]
     if r.note is not None:
         lines.append(f"  {r.note}")
-    if fresh:
-        lines.append(f"  New crashes in cases: {', '.join(fresh[:10])}{', ...' if len(fresh) > 10 else ''}")
+    lines += _named(r)
     lines.append("It got WORSE." if r.got_worse else "It did not get worse, as far as these tests can tell.")
     return "\n".join(lines)
+
+
+def _named(r: Retested) -> list[str]:
+    """Name the cases that matter: new crashes, failures of the AV, and crashes that do not count."""
+    fresh = [one for one in r.each if NEW in (one.recorded, one.reacting)]
+    lines = _listed("New crashes", fresh)
+    if struck := sum(one.striker == "bv" for one in fresh):
+        lines.append(f"  In {struck:,} of {len(fresh):,} another vehicle strikes the AV; --count av leaves such out.")
+    lines += _listed("The AV failed", [one for one in r.each if one.failure is not None])
+    gone = [one for one in r.each if one.striker is not None and one.recorded in (FIXED, NEVER)]
+    return lines + _listed("Not counted, as another vehicle strikes the AV", gone)
+
+
+def _listed(what: str, cases: Sequence[RetestedCase]) -> list[str]:
+    """List the first ten of some cases, with what happened in them where that is known."""
+    if not cases:
+        return []
+    more = ", ..." if len(cases) > _LISTED else ""
+    if all(one.words is None and one.failure is None for one in cases):
+        return [f"  {what} in cases: {', '.join(one.case for one in cases[:_LISTED])}{more}"]
+    told = [f"    {one.case}: {one.failure or one.words}" for one in cases[:_LISTED]]
+    return [f"  {what} in {len(cases):,} case{'s' if len(cases) > 1 else ''}:", *told, *(["    ..."] if more else [])]
 
 
 _WORDS = {

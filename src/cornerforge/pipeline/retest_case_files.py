@@ -8,9 +8,10 @@ from pathlib import Path
 
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.foreign.loaders import is_foreign
-from cornerforge.interchange.case_file import FORMAT, CaseFile, read_case_file
+from cornerforge.interchange.case_file import CaseFile, is_case_file, read_case_file
 from cornerforge.library.manifest import MANIFEST
-from cornerforge.pipeline.case_files import CaseDriver
+from cornerforge.pipeline.case_files import CaseDriver, striker_of_file, strikes
+from cornerforge.pipeline.output import IDENTITY
 from cornerforge.report.comparison import AS_RECORDED, Pair
 from cornerforge.types import Scenario
 from cornerforge.world_options import WorldOptions
@@ -22,38 +23,41 @@ FILES_RULE = (
     "At most 30 cases: of the new crashes the first 16, of those that still crash 8, of the fixed ones 6, in the order "
     "of the files' names. A fixed case is there only if the old AV is at hand: as the baseline, or built in."
 )
-_HEAD = 400
-"""Bytes at the begin of a file in which the format's name must stand for a folder to be one of case files."""
 
 
 def holds_case_files(place: Path) -> bool:
     """Is this a case file, or a folder of case files, and not a library?"""
     if place.suffix == ".json" and not place.is_dir():
         return True
-    return place.is_dir() and not (place / MANIFEST).exists() and any(map(_looks_like_one, place.glob("*.json")))
+    return place.is_dir() and not (place / MANIFEST).exists() and any(map(is_case_file, _json_in(place)))
 
 
-def _looks_like_one(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return FORMAT.encode() in file.read(_HEAD)
-    except OSError:
-        return False
+def _json_in(folder: Path) -> list[Path]:
+    """The .json files of a folder but for what verbs say of a folder, by name."""
+    return sorted(path for path in folder.glob("*.json") if path.name != IDENTITY)
 
 
-def read_case_files(place: Path) -> dict[str, CaseFile]:
-    """Read a case file, or all .json files of a folder, by their names without the ending, in this order.
+def read_case_files(place: Path) -> tuple[dict[str, CaseFile], str | None]:
+    """Read a case file, or those of a folder.
+
+    Returns:
+        The cases by the files' names without the ending, in this order; and which other .json files were left out, as
+        a sentence; None: none.
 
     Raises:
-        FileFormatError: One of them is no case file, or something in it is wrong.
+        FileFormatError: Something in a case file is wrong, or a file that was named is none.
     """
     if not place.is_dir():
-        return {place.stem: read_case_file(place)}
-    return {path.stem: read_case_file(path) for path in sorted(place.glob("*.json"))}
+        return {place.stem: read_case_file(place)}, None
+    found = {path: is_case_file(path) for path in _json_in(place)}
+    others = [path.name for path, is_one in found.items() if not is_one]
+    several = f"{', '.join(others[:10])}{', ...' if len(others) > 10 else ''} {'are' if len(others) > 1 else 'is'}"
+    note = f"Left out: {several} no case file{'s' if len(others) > 1 else ''}." if others else None
+    return {path.stem: read_case_file(path) for path, is_one in found.items() if is_one}, note
 
 
-def file_says(name: str, case: CaseFile) -> bool:
-    """Did the old AV crash, as the file says?
+def file_says(name: str, case: CaseFile, count: str) -> bool:
+    """Did the old AV crash, as the file says, in a crash that counts?
 
     Raises:
         InputError: The file does not say it.
@@ -63,7 +67,7 @@ def file_says(name: str, case: CaseFile) -> bool:
             f"Case file {name} does not say what became of the case, so there is nothing to compare with; name an AV "
             f"with --baseline{', such as recorded: what was in its seat' if case.av_is_recorded else ''}."
         )
-    return case.happened.crashed
+    return case.happened.crashed if count == "any" else strikes(striker_of_file(case), count)
 
 
 def pairs_of_files(

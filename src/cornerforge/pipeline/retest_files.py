@@ -30,7 +30,9 @@ def _found(one: RetestedCase) -> str | None:
 
 def _words(one: RetestedCase) -> str:
     reacting = "" if one.reacting is None else f"; others who react: {one.reacting}"
-    return f"Case {one.case}: others as recorded: {one.recorded}{reacting}."
+    told = one.failure or one.words
+    happened = "" if told is None else f" {told.rstrip('.')}."
+    return f"Case {one.case}: others as recorded: {one.recorded}{reacting}.{happened}"
 
 
 def check_new_file(file: Path) -> None:

@@ -120,7 +120,9 @@ def _answer(result: Retested) -> str:
     """Say in one sentence whether the new version is better."""
     words = {part.verdict for part in (result.natural, result.reacting) if part is not None}
     if result.got_worse:
-        return "No: it crashes more often." if "worse" in words else "No: it crashes where the old version did not."
+        if "worse" in words:
+            return "No: it crashes more often."
+        return "No: it crashes where the old version did not." if result.new_crashes else "No: it fails in a case."
     if "better" in words:
         return "Yes, in these tests: it crashes less often."
     if "alike" in words:

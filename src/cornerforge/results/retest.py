@@ -53,6 +53,17 @@ class RetestedCase:
     case: str = field(metadata=meant("Case id, or name of the case file."))
     recorded: str = field(metadata=meant('Others as recorded: "fixed", "still crashing", "new", "never" or "failed".'))
     reacting: str | None = field(metadata=meant("Others who react: the same; null: the case is no test of a seed."))
+    striker: str | None = field(
+        metadata=meant(
+            "Who strikes in the crash of the AV: av, bv or mutual; null: no crash, or the case of a library."
+        )
+    )
+    words: str | None = field(
+        metadata=meant("What happened with the AV, in words; null: it failed, or the case of a library.")
+    )
+    failure: str | None = field(
+        metadata=meant("How the AV (not the baseline) failed; null: it did not, or the case of a library.")
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +75,10 @@ class Retested(Difference):
     baseline: str = field(metadata=meant("What it is compared with."))
     cases: int = field(metadata=meant("Cases of the library."))
     got_worse: bool = field(
-        metadata=meant('Is a verdict "worse", or is there a new crash in a case file? Then the exit status is 1.')
+        metadata=meant(
+            'Is a verdict "worse", or is there a case file with a new crash, or in which the AV failed? Then the exit '
+            "status is 1."
+        )
     )
     note: str | None = field(metadata=meant("What a reader must know about the tests; null: nothing."))
     recorded: Compared = field(metadata=meant("The cases, others as recorded."))
