@@ -85,6 +85,7 @@ def make_case(
         name, odd, np.array([body.kind for body in kept], np.int8),
         np.array([body.length for body in kept]), np.array([body.width for body in kept]), whole,
         {**facts, "start_x_m": start, "vehicles": ", ".join(body.name for body in kept)[:2000]}, _merged(notes),
+        tuple(body.name for body in kept),
     )  # fmt: skip
 
 

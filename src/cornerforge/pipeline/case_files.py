@@ -24,7 +24,7 @@ from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.fields import SERIES
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile, Happened, read_case_file
-from cornerforge.interchange.cases import Fact, MovingCase, script_of
+from cornerforge.interchange.cases import Fact, MovingCase, plain_text, script_of
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.record import Scalar
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
@@ -46,8 +46,8 @@ __all__ = [
 
 CRASH, NO_CRASH, UNKNOWN = "crash", "no crash", "unknown"
 """What became of a case. UNKNOWN: the AV gave no usable answer, or what it did was not recorded."""
-_AFTER_S = 3
 _SHARD_CASES = 1000
+_LONGEST_NAME = 40
 _RUNS = 2
 """Experiments that a driver of case files keeps: each may hold a process of the AV."""
 _EXTENT = ("name", "vehicle_length", "vehicle_width", "max_speed", "test_length", "time_limit", "traffic_length")
@@ -246,13 +246,19 @@ def _happened(scenario: Scenario) -> Happened:
     return Happened(frame, scenario.crash.slot_b, contact_pose(scenario))
 
 
-def crash_in_words(scenario: Scenario) -> str:
-    """Say in words what happened: who struck whom, when, how fast both were."""
+def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
+    """Say in words what happened: who struck whom, when, how fast both were.
+
+    Args:
+        scenario: The motion.
+        called: What the vehicles are called, by slot; empty: by their slots.
+    """
     happened = _happened(scenario)
-    if happened.frame is None or happened.pose is None:
+    if happened.frame is None or happened.pose is None or happened.partner is None:
         return f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
     frame, column = crash_frame(scenario)
-    other = f"the {CLASSES[int(scenario.kind[column])].name} in slot {happened.partner}"
+    name = f"({plain_text(called[happened.partner], _LONGEST_NAME)})" if called else f"in slot {happened.partner}"
+    other = f"the {CLASSES[int(scenario.kind[column])].name} {name}"
     speeds = happened.pose[:, 2]
     types = crash_types_of([scenario])
     struck = {
@@ -491,7 +497,7 @@ def _record_all(
             continue
         happened = _happened(scenario)
         outcome = CRASH if happened.crashed else NO_CRASH
-        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario), happened)
+        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario, case.called), happened)
         if happened.crashed:
             source = case.facts.get("source")
             extra: dict[str, Scalar] = {
