@@ -106,11 +106,11 @@ def test_awkward_names_and_facts_are_taken_in(swerve_library: Path, tmp_path: Pa
     named = with_head(good, tmp_path / "named.csv", "")
     named.write_text(good.read_text().replace('# name: "case-5-0"', f'# name: "_{"n" * 150}"'), encoding="utf-8")
     heads = {"nan": "NaN", "big": "1e305", "long": json.dumps("x" * 12_000), "half": '"\\ud800"'}
-    odd = [with_head(good, tmp_path / f"{one}.csv", f'# fact "odd": {head}') for one, head in heads.items()]
+    odd = [with_head(good, tmp_path / f"{one}.csv", f'# fact "awkward": {head}') for one, head in heads.items()]
     done = cornerforge.import_cases([named, *odd, good], out=tmp_path / "in")
     assert not done.refused
     assert [case.case for case in done.cases][:2] == ["n" * 80, "case-5-0"]
-    facts = [read_case_file(case.file).facts.get("source_odd") for case in done.cases]
+    facts = [read_case_file(case.file).facts.get("source_awkward") for case in done.cases]
     assert facts == [None, "nan", "1e+305", "x" * 9_999 + "\u2026", "?", None]
 
 
