@@ -12,15 +12,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
+from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y, keeps_on
 from cornerforge.errors import InputError
 from cornerforge.geometry import plan_path
 from cornerforge.sim import START_FIELDS, SUBSTEPS, Script, scripted_start
-from cornerforge.types import FRAME_S, MAX_LANES, Odd, Scenario
+from cornerforge.types import MAX_LANES, Odd, Scenario
 
 __all__ = [
     "MOST_VEHICLES", "NAME_PATTERN", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
-    "plain_text", "safe_name", "script_of", "straight_road",
+    "plain_text", "safe_name", "script_of", "straight_on", "straight_road",
 ]  # fmt: skip
 
 Fact: TypeAlias = bool | int | float | str | None
@@ -281,13 +281,13 @@ def _prolonged(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     wanted = SUBSTEPS * (math.ceil((frames - 1) / SUBSTEPS) + _AFTER_S) + 1
     longer = np.full((wanted, *poses.shape[1:]), np.nan)
     longer[:frames] = poses
-    last = poses[-1]
-    after = FRAME_S * np.arange(1, wanted - frames + 1)
-    for slot in np.flatnonzero(np.isfinite(last[:, X])):
-        on = np.zeros((after.size, POSE_NUMBERS))
-        on[:, X] = last[slot, X] + last[slot, SPEED] * after
-        on[:, Y] = last[slot, Y]
-        on[:, SPEED] = last[slot, SPEED]
-        on[:, LANE] = last[slot, LANE]
-        longer[frames:, slot] = on
+    for slot in np.flatnonzero(np.isfinite(poses[-1, :, X])):
+        longer[frames:, slot] = straight_on(poses[-1, slot], wanted - frames)
     return longer
+
+
+def straight_on(pose: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+    """Let a vehicle keep its speed and lane for some frames after a pose (POSE_NUMBERS,); (frames, POSE_NUMBERS)."""
+    on = np.empty((frames + 1, POSE_NUMBERS))
+    keeps_on(on, pose[X], pose[Y], pose[SPEED], int(pose[LANE]))
+    return on[1:]

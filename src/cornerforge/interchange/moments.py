@@ -385,7 +385,7 @@ def _cases(windows: Sequence[_Window], measure: str) -> list[MovingCase]:
             poses=window.poses,
             facts=_facts(window, measure),
             notes=(*window.traffic.file.notes, *_cut(window)),
-            called=tuple(window.traffic.names[k] for k in window.vehicles.tolist()),
+            called=tuple(f"vehicle {window.traffic.names[k]}" for k in window.vehicles.tolist()),
         )
         for rank, window in enumerate(windows, 1)
     ]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
 from cornerforge.errors import DataError
+from cornerforge.interchange.differences import rates
 from cornerforge.ndd.decisions import smooth_tracks
 from cornerforge.ndd.highd import RecordingMeta, read_classes
 from cornerforge.ndd.layouts import CREDITS, DATA_FORMATS, Layout, Scene
@@ -515,11 +516,7 @@ def _never_back(x: Floats, starts: Ints) -> Floats:
 
 def _slope(speed: Floats, starts: Ints) -> Floats:
     """Acceleration [m/s2]: the slope of speeds within each stretch; 0 in one of a single row."""
-    made = np.zeros(speed.size)
-    for first, end in zip(starts, np.append(starts[1:], speed.size), strict=True):
-        if end - first > 1:
-            made[first:end] = np.gradient(speed[first:end], FRAME_S)
-    return made
+    return np.concatenate([np.zeros(0), *map(rates, np.split(speed, starts[1:]))])
 
 
 def _lanes(y: Floats, lateral_speed: Floats, starts: Ints, road: _Road) -> Ints:

@@ -24,7 +24,7 @@ from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.fields import SERIES
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile, Happened, read_case_file
-from cornerforge.interchange.cases import Fact, MovingCase, plain_text, script_of
+from cornerforge.interchange.cases import Fact, MovingCase, plain_text, script_of, straight_on
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.record import Scalar
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
@@ -181,7 +181,7 @@ def _as_recorded(script: Script) -> tuple[Script, int]:
     assert poses is not None
     frames = _known_frames(poses)
     seconds = max(1, math.ceil((frames - 1) / SUBSTEPS))
-    whole = _straight_on(poses, frames)[: SUBSTEPS * seconds + 1]
+    whole = _av_straight_on(poses, frames)[: SUBSTEPS * seconds + 1]
     return replace(script, action=script.action[:seconds], poses=whole), frames
 
 
@@ -191,15 +191,10 @@ def _known_frames(poses: NDArray[np.float64]) -> int:
     return int(unknown[0]) if unknown.size else len(poses)
 
 
-def _straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+def _av_straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
     """Let the AV go on at its last speed after some frames."""
     poses = poses.copy()
-    after = FRAME_S * np.arange(1, len(poses) - frames + 1)
-    last = poses[frames - 1, 0]
-    poses[frames:, 0] = 0.0
-    poses[frames:, 0, X] = last[X] + last[SPEED] * after
-    for name in (Y, SPEED, LANE):
-        poses[frames:, 0, name] = last[name]
+    poses[frames:, 0] = straight_on(poses[frames - 1, 0], len(poses) - frames)
     return poses
 
 
@@ -506,7 +501,7 @@ def _record_all(
             }  # fmt: skip
             poses = script.poses
             if poses is not None and case.av_is_recorded:  # a replay as recorded asks for all of it
-                poses = _straight_on(poses, _known_frames(poses))
+                poses = _av_straight_on(poses, _known_frames(poses))
             records.append(case_record(scenario, start=script.start, poses=poses, extra=extra))
     progress("cases", len(found), total)
     return records

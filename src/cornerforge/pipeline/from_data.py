@@ -28,6 +28,8 @@ from cornerforge.world_options import AvAloneKeywords, WorldOptions
 __all__ = ["cases_from_data", "from_data_text"]
 
 _SHOWN = 10
+_LEAST_SHOWN = 0.05
+"""Less deceleration is nothing, in one decimal [m/s2]."""
 _TOUCHES = "driven as recorded, the car touches another vehicle"
 
 
@@ -217,7 +219,8 @@ def from_data_text(r: CasesFromData) -> str:
     for one in r.cases[:_SHOWN]:
         measured = {"TTC": one.ttc_s, "time headway": one.thw_s}
         told = ", ".join(f"{name} {value:.1f} s" for name, value in measured.items() if value is not None)
-        needed = "" if r.measure != "drac" and one.drac_mps2 <= 0.0 else f"needs {one.drac_mps2:.1f} m/s2"
+        is_asked = r.measure == "drac" or one.drac_mps2 >= _LEAST_SHOWN
+        needed = f"needs {one.drac_mps2:.1f} m/s2" if is_asked else ""
         lines.append(f"  {one.case}: {', '.join(part for part in (needed, told) if part)}; {one.words}")
     if len(r.cases) > _SHOWN:
         lines.append(f"  and {len(r.cases) - _SHOWN:,} more (--json)")
