@@ -115,6 +115,8 @@ def test_what_cannot_be_done_leaves_nothing(tmp_path: Path) -> None:
         cases_from_data(path, out=tmp_path / "out", measure="pet")
     with pytest.raises(DataError, match=r"No trajectory file .*none\.csv"):
         cases_from_data(tmp_path / "none.csv", out=tmp_path / "out")
+    with pytest.raises(DataError, match="is a folder; name the files in it"):
+        cases_from_data(tmp_path, out=tmp_path / "out")
     ends = [straight_on(1, 1, 0.0, 25.0), *queue()[1:]]
     with pytest.raises(DataError, match=r"No case could be made of 1 event.*less than 2 s before or 1 s after"):
         cases_from_data(
