@@ -27,7 +27,7 @@ from cornerforge.interchange.case_file import (
     write_case_file,
 )
 from cornerforge.interchange.cases import Fact, MovingCase, straight_road
-from cornerforge.sim import START_FIELDS, Script, scripted_start
+from cornerforge.sim import START_FIELDS, Script, n_slots, scripted_start
 from cornerforge.types import CLASSES, MAX_LANES, N_ACTIONS, Odd
 
 
@@ -68,7 +68,8 @@ def acting_case(seed: int = 1) -> CaseFile:
     start = scripted_start(np.stack([table[name] for name in START_FIELDS], axis=1))
     action = rng.integers(-1, N_ACTIONS, (6, n)).astype(np.int8)
     action[:, 0], action[:, 3] = -1, -1
-    recorded = (100.0 * rng.standard_normal((31, POSE_NUMBERS))).astype(np.float32).astype(np.float64)
+    scale = np.array([100.0, 10.0, 15.0, 10.0, 1.0, 100.0, 0.0])
+    recorded = (scale * rng.standard_normal((31, POSE_NUMBERS))).astype(np.float32).astype(np.float64)
     recorded[:, LANE] = 2
     script = Script(np.array([0, 2, 3, 7, 30], np.int16), start, action, 2**62, 12345)
     contact = Happened(31, 7, rng.standard_normal((2, 4)))
@@ -150,6 +151,8 @@ def test_the_schema_knows_what_the_code_knows() -> None:
     names = case_schema()["properties"]
     assert set(names["road"]["properties"]) == {field.name for field in fields(Odd)}
     assert names["road"]["properties"]["n_lanes"]["maximum"] == MAX_LANES
+    longest = names["road"]["properties"]["traffic_length"]["maximum"]
+    assert names["vehicles"]["maxItems"] == n_slots(Odd(n_lanes=MAX_LANES, traffic_length=longest))
     vehicle = names["vehicles"]["items"]["properties"]
     assert vehicle["class"]["enum"] == [one.name for one in CLASSES]
     assert vehicle["actions"]["maximum"] == N_ACTIONS - 1
@@ -169,6 +172,8 @@ def change(*path: str | int, to: Any) -> Callable[[dict[str, Any]], None]:
     return make
 
 
+_PLACE = {"x_m": 1, "y_m": 1, "speed_mps": 1, "heading_rad": 0}
+CONTACT = {"contact": True, "partner": 1, "av": _PLACE, "other": _PLACE}
 WRONG = [
     (change("name", to="../x"), r'name is "\.\./x"; it must be a text of the form'),
     (change("name", to=...), 'the file lacks "name"'),
@@ -176,7 +181,7 @@ WRONG = [
     (change("road", "n_lanes", to=9), "road.n_lanes is 9; it must be from 2 to 6"),
     (change("road", "lane_width", to="wide"), 'road.lane_width is "wide"; it must be a number'),
     (change("others", to="fly"), 'others is "fly"; it must be one of "act", "rails"'),
-    (change("vehicles", to=[]), "vehicles has 0 entries; it must have 1 to 1,000"),
+    (change("vehicles", to=[]), "vehicles has 0 entries; it must have 1 to 751"),
     (change("vehicles", 1, "class", to="tram"), r'vehicles\[1\].class is "tram"; it must be one of "car", "truck"'),
     (change("vehicles", 1, "length_m", to=True), r"vehicles\[1\].length_m is true; it must be a number"),
     (change("vehicles", 1, "slot", to=0), r"the slots of the vehicles are \[0, 0, 2\]; they must ascend"),
@@ -191,6 +196,16 @@ WRONG = [
     (change("vehicles", 1, "poses", "first_frame", to=5), r"vehicles\[1\].poses ends after frame"),
     (change("seconds", to=60), "seconds is 60; it must not be above the road's time_limit|frames is"),
     (change("frames", to=None), "frames is None; rails of"),
+    (change("vehicles", 1, "poses", "speed_mps", to=1e9), r"poses.speed_mps is 1000000000.0; it must be from"),
+    (change("vehicles", 1, "poses", "heading_rad", to=8), r"vehicles\[1\].poses.heading_rad is 8; it must be from -7"),
+    (change("vehicles", 1, "poses", "lateral_speed_mps", to=101), r"poses.lateral_speed_mps is 101; it must be from"),
+    (change("vehicles", 1, "poses", "acceleration_mps2", to=1001), r"poses.acceleration_mps2 is 1001; it must be from"),
+    (change("vehicles", 2, "poses", "x_m", to=[None] * 67), r"poses.x_m is null in all frames; the vehicle must be"),
+    (change("vehicles", 2, "start", "x_m", to=99999), r"vehicles\[2\].start.x_m is 99999; it must be "),
+    (change("vehicles", 1, "start", "y_m", to=5.2), r"vehicles\[1\].start.y_m is 5.2; it must be 5.25, as in the"),
+    (change("vehicles", 0, "start", "speed_mps", to=-5), r"start.speed_mps is -5; that of the AV must be 0 or more"),
+    (change("vehicles", 0, "poses", "first_frame", to=1), r"vehicles\[0\].poses.first_frame is 1; that of the AV"),
+    (change("happened", to=CONTACT | {"time_s": 900}), r"happened.time_s is 900; it must be at most \d+, the length"),
     (change("facts", "speed", to={"a": 1}), "facts.speed is an object of 1; it must be a text or a number"),
     (change("happened", to={"contact": True}), "happened.contact is True, so happened must have time_s"),
     (change("happened", to={"contact": False, "time_s": 1}), "happened must not have time_s"),
@@ -206,6 +221,21 @@ def test_what_is_wrong_is_named(spoil: Callable[[dict[str, Any]], None], message
     with pytest.raises(FileFormatError, match=message) as raised:
         read_case_file(path)
     assert str(path) in str(raised.value)
+
+
+def test_more_vehicles_than_the_road_has_room_for(tmp_path: Path) -> None:
+    content = json.loads(case_text(acting_case()))
+    content["road"].update(n_lanes=3, traffic_length=80, av_start=0)
+    one = content["vehicles"][1]
+    path = tmp_path / "case.json"
+    for more, is_too_many in ((2, False), (3, True)):
+        vehicles = [*content["vehicles"], *(one | {"slot": 31 + k} for k in range(more))]
+        path.write_text(json.dumps(content | {"vehicles": vehicles}), encoding="utf-8")
+        if is_too_many:
+            with pytest.raises(FileFormatError, match=r"case\.json: vehicles has 8 entries; .* of 80 m has room for 7"):
+                read_case_file(path)
+        else:
+            assert read_case_file(path).script.slot.size == 7
 
 
 def test_our_checks_and_a_validator_made_by_others_agree() -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cornerforge.drivers.rails import ACCELERATION, LANE, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import InputError
-from cornerforge.interchange.cases import MovingCase, script_of, straight_road
+from cornerforge.interchange.case_file import case_schema, case_text, of_moving
+from cornerforge.interchange.cases import NAME_PATTERN, MovingCase, check_name, safe_name, script_of, straight_road
 from cornerforge.pipeline.setting import RECORDED_AV, experiment
 
 
@@ -77,3 +81,17 @@ def test_a_lane_that_the_road_lacks_is_named() -> None:
         poses[7, 1, LANE] = lane
         with pytest.raises(InputError, match=rf"vehicle 1 is in lane {lane:g} in frame 7; the road has lanes 0 to 2"):
             script_of(replace(case, poses=poses))
+
+
+@given(st.text(st.characters(), max_size=300), st.floats() | st.integers() | st.text(st.characters(), max_size=50))
+def test_whatever_a_file_says_a_case_file_can_hold_it(text: str, fact: float | int | str) -> None:
+    """All characters that are, lone halves of pairs among them."""
+    name = safe_name(text)
+    assert re.fullmatch(NAME_PATTERN.strip("^$"), name)
+    assert check_name(f"{name}-12") == f"{name}-12"
+    case = replace(braking_leader(11), name=name, facts={text: fact, "text": text * 200}, notes=(text * 10,))
+    case_text(of_moving(case, licence=text * 100)).encode()
+
+
+def test_names_and_the_schema_are_one() -> None:
+    assert case_schema()["properties"]["name"]["pattern"] == NAME_PATTERN

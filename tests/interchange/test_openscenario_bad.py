@@ -133,7 +133,7 @@ def test_facts_of_a_file(tmp_path: Path) -> None:
         "</BoundingBox></Vehicle>", f"</BoundingBox>{properties.format('source', 'a lie')}</Vehicle>", 1
     )
     facts = read(tmp_path, text).facts
-    assert (facts["licence"], facts["likelihood"], facts["source"]) == ("CC0-1.0", "3", "case.xosc")
+    assert (facts["licence"], facts["likelihood"], facts["source"]) == ("CC0-1.0", 3, "case.xosc")
 
 
 @pytest.mark.parametrize(

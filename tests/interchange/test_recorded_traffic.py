@@ -246,3 +246,13 @@ def test_us101_is_what_its_own_columns_say() -> None:
     assert abs(np.median(speed)) < 0.01
     assert np.median(np.abs(speed)) < 0.2
     assert np.mean(lane) > 0.985  # of two in a hundred the file sees the change of lanes earlier or later
+
+
+def test_a_file_that_is_given_twice_counts_once(tmp_path: Path) -> None:
+    path = clips_file(tmp_path / "a.csv", motorway())
+    copy = tmp_path / "b.csv"
+    copy.write_bytes(path.read_bytes())
+    once, thrice = read_traffic([path]), read_traffic([path, path, copy])
+    assert len(once) == len(thrice)
+    assert not once[0].file.notes
+    assert [note.split(",")[0] for note in thrice[0].file.notes] == ["a.csv was given again", "b.csv was given again"]

@@ -17,7 +17,7 @@ from cornerforge.interchange.moments import critical_moments
 from cornerforge.interchange.recorded_traffic import read_traffic
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.case_files import drive_case
-from cornerforge.pipeline.from_data import cases_from_data
+from cornerforge.pipeline.from_data import cases_from_data, from_data_text
 from cornerforge.pipeline.setting import RECORDED_AV, experiment
 from cornerforge.results import as_json, from_json
 from cornerforge.results.from_data import CasesFromData
@@ -92,6 +92,21 @@ def test_the_same_files_give_the_same_bytes(tmp_path: Path) -> None:
         assert Path(a.file).read_bytes() == Path(b.file).read_bytes()
 
 
+def test_nothing_is_said_of_a_deceleration_that_nobody_needs(tmp_path: Path) -> None:
+    """A car follows closely at the same speed."""
+    tracks = [straight_on(1, 1, 0.0, 20.0), straight_on(2, 1, 12.0, 20.0), straight_on(3, 0, 200.0, 20.0)]
+    path = clips_file(tmp_path / "a.csv", [*tracks, straight_on(4, 2, 200.0, 20.0)])
+    result = cases_from_data([path, path], out=tmp_path / "out", measure="thw")
+    assert result.cases[0].drac_mps2 < 0.05
+    told = from_data_text(result)
+    assert "needs" not in told
+    assert "time headway 0.4 s" in told
+    assert len(result.files) == 1
+    assert "a.csv was given again" in told
+    asked = cases_from_data(clips_file(tmp_path / "b.csv", queue()), out=tmp_path / "asked", cases=1)
+    assert "needs" in from_data_text(asked)
+
+
 def test_what_cannot_be_done_leaves_nothing(tmp_path: Path) -> None:
     path = clips_file(tmp_path / "a.csv", motorway())
     with pytest.raises(UnknownNameError):
@@ -100,6 +115,8 @@ def test_what_cannot_be_done_leaves_nothing(tmp_path: Path) -> None:
         cases_from_data(path, out=tmp_path / "out", measure="pet")
     with pytest.raises(DataError, match=r"No trajectory file .*none\.csv"):
         cases_from_data(tmp_path / "none.csv", out=tmp_path / "out")
+    with pytest.raises(DataError, match="is a folder; name the files in it"):
+        cases_from_data(tmp_path, out=tmp_path / "out")
     ends = [straight_on(1, 1, 0.0, 25.0), *queue()[1:]]
     with pytest.raises(DataError, match=r"No case could be made of 1 event.*less than 2 s before or 1 s after"):
         cases_from_data(

@@ -92,6 +92,75 @@ def test_a_bad_file_does_not_keep_the_others_out(
     assert not (tmp_path / "no").exists()
 
 
+def with_head(file: Path, to: Path, head: str) -> Path:
+    """Copy a table with one line more at its head."""
+    first, rest = file.read_text(encoding="utf-8").split("\n", 1)
+    to.write_text(f"{first}\n{head}\n{rest}", encoding="utf-8")
+    return to
+
+
+def test_awkward_names_and_facts_are_taken_in(swerve_library: Path, tmp_path: Path) -> None:
+    """No case file can hold them as they are."""
+    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    good = tmp_path / "good" / name
+    named = with_head(good, tmp_path / "named.csv", "")
+    named.write_text(good.read_text().replace('# name: "case-5-0"', f'# name: "_{"n" * 150}"'), encoding="utf-8")
+    heads = {"nan": "NaN", "big": "1e305", "long": json.dumps("x" * 12_000), "half": '"\\ud800"'}
+    odd = [with_head(good, tmp_path / f"{one}.csv", f'# fact "awkward": {head}') for one, head in heads.items()]
+    done = cornerforge.import_cases([named, *odd, good], out=tmp_path / "in")
+    assert not done.refused
+    assert [case.case for case in done.cases][:2] == ["n" * 80, "case-5-0"]
+    facts = [read_case_file(case.file).facts.get("source_awkward") for case in done.cases]
+    assert facts == [None, "nan", "1e+305", "x" * 9_999 + "\u2026", "?", None]
+
+
+def test_what_no_case_file_can_hold_is_refused_alone(swerve_library: Path, tmp_path: Path) -> None:
+    """It is read and has a road, but a vehicle swings around by 500 m/s."""
+    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+    good = tmp_path / "good" / name
+    lines = good.read_text(encoding="utf-8").split("\n")
+    at = next(k for k, line in enumerate(lines) if line.startswith("5,0.5,") and not line.startswith("5,0.5,0,"))
+    cells = lines[at].split(",")
+    cells[7] = "90.0"
+    lines[at] = ",".join(cells)
+    bad = tmp_path / "bad.csv"
+    bad.write_text("\n".join(lines), encoding="utf-8")
+    done = cornerforge.import_cases([bad, good], out=tmp_path / "in")
+    assert [Path(case.source).name for case in done.cases] == [good.name]
+    (refused,) = done.refused
+    assert "lateral_speed_mps" in refused.why
+    assert "it must be from -100 to 100" in refused.why
+
+
+def test_the_source_is_told_from_what_is_said_here(
+    there_and_back: tuple[list[str], ImportedCases],
+) -> None:
+    """Licence, types and names of vehicles come along; what is said of the old AV is called so."""
+    _, done = there_and_back
+    for case in done.cases:
+        file = read_case_file(case.file)
+        licence = file.facts["source_licence_of_the_model"]
+        assert licence
+        assert file.licence == licence
+        assert file.facts["source"] == Path(case.source).name
+        assert isinstance(file.facts["source_crash_time_s"], float)
+        assert isinstance(file.facts["source_av"], str)
+        assert "av" not in file.facts
+        assert ("(BV" if case.source.endswith(".xosc") else "(obstacle ") in case.words
+
+
+def test_a_call_that_was_ended_leaves_its_folder_free(swerve_library: Path, tmp_path: Path) -> None:
+    (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
+
+    def ctrl_c(stage: str, done: float, total: float) -> None:
+        if stage == "cases" and done < total:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cornerforge.import_cases(tmp_path / "good" / name, out=tmp_path / "in", progress=ctrl_c)
+    assert len(cornerforge.import_cases(tmp_path / "good" / name, out=tmp_path / "in").cases) == 1
+
+
 def test_bad_input(swerve_library: Path, tmp_path: Path) -> None:
     (name,) = cornerforge.export(swerve_library, ["5:0"], to="csv", out=tmp_path / "good").files
     file = tmp_path / "good" / name
@@ -99,6 +168,8 @@ def test_bad_input(swerve_library: Path, tmp_path: Path) -> None:
         cornerforge.import_cases([], out=tmp_path / "a")
     with pytest.raises(DataError, match="leave out ego"):
         cornerforge.import_cases(file, out=tmp_path / "a", ego="Ego")
+    with pytest.raises(DataError, match="good is a folder; name the files in it"):
+        cornerforge.import_cases(file.parent, out=tmp_path / "a")
     with pytest.raises(UnknownNameError, match="idm-mobi"):
         cornerforge.import_cases(file, out=tmp_path / "a", av="idm-mobi")
     with pytest.raises(OutputError, match="not empty"):

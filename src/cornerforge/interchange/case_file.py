@@ -23,8 +23,8 @@ from cornerforge._files import reason, writing
 from cornerforge.drivers.rails import POSE_NUMBERS, X
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError
 from cornerforge.interchange._schema_check import parse, wrong
-from cornerforge.interchange.cases import Fact, MovingCase, script_of
-from cornerforge.sim import NATURAL, START_FIELDS, SUBSTEPS, Script, scripted_start
+from cornerforge.interchange.cases import Fact, MovingCase, plain_facts, plain_text, script_of
+from cornerforge.sim import NATURAL, START_FIELDS, SUBSTEPS, Script, n_slots, scripted_start
 from cornerforge.types import CLASSES, FRAME_S, Odd
 
 __all__ = [
@@ -53,7 +53,10 @@ _WHOLE = ("target_lane", "lanes", "signals", "away")
 _SERIES = ("x_m", "y_m", "speed_mps", "lateral_speed_mps", "heading_rad", "acceleration_mps2", "lane")
 """Names of the columns of a pose, in their order (`drivers.rails`)."""
 _POSE = ("x_m", "y_m", "speed_mps", "heading_rad")
+_AT_START = ("x_m", "y_m", "speed_mps")
+_SAME = 1e-6
 _LEAST_CHANGE_S = 0.1
+_LONGEST_NOTE, _MOST_NOTES, _LONGEST_LICENCE = 1_000, 10_000, 4_000
 _LINE = 700
 """An object that needs more characters is spread over lines."""
 
@@ -126,6 +129,8 @@ class CaseFile:
 def of_moving(case: MovingCase, *, set_speed: float | None = None, licence: str = "") -> CaseFile:
     """Make the file's case of a moving one: the others on rails, and what the AV did as long as it was recorded.
 
+    Facts, notes and the licence are cut to what a file can hold (`cases.plain_facts`).
+
     Args:
         case: The case.
         set_speed: At which speed an AV is set to drive [m/s]; None: as `cases.script_of` says.
@@ -138,7 +143,11 @@ def of_moving(case: MovingCase, *, set_speed: float | None = None, licence: str 
     if script.poses is not None:
         script.poses[len(case.poses) :, 0] = np.nan
     av = "recorded" if case.av_is_recorded else None
-    return CaseFile(case.name, case.odd, script, av, facts=dict(case.facts), notes=case.notes, licence=licence)
+    notes = tuple(plain_text(note, _LONGEST_NOTE) for note in case.notes[:_MOST_NOTES])
+    return CaseFile(
+        case.name, case.odd, script, av, facts=plain_facts(case.facts), notes=notes,
+        licence=plain_text(licence, _LONGEST_LICENCE),
+    )  # fmt: skip
 
 
 @functools.cache
@@ -204,13 +213,14 @@ def read_case_file(path: Path | str) -> CaseFile:
     except ValueError as error:
         raise FileFormatError(f"{path} is no case file: {error}.") from None
     _check_kind(parsed, path)
-    fault = wrong(parsed, case_schema()) or _fault_of(parsed)
-    if fault is not None:
-        raise FileFormatError(f"{path}: {fault}.")
     try:
-        return _case_of(parsed)
+        fault = wrong(parsed, case_schema()) or _fault_of(parsed)
+        case = None if fault is not None else _case_of(parsed)
     except CornerForgeError as error:
         raise FileFormatError(f"{path}: {error}") from error
+    if case is None:
+        raise FileFormatError(f"{path}: {fault}.")
+    return case
 
 
 def is_case_file(path: Path) -> bool:
@@ -378,9 +388,19 @@ def _faults(content: Mapping[str, Any]) -> Iterator[str]:
         yield "frames and set_speed_mps are for others on rails; where they act, both must be null"
     if seconds > math.ceil(content["road"]["time_limit"]):
         yield f"seconds is {seconds}; it must not be above the road's time_limit, {content['road']['time_limit']:g}"
+    odd = _odd_of(content["road"])
+    if len(vehicles) > (room := n_slots(odd)):
+        yield (
+            f"vehicles has {len(vehicles):,} entries; a road of {odd.n_lanes} lanes with a traffic_length of "
+            f"{odd.traffic_length:g} m has room for {room:,}"
+        )
     for index, one in enumerate(vehicles):
         yield from _vehicle_faults(one, f"vehicles[{index}]", content)
-    happened = content["happened"]
+    yield from _happened_faults(content, slots)
+
+
+def _happened_faults(content: Mapping[str, Any], slots: Sequence[int]) -> Iterator[str]:
+    happened, frames = content["happened"], content["frames"]
     if happened is not None:
         is_contact = happened["contact"]
         rest = [name for name in ("time_s", "partner", "av", "other") if (name in happened) != is_contact]
@@ -388,6 +408,9 @@ def _faults(content: Mapping[str, Any]) -> Iterator[str]:
             yield f"happened.contact is {is_contact}, so happened must {'' if is_contact else 'not '}have {rest[0]}"
         elif is_contact and happened["partner"] not in slots[1:]:
             yield f"happened.partner is {happened['partner']}; no other vehicle has this slot"
+        longest = FRAME_S * (SUBSTEPS * content["seconds"] if frames is None else frames - 1)
+        if is_contact and not rest and happened["time_s"] > longest + _SAME:
+            yield f"happened.time_s is {happened['time_s']:g}; it must be at most {longest:g}, the length of the case"
 
 
 def _vehicle_faults(one: Mapping[str, Any], place: str, content: Mapping[str, Any]) -> Iterator[str]:
@@ -395,6 +418,8 @@ def _vehicle_faults(one: Mapping[str, Any], place: str, content: Mapping[str, An
     start = one["start"]
     if start.get("target_lane", 0) >= lanes or start["lanes"] >= 1 << lanes:
         yield f"{place}.start names a lane that the road does not have: it has {lanes}"
+    if is_av and start["speed_mps"] < 0.0:
+        yield f"{place}.start.speed_mps is {start['speed_mps']:g}; that of the AV must be 0 or more"
     change = start.get("change_time_s", 0)
     if (is_av or not rails) and change < _LEAST_CHANGE_S:
         yield f"{place}.start.change_time_s is {change:g}; a lane change takes {_LEAST_CHANGE_S:g} s or more"
@@ -409,6 +434,19 @@ def _vehicle_faults(one: Mapping[str, Any], place: str, content: Mapping[str, An
         yield f"{place}.actions has {len(actions)} entries; it must have {content['seconds']}, one a second"
     if poses is not None:
         yield from _pose_faults(poses, f"{place}.poses", content["frames"], lanes)
+        if is_av and poses["first_frame"] != 0:
+            yield f"{place}.poses.first_frame is {poses['first_frame']}; that of the AV must be 0"
+        if rails:
+            yield from _start_faults(start, poses, place)
+
+
+def _start_faults(start: Mapping[str, Any], poses: Mapping[str, Any], place: str) -> Iterator[str]:
+    """Compare where a vehicle on rails starts with the first frame in which it is there."""
+    for name in _AT_START:
+        values = poses[name] if isinstance(poses[name], list) else [poses[name]]
+        there = next((value for value in values if value is not None), start[name])
+        if abs(there - start[name]) > _SAME:
+            yield f"{place}.start.{name} is {start[name]:g}; it must be {there:g}, as in the first frame of its poses"
 
 
 def _pose_faults(poses: Mapping[str, Any], place: str, frames: int | None, lanes: int) -> Iterator[str]:
@@ -421,6 +459,8 @@ def _pose_faults(poses: Mapping[str, Any], place: str, frames: int | None, lanes
         if len(values) != count:
             yield f"{place}.{name} has {len(values)} entries; it must have {count}, one a frame"
         now = [value is not None for value in values]
+        if not any(now):
+            yield f"{place}.{name} is null in all frames; the vehicle must be somewhere in one of them"
         if isinstance(poses[name], list):
             if there is not None and now != there:
                 yield f"{place}.{name} is null in other frames than the series before it"

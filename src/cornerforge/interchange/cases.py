@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -10,17 +12,28 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
+from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y, keeps_on
 from cornerforge.errors import InputError
 from cornerforge.geometry import plan_path
 from cornerforge.sim import START_FIELDS, SUBSTEPS, Script, scripted_start
-from cornerforge.types import FRAME_S, MAX_LANES, Odd, Scenario
+from cornerforge.types import MAX_LANES, Odd, Scenario
 
-__all__ = ["Fact", "MovingCase", "OutCase", "script_of", "straight_road"]
+__all__ = [
+    "MOST_VEHICLES", "NAME_PATTERN", "Fact", "MovingCase", "OutCase", "check_name", "fact_of_text", "plain_facts",
+    "plain_text", "safe_name", "script_of", "straight_on", "straight_road",
+]  # fmt: skip
 
 Fact: TypeAlias = bool | int | float | str | None
-_MOST_VEHICLES = 200
-"""More vehicles are no case: the road of a test has room for some dozens."""
+MOST_VEHICLES = 200
+"""More vehicles are no case on rails: the road of a test has room for some dozens."""
+NAME_PATTERN = "^[A-Za-z0-9][A-Za-z0-9_-]{0,99}$"
+"""What a case can be called; the schema of case files says the same."""
+_LONGEST_NAME = 80
+"""Longer names of others are cut: there is room for a number behind them."""
+_MOST_FACTS, _LONGEST_FACT, _LONGEST_FACT_NAME, _LARGEST_FACT = 1_000, 10_000, 200, 1e300
+"""What a case file can hold of facts."""
+_SURE_DIGITS = 15
+"""Digits of whole numbers that every reader of JSON keeps; more are rather a hash."""
 _LEAST_SPEED, _MOST_SPEED = 10.0, 80.0
 _IN_THE_MIDDLE = 0.01
 _AFTER_S = 3
@@ -58,6 +71,7 @@ class MovingCase:
             recorded, or in the first frame only, if nobody knows what it did.
         facts: What is known of it besides, and its source.
         notes: What could not be carried over, each with the place in the source ("line 12: ..."); empty: nothing.
+        called: What the source calls each vehicle, such as "BV22" or "obstacle 104"; empty: nothing.
     """
 
     name: str
@@ -68,11 +82,88 @@ class MovingCase:
     poses: NDArray[np.float64]
     facts: Mapping[str, Fact] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    called: tuple[str, ...] = ()
 
     @property
     def av_is_recorded(self) -> bool:
         """Is it known what the vehicle in the AV's seat did?"""
         return len(self.poses) > 1 and bool(np.isfinite(self.poses[1, 0]).all())
+
+
+def safe_name(text: str, default: str = "case") -> str:
+    """Make a name for a case of any text: letters, digits, - and _, a letter or digit first, at most 80 of them.
+
+    Args:
+        text: What somebody else calls it.
+        default: What it is called if nothing is left of that.
+
+    >>> safe_name("_cut in/left (1)"), safe_name("\u00e9")
+    ('cut-in-left-1', 'case')
+    """
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", text).lstrip("-_")[:_LONGEST_NAME].rstrip("-") or default
+
+
+def check_name(name: str) -> str:
+    """Check that a case can be called so, and return it.
+
+    Raises:
+        InputError: It cannot.
+    """
+    if re.fullmatch(NAME_PATTERN.strip("^$"), name) is None:
+        raise InputError(
+            f"{plain_text(name, 60)!r} cannot be the name of a case's file; use letters, digits, - and _, a letter or "
+            "digit first, at most 100 of them."
+        )
+    return name
+
+
+def plain_text(text: str, most: int) -> str:
+    """Make text that a file can hold: what is no character becomes ?, and what is too long is cut, with ... at its end.
+
+    >>> plain_text("abcdef", 4), plain_text("a" + chr(0xD800), 4)
+    ('abc\u2026', 'a?')
+    """
+    text = text.encode("utf-8", "replace").decode("utf-8")
+    return text if len(text) <= most else f"{text[: most - 1]}\u2026"
+
+
+def plain_facts(facts: Mapping[str, Fact]) -> dict[str, Fact]:
+    """Make facts that a case file can hold: not finite and very large numbers become text, long texts are cut.
+
+    >>> plain_facts({"risk": float("nan"), "mass": 1e305, "n": 3, "ok": True})
+    {'risk': 'nan', 'mass': '1e+305', 'n': 3, 'ok': True}
+    """
+    found: dict[str, Fact] = {}
+    for name, fact in list(facts.items())[:_MOST_FACTS]:
+        value = fact
+        if isinstance(fact, (int, float)) and not isinstance(fact, bool) and not abs(fact) <= _LARGEST_FACT:
+            value = f"{fact:g}" if isinstance(fact, float) else f"about 2^{fact.bit_length()}"
+        if isinstance(value, str):
+            value = plain_text(value, _LONGEST_FACT)
+        found[plain_text(name, _LONGEST_FACT_NAME)] = value
+    return found
+
+
+def fact_of_text(text: str) -> Fact:
+    """Read a fact that a file holds as text: true, false and numbers are what they say, all else stays text.
+
+    What may be a hash stays text: whole numbers of more than 15 digits, and powers of ten without a point unless
+    they are written as Python writes them.
+
+    >>> [fact_of_text(text) for text in ("0.5", "12", "true", "1e-07", "12e4", "0123", "NaN", "1234567890123456")]
+    [0.5, 12, True, 1e-07, '12e4', '0123', 'NaN', '1234567890123456']
+    """
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, int):
+        return value if len(str(abs(value))) <= _SURE_DIGITS else text
+    if isinstance(value, float) and math.isfinite(value) and ("." in text or json.dumps(value) == text):
+        return value
+    return text
 
 
 def straight_road(
@@ -97,9 +188,9 @@ def straight_road(
     """
     if not 1 <= lanes <= MAX_LANES:
         raise InputError(f"The road has {lanes} lanes; roads of 1 to {MAX_LANES} lanes can be driven.")
-    if not 1 <= vehicles <= _MOST_VEHICLES:
+    if not 1 <= vehicles <= MOST_VEHICLES:
         raise InputError(
-            f"There are {vehicles:,} vehicles; 1 to {_MOST_VEHICLES} can be driven. Keep those near the AV."
+            f"There are {vehicles:,} vehicles; 1 to {MOST_VEHICLES} can be driven. Keep those near the AV."
         )
     if not (math.isfinite(fastest) and fastest <= _MOST_SPEED):
         raise InputError(
@@ -190,13 +281,13 @@ def _prolonged(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     wanted = SUBSTEPS * (math.ceil((frames - 1) / SUBSTEPS) + _AFTER_S) + 1
     longer = np.full((wanted, *poses.shape[1:]), np.nan)
     longer[:frames] = poses
-    last = poses[-1]
-    after = FRAME_S * np.arange(1, wanted - frames + 1)
-    for slot in np.flatnonzero(np.isfinite(last[:, X])):
-        on = np.zeros((after.size, POSE_NUMBERS))
-        on[:, X] = last[slot, X] + last[slot, SPEED] * after
-        on[:, Y] = last[slot, Y]
-        on[:, SPEED] = last[slot, SPEED]
-        on[:, LANE] = last[slot, LANE]
-        longer[frames:, slot] = on
+    for slot in np.flatnonzero(np.isfinite(poses[-1, :, X])):
+        longer[frames:, slot] = straight_on(poses[-1, slot], wanted - frames)
     return longer
+
+
+def straight_on(pose: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+    """Let a vehicle keep its speed and lane for some frames after a pose (POSE_NUMBERS,); (frames, POSE_NUMBERS)."""
+    on = np.empty((frames + 1, POSE_NUMBERS))
+    keeps_on(on, pose[X], pose[Y], pose[SPEED], int(pose[LANE]))
+    return on[1:]

@@ -15,7 +15,6 @@ keep: "cornerforge; name: value; name: value".
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -26,8 +25,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_finite, check_in
 from cornerforge._files import writing
-from cornerforge.errors import InputError
-from cornerforge.interchange.cases import Fact, OutCase
+from cornerforge.interchange.cases import Fact, OutCase, check_name, fact_of_text
 from cornerforge.types import CLASSES, FRAME_S, Scenario
 
 __all__ = ["AV_WAYS", "NO_DATE", "facts_of_source", "source_of_facts", "write_commonroad"]
@@ -37,7 +35,6 @@ AV_WAYS = ("both", "planning")
 
 NO_DATE = "1970-01-01"
 """The schema wants a date. This one says that there is none: the same case gives the same bytes on any day."""
-_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _OBSTACLE = 100
 _PLANNING = 99
 _AGAIN = 1000
@@ -75,12 +72,11 @@ def write_commonroad(case: OutCase, folder: Path, *, av: str = "both", date: str
         Names of the files written.
 
     Raises:
-        InputError: The case's name has other characters than letters, digits, - and _, or a number is not finite.
+        InputError: The case's name is none (`cases.check_name`), or a number is not finite.
         OutputError: The file cannot be written.
     """
     check_in("way to write the AV", av, AV_WAYS)
-    if not _NAME.fullmatch(case.name):
-        raise InputError(f"A case cannot be called {case.name!r}; use letters, digits, - and _ only.")
+    check_name(case.name)
     facts = dict(case.facts)
     if av == "planning":
         facts |= {"av_length_m": float(case.scenario.length[0]), "av_width_m": float(case.scenario.width[0])}
@@ -113,20 +109,12 @@ def facts_of_source(source: str) -> dict[str, Fact]:
     first, *pairs = source.split("; ")
     if first != _SOURCE:
         return {"source": source}
-    return {name: _value(text) for name, _, text in (pair.partition(": ") for pair in pairs)}
+    return {name: fact_of_text(text) for name, _, text in (pair.partition(": ") for pair in pairs)}
 
 
 def _plain(value: Fact) -> str:
     text = value if isinstance(value, str) else json.dumps(value)
     return "".join(c if c.isprintable() else " " for c in text).replace(";", ",")
-
-
-def _value(text: str) -> Fact:
-    try:
-        value = json.loads(text)
-    except ValueError:
-        return text
-    return value if isinstance(value, (bool, int, float)) else text
 
 
 def _prolonged(scenario: Scenario) -> Scenario:

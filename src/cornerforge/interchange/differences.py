@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,7 @@ from cornerforge.types import FRAME_S
 __all__ = ["rates"]
 
 
-def rates(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def rates(values: NDArray[np.float64], *, bent_ends: bool = False) -> NDArray[np.float64]:
     """Take the rate of change of a quantity at each frame, from the frames before and after it.
 
     At the ends of a stretch, and so in the first frame, it is the difference to the only neighbour; 0 where there is
@@ -18,15 +20,19 @@ def rates(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Args:
         values: One for each tenth of a second, (F,); NaN where it is not known.
+        bent_ends: Take the rate at the ends from a parabola through three frames, where there are three.
 
     Returns:
         Change by second, (F,); NaN where `values` is.
 
     >>> rates(np.array([np.nan, 0.0, 1.0, 3.0, np.nan, 7.0]))
     array([nan, 10., 15., 20., nan,  0.])
+    >>> rates(np.array([0.0, 1.0, 4.0]) / 100.0, bent_ends=True)
+    array([0. , 0.2, 0.4])
     """
     found = np.full(values.size, np.nan)
     known = np.flatnonzero(np.isfinite(values))
     for span in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
-        found[span] = np.gradient(values[span], FRAME_S) if span.size > 1 else 0.0
+        order: Literal[1, 2] = 2 if bent_ends and span.size > 2 else 1
+        found[span] = np.gradient(values[span], FRAME_S, edge_order=order) if span.size > 1 else 0.0
     return found

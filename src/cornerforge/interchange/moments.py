@@ -27,7 +27,6 @@ the 50 smoothed over 1.1 s, and 33 among those smoothed over 3.1 s.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -40,7 +39,7 @@ from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError
 from cornerforge.geometry import Box, boxes_overlap
-from cornerforge.interchange.cases import Fact, MovingCase, straight_road
+from cornerforge.interchange.cases import MOST_VEHICLES, Fact, MovingCase, safe_name, straight_road
 from cornerforge.interchange.recorded_traffic import Traffic
 from cornerforge.metrics import bbd, drac, thw, ttc
 from cornerforge.metrics.risk import contact_time
@@ -64,8 +63,8 @@ _BESIDE = 8.0
 """How far across the road [m]."""
 _KEPT_BEHIND, _KEPT_AHEAD = 150.0, 250.0
 """Others that come so near to the ego within the window are in the case [m]."""
-_MOST_VEHICLES, _LONGEST, _NARROWEST = 200, 30.0, 0.3
-"""What the simulator can have on rails: vehicles, length and width of each [m]."""
+_LONGEST, _NARROWEST = 30.0, 0.3
+"""What the simulator can have on rails: length and width of each [m]."""
 _LEAST_BEFORE, _LEAST_AFTER = 2.0, 1.0
 """Shortest part of a window before and after the moment, where a track begins late or ends early [s]."""
 _SIDEWAYS = 0.2
@@ -293,8 +292,8 @@ def _window(traffic: Traffic, event: _Event, before_s: float, after_s: float) ->
     away = along(traffic.x[own][traffic.frame[inside] - first], traffic.x[inside])
     near = np.unique(traffic.vehicle[inside[(away >= -_KEPT_BEHIND) & (away <= _KEPT_AHEAD)]])
     vehicles = np.concatenate([[ego], near[near != ego]])
-    if vehicles.size > _MOST_VEHICLES:
-        return f"more than {_MOST_VEHICLES} vehicles are near"
+    if vehicles.size > MOST_VEHICLES:
+        return f"more than {MOST_VEHICLES} vehicles are near"
     if (traffic.length[vehicles] > _LONGEST).any() or (traffic.width[vehicles] < _NARROWEST).any():
         return f"a vehicle near is longer than {_LONGEST:g} m or narrower than {_NARROWEST:g} m"
     poses = np.full((last - first + 1, vehicles.size, POSE_NUMBERS), np.nan)
@@ -378,7 +377,7 @@ def _cases(windows: Sequence[_Window], measure: str) -> list[MovingCase]:
         )
     return [
         MovingCase(
-            name=f"{rank:0{len(str(len(windows)))}d}-{_plain(window)}",
+            name=safe_name(f"{rank:0{len(str(len(windows)))}d}-{_plain(window)}"),
             odd=odds[window.traffic.lanes, window.traffic.lane_width],
             kind=window.traffic.kind[window.vehicles],
             length=window.traffic.length[window.vehicles],
@@ -386,17 +385,18 @@ def _cases(windows: Sequence[_Window], measure: str) -> list[MovingCase]:
             poses=window.poses,
             facts=_facts(window, measure),
             notes=(*window.traffic.file.notes, *_cut(window)),
+            called=tuple(f"vehicle {window.traffic.names[k]}" for k in window.vehicles.tolist()),
         )
         for rank, window in enumerate(windows, 1)
     ]
 
 
 def _plain(window: _Window) -> str:
-    """Name a moment: recording, ego and time, in letters that a file name may have."""
+    """Name a moment: recording, ego and time."""
     traffic = window.traffic
     when = traffic.began + FRAME_S * int(traffic.frame[window.ego_row])
     stem = traffic.recording or traffic.file.name.split(".")[0]
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", f"{stem}-{_label(traffic, window.ego_row)}-{round(10.0 * when)}").strip("-")
+    return f"{stem}-{_label(traffic, window.ego_row)}-{round(10.0 * when)}"
 
 
 def _facts(window: _Window, measure: str) -> dict[str, Fact]:

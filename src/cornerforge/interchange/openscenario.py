@@ -7,7 +7,6 @@ within a hundredth of a millimetre of the recorded one.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -21,7 +20,7 @@ from cornerforge._checks import check_in
 from cornerforge._files import writing
 from cornerforge.errors import InputError
 from cornerforge.interchange import openscenario_elements as xosc
-from cornerforge.interchange.cases import Fact, OutCase
+from cornerforge.interchange.cases import Fact, OutCase, check_name
 from cornerforge.interchange.opendrive import lane_id, write_road_once
 from cornerforge.interchange.relative import Manoeuvre, Trigger, manoeuvre_of
 from cornerforge.types import CAR, FRAME_S, MOTORCYCLE, TRUCK, Scenario
@@ -42,7 +41,6 @@ _COLLISION_S = 0.5
 """How long a test goes on after a contact of another AV [s]."""
 _MARGIN = 20.0
 """The least road before the last vehicle and after the first [m]."""
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,200}")
 _SIDES: Mapping[int, str] = {1: "Left", -1: "Right"}
 
 
@@ -166,10 +164,7 @@ def write_openscenario(
     """
     check_in("OpenSCENARIO version", version, VERSIONS)
     check_in("mode of OpenSCENARIO", mode, MODES)
-    if not _NAME.fullmatch(case.name):
-        raise InputError(
-            f"{case.name!r} cannot be the name of a case's file; use letters, digits, - and _, at most 200 of them."
-        )
+    check_name(case.name)
     if not controller.strip():
         raise InputError("The controller of the AV has no name; give it one.")
     if not case.scenario.present[0, 0]:

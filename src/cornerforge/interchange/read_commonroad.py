@@ -12,7 +12,6 @@ Coordinates: x along the road from the foot of the file's origin, or from the AV
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
-from cornerforge.interchange.cases import Fact, MovingCase, straight_road
+from cornerforge.interchange.cases import Fact, MovingCase, safe_name, straight_road
 from cornerforge.interchange.commonroad import facts_of_source
 from cornerforge.interchange.differences import rates
 from cornerforge.interchange.straightening import Course, course_along
@@ -506,6 +505,7 @@ def _make_case(
         poses=poses,
         facts=_facts(root, av),
         notes=notes.all(),
+        called=tuple(f"obstacle {track.name}" for track, _ in everybody),
     )
 
 
@@ -579,4 +579,4 @@ def _facts(root: Element, av: _Track) -> dict[str, Fact]:
 
 def _name_of(root: Element) -> str:
     given = root.attributes.get("benchmarkID", "") or Path(root.file).stem
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", given).strip("-")[:80] or "commonroad"
+    return safe_name(given, "commonroad")

@@ -8,12 +8,11 @@ by name and line.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from cornerforge.errors import DataError, FileFormatError, InputError, UnknownNameError
-from cornerforge.interchange.cases import Fact, MovingCase
+from cornerforge.interchange.cases import MOST_VEHICLES, Fact, MovingCase, fact_of_text, safe_name
 from cornerforge.interchange.read_opendrive import read_opendrive
 from cornerforge.interchange.xml_input import Element, read_xml
 from cornerforge.interchange.xosc_actions import MOTIONS, SUPPORTED, leaf_of
@@ -28,7 +27,6 @@ __all__ = ["read_openscenario"]
 
 _VERSIONS = (0, 1, 2, 3)
 _AV_NAMES = frozenset({"ego", "hero", "host", "egovehicle", "ego_vehicle", "hostvehicle", "av", "sut"})
-_MOST_VEHICLES = 200
 _MOST_FACTS = 100
 _KINDS = {
     "car": CAR, "van": CAR, "truck": TRUCK, "semitrailer": TRUCK, "trailer": TRUCK, "bus": TRUCK, "tram": TRUCK,
@@ -98,7 +96,7 @@ def read_openscenario(path: Path, *, ego: str | None = None) -> MovingCase:
     notes.update(dict.fromkeys(frame.notes))
     notes.update(play.notes)
     return make_case(
-        _plain(path.stem), frame, bodies, av, frames, notes,
+        safe_name(path.stem), frame, bodies, av, frames, notes,
         facts=_facts(path, top, version, road_file, av),
     )  # fmt: skip
 
@@ -123,9 +121,9 @@ def _parameters(top: Element) -> dict[str, str]:
 def _bodies(entities: Element, catalogs: Catalogs, notes: dict[str, None]) -> dict[str, Body]:
     """All entities of the file, nowhere yet."""
     objects = list(entities.all("ScenarioObject"))
-    if len(objects) > _MOST_VEHICLES:
+    if len(objects) > MOST_VEHICLES:
         raise InputError(
-            f"{entities.place}: there are {len(objects):,} entities; up to {_MOST_VEHICLES} are read. Keep those near "
+            f"{entities.place}: there are {len(objects):,} entities; up to {MOST_VEHICLES} are read. Keep those near "
             "the AV."
         )
     bodies: dict[str, Body] = {}
@@ -308,10 +306,6 @@ def _leaves(element: Element) -> list[Element]:
     return [leaf for child in element.children for leaf in _leaves(child)]
 
 
-def _plain(stem: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-")[:80] or "case"
-
-
 def _facts(path: Path, top: Element, version: str, road_file: Path, av: Body) -> dict[str, Fact]:
     header = top.need("FileHeader")
     licence = header.child("License")
@@ -325,8 +319,8 @@ def _facts(path: Path, top: Element, version: str, road_file: Path, av: Body) ->
         "licence": None if licence is None else licence.attributes.get("name", licence.text or None),
     }
     for part in _properties(header, av):
-        facts.setdefault(part.string("name"), part.string("value"))
-    return {name: fact if fact is None else str(fact)[:2000] for name, fact in facts.items()}
+        facts.setdefault(part.string("name"), fact_of_text(part.string("value")))
+    return facts
 
 
 def _properties(header: Element, av: Body) -> list[Element]:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_in
 from cornerforge.errors import DataError
+from cornerforge.interchange.differences import rates
 from cornerforge.ndd.decisions import smooth_tracks
 from cornerforge.ndd.highd import RecordingMeta, read_classes
 from cornerforge.ndd.layouts import CREDITS, DATA_FORMATS, Layout, Scene
@@ -169,7 +170,8 @@ def read_traffic(paths: Sequence[Path], data_format: str | None = None) -> list[
         data_format: One of `ndd.layouts.DATA_FORMATS`; None to tell it from the columns.
 
     Returns:
-        One for each file, recording and direction of travel, in this order; recordings by name.
+        One for each file, recording and direction of travel, in this order; recordings by name. A file that is given
+        twice counts once, with a note.
 
     Raises:
         UnknownNameError, InputError: No such format, or the columns leave it open.
@@ -180,7 +182,23 @@ def read_traffic(paths: Sequence[Path], data_format: str | None = None) -> list[
     data_format = (
         guess_format(paths) if data_format is None else check_in("trajectory format", data_format, DATA_FORMATS)
     )
-    return [traffic for path in with_tracks(paths) for traffic in _read_file(Path(path), data_format)]
+    of: dict[str, list[Traffic]] = {}
+    for path in with_tracks(paths):
+        digest = _digest(path)
+        if digest in of:
+            note = f"{path.name} was given again, the same to the bit; it counts once"
+            of[digest] = [replace(one, file=replace(one.file, notes=(*one.file.notes, note))) for one in of[digest]]
+        else:
+            of[digest] = _read_file(path, data_format)
+    return [traffic for parts in of.values() for traffic in parts]
+
+
+def _digest(path: Path) -> str:
+    """Tell files apart by what is in them; those that cannot be read, of which the reader will say why, by name."""
+    try:
+        return file_sha256(path)
+    except OSError:
+        return str(path)
 
 
 def _read_file(path: Path, data_format: str) -> list[Traffic]:
@@ -498,11 +516,7 @@ def _never_back(x: Floats, starts: Ints) -> Floats:
 
 def _slope(speed: Floats, starts: Ints) -> Floats:
     """Acceleration [m/s2]: the slope of speeds within each stretch; 0 in one of a single row."""
-    made = np.zeros(speed.size)
-    for first, end in zip(starts, np.append(starts[1:], speed.size), strict=True):
-        if end - first > 1:
-            made[first:end] = np.gradient(speed[first:end], FRAME_S)
-    return made
+    return np.concatenate([np.zeros(0), *map(rates, np.split(speed, starts[1:]))])
 
 
 def _lanes(y: Floats, lateral_speed: Floats, starts: Ints, road: _Road) -> Ints:

@@ -25,7 +25,7 @@ from cornerforge._files import reason, writing
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.errors import DataError, FileFormatError, InputError
 from cornerforge.fields import Field
-from cornerforge.interchange.cases import Fact, MovingCase, OutCase, straight_road
+from cornerforge.interchange.cases import Fact, MovingCase, OutCase, safe_name, straight_road
 from cornerforge.interchange.differences import rates
 from cornerforge.types import CLASSES, FRAME_S, MAX_LANES, Scenario
 
@@ -165,7 +165,7 @@ def _read_csv(path: Path) -> tuple[pa.Table, dict[str, Any]]:
                 facts[json.loads(found[2])] = value
             else:
                 about[{_MARK: "version"}.get(found[1], found[1])] = value
-        except ValueError:
+        except (ValueError, RecursionError):
             _fault(path.name, f"line {number} holds no JSON after the colon: {line[:60]}")
     body = "\n".join(lines[comments:]).encode()
     types = {field.name: field.type for field in arrow_fields(COLUMNS)}
@@ -187,7 +187,7 @@ def _read_parquet(path: Path) -> tuple[pa.Table, dict[str, Any]]:
                 _fault(path.name, f"there are {file.metadata.num_rows:,} rows; 1 to {_MOST_ROWS:,} are read")
             about = json.loads((file.schema_arrow.metadata or {}).get(_KEY, b"{}"))
             table = file.read()
-    except (pa.ArrowException, ValueError) as error:
+    except (pa.ArrowException, ValueError, RecursionError) as error:
         if isinstance(error, FileFormatError):
             raise
         raise FileFormatError(f"{path.name} is no whole Parquet file: {str(error).splitlines()[0][:200]}.") from None
@@ -259,13 +259,16 @@ def _case_of(name: str, columns: dict[str, NDArray[Any]], about: dict[str, Any])
         poses[:, at, LATERAL_SPEED] = rates(poses[:, at, Y])
     there = np.isfinite(poses[:, :, X]).any(axis=0)
     notes = tuple(f"slot {gone} is left out: it is not there while the AV is." for gone in slots[~there])
-    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", str(about.get("name") or Path(name).stem)).strip("-")[:80] or "case"
+    stem = safe_name(str(about.get("name") or Path(name).stem))
     facts: dict[str, Fact] = {
         str(key): value
         for key, value in about.get("facts", {}).items()
         if value is None or isinstance(value, (bool, int, float, str))
     }
-    return MovingCase(stem, odd, kind[there], length[there], width[there], poses[:, there], facts, notes)
+    return MovingCase(
+        stem, odd, kind[there], length[there], width[there], poses[:, there], facts, notes,
+        tuple(f"slot {one}" for one in slots[there]),
+    )  # fmt: skip
 
 
 def _road_of(name: str, about: dict[str, Any]) -> tuple[int, float]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, LATERAL_SPEED, POSE_NUMBERS, SPEED, X, Y
 from cornerforge.interchange.cases import Fact, MovingCase, straight_road
+from cornerforge.interchange.differences import rates
 from cornerforge.interchange.read_opendrive import Frame
 from cornerforge.interchange.xosc_motion import Body
 from cornerforge.interchange.xosc_storyboard import Moment
@@ -85,6 +86,7 @@ def make_case(
         name, odd, np.array([body.kind for body in kept], np.int8),
         np.array([body.length for body in kept]), np.array([body.width for body in kept]), whole,
         {**facts, "start_x_m": start, "vehicles": ", ".join(body.name for body in kept)[:2000]}, _merged(notes),
+        tuple(body.name for body in kept),
     )  # fmt: skip
 
 
@@ -130,12 +132,12 @@ def _fill(poses: NDArray[np.float64], moments: Sequence[Moment | None], frame: F
     """Fill speeds, acceleration and lane of a vehicle that is there throughout."""
     stated = np.array([moment is not None and moment.stated for moment in moments])
     if len(poses) > 1:
-        slope = _slope(poses[:, X])
+        slope = rates(poses[:, X], bent_ends=True)
         told = poses[0, SPEED]
         poses[stated, SPEED] = slope[stated]
         if stated[0] and abs(told - slope[0]) < _TOLD:
             poses[0, SPEED] = told
-        poses[:, LATERAL_SPEED] = _slope(poses[:, Y])
+        poses[:, LATERAL_SPEED] = rates(poses[:, Y], bent_ends=True)
         poses[:-1, ACCELERATION] = np.diff(poses[:, SPEED]) / FRAME_S
         poses[-1, ACCELERATION] = poses[-2, ACCELERATION]
     else:
@@ -148,15 +150,6 @@ def _fill(poses: NDArray[np.float64], moments: Sequence[Moment | None], frame: F
         elif abs(poses[k, LATERAL_SPEED]) < _ASIDE:
             lane = float(frame.lane_of(poses[k, Y]))
         poses[k, LANE] = lane
-
-
-def _slope(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Change by time of values in frames, from both sides where there are two."""
-    slope: NDArray[np.float64] = np.gradient(values, FRAME_S)
-    if values.size > 2:
-        slope[0] = (4.0 * values[1] - 3.0 * values[0] - values[2]) / (2.0 * FRAME_S)
-        slope[-1] = (3.0 * values[-1] - 4.0 * values[-2] + values[-3]) / (2.0 * FRAME_S)
-    return slope
 
 
 def _merged(notes: Mapping[str, None]) -> tuple[str, ...]:

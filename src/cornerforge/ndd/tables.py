@@ -109,7 +109,8 @@ def read_header(path: Path) -> list[str]:
         DataError: No such file, empty, or not readable.
     """
     if not path.is_file():
-        raise DataError(f"No trajectory file {path}.")
+        is_folder = path.is_dir()
+        raise DataError(f"{path} is a folder; name the files in it." if is_folder else f"No trajectory file {path}.")
     try:
         with _opened(path) as stream:
             head = stream.read(65536)

@@ -25,7 +25,7 @@ from cornerforge.errors import AvFaultError, CornerForgeError, InputError, Unkno
 from cornerforge.fields import SERIES
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile, Happened, read_case_file
-from cornerforge.interchange.cases import Fact, MovingCase, script_of
+from cornerforge.interchange.cases import Fact, MovingCase, plain_text, script_of, straight_on
 from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
 from cornerforge.library.record import Scalar
 from cornerforge.library.schema import ON_RAILS, SCRIPTED
@@ -49,8 +49,8 @@ CRASH, NO_CRASH, UNKNOWN = "crash", "no crash", "unknown"
 """What became of a case. UNKNOWN: the AV gave no usable answer, or what it did was not recorded."""
 COUNTS = ("any", "av")
 """Which crashes count: any, or those in which the AV strikes, alone or as the other does."""
-_AFTER_S = 3
 _SHARD_CASES = 1000
+_LONGEST_NAME = 40
 _RUNS = 2
 """Experiments that a driver of case files keeps: each may hold a process of the AV."""
 _EXTENT = ("name", "vehicle_length", "vehicle_width", "max_speed", "test_length", "time_limit", "traffic_length")
@@ -210,7 +210,7 @@ def _as_recorded(script: Script) -> tuple[Script, int]:
     assert poses is not None
     frames = _known_frames(poses)
     seconds = max(1, math.ceil((frames - 1) / SUBSTEPS))
-    whole = _straight_on(poses, frames)[: SUBSTEPS * seconds + 1]
+    whole = _av_straight_on(poses, frames)[: SUBSTEPS * seconds + 1]
     return replace(script, action=script.action[:seconds], poses=whole), frames
 
 
@@ -220,15 +220,10 @@ def _known_frames(poses: NDArray[np.float64]) -> int:
     return int(unknown[0]) if unknown.size else len(poses)
 
 
-def _straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+def _av_straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
     """Let the AV go on at its last speed after some frames."""
     poses = poses.copy()
-    after = FRAME_S * np.arange(1, len(poses) - frames + 1)
-    last = poses[frames - 1, 0]
-    poses[frames:, 0] = 0.0
-    poses[frames:, 0, X] = last[X] + last[SPEED] * after
-    for name in (Y, SPEED, LANE):
-        poses[frames:, 0, name] = last[name]
+    poses[frames:, 0] = straight_on(poses[frames - 1, 0], len(poses) - frames)
     return poses
 
 
@@ -318,13 +313,19 @@ def _happened(scenario: Scenario) -> Happened:
     return Happened(frame, scenario.crash.slot_b, contact_pose(scenario))
 
 
-def crash_in_words(scenario: Scenario) -> str:
-    """Say in words what happened: who struck whom, when, how fast both were."""
+def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
+    """Say in words what happened: who struck whom, when, how fast both were.
+
+    Args:
+        scenario: The motion.
+        called: What the vehicles are called, by slot; empty: by their slots.
+    """
     happened = _happened(scenario)
-    if happened.frame is None or happened.pose is None:
+    if happened.frame is None or happened.pose is None or happened.partner is None:
         return f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
     frame, column = crash_frame(scenario)
-    other = f"the {CLASSES[int(scenario.kind[column])].name} in slot {happened.partner}"
+    name = f"({plain_text(called[happened.partner], _LONGEST_NAME)})" if called else f"in slot {happened.partner}"
+    other = f"the {CLASSES[int(scenario.kind[column])].name} {name}"
     speeds = happened.pose[:, 2]
     struck = {
         "av": f"the AV, at {speeds[0]:.1f} m/s, strikes {other}, at {speeds[1]:.1f} m/s",
@@ -562,7 +563,7 @@ def _record_all(
             continue
         happened = _happened(scenario)
         outcome = CRASH if happened.crashed else NO_CRASH
-        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario), happened)
+        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario, case.called), happened)
         if happened.crashed:
             source = case.facts.get("source")
             extra: dict[str, Scalar] = {
@@ -571,7 +572,7 @@ def _record_all(
             }  # fmt: skip
             poses = script.poses
             if poses is not None and case.av_is_recorded:  # a replay as recorded asks for all of it
-                poses = _straight_on(poses, _known_frames(poses))
+                poses = _av_straight_on(poses, _known_frames(poses))
             records.append(case_record(scenario, start=script.start, poses=poses, extra=extra))
     progress("cases", len(found), total)
     return records

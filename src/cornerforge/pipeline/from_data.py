@@ -18,7 +18,7 @@ from cornerforge.interchange.moments import Moments, critical_moments
 from cornerforge.interchange.recorded_traffic import Traffic, TrafficFile, read_traffic
 from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.case_files import NO_CRASH, CaseOutcome, CasesDriven, library_of
-from cornerforge.pipeline.output import check_new_folder, open_output, provenance, write_json
+from cornerforge.pipeline.output import check_new_folder, open_output, provenance, whole_or_nothing, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment
 from cornerforge.results.from_data import CasesFromData, DataFileRead, MomentOfData
@@ -28,6 +28,8 @@ from cornerforge.world_options import AvAloneKeywords, WorldOptions
 __all__ = ["cases_from_data", "from_data_text"]
 
 _SHOWN = 10
+_LEAST_SHOWN = 0.05
+"""Less deceleration is nothing, in one decimal [m/s2]."""
 _TOUCHES = "driven as recorded, the car touches another vehicle"
 
 
@@ -88,12 +90,13 @@ def cases_from_data(
         "before": before, "after": after, "av": av, "seed": seed,
     }  # fmt: skip
     open_output(place, stated, resume=False)
-    written = _write(found.cases, place / "cases")
-    driven = CasesDriven(av, (), tuple(CaseOutcome(case.name, NO_CRASH, "as recorded") for case in found.cases))
-    if av != RECORDED_AV:
-        driven = library_of(found.cases, place / "library", seed=seed, progress=progress, **world)
-    result = _result(traffic, found, written, driven, measure, place, time.perf_counter() - began)
-    write_json(place / "provenance.json", provenance(stated, result.seconds))
+    with whole_or_nothing(place, ("cases", "library")):
+        written = _write(found.cases, place / "cases")
+        driven = CasesDriven(av, (), tuple(CaseOutcome(case.name, NO_CRASH, "as recorded") for case in found.cases))
+        if av != RECORDED_AV:
+            driven = library_of(found.cases, place / "library", seed=seed, progress=progress, **world)
+        result = _result(traffic, found, written, driven, measure, place, time.perf_counter() - began)
+        write_json(place / "provenance.json", provenance(stated, result.seconds))
     return result
 
 
@@ -216,7 +219,8 @@ def from_data_text(r: CasesFromData) -> str:
     for one in r.cases[:_SHOWN]:
         measured = {"TTC": one.ttc_s, "time headway": one.thw_s}
         told = ", ".join(f"{name} {value:.1f} s" for name, value in measured.items() if value is not None)
-        needed = "" if one.drac_mps2 is None else f"needs {one.drac_mps2:.1f} m/s2"
+        is_asked = r.measure == "drac" or one.drac_mps2 >= _LEAST_SHOWN
+        needed = f"needs {one.drac_mps2:.1f} m/s2" if is_asked else ""
         lines.append(f"  {one.case}: {', '.join(part for part in (needed, told) if part)}; {one.words}")
     if len(r.cases) > _SHOWN:
         lines.append(f"  and {len(r.cases) - _SHOWN:,} more (--json)")

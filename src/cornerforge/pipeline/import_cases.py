@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
 from cornerforge._files import reason
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
-from cornerforge.interchange.case_file import of_moving, write_case_file
-from cornerforge.interchange.cases import MovingCase
+from cornerforge.interchange.case_file import CaseFile, case_text, of_moving, write_case_file
+from cornerforge.interchange.cases import Fact, MovingCase
+from cornerforge.ndd.tables import file_sha256
 from cornerforge.pipeline.case_files import UNKNOWN, CasesDriven, library_of
-from cornerforge.pipeline.output import check_new_folder, check_path, open_output, provenance, write_json
+from cornerforge.pipeline.output import (
+    check_new_folder,
+    check_path,
+    open_output,
+    provenance,
+    whole_or_nothing,
+    write_json,
+)
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, experiment
 from cornerforge.results.imported import ImportedCase, ImportedCases, Refused
@@ -25,6 +32,10 @@ from cornerforge.world_options import AvAloneKeywords, WorldOptions
 __all__ = ["IMPORTS", "import_cases", "import_text"]
 
 _ENTITY = re.compile(r"\d{1,18}")
+_HASH_DIGITS = 16
+_LICENCES = ("licence_of_the_model", "licence")
+"""Facts in which files say what may be done with them."""
+_NOT_STATED = "not stated; see the source file"
 
 
 def _openscenario(path: Path, ego: str | None) -> MovingCase:
@@ -94,37 +105,46 @@ def import_cases(
         raise InputError("There is no file to import; name at least one.")
     sources: list[Path] = []
     cases: list[MovingCase] = []
+    made: list[CaseFile] = []
     refused: list[Refused] = []
     for number, path in enumerate(paths):
         progress("files", number, len(paths))
         try:
-            cases.append(_read(path, ego, {case.name for case in cases}))
-            sources.append(path)
+            case, file = _read(path, ego, {case.name for case in cases})
         except CornerForgeError as error:
             refused.append(Refused(source=str(path), why=str(error)))
+            continue
+        sources.append(path)
+        cases.append(case)
+        made.append(file)
     progress("files", len(paths), len(paths))
     if not cases:
         if len(refused) == 1:
             raise DataError(refused[0].why)
         raise DataError(f"None of {len(paths):,} files can be read; the first: {refused[0].why}")
-    stated = {"files": [_sha256(path) for path in sources], "ego": ego, "av": options.av, "seed": seed}
+    hashes = [file_sha256(path)[:_HASH_DIGITS] for path in sources]
+    stated = {"files": hashes, "ego": ego, "av": options.av, "seed": seed}
     open_output(place, stated, resume=False)
-    driven = library_of(cases, place / "library", seed=seed, progress=progress, **world)
-    result = _result(sources, cases, _write(cases, place / "cases", driven), refused, driven, place, began)
-    write_json(place / "provenance.json", provenance(stated, result.seconds))
+    with whole_or_nothing(place, ("cases", "library")):
+        driven = library_of(cases, place / "library", seed=seed, progress=progress, **world)
+        written = _write(made, place / "cases", driven)
+        result = _result(sources, cases, written, refused, driven, place, began)
+        write_json(place / "provenance.json", provenance(stated, result.seconds))
     return result
 
 
-def _read(path: Path, ego: str | None, taken: set[str]) -> MovingCase:
-    """Read a file, and give its case a name that no other has.
+def _read(path: Path, ego: str | None, taken: set[str]) -> tuple[MovingCase, CaseFile]:
+    """Read a file, give its case a name that no other has, and make sure that a case file can hold it.
 
     Raises:
-        CornerForgeError: It cannot be read.
+        CornerForgeError: It cannot be read, or no case file can hold what it says.
     """
     check_path(path)
-    if path.suffix.lower() not in IMPORTS:
-        raise InputError(f"{path} is no {', '.join(IMPORTS)} file; name such files.")
     try:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; name the files in it.")
+        if path.suffix.lower() not in IMPORTS:
+            raise InputError(f"{path} is no {', '.join(IMPORTS)} file; name such files.")
         if not path.is_file():
             raise FileFormatError(f"{path} is no file; name a file that is there.")
     except OSError as error:
@@ -133,23 +153,29 @@ def _read(path: Path, ego: str | None, taken: set[str]) -> MovingCase:
     name, number = case.name, 2
     while name in taken:
         name, number = f"{case.name}-{number}", number + 1
-    return replace(case, name=name, facts={"source": path.name, **case.facts})
+    licence = next((str(case.facts[fact]) for fact in _LICENCES if case.facts.get(fact)), _NOT_STATED)
+    case = replace(case, name=name, facts=_facts_of_source(path.name, case.facts))
+    file = of_moving(case, licence=licence)
+    case_text(file)
+    return case, file
 
 
-def _write(cases: Sequence[MovingCase], folder: Path, driven: CasesDriven) -> list[Path]:
+def _facts_of_source(source: str, facts: Mapping[str, Fact]) -> dict[str, Fact]:
+    """Name facts as those of the source: who drove there, and who would have prevented it, is said of another AV."""
+    stated = {name: fact for name, fact in facts.items() if (name, fact) != ("source", source)}
+    return {"source": source, **{f"source_{name}": fact for name, fact in stated.items()}}
+
+
+def _write(files: Sequence[CaseFile], folder: Path, driven: CasesDriven) -> list[Path]:
     """Write the case files; where the AV drove as recorded, they say what happened."""
     folder.mkdir()
     written = []
-    for case, outcome in zip(cases, driven.cases, strict=True):
-        file = of_moving(case)
+    for case, outcome in zip(files, driven.cases, strict=True):
+        file = case
         if driven.av == RECORDED_AV:
             file = replace(file, happened=outcome.happened)
         written.append(write_case_file(file, folder / f"{case.name}.json"))
     return written
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def _result(

@@ -8,10 +8,11 @@ import json
 import os
 import platform
 import shlex
+import shutil
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from types import MappingProxyType
@@ -32,6 +33,7 @@ __all__ = [
     "provenance",
     "read_json_file",
     "version",
+    "whole_or_nothing",
     "write_json",
     "write_text",
     "writing",
@@ -205,6 +207,24 @@ def open_output(folder: Path, identity: Mapping[str, Any], *, resume: bool) -> b
         raise OutputError(f"{folder} holds something else ({foreign[0]}); choose a new or empty folder.")
     write_json(mark, provenance(identity))
     return False
+
+
+@contextmanager
+def whole_or_nothing(folder: Path, names: Sequence[str]) -> Iterator[None]:
+    """Clear an output folder if the work is ended, so that the same call can be made again.
+
+    Args:
+        folder: As `open_output` left it, with nothing in it before.
+        names: What the work makes in it besides.
+    """
+    try:
+        yield
+    except BaseException:  # Ctrl-C too
+        for name in names:
+            shutil.rmtree(folder / name, ignore_errors=True)
+        with suppress(OSError):
+            (folder / IDENTITY).unlink(missing_ok=True)
+        raise
 
 
 def _entries(folder: Path) -> set[str]:
