@@ -18,6 +18,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -121,10 +122,11 @@ def _prolonged(scenario: Scenario) -> Scenario:
     """Let all who are there at the end go straight on for some time: another AV may not be over yet."""
     after = FRAME_S * np.arange(1, _AFTER + 1)[:, None]
     last = {name: getattr(scenario, name)[-1:] for name in ("x", "y", "speed", "target_lane", "present")}
-    more = {name: np.repeat(values, _AFTER, axis=0) for name, values in last.items()}
+    more: dict[str, Any] = {name: np.repeat(values, _AFTER, axis=0) for name, values in last.items()}
     more["x"] = more["x"] + more["speed"] * after
     more["heading"] = more["acceleration"] = np.zeros_like(more["x"])
-    return replace(scenario, **{name: np.concatenate([getattr(scenario, name), more[name]]) for name in more})
+    longer: dict[str, Any] = {name: np.concatenate([getattr(scenario, name), more[name]]) for name in more}
+    return replace(scenario, **longer)
 
 
 def _pieces(scenario: Scenario, facts: dict[str, Fact], *, with_av: bool, date: str) -> Iterator[str]:
