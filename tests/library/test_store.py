@@ -6,6 +6,7 @@ import os
 import shutil
 import warnings
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -500,3 +501,17 @@ def test_cases_that_do_not_follow_are_refused_before_anything_is_written(
         with pytest.raises(InputError, match=r"continue the library|out of order"):
             library.append(cases, next_test=20, tests=20, crashes=9, shard_cases=4)
     assert contents(tmp_path) == before
+
+
+def test_many_threads_read_one_library(
+    tmp_path: Path, identity: dict[str, Any], make_record: Callable[[int], CaseRecord]
+) -> None:
+    """With one reader for all of them Arrow lost what it had buffered, or the process ended."""
+    records = [make_record(test) for test in range(200)]
+    library = CaseLibrary.create(tmp_path / "library", identity, ODD)
+    library.append(records, next_test=200, tests=200, crashes=200, shard_cases=200)
+    ids = [record.case_id for record in records]
+    reader = CaseLibrary.open(tmp_path / "library")
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(reader.scenario, ids * 4))
+    assert [one.scalars["case_id"] for one in found] == ids * 4

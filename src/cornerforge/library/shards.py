@@ -134,7 +134,7 @@ class ShardReader:
     def __init__(self, folder: Path) -> None:
         self.damaged: dict[str, str] = {}
         self._folder = folder
-        self._last_tracks: tuple[str, pq.ParquetFile] | None = None
+        self._last_tracks: tuple[str, pa.Buffer, pq.FileMetaData] | None = None
 
     def check_sizes(self, shards: Iterable[Shard]) -> None:
         """Look for files that are missing or truncated; checksums are compared when a file is read."""
@@ -181,14 +181,17 @@ class ShardReader:
     def tracks(self, shard: Shard) -> pq.ParquetFile | None:
         """Read a shard's trajectories, or None if the file is damaged.
 
-        The last table stays in memory, because cases are mostly read one after the other.
+        The last file's bytes stay in memory, because cases are mostly read one after the other. Each call gets a reader
+        of its own: two threads with one would take what it has buffered from each other.
         """
-        if self._last_tracks is None or self._last_tracks[0] != shard.tracks_file.sha256:
+        last = self._last_tracks
+        if last is None or last[0] != shard.tracks_file.sha256:
             content = self.read(shard.tracks_file)
             if content is None:
                 return None
-            self._last_tracks = (shard.tracks_file.sha256, pq.ParquetFile(pa.BufferReader(content)))
-        return self._last_tracks[1]
+            last = shard.tracks_file.sha256, content, pq.read_metadata(pa.BufferReader(content))
+            self._last_tracks = last
+        return pq.ParquetFile(pa.BufferReader(last[1]), metadata=last[2])
 
     def _note(self, name: str, fault: str) -> None:
         self.damaged[name] = fault
