@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from avs_by_hand import AVS
 
 import cornerforge
 import cornerforge.pytest_plugin
@@ -20,32 +21,6 @@ from cornerforge.interchange.case_file import Happened, of_moving
 from cornerforge.interchange.cases import MovingCase, straight_road
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-AV = """
-import numpy as np
-
-class Heedless:
-    def act(self, view):
-        return np.zeros((len(view), 2))
-
-
-class Coward:
-    def act(self, view):
-        return np.tile([-8.0, 0.0], (len(view), 1))
-
-
-class Fails:
-    def __init__(self):
-        self.asked = 0
-
-    def reset(self, worlds, seeds):
-        self.asked = 0
-
-    def act(self, view):
-        self.asked += 1
-        if self.asked > 5:
-            raise RuntimeError("lost my way")
-        return np.zeros((len(view), 2))
-"""
 TESTS = """
 import pytest
 
@@ -89,7 +64,7 @@ def project(tmp_path: Path) -> Path:
         case = of_moving(stopped_truck(name, gap))
         cornerforge.write_case_file(replace(case, av="old", happened=Happened()), place / "cases" / f"{name}.json")
     (place / "avs").mkdir()
-    (place / "avs" / "mine.py").write_text(AV, encoding="utf-8")
+    (place / "avs" / "mine.py").write_text(AVS, encoding="utf-8")
     (place / "test_mine.py").write_text(TESTS, encoding="utf-8")
     return place.parent
 

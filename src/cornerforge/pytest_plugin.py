@@ -79,10 +79,10 @@ class MarkedCase:
         from dataclasses import replace
 
         from cornerforge.errors import InputError
-        from cornerforge.foreign.loaders import from_folder
+        from cornerforge.foreign.loaders import from_folder, looking_in
         from cornerforge.pipeline.case_files import check_count, driven_with
 
-        with _failing(), _looking_in(self.folder):
+        with _failing(), looking_in(self.folder):
             check_count(count)
             if av is None:
                 raise InputError(f'Name the AV: @pytest.mark.{MARKER}("cases/*.json", av="my_av.py:MyAv").')
@@ -144,20 +144,6 @@ def _failing() -> Iterator[None]:
     else:
         return
     pytest.fail(said, pytrace=False)
-
-
-@contextlib.contextmanager
-def _looking_in(folder: Path) -> Iterator[None]:
-    """Let processes of an AV look for modules in a folder first."""
-    before = os.environ.get("PYTHONPATH")
-    os.environ["PYTHONPATH"] = os.pathsep.join([str(folder), *([before] if before else [])])
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["PYTHONPATH"]
-        else:
-            os.environ["PYTHONPATH"] = before
 
 
 def _driver_of(spec: str, place: Path, models: Path, asked: dict[str, Any]) -> CaseDriver:

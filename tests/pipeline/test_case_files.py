@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from avs_by_hand import AVS
 
 import cornerforge
 from cornerforge import cli
@@ -30,33 +31,6 @@ from cornerforge.pipeline.case_files import (
 )
 from cornerforge.pipeline.retest import retest_text
 from cornerforge.world_options import WorldOptions
-
-HEEDLESS = """
-import numpy as np
-
-class Heedless:
-    def act(self, view):
-        return np.zeros((len(view), 2))
-
-
-class Coward:
-    def act(self, view):
-        return np.tile([-8.0, 0.0], (len(view), 1))
-
-
-class Fails:
-    def __init__(self):
-        self.asked = 0
-
-    def reset(self, worlds, seeds):
-        self.asked = 0
-
-    def act(self, view):
-        self.asked += 1
-        if self.asked > 5:
-            raise RuntimeError("lost my way")
-        return np.zeros((len(view), 2))
-"""
 
 
 def braking_leader(name: str = "braking", gap: float = 16.3, av: float = 4.6, lanes: int = 3) -> MovingCase:
@@ -273,7 +247,7 @@ def test_a_new_crash_in_a_case_file_fails_the_command(
 ) -> None:
     """An AV from outside that heeds nobody, in a case that the old one survived."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "heedless.py").write_text(HEEDLESS, encoding="utf-8")
+    (tmp_path / "heedless.py").write_text(AVS, encoding="utf-8")
     survived = replace(of_moving(braking_leader()), av="idm-mobil", happened=Happened())
     cornerforge.write_case_file(survived, tmp_path / "cases" / "braking.json")
     words = ["retest", "cases", "--av", "heedless:Heedless", "--junit", "found.xml", "--sarif", "found.sarif", "--json"]
@@ -336,7 +310,7 @@ def tailgated(name: str = "tailgated") -> MovingCase:
 def struck(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """AVs from outside, and two cases that the old AV survived: one brakes ahead, one follows."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "avs.py").write_text(HEEDLESS, encoding="utf-8")
+    (tmp_path / "avs.py").write_text(AVS, encoding="utf-8")
     for moving in (braking_leader(), tailgated()):
         case = replace(of_moving(moving), av="idm-mobil", happened=Happened())
         cornerforge.write_case_file(case, tmp_path / "cases" / f"{moving.name}.json")

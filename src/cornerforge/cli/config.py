@@ -11,7 +11,6 @@ from __future__ import annotations
 import difflib
 import importlib
 import inspect
-import os
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -109,15 +108,10 @@ class Call:
             return
         folder = self.file.parent.resolve()
         _check_module(av, folder, self.file)
-        before = os.environ.get("PYTHONPATH")
-        os.environ["PYTHONPATH"] = os.pathsep.join([str(folder), *filter(None, [before])])
-        try:
+        from cornerforge.foreign.loaders import looking_in
+
+        with looking_in(folder):
             yield
-        finally:
-            if before is None:
-                del os.environ["PYTHONPATH"]
-            else:
-                os.environ["PYTHONPATH"] = before
 
 
 _CALL: ContextVar[Call] = ContextVar("call")

@@ -74,6 +74,7 @@ def export(
 
 
 _RECORDED = "recorded"
+_CASES_OUT = Annotated[Path, typer.Option(help="Folder for case files and library, new or empty.", show_default=False)]
 _IN_SEAT = Annotated[
     str,
     typer.Option(
@@ -98,7 +99,7 @@ def import_cases(
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for case files and library, new or empty.", show_default=False)],
+    out: _CASES_OUT,
     av: _IN_SEAT = _RECORDED,
     ego: Annotated[
         str | None,
@@ -134,7 +135,7 @@ def cases_from_data(
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for case files and library, new or empty.", show_default=False)],
+    out: _CASES_OUT,
     av: _IN_SEAT = _RECORDED,
     most: Annotated[int, typer.Option("--cases", help="How many cases at most.")] = 50,
     measure: Annotated[

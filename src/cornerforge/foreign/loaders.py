@@ -6,8 +6,11 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,7 @@ from cornerforge.errors import FileFormatError, InputError, UnknownNameError
 from cornerforge.foreign.drivers import Driver, driver_of
 from cornerforge.foreign.programs import Program, ProgramDriver, is_program
 
-__all__ = ["from_folder", "is_foreign", "load_av", "source_hash", "split_file"]
+__all__ = ["from_folder", "is_foreign", "load_av", "looking_in", "source_hash", "split_file"]
 
 FILE_KINDS = (".onnx", ".zip")
 _BUILT_IN_FILES = (".safetensors",)
@@ -59,6 +62,20 @@ def from_folder(spec: str, folder: Path) -> str:
 def source_hash(*parts: bytes) -> str:
     """Compute SHA-256 (first 16 hex digits) over all that decides how an AV drives."""
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+@contextmanager
+def looking_in(folder: Path) -> Iterator[None]:
+    """Let processes of an AV that start meanwhile look for modules in a folder first."""
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(folder), *filter(None, [before])])
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONPATH"]
+        else:
+            os.environ["PYTHONPATH"] = before
 
 
 def load_av(spec: str) -> tuple[Driver, dict[str, str]]:
@@ -170,6 +187,7 @@ def _import_file(spec: str, file: Path) -> Any:
     try:
         made.loader.exec_module(module)
     except Exception as error:  # see above
+        del sys.modules[name]  # half a module: a second try would take it for the whole one
         what = f"{type(error).__name__}({' '.join(str(error).split())})"
         raise InputError(f"Importing {file} for the AV {spec} failed: {what}{_place(error)}.") from error
     return module
