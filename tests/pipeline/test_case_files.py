@@ -20,15 +20,9 @@ from cornerforge.explorer.columns import case_table
 from cornerforge.interchange.case_file import CaseFile, Happened, of_moving
 from cornerforge.interchange.cases import MovingCase, straight_road
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.case_files import (
-    CRASH,
-    NO_CRASH,
-    UNKNOWN,
-    CaseDriver,
-    CaseFilesOf,
-    drive_case,
-    library_of,
-)
+from cornerforge.pipeline.case_files import CaseDriver, drive_case
+from cornerforge.pipeline.library_case_files import CaseFilesOf
+from cornerforge.pipeline.moving_cases import CRASH, NO_CRASH, UNKNOWN, library_of
 from cornerforge.pipeline.retest import retest_text
 from cornerforge.world_options import WorldOptions
 

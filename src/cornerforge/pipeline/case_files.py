@@ -1,13 +1,12 @@
-"""Case files and moving cases are driven: one with an AV of choice, many into a library. Libraries give case files."""
+"""Case files are driven, each with an AV of choice; what happened is told in words."""
 
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import math
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,48 +15,31 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
 from cornerforge.analysis.crash_types import STRIKERS, classify_crashes
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.analysis.mechanism import contact_pose, crash_frame, crash_types_of
-from cornerforge.drivers.rails import ACCELERATION, HEADING, LANE, POSE_NUMBERS, SPEED, X, Y
-from cornerforge.errors import AvFaultError, CornerForgeError, InputError, UnknownNameError
+from cornerforge.drivers.rails import X
+from cornerforge.errors import AvFaultError, InputError, UnknownNameError
 from cornerforge.fields import SERIES
-from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile, Happened, read_case_file
-from cornerforge.interchange.cases import Fact, MovingCase, plain_text, script_of, straight_on
-from cornerforge.library import CaseLibrary, CaseRecord, StoredCase, case_record
-from cornerforge.library.record import Scalar
-from cornerforge.library.schema import ON_RAILS, SCRIPTED
-from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
-from cornerforge.pipeline.cases import SEVERAL, driver_of_cases, experiment_of, is_same
+from cornerforge.interchange.cases import plain_text, straight_on
+from cornerforge.ndd.model import default_model_path, load_model, model_hash
 from cornerforge.pipeline.generate import MODEL_FILE
-from cornerforge.pipeline.output import check_new_folder, code_hash, provenance, version, write_json
-from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment
-from cornerforge.pipeline.stored_cases import StoredScripts, run_with
-from cornerforge.sim import NATURAL, SUBSTEPS, Ending, Script
-from cornerforge.types import CLASSES, FRAME_S, Odd, Scenario
+from cornerforge.sim import SUBSTEPS, Ending, Script
+from cornerforge.types import CLASSES, FRAME_S, Scenario
 from cornerforge.world_options import AvAloneKeywords, WorldOptions
 
 __all__ = [
-    "COUNTS", "CRASH", "NO_CRASH", "UNKNOWN", "CaseDriver", "CaseFilesOf", "CaseOutcome", "CasesDriven", "DrivenCase",
-    "check_count", "crash_in_words", "drive_case", "driven_with", "library_of", "striker_of_file", "strikes",
+    "COUNTS", "CaseDriver", "DrivenCase", "av_straight_on", "check_count", "crash_in_words", "drive_case",
+    "driven_with", "happened_in", "known_frames", "recorded_drive", "striker_of_file", "strikes",
 ]  # fmt: skip
 
-CRASH, NO_CRASH, UNKNOWN = "crash", "no crash", "unknown"
-"""What became of a case. UNKNOWN: the AV gave no usable answer, or what it did was not recorded."""
 COUNTS = ("any", "av")
 """Which crashes count: any, or those in which the AV strikes, alone or as the other does."""
-_SHARD_CASES = 1000
 _LONGEST_NAME = 40
 _RUNS = 2
 """Experiments that a driver of case files keeps: each may hold a process of the AV."""
-_EXTENT = ("name", "vehicle_length", "vehicle_width", "max_speed", "test_length", "time_limit", "traffic_length")
-"""Fields of an ODD that may be larger than a case needs; roads that differ in nothing else become one."""
-
-
-# One case with one AV
 
 
 @dataclass(frozen=True, repr=False)
@@ -182,7 +164,7 @@ class CaseDriver:
         """
         run = self.run(case)
         with _saying(case):
-            return _record(run, case.script)
+            return recorded_drive(run, case.script)
 
 
 @contextmanager
@@ -208,26 +190,26 @@ def _as_recorded(script: Script) -> tuple[Script, int]:
     """
     poses = script.poses
     assert poses is not None
-    frames = _known_frames(poses)
+    frames = known_frames(poses)
     seconds = max(1, math.ceil((frames - 1) / SUBSTEPS))
-    whole = _av_straight_on(poses, frames)[: SUBSTEPS * seconds + 1]
+    whole = av_straight_on(poses, frames)[: SUBSTEPS * seconds + 1]
     return replace(script, action=script.action[:seconds], poses=whole), frames
 
 
-def _known_frames(poses: NDArray[np.float64]) -> int:
+def known_frames(poses: NDArray[np.float64]) -> int:
     """Count the frames until the first one in which nobody knows where the AV was."""
     unknown = np.flatnonzero(np.isnan(poses[:, 0, X]))
     return int(unknown[0]) if unknown.size else len(poses)
 
 
-def _av_straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
+def av_straight_on(poses: NDArray[np.float64], frames: int) -> NDArray[np.float64]:
     """Let the AV go on at its last speed after some frames."""
     poses = poses.copy()
     poses[frames:, 0] = straight_on(poses[frames - 1, 0], len(poses) - frames)
     return poses
 
 
-def _record(run: Experiment, script: Script) -> Scenario:
+def recorded_drive(run: Experiment, script: Script) -> Scenario:
     """Drive a script and keep all of the motion; what was in the AV's seat drives as long as it was recorded."""
     driver = run.script_driver()
     if run.av.name != RECORDED_AV:
@@ -260,7 +242,7 @@ def drive_case(case: CaseFile | Path | str, **world: Unpack[AvAloneKeywords]) ->
 def driven_with(driver: CaseDriver, case: CaseFile, av: str) -> DrivenCase:
     """Drive a case with the AV of a driver, and say what happened."""
     scenario = driver.record(case)
-    happened, striker = _happened(scenario), _striker(scenario)
+    happened, striker = happened_in(scenario), _striker(scenario)
     return DrivenCase(case.name, av, happened, crash_in_words(scenario), scenario, striker=striker)
 
 
@@ -301,12 +283,13 @@ def striker_of_file(case: CaseFile) -> str | None:
 
 def _striker(scenario: Scenario) -> str | None:
     """Say who strikes; None: no crash of the AV."""
-    if not _happened(scenario).crashed:
+    if not happened_in(scenario).crashed:
         return None
     return STRIKERS[int(crash_types_of([scenario]).striker[0])]
 
 
-def _happened(scenario: Scenario) -> Happened:
+def happened_in(scenario: Scenario) -> Happened:
+    """Tell the AV's contact, if it has one."""
     if scenario.crash is None or scenario.crash.slot_a != 0:
         return Happened()
     frame, _ = crash_frame(scenario)
@@ -320,7 +303,7 @@ def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
         scenario: The motion.
         called: What the vehicles are called, by slot; empty: by their slots.
     """
-    happened = _happened(scenario)
+    happened = happened_in(scenario)
     if happened.frame is None or happened.pose is None or happened.partner is None:
         return f"no crash of the AV in {FRAME_S * (len(scenario.x) - 1):.1f} s"
     frame, column = crash_frame(scenario)
@@ -333,278 +316,3 @@ def crash_in_words(scenario: Scenario, called: Sequence[str] = ()) -> str:
         "mutual": f"the AV, at {speeds[0]:.1f} m/s, and {other}, at {speeds[1]:.1f} m/s, strike each other",
     }[str(_striker(scenario))]
     return f"crash after {FRAME_S * frame:.1f} s: {struck} ({what_happened(scenario)})"
-
-
-# From a library to case files
-
-
-class CaseFilesOf:
-    """Makes case files of a library's cases; one serves one thread.
-
-    Args:
-        cases: The library.
-    """
-
-    def __init__(self, cases: CaseLibrary) -> None:
-        self._cases = cases
-        self._av = str(cases.identity["av"])
-        self._run = self._maker()
-        world = self._run or run_with(cases, WorldOptions(), "idm-mobil")
-        self._scripts = StoredScripts(cases, world)
-        self._model = world.model
-        self._again = None if self._run is None else driver_of_cases(self._run)
-
-    def _maker(self) -> Experiment | None:
-        """The run that made the library; None if its AV is from outside or not at hand."""
-        if is_foreign(self._av) or self._av == SEVERAL:
-            return None
-        try:
-            return experiment_of(self._cases)
-        except CornerForgeError:
-            return None
-
-    def of(self, case_id: str, *, name: str | None = None, facts: Mapping[str, Fact] | None = None) -> CaseFile:
-        """Make the case file of a case.
-
-        Where the AV that made the library is built in, all others do what they did, so that it crashes again to the
-        bit; else only those that the library stored, and those farther off drive as is likeliest.
-
-        Args:
-            case_id: The case.
-            name: Of the case file; None: the case id, with - instead of the colon.
-            facts: What else is known; None: a few numbers of the library's.
-
-        Raises:
-            CornerForgeError: There is no such case, it cannot be read, or it does not begin as stored.
-        """
-        stored = self._cases.scenario(case_id)
-        script, happened = self._script(stored)
-        licence = self._model.provenance.get("licence")
-        on_rails = script.poses is not None
-        # A suite says of each case whose it was.
-        av = stored.scalars.get("source_av") if self._av == SEVERAL else self._av
-        known_hash = self._cases.identity.get("av_hash")
-        return CaseFile(
-            name=case_id.replace(":", "-") if name is None else name,
-            odd=self._cases.odd,
-            script=script,
-            av=av,
-            av_hash=None if known_hash is None else str(known_hash),
-            happened=happened,
-            recorded=None if on_rails else _of_av(stored.scenario),
-            model=None if on_rails else model_hash(self._model),
-            licence="" if licence is None or on_rails else f"naturalistic model: {licence}",
-            facts=_facts(stored) if facts is None else facts,
-        )
-
-    def _script(self, stored: StoredCase) -> tuple[Script, Happened]:
-        script = self._scripts.of(stored)
-        if self._again is not None:
-            driven = self._again(stored)
-            if is_same(driven, stored):
-                return script if stored.script is not None else _whole(script, driven), _happened(driven)
-        return script, _happened(stored.scenario)
-
-
-def _whole(script: Script, driven: Scenario) -> Script:
-    """The same script, with what all others did, not only those that were stored."""
-    action = np.full((max(len(script.action), len(driven.action)), script.slot.size), NATURAL, dtype=np.int8)
-    action[: len(driven.action)] = driven.action
-    return replace(script, action=action)
-
-
-def _of_av(scenario: Scenario) -> NDArray[np.float64]:
-    """What the AV did, (T, POSE_NUMBERS); its lateral speed was not recorded."""
-    poses = np.zeros((len(scenario.x), POSE_NUMBERS))
-    for column, name in ((X, "x"), (Y, "y"), (SPEED, "speed"), (HEADING, "heading"), (ACCELERATION, "acceleration"),
-                         (LANE, "target_lane")):  # fmt: skip
-        poses[:, column] = getattr(scenario, name)[:, 0]
-    return poses
-
-
-def _facts(stored: StoredCase) -> dict[str, Fact]:
-    names = ("case_id", "crash_time_s", "impact_speed_difference_mps", "min_ttc_s", "log_prob_nde")
-    found = {name: stored.scalars.get(name) for name in names}
-    return {name: v if not isinstance(v, float) or np.isfinite(v) else None for name, v in found.items()}
-
-
-# From moving cases to libraries
-
-
-@dataclass(frozen=True)
-class CaseOutcome:
-    """What became of a moving case.
-
-    Attributes:
-        name: Of the case.
-        outcome: CRASH, NO_CRASH or UNKNOWN.
-        words: What happened.
-        happened: The same as numbers; None: nobody knows.
-        library: Library that holds it; None: it is no crash.
-        case_id: Its name there.
-    """
-
-    name: str
-    outcome: str
-    words: str
-    happened: Happened | None = None
-    library: Path | None = None
-    case_id: str | None = None
-
-
-@dataclass(frozen=True)
-class CasesDriven:
-    """What `library_of` made.
-
-    Attributes:
-        av: The AV that drove.
-        libraries: The libraries: one for each road on which it crashed.
-        cases: What became of each case, in their order.
-    """
-
-    av: str
-    libraries: tuple[Path, ...]
-    cases: tuple[CaseOutcome, ...]
-
-    @property
-    def crashes(self) -> int:
-        """How many end in a crash of the AV."""
-        return sum(one.outcome == CRASH for one in self.cases)
-
-
-def library_of(
-    cases: Sequence[MovingCase],
-    out: Path | str,
-    *,
-    set_speed: float | None = None,
-    seed: int = 0,
-    progress: Progress = NO_PROGRESS,
-    **world: Unpack[AvAloneKeywords],
-) -> CasesDriven:
-    """Drive moving cases with an AV, and store those that end in a crash of the AV as a library on rails.
-
-    The cases of a library share a road: those with as many lanes of the same width. The library has room for the
-    longest and fastest of them. Where there are several such roads, each gets a library of its own.
-
-    Args:
-        cases: At least one.
-        out: New or empty folder: the library, or, for several roads, a folder of libraries `road-1`, `road-2`, ...
-        set_speed: At which speed the AV is set to drive [m/s]; None: as `interchange.cases.script_of` says.
-        seed: Of the library: a case is named seed:number, where it stands among `cases`.
-        progress: Told how far it is.
-        world: `av`, and how an AV from outside is asked; without `av` it is "recorded": whatever was in the AV's seat
-            moves as it was recorded.
-
-    Returns:
-        What crashed and what did not. Columns of a library: `name` of the case, `origin` (its fact `source`), and
-        `av_length_m` and `av_width_m`, how large the AV was.
-
-    Raises:
-        CornerForgeError: A case cannot be driven, the AV cannot be had, or the place cannot be used.
-    """
-    place = Path(out)
-    check_integer("seed", seed, low=0, high=2**63 - 1)
-    if not cases:
-        raise InputError("There is no case to drive.")
-    check_new_folder(place)
-    options = replace(WorldOptions(av=RECORDED_AV), **world)
-    groups = _roads(cases)
-    found: dict[int, CaseOutcome] = {}
-    libraries: list[Path] = []
-    for odd, numbers in groups:
-        run = experiment(options, road=odd, takes_foreign=True, takes_recorded=True, seed=seed)
-        try:
-            records = _record_all(run, cases, numbers, found, set_speed, seed, progress, len(cases))
-        finally:
-            run.rest()
-        if records:
-            library = place if len(groups) == 1 else place / f"road-{len(libraries) + 1}"
-            _store(run, library, records, [cases[number] for number in numbers], numbers[-1] + 1, seed)
-            libraries.append(library)
-            for record in records:
-                number = int(str(record.case["test"]))
-                found[number] = replace(found[number], library=library, case_id=record.case_id)
-    return CasesDriven(options.av, tuple(libraries), tuple(found[number] for number in range(len(cases))))
-
-
-def _roads(cases: Sequence[MovingCase]) -> list[tuple[Odd, list[int]]]:
-    """Sort cases by road: the ODD that holds all of them, and their numbers, ascending."""
-    groups: dict[tuple[object, ...], list[int]] = {}
-    for number, case in enumerate(cases):
-        road = case.odd.stated()
-        key = tuple((name, value) for name, value in sorted(road.items()) if name not in _EXTENT)
-        groups.setdefault(key, []).append(number)
-    found = []
-    for numbers in groups.values():
-        odds = [cases[number].odd for number in numbers]
-        names = {odd.name for odd in odds}
-        largest = {name: max(getattr(odd, name) for odd in odds) for name in _EXTENT if name != "name"}
-        found.append((replace(odds[0], name=names.pop() if len(names) == 1 else "imported", **largest), numbers))
-    return found
-
-
-def _record_all(
-    run: Experiment, cases: Sequence[MovingCase], numbers: Sequence[int], found: dict[int, CaseOutcome],
-    set_speed: float | None, seed: int, progress: Progress, total: int,
-) -> list[CaseRecord]:  # fmt: skip
-    """Drive the cases of one road; note what became of each in `found`, and return the crashes."""
-    records = []
-    for number in numbers:
-        case = cases[number]
-        progress("cases", len(found), total)
-        if run.av.name == RECORDED_AV and not case.av_is_recorded:
-            found[number] = CaseOutcome(case.name, UNKNOWN, "what the AV did was not recorded")
-            continue
-        script = _script_of(case, set_speed, seed, number)
-        try:
-            scenario = _record(run, script)
-        except AvFaultError as error:
-            found[number] = CaseOutcome(case.name, UNKNOWN, str(error))
-            continue
-        happened = _happened(scenario)
-        outcome = CRASH if happened.crashed else NO_CRASH
-        found[number] = CaseOutcome(case.name, outcome, crash_in_words(scenario, case.called), happened)
-        if happened.crashed:
-            source = case.facts.get("source")
-            extra: dict[str, Scalar] = {
-                "name": case.name, "origin": "" if source is None else str(source),
-                "av_length_m": float(case.length[0]), "av_width_m": float(case.width[0]),
-            }  # fmt: skip
-            poses = script.poses
-            if poses is not None and case.av_is_recorded:  # a replay as recorded asks for all of it
-                poses = _av_straight_on(poses, _known_frames(poses))
-            records.append(case_record(scenario, start=script.start, poses=poses, extra=extra))
-    progress("cases", len(found), total)
-    return records
-
-
-def _script_of(case: MovingCase, set_speed: float | None, seed: int, number: int) -> Script:
-    """Make the script; the AV's own rails are as long as it was recorded."""
-    script = script_of(case, set_speed=set_speed, seed=seed, test=number)
-    if script.poses is not None:
-        script.poses[len(case.poses) :, 0] = np.nan
-    return script
-
-
-def _store(
-    run: Experiment, place: Path, records: Sequence[CaseRecord], cases: Sequence[MovingCase], next_test: int, seed: int
-) -> None:
-    identity = {
-        **run.identity(seed), SCRIPTED: True, ON_RAILS: True, "moving_cases": _hash_of(cases),
-        "cornerforge": version(), "code": code_hash(),
-    }  # fmt: skip
-    library = CaseLibrary.create(place, identity, run.odd)
-    save_model(run.model, place / MODEL_FILE)
-    library.append(records, next_test=next_test, tests=len(cases), crashes=len(records), shard_cases=_SHARD_CASES)
-    library.finish()
-    write_json(place / "provenance.json", provenance(library.identity))
-
-
-def _hash_of(cases: Sequence[MovingCase]) -> str:
-    """Hash what decides how the others move (SHA-256, first 16 hex digits)."""
-    digest = hashlib.sha256()
-    for case in cases:
-        digest.update(case.name.encode())
-        for values in (case.kind, case.length, case.width, case.poses):
-            digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()[:16]

@@ -15,7 +15,7 @@ from cornerforge.interchange.case_file import write_case_file
 from cornerforge.interchange.openscenario import VERSIONS, write_openscenario
 from cornerforge.library import CaseLibrary, StoredCase
 from cornerforge.pipeline.case_facts import CaseFacts
-from cornerforge.pipeline.case_files import CaseFilesOf
+from cornerforge.pipeline.library_case_files import CaseFilesOf
 from cornerforge.pipeline.output import check_path, config_hash, open_output, provenance, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.results.whole import Exported

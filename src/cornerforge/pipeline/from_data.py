@@ -17,7 +17,7 @@ from cornerforge.interchange.cases import MovingCase, script_of
 from cornerforge.interchange.moments import Moments, critical_moments
 from cornerforge.interchange.recorded_traffic import Traffic, TrafficFile, read_traffic
 from cornerforge.library import CaseLibrary
-from cornerforge.pipeline.case_files import NO_CRASH, CaseOutcome, CasesDriven, library_of
+from cornerforge.pipeline.moving_cases import NO_CRASH, CaseOutcome, CasesDriven, library_of
 from cornerforge.pipeline.output import check_new_folder, open_output, provenance, whole_or_nothing, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, experiment

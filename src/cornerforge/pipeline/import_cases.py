@@ -14,7 +14,7 @@ from cornerforge.errors import CornerForgeError, DataError, FileFormatError, Inp
 from cornerforge.interchange.case_file import CaseFile, case_text, of_moving, write_case_file
 from cornerforge.interchange.cases import Fact, MovingCase
 from cornerforge.ndd.tables import file_sha256
-from cornerforge.pipeline.case_files import UNKNOWN, CasesDriven, library_of
+from cornerforge.pipeline.moving_cases import UNKNOWN, CasesDriven, library_of
 from cornerforge.pipeline.output import (
     check_new_folder,
     check_path,
