@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import shlex
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Unpack
@@ -114,37 +114,51 @@ def retest(
     natural_tests = _natural_tests(place if is_of_files else None, options.av, baseline, natural_tests)
     if baseline is not None and baseline == options.av:
         raise InputError(f"{baseline} is both the AV and the baseline, so there is nothing to compare; name another.")
-    if is_of_files:
-        check_threads(threads)
-        result, pairs = _retest_files(place, options, baseline, count, page is not None, progress)
-        result = replace(result, seconds=round(time.perf_counter() - began, 3))
-        _write_for_machines(result, junit, sarif)
-        if page is not None:
-            made = provenance({"cases": str(library), "av": options.av, "seed": seed}, result.seconds)
-            write_comparison(Path(page), result, pairs, FILES_RULE, made)
-        return result
-    if count != "any":
-        raise InputError(f"count = {count!r} is for case files; {place} is a library. Leave it out.")
-    cases = _opened(place, baseline)
     n_threads = check_threads(threads)
-    new = run_with(cases, options, options.av)
-    old = None if baseline is None else run_with(cases, options, baseline)
+    pairs: Callable[[], Sequence[Pair]]
+    if is_of_files:
+        result, found = _retest_files(place, options, baseline, count, page is not None, progress)
+        pairs = lambda: found  # noqa: E731
+        rule, identity = FILES_RULE, {"cases": str(library), "av": options.av, "seed": seed}
+    elif count != "any":
+        raise InputError(f"count = {count!r} is for case files; {place} is a library. Leave it out.")
+    else:
+        cases = _opened(place, baseline)
+        new = run_with(cases, options, options.av)
+        old = None if baseline is None else run_with(cases, options, baseline)
+        result, pairs = _retest_library(cases, new, old, natural_tests, seed, n_threads, progress)
+        rule, identity = RULE, {"library": config_hash(cases.identity), **new.identity(seed)}
+    took = round(time.perf_counter() - began, 3)
+    result = replace(result, library=str(library), av=options.av, baseline=baseline or result.baseline, seconds=took)
+    _write_for_machines(result, junit, sarif)
+    if page is not None:
+        write_comparison(Path(page), result, pairs(), rule, provenance(identity, took))
+    return result
+
+
+def _retest_library(
+    cases: CaseLibrary, new: Experiment, old: Experiment | None, natural_tests: int, seed: int, threads: int,
+    progress: Progress,
+) -> tuple[Retested, Callable[[], Sequence[Pair]]]:  # fmt: skip
+    """Drive the cases and the tests of a library, and natural tests.
+
+    Returns:
+        What came of it, without the name of its place and the time; what records the pairs for a page.
+    """
     tests = natural_tests + (0 if cases.scripted else cases.next_test)
     for run in (new, old):
         if run is not None:
             forecast(run, threads, f"{len(cases):,} cases and {tests:,} tests", tests=tests)
-    recorded = _as_recorded(cases, new, old, n_threads, progress)
-    reacting = None if cases.scripted else _reacting(cases, new, old, n_threads, progress)
-    natural = None
-    if old is not None and natural_tests:
-        natural = _natural(new, old, seed, natural_tests, n_threads, progress)
+    recorded = _as_recorded(cases, new, old, threads, progress)
+    reacting = None if cases.scripted else _reacting(cases, new, old, threads, progress)
+    natural = None if old is None or not natural_tests else _natural(new, old, seed, natural_tests, threads, progress)
     of_cases = recorded.compared()
     of_tests, of_natural = (None if part is None else part.compared() for part in (reacting, natural))
     result = Retested(
         **{one.name: getattr(of_tests or of_cases, one.name) for one in fields(Difference)},
-        library=str(library),
-        av=options.av,
-        baseline=str(cases.identity["av"]) if baseline is None else baseline,
+        library="",
+        av=new.av.name,
+        baseline=str(cases.identity["av"]) if old is None else old.av.name,
         cases=len(cases),
         got_worse=any(part is not None and part.verdict == "worse" for part in (of_tests, of_natural)),
         note=_note(cases),
@@ -152,20 +166,19 @@ def retest(
         reacting=of_tests,
         natural=of_natural,
         each=_each(cases, recorded, reacting),
-        seconds=round(time.perf_counter() - began, 3),
+        seconds=0.0,
     )
-    _write_for_machines(result, junit, sarif)
-    if page is not None:
-        pairs = pairs_of(
+
+    def pairs() -> Sequence[Pair]:
+        return pairs_of(
             cases,
             Driven(recorded.by_case(cases.scalars(["case_id"])["case_id"].to_pylist()), new, old),
             None if reacting is None else Driven(reacting.by_test(int(str(cases.identity["seed"]))), new, old),
             None if natural is None or old is None else Driven(natural.by_test(seed), _naturally(new), _naturally(old)),
             progress,
         )
-        made = provenance({"library": config_hash(cases.identity), **new.identity(seed)}, result.seconds)
-        write_comparison(Path(page), result, pairs, RULE, made)
-    return result
+
+    return result, pairs
 
 
 def _natural_tests(files: Path | None, av: str, baseline: str | None, wanted: int | None) -> int:
