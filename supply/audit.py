@@ -1,9 +1,9 @@
 """Looks for known faults in what cornerforge is made of: python supply/audit.py [CONSTRAINTS]; see `make audit`.
 
-Three lists of packages: the versions that are tested together (constraints.txt), the lowest that pyproject.toml allows, and
-those of the explorer's page (web/package-lock.json). Each is compared with supply/advisories.toml, which is as old as it
-says. Where a service answers, it is asked too: OSV or PyPI by pip-audit, npm's registry by `npm audit`. With each question
-goes a version that is known to be bad: who does not find that one knows nothing, whatever it says of the others.
+Three lists of packages: the versions that are tested together (constraints.txt), the lowest that pyproject.toml allows,
+and those of the explorer's page (web/package-lock.json). Each is compared with supply/advisories.toml, which is as old
+as it says. Where a service answers, it is asked too: OSV or PyPI by pip-audit, npm's registry by `npm audit`. With each
+question goes a version that is known to be bad: who does not find that one knows nothing, whatever it says of others.
 """
 
 from __future__ import annotations
@@ -105,7 +105,9 @@ def ask_pip_audit(service: str, packages: Sequence[Package]) -> list[Finding] | 
     if not answers.get(KNOWN_BAD[0], {}).get("vulns") or any("vulns" not in one for one in answers.values()):
         return None
     return [
-        Finding(package, (fault["id"], *fault["aliases"]), f"mended in {', '.join(fault['fix_versions']) or 'no version'}")
+        Finding(
+            package, (fault["id"], *fault["aliases"]), f"mended in {', '.join(fault['fix_versions']) or 'no version'}"
+        )
         for package in packages
         for fault in answers[package.name]["vulns"]
     ]
@@ -164,7 +166,10 @@ def main() -> int:
     of_npm = ask_npm(lock)
     found += of_npm or []
     for name, knows in ((service or "OSV and PyPI", service), ("npm's registry", of_npm is not None)):
-        print(f"{name}: " + ("asked too." if knows else f"NOT REACHED; what became known in these {age} days is not looked for."))
+        print(
+            f"{name}: "
+            + ("asked too." if knows else f"NOT REACHED; what became known in these {age} days is not looked for.")
+        )
 
     wrong = 0
     for package, ids, about in dict.fromkeys(found):

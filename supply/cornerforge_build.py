@@ -47,14 +47,16 @@ _FIRST_OF_ZIP = 315532800  # 1980-01-01, the earliest date that a zip can hold
 def build_time() -> int:
     """Say which time the archives bear, in seconds since 1970.
 
-    SOURCE_DATE_EPOCH where it is set; else the time of the last commit, if this folder is the root of a repository; else
-    the time of pyproject.toml, which an unpacked source archive has from the build that made it.
+    SOURCE_DATE_EPOCH where it is set; else the time of the last commit, if this folder is the root of a repository;
+    else the time of pyproject.toml, which an unpacked source archive has from the build that made it.
     """
     wished = os.environ.get("SOURCE_DATE_EPOCH")
     if wished:
         return int(wished)
     if (ROOT / ".git").exists():
-        asked = subprocess.run(["git", "log", "-1", "--format=%ct"], cwd=ROOT, capture_output=True, text=True, check=False)
+        asked = subprocess.run(
+            ["git", "log", "-1", "--format=%ct"], cwd=ROOT, capture_output=True, text=True, check=False
+        )
         if asked.returncode == 0 and asked.stdout.strip():
             return int(asked.stdout)
     return int((ROOT / "pyproject.toml").stat().st_mtime)

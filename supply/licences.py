@@ -1,6 +1,6 @@
 """Writes docs/licences.md, which lists the licences of all that comes with cornerforge; see `make licences`.
 
-python supply/licences.py REPORT, where REPORT is what `pip install --dry-run --no-deps --report` says of constraints.txt.
+python supply/licences.py REPORT: what `pip install --dry-run --no-deps --report` says of constraints.txt.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ __all__ = ["ALLOWED", "PAGE", "Facts", "Row", "allowed", "brings", "facts_instal
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "licences.md"
 ALLOWED = frozenset(
-    "0BSD Apache-2.0 BSD BSD-2-Clause BSD-3-Clause BSL-1.0 CC0-1.0 ISC MIT MIT-0 MIT-CMU MPL-2.0 PSF-2.0 Zlib".split()
-)
-"""Licences that ask for no more than their text and notices, and MPL-2.0, whose own files stay open. BSD: which, is not said."""
+    {"0BSD", "Apache-2.0", "BSD", "BSD-2-Clause", "BSD-3-Clause", "BSL-1.0", "CC0-1.0", "ISC", "MIT", "MIT-0",
+     "MIT-CMU", "MPL-2.0", "PSF-2.0", "Zlib"}
+)  # fmt: skip
+"""Licences that ask for no more than their text and notices, and MPL-2.0, whose own files stay open. BSD: some BSD."""
 TOOLS_ONLY = frozenset({"GPL-2.0-only", "LGPL-2.1"})
 """Allowed besides for tools of developers, which are called and not given on."""
 PLAIN = {
@@ -43,7 +44,7 @@ PLAIN = {
 """How metadata without an SPDX expression say it, in the field License or in a classifier."""
 NOTES = {
     "imageio-ffmpeg": "its wheel holds a build of ffmpeg, a program under the GPL; so `video` is not part of `all`",
-    "numpy, scipy": "their wheels hold OpenBLAS and GNU Fortran's library (GPL with GCC's exception for programs that use it)",
+    "numpy, scipy": "their wheels hold OpenBLAS and GNU Fortran's library (GPL with GCC's exception for its users)",
     "torch": "on Linux, PyPI's own build brings NVIDIA's libraries under NVIDIA's licence; a CPU build does not",
 }
 # The extras are worked out for the platform that the tests run on, whatever machine this runs on.
@@ -74,7 +75,11 @@ class Row(NamedTuple):
 
 def _licence(expression: str | None, field: str | None, classifiers: Iterable[str]) -> str:
     """Give the SPDX expression, or what else the metadata say, in one spelling; "not said" if nothing."""
-    said = [expression, (field or "").strip(), *(one.rpartition(" :: ")[2] for one in classifiers if one.startswith("License"))]
+    said = [
+        expression,
+        (field or "").strip(),
+        *(one.rpartition(" :: ")[2] for one in classifiers if one.startswith("License")),
+    ]
     for one in said:
         text = PLAIN.get(one or "", one or "")
         if text and (expression or allowed(text, tool=True)):
@@ -98,6 +103,10 @@ def facts_of_report(report: Mapping[str, list[dict[str, dict[str, object]]]]) ->
     return found
 
 
+def _field(about: importlib.metadata.PackageMetadata, name: str) -> str | None:
+    return about[name] if name in about else None  # noqa: SIM401  (its type has no get)
+
+
 def facts_installed(names: Iterable[str]) -> dict[str, Facts]:
     """Read the metadata of those packages that are installed here."""
     found = {}
@@ -106,7 +115,9 @@ def facts_installed(names: Iterable[str]) -> dict[str, Facts]:
             about = importlib.metadata.metadata(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-        licence = _licence(about.get("License-Expression"), about.get("License"), about.get_all("Classifier") or [])
+        licence = _licence(
+            _field(about, "License-Expression"), _field(about, "License"), about.get_all("Classifier") or []
+        )
         version = about["Version"].partition("+")[0]
         found[plain_name(name)] = Facts(about["Name"], version, licence, tuple(about.get_all("Requires-Dist") or []))
     return found
@@ -136,10 +147,9 @@ def rows_of(facts: Mapping[str, Facts]) -> tuple[list[Row], list[Row], set[str]]
     """Make the rows of what users get and of what only developers get, and name the extras that are unknown here."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     optional: dict[str, list[str]] = project["optional-dependencies"]
-    ours = {"cornerforge": Facts("cornerforge", project["version"], project["license"], tuple(
-        [*project["dependencies"], *(f'{line}; extra == "{extra}"' for extra, lines in optional.items() for line in lines)]
-    ))}  # fmt: skip
-    all_facts = {**facts, **ours}
+    of_extras = (f'{line}; extra == "{extra}"' for extra, lines in optional.items() for line in lines)
+    ours = Facts("cornerforge", project["version"], project["license"], (*project["dependencies"], *of_extras))
+    all_facts = {**facts, "cornerforge": ours}
     core = brings(all_facts, ["cornerforge"]) or set()
     closures = {extra: brings(all_facts, [f"cornerforge[{extra}]"]) for extra in optional if extra != "all"}
     unknown = {extra for extra, closure in closures.items() if closure is None}
@@ -168,20 +178,23 @@ def page(users: Iterable[Row], tools: Iterable[Row]) -> str:
         lines = [f"| {one.name} | {one.version} | {one.licence} | {', '.join(one.extras)} |" for one in rows]
         return "\n".join(["| package | version | licence | with |", "| --- | --- | --- | --- |", *lines])
 
-    inside = "\n".join(f"| {name} | {version} | {licence} |" for name, (version, licence) in sorted(bundled(ROOT).items()))
+    inside = "\n".join(
+        f"| {name} | {version} | {licence} |" for name, (version, licence) in sorted(bundled(ROOT).items())
+    )
     notes = "\n".join(f"- {name}: {note}." for name, note in NOTES.items())
     return f"""# Licences
 
-cornerforge is under [Apache-2.0](../LICENSE). This page lists what comes with it. It is made by `make licences` from what the
-packages say of themselves, in the versions of [constraints.txt](../constraints.txt), on Linux with Python 3.11; elsewhere some small
-packages more or fewer come. Names are those of SPDX; *BSD* is said by packages that do not say which.
+cornerforge is under [Apache-2.0](../LICENSE). This page lists what comes with it. It is made by `make licences` from
+what the packages say of themselves, in the versions of [constraints.txt](../constraints.txt), on Linux with Python 3.11;
+on other systems a few small packages more or fewer come. Names are those of SPDX; *BSD* is said by packages that do not
+say which.
 
-A test fails if the page is older than the versions, or if a licence is none of these: {', '.join(sorted(ALLOWED))}; for tools of
-developers also {', '.join(sorted(TOOLS_ONLY))}.
+A test fails if the page is older than the versions, or if a licence is none of these: {", ".join(sorted(ALLOWED))};
+for tools of developers also {", ".join(sorted(TOOLS_ONLY))}.
 
 ## Packages that pip installs beside it
 
-They are not in the wheel: pip gets each from its makers, with its licence. *core* always comes; the others come with an extra.
+They are not in the wheel: pip gets each from its makers, with its licence. *core* always comes, others with an extra.
 
 {table(users)}
 
@@ -191,8 +204,8 @@ A package's own wheel may hold code of others again, under licences that it says
 
 ## Code of others in the wheel
 
-The explorer's page, built by `make web`, holds code of these packages. Their licences and notices lie beside it in the wheel,
-`cornerforge/explorer/static/LICENSES.txt`; the explorer shows them at `/assets/LICENSES.txt`.
+The explorer's page, built by `make web`, holds code of these packages. Their licences and notices lie beside it in the
+wheel, `cornerforge/explorer/static/LICENSES.txt`; the explorer shows them at `/assets/LICENSES.txt`.
 
 | package | version | licence |
 | --- | --- | --- |
@@ -203,7 +216,7 @@ Pages with charts that cornerforge writes hold plotly's script, whose licence (M
 ## Tools of developers
 
 They are installed by `make` for tests, checks and documentation. No user gets them. Tools in environments of their own
-(`supply/requirements.txt`, `tests/interchange/external/`), and those with which the explorer's page is built, are not listed.
+(`supply/requirements.txt`, `tests/interchange/external/`), and those that build the explorer's page, are not listed.
 
 {table(tools)}
 """
@@ -211,7 +224,9 @@ They are installed by `make` for tests, checks and documentation. No user gets t
 
 def table_rows(text: str) -> list[Row]:
     """Read the rows of the page's tables of four columns back."""
-    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")]
+    cells = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")
+    ]
     return [
         Row(one[0], one[1], one[2], tuple(one[3].split(", ")))
         for one in cells
@@ -223,9 +238,13 @@ if __name__ == "__main__":
     found = facts_of_report(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
     missing = sorted(pins(ROOT / "constraints.txt").keys() - found.keys())
     if missing or not bundled(ROOT):
-        sys.exit(f"Not in the report: {', '.join(missing)}" if missing else "The explorer's page is not built: make web")
+        sys.exit(
+            f"Not in the report: {', '.join(missing)}" if missing else "The explorer's page is not built: make web"
+        )
     of_users, of_developers, unknown = rows_of(found)
     idle = [one.name for one in of_developers if not one.extras]
     if unknown or idle:
-        sys.exit(f"constraints.txt lacks a version for {', '.join(sorted(unknown))}, or has idle ones: {', '.join(idle)}")
+        sys.exit(
+            f"constraints.txt lacks a version for {', '.join(sorted(unknown))}, or has idle ones: {', '.join(idle)}"
+        )
     PAGE.write_text(page(of_users, of_developers), encoding="utf-8")

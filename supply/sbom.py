@@ -1,7 +1,7 @@
 """The bill of materials of the wheel, as CycloneDX 1.6 in JSON: what code of others is in it, and what it requires.
 
-The scripts of others in the explorer's page have versions: they are in the wheel. Requirements have none, since pip picks
-them where the wheel is installed; what pyproject.toml allows is a property of each, and so is the version of
+The scripts of others in the explorer's page have versions: they are in the wheel. Requirements have none, since pip
+picks them where the wheel is installed; what pyproject.toml allows is a property of each, and so is the version of
 constraints.txt, with which cornerforge is tested.
 """
 
@@ -75,7 +75,7 @@ def bill_of_materials(root: Path, when: int) -> dict[str, Any]:
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     tested = pins(root / "constraints.txt")
     ours = f"pkg:pypi/{project['name']}@{project['version']}"
-    inside = [
+    inside: list[dict[str, Any]] = [
         {
             "type": "library",
             "bom-ref": f"pkg:npm/{name.replace('@', '%40')}@{version}",
@@ -88,7 +88,7 @@ def bill_of_materials(root: Path, when: int) -> dict[str, Any]:
         }
         for name, (version, licence) in sorted(bundled(root).items())
     ]
-    required = [
+    required: list[dict[str, Any]] = [
         {
             "type": "library",
             "bom-ref": f"pkg:pypi/{name}",

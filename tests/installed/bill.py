@@ -1,7 +1,7 @@
 """What `make wheel` checks of the bill of materials: python tests/installed/bill.py DIST.
 
-The bill in the wheel keeps to CycloneDX's own schema, says of requirements what the wheel's metadata say, and of the page's
-scripts what lies in the wheel. A copy is laid beside the wheel.
+The bill in the wheel keeps to CycloneDX's own schema, says of requirements what the wheel's metadata say, and of the
+page's scripts what lies in the wheel. A copy is laid beside the wheel.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-from cyclonedx.schema import SchemaVersion
-from cyclonedx.validation.json import JsonStrictValidator
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
@@ -36,7 +34,11 @@ def said_by_metadata(text: str) -> set[tuple[str, str, SpecifierSet]]:
 def said_by_bill(bill: dict[str, Any]) -> set[tuple[str, str, SpecifierSet]]:
     """The same of a bill of materials."""
     return {
-        (one["name"], property["name"].removeprefix("cornerforge:requires").removeprefix(":"), SpecifierSet(property["value"]))
+        (
+            one["name"],
+            property["name"].removeprefix("cornerforge:requires").removeprefix(":"),
+            SpecifierSet(property["value"]),
+        )
         for one in bill["components"]
         for property in one.get("properties", [])
         if property["name"].startswith("cornerforge:requires")
@@ -45,7 +47,12 @@ def said_by_bill(bill: dict[str, Any]) -> set[tuple[str, str, SpecifierSet]]:
 
 def faults(files: dict[str, bytes]) -> list[str]:
     """What is wrong with the bill in a wheel, whose files are given by name."""
-    named = {name.partition(".dist-info/")[2]: content.decode() for name, content in files.items() if ".dist-info/" in name}
+    from cyclonedx.schema import SchemaVersion  # of the environment of `make audit`
+    from cyclonedx.validation.json import JsonStrictValidator
+
+    named = {
+        name.partition(".dist-info/")[2]: content.decode() for name, content in files.items() if ".dist-info/" in name
+    }
     text = named["sboms/cornerforge.cdx.json"]
     wrong = JsonStrictValidator(SchemaVersion.V1_6).validate_str(text)
     if wrong is not None:

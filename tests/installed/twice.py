@@ -51,9 +51,11 @@ def build_again(source: Path, folder: Path) -> Path:
     shutil.rmtree(root / "src/cornerforge/explorer/static")
     for command, place in (
         (["node", "build.mjs"], root / "web"),
-        ([sys.executable, "-m", "build", "--outdir", folder / "dist", root], folder),
+        ([sys.executable, "-m", "build", "--outdir", str(folder / "dist"), str(root)], folder),
     ):
-        done = subprocess.run(command, cwd=place, env=otherwise, umask=0o077, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=place, env=otherwise, umask=0o077, capture_output=True, text=True, check=False
+        )
         if done.returncode:
             sys.exit(f"{done.stdout}{done.stderr}")
     return folder / "dist"
@@ -66,7 +68,9 @@ if __name__ == "__main__":
         found = sums(dist, direct, build_again(source, Path(work)))
     wrong = [name for name, each in found.items() if len(each) > 1]
     for name in wrong:
-        print(f"{name} has other bytes when it is built in another place; see docs/adr/0052-supply-chain.md for causes.")
+        print(
+            f"{name} has other bytes when it is built in another place; see docs/adr/0052-supply-chain.md for causes."
+        )
     if not wrong:
         print(*(f"Built twice with the same bytes: {one.pop()}  {name}" for name, one in found.items()), sep="\n")
     sys.exit(bool(wrong))

@@ -35,7 +35,12 @@ def an_sdist(place: Path, mode: int, day: int, *, turned: bool) -> Path:
     with tarfile.open(place, "w:gz") as packed:
         for name in reversed(names) if turned else names:
             entry = packed.gettarinfo(place.parent / "file", name)
-            entry.mode, entry.mtime, entry.uname, entry.uid = mode | (0o100 if "run" in name else 0), day, f"user{day}", day
+            entry.mode, entry.mtime, entry.uname, entry.uid = (
+                mode | (0o100 if "run" in name else 0),
+                day,
+                f"user{day}",
+                day,
+            )
             with (place.parent / "file").open("rb") as file:
                 packed.addfile(entry, file)
     return place
@@ -99,9 +104,10 @@ def test_the_bill_says_what_is_required_and_with_what_it_is_tested() -> None:
     assert by_name["torch"]["scope"] == "optional"
     assert "pytest" not in by_name
     assert bill == bill_of_materials(ROOT, WHEN)
-    assert hashlib.sha256(json.dumps(bill).encode()).digest() != hashlib.sha256(
-        json.dumps(bill_of_materials(ROOT, WHEN + 1)).encode()
-    ).digest()
+    assert (
+        hashlib.sha256(json.dumps(bill).encode()).digest()
+        != hashlib.sha256(json.dumps(bill_of_materials(ROOT, WHEN + 1)).encode()).digest()
+    )
 
 
 @pytest.mark.parametrize("line", ['numpy>=2; python_version < "3.12"', "numpy @ https://example.org/numpy.whl"])
