@@ -185,7 +185,7 @@ def page(users: Iterable[Row], tools: Iterable[Row]) -> str:
     return f"""# Licences
 
 cornerforge is under [Apache-2.0](../LICENSE). This page lists what comes with it. It is made by `make licences` from
-what the packages say of themselves, in the versions of [constraints.txt](../constraints.txt), on Linux with Python 3.11;
+what the packages say of themselves, in the versions of [constraints.txt](../constraints.txt), on Linux and Python 3.11;
 on other systems a few small packages more or fewer come. Names are those of SPDX; *BSD* is said by packages that do not
 say which.
 
