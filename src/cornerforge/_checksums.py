@@ -157,13 +157,16 @@ def write_tensors(path: Path, key: str, header: Mapping[str, Any], tensors: _Arr
         part.write_bytes(content)
 
 
-def read_tensors(path: Path, key: str, what: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def read_tensors(
+    path: Path, key: str, what: str, advice: str = "restore it from a copy, or make it again"
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Read a file that `write_tensors` wrote; warns where an earlier version wrote no checksum.
 
     Args:
         path: The file.
         key: As for `write_tensors`.
         what: What it is, for messages, for example "policy".
+        advice: What to do if it is damaged, for messages.
 
     Returns:
         The header, and the arrays by name.
@@ -184,16 +187,12 @@ def read_tensors(path: Path, key: str, what: str) -> tuple[dict[str, Any], dict[
     except OSError as error:
         raise FileFormatError(f"Cannot read the {what} {path}: {reason(error)}.") from error
     except (SafetensorError, KeyError, TypeError, ValueError, AttributeError, MemoryError, RecursionError) as error:
-        raise FileFormatError(
-            f"{path} is damaged or no {what} ({type(error).__name__}: {error}); restore it from a copy, or make it "
-            "again."
-        ) from error
+        raise FileFormatError(f"{path} is damaged or no {what} ({type(error).__name__}: {error}); {advice}.") from error
     if KEY not in metadata:
         note_absent(path)
     elif metadata[KEY] != _header_checksum(header, tensors):
         raise FileFormatError(
-            f"The {what} {path} has been changed since it was written (its checksum does not fit); restore it from a "
-            "copy, or make it again."
+            f"The {what} {path} has been changed since it was written (its checksum does not fit); {advice}."
         )
     return header, tensors
 

@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from cornerforge._checks import check_number
 from cornerforge._checksums import read_tensors, write_tensors
+from cornerforge._objects import object_fault
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import FileFormatError, InputError
+from cornerforge.fields import Field
 from cornerforge.sim import N_OBSERVATION, OBSERVATION_VERSION
 
 __all__ = [
     "MAX_BUDGET",
+    "POLICY_FIELDS",
     "POLICY_SCHEMA",
     "Policy",
     "check_budget",
@@ -28,9 +31,24 @@ __all__ = [
 ]
 
 POLICY_SCHEMA = 1
-_KEY = "cornerforge"
 MAX_BUDGET = 1e6
 """Largest likelihood budget [nats], far above any shortfall of a test; a larger one is a mistake for "no limit"."""
+_KEY = "cornerforge"
+POLICY_FIELDS: tuple[Field, ...] = (
+    Field("schema_version", "int64", "", "Version of the file.", (POLICY_SCHEMA, POLICY_SCHEMA)),
+    Field("observation_version", "int64", "", "Version of the observation that it was trained for.", (1, 10**6)),
+    Field("network", "object", "", "Its shape: n_inputs, n_shared, n_stream and width."),
+    Field("bounded", "bool", "", "It takes only actions that the naturalistic model can take."),
+    Field(
+        "budget",
+        "float64",
+        "nats",
+        "Likelihood budget; null: no limit, and where it is not bounded.",
+        (0.0, MAX_BUDGET),
+    ),
+    Field("about", "object", "", "How it was trained: free text and numbers that nothing depends on."),
+)
+"""What the header of a policy holds; the weights are the array `weights`, float32."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +124,13 @@ def load_policy(path: Path) -> Policy:
     if not path.is_file():
         raise FileFormatError(f"No policy file {path}; make one with: cornerforge train --out {path}")
     header, tensors = read_tensors(path, _KEY, "policy")
+    _check_versions(header, path)
+    fault = object_fault(header, POLICY_FIELDS)
+    if fault is not None:
+        raise FileFormatError(f"Policy file {path} is damaged: {fault}.")
     try:
-        _check_versions(header, path)
         shape = NetworkShape(**header["network"])
-        bounded = bool(header["bounded"])
+        bounded = header["bounded"]
         budget = check_budget(header["budget"], bounded=bounded)
         # A copy: what the file gives may not be writable, which kernels would take for another type.
         policy = Policy(np.array(tensors["weights"], dtype=np.float32), shape, bounded, header["about"], budget)
