@@ -16,7 +16,7 @@ from pathlib import Path
 
 from cornerforge.errors import OutputError
 
-__all__ = ["check_regular", "part_of", "read_bytes", "reason", "writing"]
+__all__ = ["LARGEST", "check_regular", "part_of", "read_bytes", "reason", "writing"]
 
 
 def part_of(path: Path) -> Path:
@@ -33,17 +33,24 @@ def reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
+LARGEST = 1 << 31
+"""Most bytes of a file that is read as a whole; none that cornerforge writes is as large."""
+
+
 def check_regular(path: Path) -> None:
     """Check that a path is a file with an end: reading a pipe waits for ever, and a device may never end.
 
     Raises:
-        OSError: It is not, or is not there.
+        OSError: It is not, is larger than `LARGEST`, or is not there.
     """
-    mode = path.stat().st_mode
+    found = path.stat()
+    mode = found.st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "is no regular file", str(path))
+    if found.st_size > LARGEST:
+        raise OSError(errno.EFBIG, f"is larger than {LARGEST >> 20} MB", str(path))
 
 
 def read_bytes(path: Path) -> bytes:

@@ -65,11 +65,12 @@ def test_what_is_appended_is_read_back(filled: Path, make_scenario: Callable[...
 
 def test_what_is_read_lies_in_memory_of_arrow(filled: Path) -> None:
     # Were it a Python object, the thread of Arrow that frees it would need the GIL, and abort an interpreter that ends.
-    shard = read_manifest(filled)[0].shards[0]
+    manifest = read_manifest(filled)[0]
+    shard = manifest.shards[0]
     files = (shard.cases_file, shard.tracks_file)
     gc.collect()  # what others left is not freed in between
     before = pa.total_allocated_bytes()
-    contents_read = [ShardReader(filled, 7, ODD).read(file) for file in files]
+    contents_read = [ShardReader(filled, manifest).read(file) for file in files]
     assert pa.total_allocated_bytes() - before >= sum(file.size for file in files)
     for file, content in zip(files, contents_read, strict=True):
         assert content is not None

@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from cornerforge.results import Analysed, Queried, Replayed, Verified
 
 __all__ = [
-    "analyse", "generate", "plausibility", "query", "r157", "replay", "retest", "shrink", "suite_build", "variety",
-    "verify",
+    "analyse", "generate", "migrate", "plausibility", "query", "r157", "replay", "retest", "shrink", "suite_build",
+    "variety", "verify",
 ]  # fmt: skip
 
 
@@ -397,6 +397,24 @@ def verify(
     )
     if result.damaged:
         raise typer.Exit(EXIT_GATE)
+
+
+@command("cornerforge migrate old/library --out out/library")
+def migrate(
+    library: Library,
+    out: Annotated[Path, typer.Option(help="Folder of the new library.", show_default=False)],
+    seed: IdleSeed = 0,
+    threads: IdleThreads = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Write a library of an earlier version anew, with the present columns and checksums."""
+    run_command(
+        lambda bars: cornerforge.migrate(library, out=out, progress=bars),
+        lambda r: f"{r.cases:,} cases of version {r.made_by}: {r.library}",
+        as_json=as_json, quiet=quiet,
+    )  # fmt: skip
 
 
 @command(

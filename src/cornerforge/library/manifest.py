@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 from cornerforge._checksums import check_json, with_checksum
 from cornerforge._files import read_bytes, reason, writing
 from cornerforge._objects import object_fault
+from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library.schema import (
     EXTRA_TYPES,
@@ -174,8 +175,8 @@ def read_manifest(folder: Path) -> tuple[Manifest, bytes]:
     except OSError as error:
         raise FileFormatError(f"Cannot read {path}: {reason(error)}.") from error
     try:
-        parsed = json.loads(content)
-    except (ValueError, RecursionError) as error:
+        parsed = parse(content.decode())
+    except ValueError as error:
         raise FileFormatError(f"{path} is damaged: {error}; restore it from a copy.") from error
     if not isinstance(parsed, dict) or parsed.get("format") != _FORMAT:
         raise FileFormatError(f"{path} is not the manifest of a case library; give the folder that `generate` made.")
@@ -213,6 +214,10 @@ def _relation_fault(content: Mapping[str, Any]) -> str | None:
         if shard["cases"] > last - first + 1:
             return f'"{place}.cases" is {shard["cases"]}; it must be at most the number of its tests'
         before, cases = last, cases + shard["cases"]
+    run = content["run"]
+    version = schema_version(scripted=run.get(SCRIPTED) is True, on_rails=run.get(ON_RAILS) is True)
+    if content["schema_version"] != version:
+        return f'"schema_version" is {content["schema_version"]}; of what "run" says it must be {version}'
     for key, least in (("crashes", cases), ("tests", content["crashes"])):
         if content[key] < least:
             return f'"{key}" is {content[key]}; it must be at least {least}'

@@ -79,7 +79,7 @@ class CaseLibrary:
         self._path = path
         self._manifest = manifest
         self._committed = committed  # the manifest's bytes, to notice a second writer; None: read only
-        self._reader = ShardReader(path, _seed_of(manifest), manifest.odd)
+        self._reader = ShardReader(path, manifest)
 
     @classmethod
     def create(cls, path: Path | str, identity: Identity, odd: Odd) -> CaseLibrary:
@@ -568,12 +568,6 @@ class CaseLibrary:
         seed = self._manifest.run["seed"]
         ids = [f"{seed}:{other}" for other in near]
         return UnknownCaseError(case_id, ids, len(self), str(self._path), is_near=test is not None)
-
-
-def _seed_of(manifest: Manifest) -> int:
-    seed = manifest.run["seed"]
-    assert isinstance(seed, int)
-    return seed
 
 
 def _holds_library(folder: Path, identity: Identity, odd: Odd) -> bool:

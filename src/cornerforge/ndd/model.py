@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checksums import read_arrays, write_arrays
+from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.memory import Memory
@@ -238,7 +239,9 @@ def load_model(path: Path) -> NddModel:
         )
     arrays = read_arrays(path, "model")
     try:
-        header = json.loads(str(arrays["header"]))
+        header = parse(str(arrays["header"]))
+        if not isinstance(header, dict):
+            raise FileFormatError("its header is no object.")
         version = header.get("schema_version")
         if version not in _READABLE:
             raise FileFormatError(
@@ -246,6 +249,9 @@ def load_model(path: Path) -> NddModel:
                 "the version that made it."
             )
         stored = [name for name in _SHAPES if version > 1 or name != "lc_turn_back"]
+        for name in stored:
+            if arrays[name].dtype != np.float32:
+                raise FileFormatError(f"table {name} is of type {arrays[name].dtype}; it must be float32.")
         tables: dict[str, Any] = {name: np.ascontiguousarray(arrays[name], dtype=np.float32) for name in stored}
         if version == 1:  # who would certainly refuse the gap turned back
             refused = np.minimum(tables["lc_accept_lead"], tables["lc_accept_rear"]) == 0.0

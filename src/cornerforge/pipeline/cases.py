@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cornerforge._objects import object_fault
 from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
@@ -22,7 +23,7 @@ from cornerforge.pipeline.generate import MODEL_FILE, policy_file
 from cornerforge.pipeline.output import code_hash
 from cornerforge.pipeline.picture import check_picture, check_video, way_out_of, write_picture, write_video
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
-from cornerforge.pipeline.setting import Experiment, experiment
+from cornerforge.pipeline.setting import IDENTITY_FIELDS, Experiment, experiment
 from cornerforge.results import Queried, Replayed
 from cornerforge.sim import scenario_digest
 from cornerforge.types import Scenario
@@ -30,7 +31,6 @@ from cornerforge.world_options import WorldOptions
 
 __all__ = ["SEVERAL", "driver_of_cases", "experiment_of", "experiment_with", "is_same", "query", "replay"]
 
-_NEEDED = ("seed", "odd", "lanes", "bv", "bounded", "budget", "acting", "policies", "policy_hash")
 SEVERAL = "several AVs"
 """The AV of a library whose cases were made by different ones."""
 _ANALYSED = "cases.parquet"
@@ -66,7 +66,9 @@ def experiment_with(
         FileFormatError: A file is missing or is not the one of the library.
     """
     identity = cases.identity
-    _check_told(cases, _NEEDED)
+    fault = object_fault(identity, IDENTITY_FIELDS, "run")
+    if fault is not None:
+        raise FileFormatError(f"The manifest of {cases.path} is damaged: {fault}, so it cannot be driven again.")
     budget = identity["budget"]
     policies = [load_policy(cases.path / policy_file(index)) for index in range(int(str(identity["policies"])))]
     seed = int(str(identity["seed"]))
