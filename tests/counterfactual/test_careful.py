@@ -15,7 +15,6 @@ from reference.world import Vehicle
 from cornerforge.analysis.avoidability import AvoidParams
 from cornerforge.analysis.prevented import PREVENTED_COLUMNS, Prevention, driven_by, prevented_by
 from cornerforge.drivers.careful import CAREFUL, Threat, braking_demanded, braking_of, own_reaction
-from cornerforge.errors import FileFormatError
 from cornerforge.types import Scenario
 
 PARAMS = AvoidParams(horizon_s=1.2)
@@ -155,13 +154,6 @@ def test_who_is_hit_from_behind_has_not_prevented() -> None:
     pressed = prevented_by(crash(av, lead, Mover(392.0, 1, 30.0)))
     assert alone["fsm"].prevented
     assert not pressed["fsm"].prevented
-
-
-def test_a_number_that_is_none_does_not_drive_for_ever() -> None:
-    """Of a damaged library: the driver's car never stood, and the walk went on beyond the recording."""
-    scenario = crash(Mover(400.0, 1, 30.0), Mover(430.0, 1, 20.0))
-    with pytest.raises(FileFormatError, match="does not come to a stand.* library is damaged"):
-        prevented_by(replace(scenario, speed=np.full_like(scenario.speed, np.nan)))
 
 
 def test_columns_say_nobody_and_null() -> None:

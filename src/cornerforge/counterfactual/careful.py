@@ -15,10 +15,9 @@ import numpy as np
 
 from cornerforge._elementary import sin_cos
 from cornerforge._jit import inlined_kernel, kernel
-from cornerforge.counterfactual.motion import NEVER_STANDS, allocate_rows, continue_recording, take_over_av
+from cornerforge.counterfactual.motion import allocate_rows, continue_recording, take_over_av
 from cornerforge.counterfactual.search import Manoeuvres, stopping_frames
 from cornerforge.drivers.careful import CAREFUL, HOLDS, Threat, braking_demanded, braking_of, own_reaction
-from cornerforge.errors import FileFormatError
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import BODY_FIELDS, Recordings, Trajectories, box_in, unpack
 from cornerforge.road.straight import way_from
@@ -201,8 +200,6 @@ def _drive(
                 hold(v, 0, -m.stopping, m.evasive)
             elif v[0].speed == 0.0:
                 return -1, reacted, ttc, hardest
-            elif f + 1 == frames.shape[0]:
-                raise FileFormatError(NEVER_STANDS)
             f += 1
             move_vehicle(v, 0, (f - end) * _DT, m.evasive)
             continue

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 
 __all__ = [
-    "NEVER_STANDS",
     "STRONGEST_ACCELERATION",
     "allocate_rows",
     "change_to",
@@ -36,10 +35,6 @@ _DT = FRAME_S
 _HARDEST = 20.0
 STRONGEST_ACCELERATION = 10.0
 """No vehicle brakes or accelerates more [m/s2], whatever a recording says: how long it takes to stop hangs on it."""
-NEVER_STANDS = (
-    "A vehicle of a recorded case does not come to a stand, so a number of its motion is none: its library is damaged; "
-    "make it again."
-)
 _PEAK = 10.0 / math.sqrt(3.0)
 _SHORTEST = 0.5
 _SAME_M = 1e-3

@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cornerforge._jit import kernel
-from cornerforge.counterfactual.motion import NEVER_STANDS, change_to, take_over_av
-from cornerforge.errors import FileFormatError
+from cornerforge.counterfactual.motion import change_to, take_over_av
 from cornerforge.geometry import Box, boxes_overlap
 from cornerforge.recordings import box_in
 from cornerforge.sim import hold, move_vehicle
@@ -75,8 +74,6 @@ def drive_way_out(
             x_end = v[0].x
         if f >= end and v[0].speed == 0.0:
             return -1
-        if f + 1 == frames.shape[0]:
-            raise FileFormatError(NEVER_STANDS)
         if f < end and (f - moment) % every == 0:
             k = (f - moment) // every
             hold(v, 0, accelerations[k], evasive)
