@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save
 
+from cornerforge._checksums import read_tensors, write_tensors
 from cornerforge.drivers.avs import AVS, AvModel, AvNetwork, av_named
 from cornerforge.drivers.policy import NetworkShape, n_weights
 from cornerforge.drivers.sight import Sight
 from cornerforge.errors import FileFormatError, InputError
-from cornerforge.pipeline.output import writing
 from cornerforge.sim import AV_FEATURES_VERSION, LEARNED_WIDTH, N_AV_FEATURES
 
 __all__ = ["AV_FILE_SCHEMA", "av_of", "load_av", "rl_av_path", "save_av"]
@@ -62,9 +59,7 @@ def save_av(network: AvNetwork, about: Mapping[str, Any], path: Path) -> None:
         "network": asdict(network.shape),
         "about": dict(about),
     }
-    content = save({"weights": network.weights}, metadata={_KEY: json.dumps(header, sort_keys=True)})
-    with writing(path) as part:
-        part.write_bytes(content)
+    write_tensors(path, _KEY, header, {"weights": network.weights}, "the AV")
 
 
 def load_av(path: Path) -> AvModel:
@@ -75,17 +70,13 @@ def load_av(path: Path) -> AvModel:
     """
     if not path.is_file():
         raise FileFormatError(f"No AV file {path}; make one with: cornerforge train-av --out {path}")
+    header, tensors = read_tensors(path, _KEY, "learned AV")
     try:
-        with safe_open(path, framework="numpy") as file:
-            text = (file.metadata() or {}).get(_KEY)
-            if text is None:
-                raise FileFormatError(f"{path} is a safetensors file but no learned AV of cornerforge.")
-            header = json.loads(text)
-            _check_versions(header, path)
-            shape = NetworkShape(**header["network"])
-            weights = np.ascontiguousarray(file.get_tensor("weights"), dtype=np.float32)
+        _check_versions(header, path)
+        shape = NetworkShape(**header["network"])
+        weights = np.ascontiguousarray(tensors["weights"], dtype=np.float32)
         about = header["about"].get("about", "a learned AV")
-    except (SafetensorError, OSError, KeyError, TypeError, AttributeError, ValueError, InputError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, InputError) as error:
         raise FileFormatError(f"AV file {path} is damaged or no AV ({type(error).__name__}: {error}).") from error
     if shape.n_inputs != N_AV_FEATURES or shape.width > LEARNED_WIDTH or weights.shape != (n_weights(shape),):
         raise FileFormatError(f"AV file {path} is damaged: its weights do not fit its network.")
