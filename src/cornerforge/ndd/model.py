@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cornerforge._checksums import read_arrays, write_arrays
 from cornerforge._strict_json import parse
 from cornerforge.errors import FileFormatError
+from cornerforge.fields import Field
 from cornerforge.ndd.grids import GAP_GRID, RANGE_RATE_GRID, SPEED_GRID
 from cornerforge.ndd.initial import InitialState, check_initial, check_numbers
 from cornerforge.ndd.memory import Memory
@@ -30,6 +31,7 @@ __all__ = [
     "RANGE_RATES",
     "SCHEMA_VERSION",
     "SPEEDS",
+    "TABLES",
     "NddModel",
     "default_model_path",
     "load_model",
@@ -104,19 +106,17 @@ class NddModel:
     provenance: Mapping[str, object]
 
     def __post_init__(self) -> None:
-        for name, shape in _SHAPES.items():
-            table = getattr(self, name)
+        for one in TABLES:
+            table, shape = getattr(self, one.name), _SHAPES[one.name]
             if table.shape != shape:
-                raise FileFormatError(f"Model table {name} has shape {table.shape}; expected {shape}.")
-            if not np.isfinite(table).all() or (table < 0).any():
-                raise FileFormatError(f"Model table {name} holds NaN, infinite or negative numbers.")
+                raise FileFormatError(f"Model table {one.name} has shape {table.shape}; expected {shape}.")
+            low, high = one.within or (0.0, 0.0)
+            if not np.isfinite(table).all() or (table < low).any() or (table > high).any():
+                raise FileFormatError(f"Model table {one.name} holds NaN, or numbers that are not {one.allowed}.")
         for name in ("following", "free"):
             off = float(np.abs(getattr(self, name).sum(axis=-1, dtype=np.float64) - 1.0).max())
             if off > 1e-4:
                 raise FileFormatError(f"Model table {name}: a row of probabilities sums to 1 only within {off:.2g}.")
-        for name in ("lc_base", "lc_accept_lead", "lc_accept_rear", "lc_turn_back"):
-            if (getattr(self, name) > 1).any():
-                raise FileFormatError(f"Model table {name} holds probabilities above 1.")
         for part in (self, self.memory, self.initial):
             check_numbers(part)
         remembered = self.memory.near + self.memory.far + self.memory.habit
@@ -127,16 +127,27 @@ class NddModel:
         check_initial(self.initial)
 
 
-_PLACES = (GAPS.size, RANGE_RATES.size)
-_SHAPES = {
-    "following": (SPEEDS.size, *_PLACES, N_ACCELERATIONS),
-    "free": (SPEEDS.size, N_ACCELERATIONS),
-    "lc_base": (SPEEDS.size,),
-    "lc_desire": _PLACES,
-    "lc_accept_lead": _PLACES,
-    "lc_accept_rear": _PLACES,
-    "lc_turn_back": _PLACES,
-}
+_SHARE = (0.0, 1.0)
+_STATE = f"{GAPS.size},{RANGE_RATES.size}"
+TABLES: tuple[Field, ...] = (
+    Field(
+        "following", f"float32[{SPEEDS.size},{_STATE},{N_ACCELERATIONS}]", "",
+        "P(acceleration) by speed, gap and range rate; rows sum to 1, exact 0 is impossible.", _SHARE,
+    ),
+    Field(
+        "free", f"float32[{SPEEDS.size},{N_ACCELERATIONS}]", "",
+        "P(acceleration) by speed without a leader within 115 m; rows sum to 1.", _SHARE,
+    ),
+    Field(
+        "lc_base", f"float32[{SPEEDS.size}]", "per decision", "Chance to begin a change to one side, by speed.", _SHARE
+    ),
+    Field("lc_desire", f"float32[{_STATE}]", "", "Multiplier of it, by state to the leader.", (0.0, 1e4)),
+    Field("lc_accept_lead", f"float32[{_STATE}]", "", "Chance that the gap to the adjacent lead is accepted.", _SHARE),
+    Field("lc_accept_rear", f"float32[{_STATE}]", "", "The same of the adjacent rear.", _SHARE),
+    Field("lc_turn_back", f"float32[{_STATE}]", "", "Chance to turn back from a change for a neighbour.", _SHARE),
+)  # fmt: skip
+"""The arrays of a model's file."""
+_SHAPES = {table.name: tuple(map(int, table.type.partition("[")[2].rstrip("]").split(","))) for table in TABLES}
 _NUMBERS = ("free_pull", "lc_desire_free", "overlook", "overlook_conflict")
 
 
