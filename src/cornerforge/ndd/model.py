@@ -186,7 +186,7 @@ def load_model(path: Path) -> NddModel:
         )
     arrays = read_arrays(path, "model")
     try:
-        header = parse(str(arrays["header"]))
+        header = parse(str(arrays["header"]), finite=False)
         if not isinstance(header, dict):
             raise FileFormatError("its header is no object.")
         version = header.get("schema_version")
