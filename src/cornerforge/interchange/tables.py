@@ -115,7 +115,8 @@ def _write_csv(path: Path, columns: dict[str, list[Any]], about: dict[str, Any])
 
 def _write_parquet(path: Path, columns: dict[str, list[Any]], about: dict[str, Any]) -> None:
     schema = pa.schema(arrow_fields(COLUMNS), metadata={_KEY: json.dumps(about)})
-    pq.write_table(pa.table(columns, schema=schema), path)
+    with path.open("wb") as file:  # Arrow takes a path like run-10:30 for an address
+        pq.write_table(pa.table(columns, schema=schema), file)
 
 
 def read_table(path: Path) -> MovingCase:

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow.fs import LocalFileSystem
 
+from cornerforge._locks import claims
 from cornerforge.adversary.policy_file import load_policy
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.fields import REALS
@@ -130,6 +131,7 @@ def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
     return again
 
 
+@claims()
 def replay(
     library: Path | str,
     case: str,
