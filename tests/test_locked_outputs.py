@@ -29,6 +29,8 @@ OUTPUTS = {
     "train-av --out": (FILE, ".safetensors"),
     "generate --policy swerve --cases 3 --out": (FOLDER, ""),
     "analyse LIB --out": (FOLDER, ""),
+    "migrate LIB --out": (FOLDER, ""),
+    "verify LIB --out": (FILE, ".json"),
     "report LIB --out": (FOLDER, ""),
     "report": (FOLDER, ""),
     "figure LIB --out": (FOLDER, ""),

@@ -131,7 +131,7 @@ def run_command(
         bars.stop()
     content = result_as_json(result)
     if out is not None:
-        write_json(out, content)
+        write_json(out, content, checksum=False)
     if as_json:
         typer.echo(json.dumps(content, allow_nan=False))
     elif not quiet:
