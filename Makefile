@@ -3,6 +3,7 @@
 PYTHON ?= python3
 DATA ?= ../shared/data/ngsim*.gz
 OUT ?= out/demo
+KILLS ?= 1000
 
 BIN := .venv/bin
 SETUP := .venv/.stamp-setup
@@ -31,7 +32,7 @@ MODEL := src/cornerforge/ndd/default_model.npz
 RL_AV := src/cornerforge/drivers/rl_av.safetensors
 
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test test-slow test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
+.PHONY: help setup web demo test test-slow kill test-browser test-interchange check format audit licences docs wheel lowest bench model rl-av golden clean-cache clean
 
 help: ## list the targets (this)
 	@awk -F ':.*## ' '/^[a-z][a-z-]*:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' Makefile
@@ -51,6 +52,9 @@ test: $(SETUP) ## run the default tests and the examples in docstrings: offline,
 
 test-slow: $(SETUP) ## run the tests at full scale too, on a seed drawn now and printed
 	@$(BIN)/python -m pytest -m "not gpu and not browser and not interchange" --seed random --hypothesis-profile slow
+
+kill: $(SETUP) ## kill all long commands at random moments, resume them, and compare: KILLS=1000 by default, SEED=N repeats
+	@$(BIN)/python tests/kill/killing.py --kills $(KILLS) $(if $(SEED),--seed $(SEED))
 
 test-browser: $(SETUP) $(WEB) $(BROWSER) ## test the explorer and the pages: their scripts with Vitest, and all of it in Chromium
 	@cd web && npm test --silent

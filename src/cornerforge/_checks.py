@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import InputError, UnknownNameError
 
-__all__ = ["check_finite", "check_in", "check_integer", "check_number"]
+__all__ = ["check_finite", "check_in", "check_integer", "check_number", "spoken"]
 
 
 def check_integer(name: str, value: int, *, low: int, high: int | None = None) -> int:
@@ -69,3 +69,23 @@ def check_finite(name: str, values: NDArray[np.floating]) -> None:
         raise InputError(
             f"{name}{list(first)} = {values[first]} is not finite ({int(bad.sum())} such value(s)); mend the input."
         )
+
+
+def spoken(seconds: float) -> str:
+    """Write a time as people say it.
+
+    >>> spoken(0.0021), spoken(0.2), spoken(47.0), spoken(400.0), spoken(9000.0), spoken(9e5)
+    ('2.1 ms', '0.2 s', '47 s', '7 min', '2.5 h', '10 days')
+    """
+    if seconds < 0.1:
+        return f"{1000.0 * seconds:.2g} ms"
+    if seconds < 10.0:
+        return f"{seconds:.2g} s"
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    if seconds < 7200.0:
+        return f"{seconds / 60.0:.0f} min"
+    if seconds < 2.0 * 86400.0:
+        return f"{seconds / 3600.0:.2g} h" if seconds < 36000.0 else f"{seconds / 3600.0:.0f} h"
+    days = seconds / 86400.0
+    return f"{days:,.0f} days" if math.isfinite(days) else "for ever"

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from cornerforge.errors import OutputError
 
-__all__ = ["LARGEST", "check_regular", "part_of", "read_bytes", "reason", "writing"]
+__all__ = ["LARGEST", "check_regular", "part_of", "read_bytes", "reason", "write_bytes", "writing"]
 
 
 def part_of(path: Path) -> Path:
@@ -86,3 +86,13 @@ def writing(path: Path, what: str = "") -> Iterator[Path]:
             named = f"{what} {path}" if what else str(path)
             raise OutputError(f"Cannot write {named}: {reason(error)}; make room, or choose another place.") from error
         raise
+
+
+def write_bytes(path: Path, content: bytes | memoryview, what: str = "") -> None:
+    """Write a file of given content whole or not at all; as `writing`.
+
+    Raises:
+        OutputError: The file cannot be written; nothing is left of it then.
+    """
+    with writing(path, what) as part:
+        part.write_bytes(content)

@@ -200,6 +200,28 @@ def test_a_foreign_folder_is_refused(verb: Callable[..., CaseLibrary], tmp_path:
 
 
 @pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
+def test_cases_without_a_manifest_are_no_leftovers(
+    verb: Callable[..., CaseLibrary], filled: Path, identity: Identity
+) -> None:
+    """Who lost the manifest still has the cases; the first shard must not be overwritten."""
+    (filled / "manifest.json").unlink()
+    before = contents(filled)
+    with pytest.raises(OutputError, match=r"holds cases \(cases-000000\.parquet\) but no manifest\.json, which says"):
+        verb(filled, identity, ODD)
+    assert contents(filled) == before
+
+
+@pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
+def test_what_a_kill_leaves_of_the_first_manifest_is_overwritten(
+    verb: Callable[..., CaseLibrary], tmp_path: Path, identity: Identity
+) -> None:
+    (tmp_path / ".manifest.json.part").write_text("{")
+    (tmp_path / ".cornerforge.lock").write_text("")
+    assert len(verb(tmp_path, identity, ODD)) == 0
+    assert set(contents(tmp_path)) == {"manifest.json"}
+
+
+@pytest.mark.parametrize("verb", [CaseLibrary.create, CaseLibrary.resume])
 @pytest.mark.parametrize("below", [".", "library"])
 def test_a_place_that_cannot_be_written_is_an_output_error(
     verb: Callable[..., CaseLibrary], tmp_path: Path, identity: Identity, below: str

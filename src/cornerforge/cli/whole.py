@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import cornerforge
+from cornerforge._locks import claims
 from cornerforge.cli.options import (
     Config,
     Debug,
@@ -192,9 +193,6 @@ def serve(
     from cornerforge.pipeline.output import check_new_file, write_json
     from cornerforge.results import as_json as result_as_json
 
-    if out is not None:
-        check_new_file(out)
-
     def up(r: Served) -> None:
         from cornerforge.explorer.server import PORT
 
@@ -214,13 +212,16 @@ def serve(
             typer.echo(f"{r.cases:,} cases: {r.url} (Ctrl-C ends it)")
         sys.stdout.flush()
 
-    run_command(
-        lambda bars: cornerforge.serve(  # noqa: ARG005
-            place, host=host, port=port, avs=more_av or (), open_browser=open_browser, threads=threads, up=up
-        ),
-        lambda r: "",  # noqa: ARG005
-        as_json=False, quiet=True,
-    )  # fmt: skip
+    with claims():
+        if out is not None:
+            check_new_file(out)
+        run_command(
+            lambda bars: cornerforge.serve(  # noqa: ARG005
+                place, host=host, port=port, avs=more_av or (), open_browser=open_browser, threads=threads, up=up
+            ),
+            lambda r: "",  # noqa: ARG005
+            as_json=False, quiet=True,
+        )  # fmt: skip
 
 
 @command(

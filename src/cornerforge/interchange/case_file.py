@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._files import reason, writing
+from cornerforge._locks import claim_file, claims
 from cornerforge._strict_json import parse
 from cornerforge.drivers.rails import POSE_NUMBERS, X
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError
@@ -158,6 +159,7 @@ def case_schema() -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", json.loads(text))
 
 
+@claims()
 def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False) -> Path:
     """Write a case file, whole or not at all.
 
@@ -174,6 +176,7 @@ def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False
     if path.suffix != ".json":
         raise InputError(f"{path}: the name of a case file ends in .json; name it so.")
     text = case_text(case)
+    claim_file(path)
     if path.exists() and not overwrite:
         raise OutputError(f"{path} exists already; remove it, or choose another place.")
     with writing(path, "the case file") as part:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cornerforge._locks import claims
 from cornerforge._objects import object_fault
 from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.policy_file import load_policy
@@ -130,6 +131,7 @@ def driver_of_cases(run: Experiment) -> Callable[[StoredCase], Scenario]:
     return again
 
 
+@claims()
 def replay(
     library: Path | str,
     case: str,

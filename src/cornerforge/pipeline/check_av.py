@@ -9,13 +9,13 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from cornerforge._checks import check_integer
+from cornerforge._checks import check_integer, spoken
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.answers import controller_of
 from cornerforge.foreign.av_log import AvLog
 from cornerforge.foreign.edge_cases import EDGE_CASES, edge_case, random_views
 from cornerforge.foreign.loaders import is_foreign
-from cornerforge.foreign.pace import Pace, announce, spoken
+from cornerforge.foreign.pace import Pace, announce
 from cornerforge.foreign.process import FIRST_TIMEOUT, AvFailureError, AvProcess
 from cornerforge.foreign.session import AvSession, context_of
 from cornerforge.pipeline.counting import simulate_experiment

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cornerforge._checks import check_in
+from cornerforge._locks import claims
 from cornerforge.errors import InputError, MissingExtraError
 from cornerforge.interchange.case_file import write_case_file
 from cornerforge.interchange.openscenario import VERSIONS, write_openscenario
@@ -111,6 +112,7 @@ _MODES = {"openscenario": ("recorded", "controller", "relative"), "commonroad": 
 _ENDINGS = {"csv": "csv", "parquet": "parquet", "rerun": "rrd", "json": "json"}
 
 
+@claims()
 def export(
     library: Path | str,
     cases: Sequence[str] | str,

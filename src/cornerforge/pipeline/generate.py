@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.adversary.policy_file import policy_hash, save_policy
 from cornerforge.errors import AvFaultError, CornerForgeError, InputError
 from cornerforge.execution import Rooms, in_order
@@ -368,6 +369,7 @@ def store_tests(
     return replace(counted, cases=filled.cases, library=str(out))
 
 
+@claims()
 def generate(
     *,
     policy: Path | str | Sequence[Path | str],

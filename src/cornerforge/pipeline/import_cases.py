@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Unpack
 
 from cornerforge._files import reason
+from cornerforge._locks import claims
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
 from cornerforge.interchange.case_file import CaseFile, case_text, of_moving, write_case_file
 from cornerforge.interchange.cases import Fact, MovingCase
@@ -66,6 +67,7 @@ IMPORTS: dict[str, Callable[[Path, str | None], MovingCase]] = {
 """End of a file's name -> its reader: path, name of the vehicle in the AV's seat."""
 
 
+@claims()
 def import_cases(
     files: Sequence[Path | str] | Path | str,
     *,

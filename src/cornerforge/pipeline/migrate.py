@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from cornerforge._arrow import arrow_field
 from cornerforge._files import reason, writing
+from cornerforge._locks import claims
 from cornerforge.errors import FileFormatError, OutputError
 from cornerforge.fields import BODY, CASES, TRACKS
 from cornerforge.library import CaseLibrary
@@ -25,6 +26,7 @@ from cornerforge.types import CAR, Odd
 __all__ = ["migrate"]
 
 
+@claims()
 def migrate(library: Path | str, *, out: Path | str, progress: Progress = NO_PROGRESS) -> Migrated:
     """Write a library of an earlier version anew, with the present columns and checksums; the old one stays as it is.
 

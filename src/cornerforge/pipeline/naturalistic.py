@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.ndd.model import default_model_path, load_model, model_hash, save_model
 from cornerforge.pipeline.output import check_new_file, write_json
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
@@ -18,6 +19,7 @@ from cornerforge.results import NddFitted, NddImported, from_json
 __all__ = ["fit_text", "import_text", "ndd_fit", "ndd_import"]
 
 
+@claims()
 def ndd_fit(
     files: Sequence[Path | str],
     *,
@@ -101,6 +103,7 @@ def fit_text(result: NddFitted) -> str:
     return "\n".join([*lines, f"Model: {result.out}, report: {result.report}"])
 
 
+@claims()
 def ndd_import(
     folder: Path | str,
     *,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
 from cornerforge.errors import AvFaultError
 from cornerforge.execution import in_order
@@ -83,6 +84,7 @@ class _Driven:
         return self.failed & ~self.crashes[driver]
 
 
+@claims()
 def r157(
     *,
     families: Sequence[str] | str = "all",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from cornerforge._checks import check_in, check_integer, check_number
+from cornerforge._locks import claims
 from cornerforge.analysis.crash_types import CRASH_TYPES
 from cornerforge.analysis.mechanism import MECHANISMS
 from cornerforge.errors import InputError
@@ -37,6 +38,7 @@ _TREES_TAKE_TESTS = 1_000_000
 _NO_CRASH = "no tree found a crash, so rate and interval are those of the plain tests"
 
 
+@claims()
 def rate(
     *,
     method: str = "auto",

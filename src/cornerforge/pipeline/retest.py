@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.loaders import is_foreign
 from cornerforge.interchange.case_file import CaseFile
@@ -21,7 +22,7 @@ from cornerforge.library import CaseLibrary
 from cornerforge.pipeline.case_files import CaseDriver, check_count, driven_with, strikes
 from cornerforge.pipeline.cases import SEVERAL
 from cornerforge.pipeline.forecast import forecast
-from cornerforge.pipeline.output import config_hash, provenance
+from cornerforge.pipeline.output import check_new_file, config_hash, provenance
 from cornerforge.pipeline.progress import NO_PROGRESS, Progress
 from cornerforge.pipeline.retest_case_files import (
     FILES_RULE,
@@ -30,7 +31,7 @@ from cornerforge.pipeline.retest_case_files import (
     pairs_of_files,
     read_case_files,
 )
-from cornerforge.pipeline.retest_files import check_new_file, write_junit, write_sarif
+from cornerforge.pipeline.retest_files import write_junit, write_sarif
 from cornerforge.pipeline.retest_pairs import RULE, Driven, pairs_of
 from cornerforge.pipeline.setting import RECORDED_AV, Experiment, check_threads
 from cornerforge.pipeline.stored_cases import drive_as_recorded, run_with
@@ -58,6 +59,7 @@ _NO, _YES, _UNKNOWN = 0, 1, -1
 """Did an AV crash in a test?"""
 
 
+@claims()
 def retest(
     library: Path | str,
     *,

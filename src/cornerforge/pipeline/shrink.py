@@ -11,6 +11,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from cornerforge._locks import claim_folder, claims
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
@@ -43,6 +44,7 @@ _MEASURES = {
 _LABELS = ("crash_type", "striker", "cause")
 
 
+@claims()
 def shrink(
     library: Path | str,
     cases: Sequence[str] | str,
@@ -78,6 +80,7 @@ def shrink(
     source = CaseLibrary.open(Path(library))
     ids = _ids(source, [cases] if isinstance(cases, str) else cases)
     place = _place(Path(library), ids) if out is None else Path(out)
+    claim_folder(place)
     run = experiment_of(source, av_timeout, av_python)
     _check_same(source.scenario(ids[0]), driver_of_cases(run))  # a case that does not replay fails before out is made
     shrunk = _open(source, run, place, resume=resume)

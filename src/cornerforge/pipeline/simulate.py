@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Unpack
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.errors import InputError
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
 from cornerforge.pipeline.forecast import forecast
@@ -19,6 +20,7 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 __all__ = ["simulate"]
 
 
+@claims()
 def simulate(
     *,
     tests: int,

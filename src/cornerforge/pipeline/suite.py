@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cornerforge._checks import check_integer
+from cornerforge._locks import claims
 from cornerforge.analysis.contact import impact_speed
 from cornerforge.analysis.suite import LeftOut, choose, leave_one_out, rank_agreement
 from cornerforge.drivers.avs import AVS
@@ -66,6 +67,7 @@ class _Candidates:
         return np.asarray(np.nansum(self.impact, axis=1) / np.maximum(1, self.crashes.sum(axis=1)))
 
 
+@claims()
 def suite_build(
     libraries: Sequence[Path | str] | Path | str,
     *,

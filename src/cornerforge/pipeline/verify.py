@@ -10,6 +10,7 @@ from safetensors import SafetensorError, safe_open
 
 from cornerforge._checksums import NoChecksumWarning, read_arrays, read_json, read_tensors
 from cornerforge._files import check_regular
+from cornerforge._locks import is_lock
 from cornerforge._table_checks import read_parquet
 from cornerforge.adversary.checkpoint import CHECKPOINT_KEY
 from cornerforge.adversary.policy_file import load_policy
@@ -46,7 +47,8 @@ def verify(paths: Path | str | Sequence[Path | str], *, progress: Progress = NO_
         check_path(path)
         if not path.exists():
             raise InputError(f"There is nothing at {path}; name a file or a folder.")
-        places += sorted(one for one in path.rglob("*") if not one.is_dir()) if path.is_dir() else [path]
+        inside = (one for one in path.rglob("*") if not (one.is_dir() or is_lock(one.name)))
+        places += sorted(inside) if path.is_dir() else [path]
     places = [place for place in dict.fromkeys(places) if not _is_of_library(place)]
     whole, other = 0, 0
     damaged: list[DamagedFile] = []
