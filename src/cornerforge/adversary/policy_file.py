@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from cornerforge._checks import check_number
+from cornerforge._checks import check_json, check_number
 from cornerforge._files import writing
 from cornerforge.drivers.policy import NetworkShape, PolicyNumbers, n_weights
 from cornerforge.errors import FileFormatError, InputError
@@ -86,6 +86,7 @@ def save_policy(policy: Policy, path: Path) -> None:
     """Write a policy to a file beside, then rename it, so that a reader never sees half of it.
 
     Raises:
+        InputError: `about` is not JSON.
         OutputError: It cannot be written; nothing is left of it then.
     """
     header = {
@@ -94,7 +95,7 @@ def save_policy(policy: Policy, path: Path) -> None:
         "network": asdict(policy.shape),
         "bounded": policy.bounded,
         "budget": policy.budget,
-        "about": dict(policy.about),
+        "about": check_json("about", policy.about),
     }
     # Not its own `save_file`: that gives the file to its owner only and reports a full disk as a fault of the format.
     content = save({"weights": policy.weights}, metadata={"cornerforge": json.dumps(header, sort_keys=True)})

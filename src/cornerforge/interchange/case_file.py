@@ -19,6 +19,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._files import reason, writing
 from cornerforge.drivers.rails import POSE_NUMBERS, X
 from cornerforge.errors import CornerForgeError, FileFormatError, InputError, OutputError
@@ -157,6 +158,7 @@ def case_schema() -> Mapping[str, Any]:
     return cast("Mapping[str, Any]", json.loads(text))
 
 
+@checked
 def write_case_file(case: CaseFile, path: Path | str, *, overwrite: bool = False) -> Path:
     """Write a case file, whole or not at all.
 
@@ -193,6 +195,7 @@ def case_text(case: CaseFile) -> str:
     return _dump(content, "") + "\n"
 
 
+@checked
 def read_case_file(path: Path | str) -> CaseFile:
     """Read a case file.
 

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from cornerforge._checks import spoken
 from cornerforge._files import writing
 from cornerforge.errors import FileFormatError, InputError
 from cornerforge.library.schema import EXTRA_TYPES, ON_RAILS, SCHEMA_VERSION, SCRIPTED, schema_version
@@ -220,6 +221,8 @@ def check_identity(run: Identity) -> dict[str, str | int | float | bool | None]:
     Raises:
         InputError: It is not.
     """
+    if not isinstance(run, Mapping):
+        raise InputError(f"A library's identity is a dictionary, not {spoken(run)}.")
     if isinstance(run.get("seed"), bool) or not isinstance(run.get("seed"), int):
         raise InputError(f'A library\'s identity needs a whole number "seed"; it is {run.get("seed")!r}.')
     for key, value in run.items():

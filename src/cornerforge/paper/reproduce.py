@@ -8,6 +8,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer
 from cornerforge.errors import InputError
 from cornerforge.ndd.model import model_hash
@@ -34,6 +35,7 @@ __all__ = ["REPRODUCE_EFFORTS", "reproduce", "reproduction_text"]
 _SHOWN = tuple(one.name for one in fields(PaperItem))
 
 
+@checked
 def reproduce(
     *,
     out: Path | str,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_in, check_integer, check_number
 from cornerforge.errors import InputError
 from cornerforge.fields import SHORTFALL
@@ -41,6 +42,7 @@ _SHOWING = 5
 """Cases that are shown for a flaw."""
 
 
+@checked
 def analyse(
     library: Path | str,
     *,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cornerforge._arguments import checked
 from cornerforge.analysis.in_words import what_happened
 from cornerforge.errors import InputError, UnknownNameError
 from cornerforge.library import CaseLibrary
@@ -32,6 +33,7 @@ _OF_CASES = ("types", "fault", "rules", "own", "prevented", "avoidability")
 _COUNTED = " Natural cases are counted, not weighted by how often they happen."
 
 
+@checked
 def figure(
     place: Path | str,
     case: str | None = None,

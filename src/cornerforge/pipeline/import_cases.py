@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._files import reason
 from cornerforge.errors import CornerForgeError, DataError, FileFormatError, InputError
 from cornerforge.interchange.case_file import CaseFile, case_text, of_moving, write_case_file
@@ -17,7 +18,6 @@ from cornerforge.ndd.tables import file_sha256
 from cornerforge.pipeline.moving_cases import UNKNOWN, CasesDriven, library_of
 from cornerforge.pipeline.output import (
     check_new_folder,
-    check_path,
     open_output,
     provenance,
     whole_or_nothing,
@@ -66,6 +66,7 @@ IMPORTS: dict[str, Callable[[Path, str | None], MovingCase]] = {
 """End of a file's name -> its reader: path, name of the vehicle in the AV's seat."""
 
 
+@checked
 def import_cases(
     files: Sequence[Path | str] | Path | str,
     *,
@@ -139,7 +140,6 @@ def _read(path: Path, ego: str | None, taken: set[str]) -> tuple[MovingCase, Cas
     Raises:
         CornerForgeError: It cannot be read, or no case file can hold what it says.
     """
-    check_path(path)
     try:
         if path.is_dir():
             raise InputError(f"{path} is a folder; name the files in it.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cornerforge._arguments import checked
 from cornerforge.errors import InputError
 from cornerforge.library.manifest import MANIFEST
 from cornerforge.pipeline.analyse import DEFAULT_LOOKS, analyse
@@ -13,6 +14,7 @@ from cornerforge.results.whole import Reported
 __all__ = ["library_of", "make_report"]
 
 
+@checked
 def make_report(
     place: Path | str,
     *,

@@ -18,6 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from cornerforge._checks import check_path
 from cornerforge._files import part_of, reason, writing
 from cornerforge.errors import FileFormatError, InputError, OutputError
 from cornerforge.execution import code_hash
@@ -26,7 +27,6 @@ __all__ = [
     "called_with",
     "check_new_file",
     "check_new_folder",
-    "check_path",
     "code_hash",
     "config_hash",
     "open_output",
@@ -124,18 +124,6 @@ def _command() -> str:
     """Return the command line of this process, or of the Python program that calls cornerforge."""
     name = Path(sys.argv[0]).name if sys.argv else ""
     return shlex.join(["cornerforge" if name in ("", "__main__.py") else name, *sys.argv[1:]])
-
-
-def check_path(path: Path) -> None:
-    """Check that a path is valid text: a file can have another name, but no message or file could hold that name.
-
-    Raises:
-        InputError: The path is no valid text.
-    """
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise InputError(f"{str(path)!a} is no UTF-8; choose another name.") from error
 
 
 def check_new_folder(folder: Path) -> None:

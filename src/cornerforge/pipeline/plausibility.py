@@ -9,6 +9,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import check_budget, policy_hash, save_policy
@@ -31,6 +32,7 @@ BUDGETS_NATS = (10.0, 20.0, 40.0, 60.0, 80.0)
 _NATURAL_TESTS = 500
 
 
+@checked
 def plausibility(
     *,
     out: Path | str,

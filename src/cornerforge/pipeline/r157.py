@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge.drivers.careful import CAREFUL, HOLDS, SCENARIOS, drives_into
 from cornerforge.errors import AvFaultError
@@ -83,6 +84,7 @@ class _Driven:
         return self.failed & ~self.crashes[driver]
 
 
+@checked
 def r157(
     *,
     families: Sequence[str] | str = "all",

@@ -13,6 +13,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge.errors import AvFaultError, InputError
 from cornerforge.foreign.loaders import is_foreign
@@ -58,6 +59,7 @@ _NO, _YES, _UNKNOWN = 0, 1, -1
 """Did an AV crash in a test?"""
 
 
+@checked
 def retest(
     library: Path | str,
     *,

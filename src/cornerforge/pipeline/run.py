@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.config import TrainConfig, preset_named
 from cornerforge.adversary.policy_file import load_policy
@@ -112,6 +113,7 @@ def _identity(plain: Experiment, effort: str, config: TrainConfig, seed: int) ->
     }
 
 
+@checked
 def run(
     *,
     effort: str | None = None,

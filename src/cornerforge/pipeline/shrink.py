@@ -11,6 +11,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from cornerforge._arguments import checked
 from cornerforge.analysis.shrink import Shrunk
 from cornerforge.analysis.shrink import shrink as shrink_script
 from cornerforge.errors import CornerForgeError, InputError, ReplayError
@@ -43,6 +44,7 @@ _MEASURES = {
 _LABELS = ("crash_type", "striker", "cause")
 
 
+@checked
 def shrink(
     library: Path | str,
     cases: Sequence[str] | str,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Unpack
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer
 from cornerforge.errors import InputError
 from cornerforge.pipeline.counting import simulate_experiment, tally_summary
@@ -19,6 +20,7 @@ from cornerforge.world_options import WorldKeywords, WorldOptions
 __all__ = ["simulate"]
 
 
+@checked
 def simulate(
     *,
     tests: int,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from cornerforge._arguments import checked
 from cornerforge._checks import check_integer, check_number
 from cornerforge.adversary.checkpoint import CheckpointFile
 from cornerforge.adversary.config import TrainConfig, preset_named
@@ -288,6 +289,7 @@ def measure_baselines(
     return tuple(rates)
 
 
+@checked
 def train(
     *,
     out: Path | str,
