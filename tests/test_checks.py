@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cornerforge._checks import check_finite, check_in, check_integer, check_json, check_number, spoken
+from cornerforge._checks import check_finite, check_in, check_integer, check_is_json, check_number, spoken
 from cornerforge.errors import CornerForgeError, InputError, UnknownNameError
 
 
@@ -87,8 +87,8 @@ def test_a_value_is_spoken_in_few_words() -> None:
 
 def test_what_json_holds_is_copied() -> None:
     about = {"seed": 1, "curve": [{"loss": 0.5}], "name": "ä", "none": None}
-    assert check_json("about", about) == about
-    assert check_json("about", about) is not about
+    assert check_is_json("about", about) == about
+    assert check_is_json("about", about) is not about
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_what_json_holds_is_copied() -> None:
 )
 def test_what_json_cannot_hold_is_named(about: object, message: str) -> None:
     with pytest.raises(InputError, match=f"^{message}") as caught:
-        check_json("about", about)  # type: ignore[arg-type]
+        check_is_json("about", about)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
 
 
@@ -116,7 +116,7 @@ def test_what_holds_itself_is_no_json() -> None:
     about: dict[str, object] = {}
     about["a"] = about
     with pytest.raises(InputError, match="cannot be kept as JSON"):
-        check_json("about", about)
+        check_is_json("about", about)
 
 
 def test_a_message_is_one_line_that_can_be_printed() -> None:

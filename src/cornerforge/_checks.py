@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cornerforge.errors import InputError, UnknownNameError
 
-__all__ = ["check_finite", "check_in", "check_integer", "check_json", "check_number", "check_path", "spoken"]
+__all__ = ["check_finite", "check_in", "check_integer", "check_is_json", "check_number", "check_path", "spoken"]
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 120
@@ -105,13 +105,13 @@ def check_finite(name: str, values: NDArray[np.floating]) -> None:
         )
 
 
-def check_json(name: str, value: Mapping[str, Any]) -> dict[str, Any]:
+def check_is_json(name: str, value: Mapping[str, Any]) -> dict[str, Any]:
     """Return a copy of a dictionary that JSON can hold as it is.
 
     Raises:
         InputError: It is no dictionary, or JSON has no such value: NaN, infinity, an array, a number of NumPy, bytes.
 
-    >>> check_json("about", {"seed": 1})
+    >>> check_is_json("about", {"seed": 1})
     {'seed': 1}
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):

@@ -38,6 +38,7 @@ from cornerforge.sim import (
     allocate_history,
     allocate_scratch,
     keep_nothing,
+    naming_tests,
     warn_of_left_out,
 )
 from cornerforge.types import FRAME_S
@@ -223,8 +224,10 @@ class Batch(ABC):
 
         Raises:
             InputError: A test and many after it have no BV to control.
+            UndrawableError: The traffic of a test cannot be drawn.
         """
-        with self._alone():
+        with self._alone(), naming_tests(self.worlds):
+            self.is_over[chosen] = True
             self._start(chosen)
         self.outcome[chosen] = RUNNING
         self.is_over[chosen] = False
@@ -331,12 +334,6 @@ class BvBatch(Batch):
 
         self._share(work)
         self._histories[0].answered[chosen] = 0
-        if (self.tests[chosen] < 0).any():
-            self.is_over[chosen] = True
-            raise InputError(
-                f"There is no background vehicle to control in {agents.MAX_TRIES} tests on end; use a model with more "
-                "traffic."
-            )
 
     def _advance(self, actions: NDArray[np.generic], chosen: NDArray[np.bool_]) -> None:
         self._agents.chosen[:] = chosen
